@@ -1,0 +1,1 @@
+"""Learns how a cable-driven robot misses its commanded pose, and tells the planner what to command instead."""

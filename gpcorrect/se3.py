@@ -1,0 +1,187 @@
+"""Rigid motions: the only rotation maths of the project, on scipy's Rotation.
+
+Poses are homogeneous matrices `(..., 4, 4)`; a tangent vector is `(..., 6)`: translation part first (m), then the rotation vector
+(rad), as in a twist. Quaternions are wxyz. Every function takes and returns stacks and broadcasts over leading axes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray
+
+__all__ = [
+    "angle",
+    "compose",
+    "exp",
+    "from_parts",
+    "interpolate_rotations",
+    "invert",
+    "log",
+    "matrix_from_quaternion",
+    "matrix_from_rotvec",
+    "mean",
+    "nearest_rotation",
+    "pose",
+    "quaternion_from_matrix",
+    "rotation_mean",
+    "rotvec_from_matrix",
+    "to_parts",
+]
+
+SMALL_ANGLE = 1e-4  # below it the series of order 4 is exact to rounding
+
+
+def matrix_from_quaternion(quaternion: FloatArray) -> FloatArray:
+    """Rotation matrices `(..., 3, 3)` of quaternions wxyz `(..., 4)`, normalised first."""
+    q = np.asarray(quaternion, dtype=np.float64)
+    flat: FloatArray = Rotation.from_quat(q.reshape(-1, 4), scalar_first=True).as_matrix()
+    return flat.reshape(*q.shape[:-1], 3, 3)
+
+
+def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
+    """Unit quaternions wxyz `(..., 4)` with w >= 0 of rotation matrices `(..., 3, 3)`."""
+    r = np.asarray(rotation, dtype=np.float64)
+    flat: FloatArray = Rotation.from_matrix(r.reshape(-1, 3, 3)).as_quat(canonical=True, scalar_first=True)
+    return flat.reshape(*r.shape[:-2], 4)
+
+
+def matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:
+    """Rotation matrices `(..., 3, 3)` of rotation vectors `(..., 3)` in rad."""
+    v = np.asarray(rotvec, dtype=np.float64)
+    flat: FloatArray = Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix()
+    return flat.reshape(*v.shape[:-1], 3, 3)
+
+
+def rotvec_from_matrix(rotation: FloatArray) -> FloatArray:
+    """Rotation vectors `(..., 3)` in rad, of length at most pi, of rotation matrices `(..., 3, 3)`."""
+    r = np.asarray(rotation, dtype=np.float64)
+    flat: FloatArray = Rotation.from_matrix(r.reshape(-1, 3, 3)).as_rotvec()
+    return flat.reshape(*r.shape[:-2], 3)
+
+
+def angle(rotation: FloatArray) -> FloatArray:
+    """Rotation angles `(...)` in rad, 0 to pi, of rotation matrices `(..., 3, 3)`."""
+    lengths: FloatArray = np.linalg.norm(rotvec_from_matrix(rotation), axis=-1)
+    return lengths
+
+
+def nearest_rotation(matrix: FloatArray) -> FloatArray:
+    """Rotation matrices `(..., 3, 3)` nearest to `matrix` in the Frobenius norm (SVD, determinant +1)."""
+    u, _, vt = np.linalg.svd(np.asarray(matrix, dtype=np.float64))
+    signs = np.ones(u.shape[:-1])
+    signs[..., -1] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
+    rotation: FloatArray = (u * signs[..., None, :]) @ vt
+    return rotation
+
+
+def pose(rotation: FloatArray, translation: FloatArray) -> FloatArray:
+    """Pose matrices `(..., 4, 4)` of rotations `(..., 3, 3)` and translations `(..., 3)`."""
+    r, t = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
+    lead = np.broadcast_shapes(r.shape[:-2], t.shape[:-1])
+    T = np.zeros((*lead, 4, 4))
+    T[..., :3, :3] = r
+    T[..., :3, 3] = t
+    T[..., 3, 3] = 1.0
+    return T
+
+
+def from_parts(position: FloatArray, quaternion: FloatArray) -> FloatArray:
+    """Pose matrices `(..., 4, 4)` of positions `(..., 3)` and quaternions wxyz `(..., 4)`."""
+    return pose(matrix_from_quaternion(quaternion), position)
+
+
+def to_parts(T: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Positions `(..., 3)` and quaternions wxyz `(..., 4)` of pose matrices `(..., 4, 4)`."""
+    return np.array(T[..., :3, 3]), quaternion_from_matrix(T[..., :3, :3])
+
+
+def compose(*poses: FloatArray) -> FloatArray:
+    """Product of poses, left to right: `compose(T_a_b, T_b_c)` is `T_a_c`."""
+    product = np.asarray(poses[0], dtype=np.float64)
+    for T in poses[1:]:
+        product = product @ T
+    return product
+
+
+def invert(T: FloatArray) -> FloatArray:
+    """Inverse poses: `invert(T_a_b)` is `T_b_a`."""
+    r_t = np.swapaxes(T[..., :3, :3], -1, -2)
+    return pose(r_t, -(r_t @ T[..., :3, 3, None])[..., 0])
+
+
+def _hat(v: FloatArray) -> FloatArray:
+    hat = np.zeros((*v.shape[:-1], 3, 3))
+    hat[..., 0, 1], hat[..., 0, 2], hat[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return hat - np.swapaxes(hat, -1, -2)
+
+
+def _left_jacobian(rotvec: FloatArray) -> FloatArray:
+    """V of the exponential: exp(rho, phi) has translation V(phi) rho (Barfoot 2017, Eq. 7.37)."""
+    theta = np.linalg.norm(rotvec, axis=-1)[..., None, None]
+    small = theta < SMALL_ANGLE
+    safe = np.where(small, 1.0, theta)
+    a = np.where(small, 0.5 - theta**2 / 24, (1 - np.cos(safe)) / safe**2)
+    b = np.where(small, 1 / 6 - theta**2 / 120, (safe - np.sin(safe)) / safe**3)
+    hat = _hat(rotvec)
+    return np.eye(3) + a * hat + b * (hat @ hat)
+
+
+def _left_jacobian_inverse(rotvec: FloatArray) -> FloatArray:
+    """Closed inverse of V, finite up to and including an angle of pi (Barfoot 2017, Eq. 7.36)."""
+    theta = np.linalg.norm(rotvec, axis=-1)[..., None, None]
+    small = theta < SMALL_ANGLE
+    half = np.where(small, 1.0, theta) / 2
+    c = np.where(small, 1 / 12 + theta**2 / 720, (1 - half / np.tan(half)) / (4 * half**2))
+    hat = _hat(rotvec)
+    return np.eye(3) - 0.5 * hat + c * (hat @ hat)
+
+
+def exp(xi: FloatArray) -> FloatArray:
+    """Pose matrices `(..., 4, 4)` of tangent vectors `(..., 6)`: exponential map of SE(3)."""
+    xi = np.asarray(xi, dtype=np.float64)
+    translation = (_left_jacobian(xi[..., 3:]) @ xi[..., :3, None])[..., 0]
+    return pose(matrix_from_rotvec(xi[..., 3:]), translation)
+
+
+def log(T: FloatArray) -> FloatArray:
+    """Tangent vectors `(..., 6)` of pose matrices `(..., 4, 4)`: inverse of :func:`exp` for angles below pi."""
+    rotvec = rotvec_from_matrix(T[..., :3, :3])
+    rho = (_left_jacobian_inverse(rotvec) @ T[..., :3, 3, None])[..., 0]
+    tangent: FloatArray = np.concatenate([rho, rotvec], axis=-1)
+    return tangent
+
+
+def rotation_mean(rotations: FloatArray, weights: FloatArray | None = None) -> FloatArray:
+    """Chordal mean `(3, 3)` of rotation matrices `(n, 3, 3)` (Markley et al. 2007).
+
+    Raises
+    ------
+    DataError
+        There is no rotation to average.
+    """
+    if len(rotations) == 0:
+        raise DataError("the mean of no rotations does not exist.", hint="Give at least one rotation.")
+    matrix: FloatArray = Rotation.from_matrix(rotations).mean(weights).as_matrix()
+    return matrix
+
+
+def mean(T: FloatArray, weights: FloatArray | None = None) -> FloatArray:
+    """Mean pose `(4, 4)` of poses `(n, 4, 4)`: mean position and chordal mean of the rotations."""
+    return pose(rotation_mean(T[:, :3, :3], weights), np.average(T[:, :3, 3], axis=0, weights=weights))
+
+
+def interpolate_rotations(times: FloatArray, rotations: FloatArray, at: FloatArray) -> FloatArray:
+    """Rotations `(m, 3, 3)` at times `at` `(m,)`: shortest-arc interpolation between the neighbours of `(n, 3, 3)`.
+
+    Times outside the first and last sample raise; the caller decides what a gap means.
+    """
+    index = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+    start, stop = times[index], times[index + 1]
+    if at.size and (at.min() < times[0] or at.max() > times[-1]):
+        raise DataError(f"interpolation asked outside the samples: {at.min()} to {at.max()}, have {times[0]} to {times[-1]}.")
+    fraction = (at - start) / (stop - start)
+    step = rotvec_from_matrix(rotations[index + 1] @ np.swapaxes(rotations[index], -1, -2))
+    return matrix_from_rotvec(fraction[:, None] * step) @ rotations[index]

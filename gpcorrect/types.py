@@ -1,0 +1,225 @@
+"""The data that pass between rooms: array aliases, pose signals, logs, corrections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gpcorrect.errors import DataError
+
+__all__ = [
+    "BoolArray",
+    "CalibrationLog",
+    "Correction",
+    "FloatArray",
+    "IntArray",
+    "LogMeta",
+    "PoseSignal",
+    "Progress",
+    "frozen_array",
+]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+CorrectionStatus = Literal["OK", "EXTRAPOLATING", "LIMITED"]
+
+
+class Progress:
+    """A callback for long work; this base does nothing, the command line turns it into a bar."""
+
+    def step(self, stage: str, done: float) -> None:
+        """Say that `done` (0 to 1) of `stage` is finished."""
+
+
+def frozen_array(value: ArrayLike, dtype: type = np.float64) -> NDArray[Any]:
+    """Return a read-only copy of `value`, so that neither side can change the other's data."""
+    array: NDArray[Any] = np.array(value, dtype=dtype)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSignal:
+    """Poses over time, a row a sample.
+
+    Parameters
+    ----------
+    position : (n, 3) array
+        Metres; a row of NaN is a missing sample.
+    quaternion : (n, 4) array or None
+        Unit quaternions, wxyz; a row of NaN is missing; None when the source measures positions only.
+    """
+
+    position: FloatArray
+    quaternion: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        position = frozen_array(self.position)
+        if position.ndim != 2 or position.shape[1] != 3:
+            raise DataError(f"positions must have shape (n, 3), got {position.shape}.")
+        object.__setattr__(self, "position", position)
+        if self.quaternion is not None:
+            quaternion = frozen_array(self.quaternion)
+            if quaternion.shape != (len(position), 4):
+                raise DataError(f"quaternions must have shape ({len(position)}, 4), got {quaternion.shape}.")
+            object.__setattr__(self, "quaternion", quaternion)
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def __getitem__(self, index: Any) -> Self:
+        quaternion = None if self.quaternion is None else self.quaternion[index]
+        return replace(self, position=self.position[index], quaternion=quaternion)
+
+    @property
+    def finite(self) -> BoolArray:
+        """(n,) mask of samples with every number present."""
+        mask: BoolArray = np.isfinite(self.position).all(axis=1)
+        if self.quaternion is not None:
+            mask = mask & np.isfinite(self.quaternion).all(axis=1)
+        return mask
+
+
+@dataclass(frozen=True)
+class LogMeta:
+    """What a log's sidecar says of it; empty text where it says nothing."""
+
+    robot: str = ""
+    arm: str = ""
+    joint_types: str = ""
+    tracker: str = ""
+    notes: str = ""
+    source: str = ""
+    licence: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationLog:
+    """One recording as a table of signals on one clock: the only thing readers yield and learners take.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Seconds, strictly increasing inside a trajectory.
+    trajectory, session : (n,) int arrays
+        Which motion and which recording day or homing a sample belongs to.
+    setpoint_cp, measured_cp, tracker_cp : PoseSignal or None
+        Commanded and reported pose (base frame) and outside tracker's pose (tracker frame).
+    setpoint_jp, measured_jp, measured_jv, measured_jf, external_jp : (n, dof) arrays or None
+        Joint signals, rad or m (velocities a second, efforts N m or N).
+    payload, temperature : (n,) arrays or None
+        Kilograms and degrees Celsius.
+    extra : mapping of name to (n,) array
+        Columns outside the log format, kept and ignored.
+    meta : LogMeta
+        Robot, arm, tracker and provenance.
+    name : str
+        Where the log came from, for messages.
+    digest : str
+        SHA-256 of the source file, empty for logs that never were a file.
+    """
+
+    time: FloatArray
+    trajectory: IntArray
+    session: IntArray
+    setpoint_cp: PoseSignal | None = None
+    measured_cp: PoseSignal | None = None
+    tracker_cp: PoseSignal | None = None
+    setpoint_jp: FloatArray | None = None
+    measured_jp: FloatArray | None = None
+    measured_jv: FloatArray | None = None
+    measured_jf: FloatArray | None = None
+    external_jp: FloatArray | None = None
+    payload: FloatArray | None = None
+    temperature: FloatArray | None = None
+    extra: Mapping[str, FloatArray] = field(default_factory=dict)
+    meta: LogMeta = field(default_factory=LogMeta)
+    name: str = ""
+    digest: str = ""
+
+    POSES = ("setpoint_cp", "measured_cp", "tracker_cp")
+    JOINTS = ("setpoint_jp", "measured_jp", "measured_jv", "measured_jf", "external_jp")
+    SCALARS = ("payload", "temperature")
+
+    def __post_init__(self) -> None:
+        for name, dtype in (("time", np.float64), ("trajectory", np.int64), ("session", np.int64)):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype))
+        for name in (*self.JOINTS, *self.SCALARS):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, frozen_array(value))
+        object.__setattr__(self, "extra", {k: frozen_array(v) for k, v in self.extra.items()})
+        self._check_lengths()
+
+    def _check_lengths(self) -> None:
+        n = len(self.time)
+        for name in (f.name for f in fields(self)):
+            value = getattr(self, name)
+            if isinstance(value, PoseSignal | np.ndarray) and len(value) != n:
+                raise DataError(f"signal {name} has {len(value)} samples, time has {n}.")
+        for name in self.JOINTS:
+            value = getattr(self, name)
+            if value is not None and value.ndim != 2:
+                raise DataError(f"signal {name} must have shape (n, dof), got {value.shape}.")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of the signals that are present."""
+        return tuple(n for n in (*self.POSES, *self.JOINTS, *self.SCALARS) if getattr(self, n) is not None)
+
+    @property
+    def trajectory_ids(self) -> IntArray:
+        """Trajectory numbers in the order in which they were recorded."""
+        _, first = np.unique(self.trajectory, return_index=True)
+        ids: IntArray = self.trajectory[np.sort(first)]
+        return ids
+
+    def trajectories(self) -> Iterator[tuple[int, IntArray]]:
+        """Yield (trajectory number, row indices) in recorded order."""
+        for number in self.trajectory_ids:
+            yield int(number), np.flatnonzero(self.trajectory == number)
+
+    def select(self, rows: BoolArray | IntArray | slice) -> CalibrationLog:
+        """Return the log of these rows only."""
+        values: dict[str, Any] = {n: getattr(self, n)[rows] for n in ("time", "trajectory", "session", *self.signals)}
+        return replace(self, extra={k: v[rows] for k, v in self.extra.items()}, **values)
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What to command instead of a desired pose, and how sure that is.
+
+    Parameters
+    ----------
+    position : (3,) array
+        Commanded position, base frame, m.
+    quaternion : (4,) array or None
+        Commanded orientation wxyz; None when no orientation was asked for.
+    std : (6,) array
+        Standard deviation of the learned correction: x, y, z in m, then the rotation vector in rad (NaN where not learned).
+    interval95 : (6,) array
+        Half width of the calibrated 95 % interval, same units.
+    in_domain : bool
+        Whether the query lies near training data.
+    status : str
+        "OK", "EXTRAPOLATING" or "LIMITED".
+    reason : str
+        Why the status is not "OK", or what was not used; empty otherwise.
+    """
+
+    position: FloatArray
+    quaternion: FloatArray | None
+    std: FloatArray
+    interval95: FloatArray
+    in_domain: bool
+    status: CorrectionStatus = "OK"
+    reason: str = ""
