@@ -1,0 +1,102 @@
+"""What every command shares: tables and progress for people on stderr/stdout, JSON for programs, one clear line for errors."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from gpcorrect.errors import GpCorrectError
+from gpcorrect.types import Progress as ProgressCallback
+
+__all__ = ["bad_input", "err", "out", "print_json", "progress_bar", "show_errors", "split_names"]
+
+out = Console(highlight=False, soft_wrap=True)
+err = Console(stderr=True, highlight=False, soft_wrap=True)
+
+BAD_INPUT = 2
+T = TypeVar("T")
+
+
+def bad_input(error: GpCorrectError) -> typer.Exit:
+    """Show one clear message and return the exit that bad input ends with."""
+    err.print(f"[bold red]error:[/] {_plain(error.message)}")
+    if error.hint:
+        err.print(f"[bold]  try:[/] {_plain(error.hint)}")
+    return typer.Exit(BAD_INPUT)
+
+
+def _plain(text: str) -> str:
+    return text.replace("[", r"\[")
+
+
+def _json_ready(value: Any) -> Any:
+    """Replace what JSON cannot say (NaN, infinity, NumPy scalars and arrays, tuples) by what it can."""
+    if isinstance(value, dict):
+        return {str(k): _json_ready(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_json_ready(v) for v in value]
+    if hasattr(value, "tolist"):
+        return _json_ready(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def print_json(value: Any) -> None:
+    """Print `value` as JSON on standard output: the only thing there when `--json` was given."""
+    typer.echo(json.dumps(_json_ready(value), indent=2))
+
+
+def split_names(text: str) -> tuple[str, ...]:
+    """Names of a comma-separated option."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+class _Bar(ProgressCallback):
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._tasks: dict[str, TaskID] = {}
+
+    def step(self, stage: str, done: float) -> None:
+        if stage not in self._tasks:
+            self._tasks[stage] = self._progress.add_task(stage, total=1.0)
+        self._progress.update(self._tasks[stage], completed=done)
+
+
+@contextmanager
+def progress_bar(*, quiet: bool = False) -> Iterator[ProgressCallback]:
+    """Show the stages of long work with time left on standard error; nothing when that is not a terminal."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=err, disable=quiet or not err.is_terminal, transient=True) as progress:
+        yield _Bar(progress)
+
+
+def show_errors(title: str, errors: dict[str, Any]) -> None:
+    """Print the table of errors before, after the rigid part, and corrected."""
+    table = Table(title=title, title_justify="left")
+    for column in ("", "position mean", "SD", "p95", "max [mm]", "rotation mean", "SD", "p95", "max [deg]"):
+        table.add_column(column, justify="right" if column else "left")
+    for name, parts in errors.items():
+        position, rotation = parts["position_mm"]["norm"], parts.get("rotation_deg", {}).get("norm")
+        table.add_row(name, *_cells(position), *(_cells(rotation) if rotation else ["-"] * 4))
+    out.print(table)
+
+
+def _cells(leaf: dict[str, float]) -> list[str]:
+    return [f"{leaf[k]:.3f}" for k in ("mean", "sd", "p95", "max")]
+
+
+def guarded(command: Callable[[], T]) -> T:
+    """Run `command`; a GpCorrectError ends with its message and exit status 2."""
+    try:
+        return command()
+    except GpCorrectError as error:
+        raise bad_input(error) from None

@@ -1,0 +1,51 @@
+"""Errors as people quote them: mean, spread, RMSE, 95th percentile and maximum, per axis and as a norm, in mm and degrees."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gpcorrect.types import FloatArray
+
+__all__ = ["AXES", "ErrorTable", "coverage", "error_table", "spread"]
+
+AXES = ("x", "y", "z")
+
+Leaf = dict[str, float]
+ErrorTable = dict[str, dict[str, Leaf]]
+
+
+def spread(errors: FloatArray) -> Leaf:
+    """Statistics of the absolute values of `errors` (n,): mean, SD, RMSE, 95th percentile and maximum; NaN are left out."""
+    size = np.abs(errors[np.isfinite(errors)])
+    if size.size == 0:
+        return dict.fromkeys(("mean", "sd", "rmse", "p95", "max"), float("nan"))
+    return {
+        "mean": float(size.mean()),
+        "sd": float(size.std()),
+        "rmse": float(np.sqrt(np.mean(size**2))),
+        "p95": float(np.percentile(size, 95)),
+        "max": float(size.max()),
+    }
+
+
+def _by_axis(vectors: FloatArray) -> dict[str, Leaf]:
+    table = {axis: spread(vectors[:, i]) for i, axis in enumerate(AXES)}
+    table["norm"] = spread(np.linalg.norm(vectors, axis=1))
+    return table
+
+
+def error_table(residual: FloatArray) -> ErrorTable:
+    """Table of pose errors `(n, 6)` (m, then rotation vector in rad): `position_mm` and, where measured, `rotation_deg`."""
+    table = {"position_mm": _by_axis(1e3 * residual[:, :3])}
+    if np.isfinite(residual[:, 3:]).any():
+        table["rotation_deg"] = _by_axis(np.rad2deg(residual[:, 3:]))
+    return table
+
+
+def coverage(residual: FloatArray, half_width: FloatArray) -> FloatArray:
+    """Share of errors `(n, k)` inside their intervals of half width `(n, k)`, a column each; NaN where none was measured."""
+    known = np.isfinite(residual) & np.isfinite(half_width)
+    inside = (np.abs(residual) <= half_width) & known
+    count = known.sum(axis=0)
+    share: FloatArray = np.where(count > 0, inside.sum(axis=0) / np.maximum(count, 1), np.nan)
+    return share

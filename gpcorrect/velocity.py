@@ -1,0 +1,332 @@
+"""Velocities of recorded paths and of live streams, on the times as they are: uneven, with gaps.
+
+A path is differentiated by finite-difference weights through five samples (Fornberg 1988), exact for polynomials up to degree four on
+any spacing; a stream by a least-squares parabola through the recent past. Angular velocity is that of the local rotation vector
+log(R_j R_i^T) at sample i, so it is expressed in the spatial frame and is exact for a constant spin.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gpcorrect import se3
+from gpcorrect.errors import DataError
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["CausalTwist", "derivative", "segment_labels", "twists"]
+
+STENCIL = 5
+GAP_STEPS = 5.0  # a step this many times the median one is a gap
+FIT_SAMPLES = 3  # a parabola needs three, however slow the stream
+
+
+def segment_labels(
+    time: ArrayLike, trajectory: ArrayLike, keep: ArrayLike | None = None, max_gap: float | None = None
+) -> IntArray:
+    """Label the unbroken runs of kept samples inside one trajectory: 0, 1, 2... in row order, -1 where not kept.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Seconds.
+    trajectory : (n,) int array
+        Which motion a sample belongs to.
+    keep : (n,) bool array, optional
+        False for a rejected sample, which breaks the run; all kept by default.
+    max_gap : float, optional
+        A longer time step, s, breaks the run; by default five times the trajectory's median step.
+
+    Returns
+    -------
+    (n,) int array
+
+    Raises
+    ------
+    DataError
+        The arrays differ in length, a time is not finite, or `max_gap` is not positive.
+    """
+    t, motion = np.asarray(time, dtype=np.float64), np.asarray(trajectory)
+    kept: BoolArray = np.ones(t.shape, dtype=bool) if keep is None else np.asarray(keep, dtype=bool)
+    if t.ndim != 1 or motion.shape != t.shape or kept.shape != t.shape:
+        raise DataError(
+            f"time, trajectory and keep must be (n,) each, got {t.shape}, {motion.shape}, {kept.shape}."
+        )
+    if max_gap is not None and not max_gap > 0:
+        raise DataError(f"max_gap must be positive seconds, got {max_gap}.")
+    if not np.isfinite(t).all():
+        raise DataError(f"time of sample {int(np.argmin(np.isfinite(t)))} is not finite.")
+    longest = _default_gaps(t, motion) if max_gap is None else np.full(t.shape, max_gap)
+    follows = kept[1:] & kept[:-1] & (motion[1:] == motion[:-1]) & (np.diff(t) <= longest[1:])
+    starts = kept & ~np.concatenate([np.zeros(min(1, t.size), dtype=bool), follows])
+    labels: IntArray = np.where(kept, np.cumsum(starts) - 1, -1)
+    return labels
+
+
+def derivative(
+    time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: float | None = None
+) -> FloatArray:
+    """Time derivative by five-point finite differences on the actual times, never across labels.
+
+    Windows are one-sided at the ends of a run and hold fewer points in runs shorter than five.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Seconds, strictly increasing inside a label.
+    values : (n, k) array
+        What to differentiate.
+    labels : (n,) int array
+        Runs, as from :func:`segment_labels`; -1 belongs to none.
+    step : float, optional
+        Stencil step h, s: take the samples nearest to t-2h, t-h, t, t+h, t+2h, so that noise is divided by h. Adjacent samples
+        by default.
+
+    Returns
+    -------
+    (n, k) array
+        NaN for label -1 and for runs of one sample.
+
+    Raises
+    ------
+    DataError
+        Shapes differ, `step` is not positive, or time repeats or runs backward inside a run.
+    """
+    t, x, runs = _checked(time, values, labels, step)
+    result = np.full(x.shape, np.nan)
+    for rows, window in _windows(t, runs, step):
+        weights = _weights(t[window], t[rows])
+        # Differences to the sample itself: weights sum to zero, so a large offset loses no digits.
+        result[rows] = np.einsum("nm,nmk->nk", weights, x[window] - x[rows, None])
+    return result
+
+
+def twists(
+    time: ArrayLike,
+    positions: ArrayLike,
+    rotations: ArrayLike | None,
+    labels: ArrayLike,
+    step: float | None = None,
+) -> FloatArray:
+    """Linear (m/s) and spatial-frame angular velocity (rad/s) of a path, `(n, 6)`.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Seconds.
+    positions : (n, 3) array
+        Metres.
+    rotations : (n, 3, 3) array or None
+        Rotation matrices; None leaves the angular part NaN. A body must turn less than pi between a window's samples.
+    labels, step
+        See :func:`derivative`.
+
+    Returns
+    -------
+    (n, 6) array
+        NaN where there is no derivative.
+
+    Raises
+    ------
+    DataError
+        As :func:`derivative`, or rotations of another shape.
+    """
+    t, p, runs = _checked(time, positions, labels, step)
+    angular = np.full((len(t), 3), np.nan)
+    if rotations is not None:
+        R = np.asarray(rotations, dtype=np.float64)
+        if R.shape != (len(t), 3, 3):
+            raise DataError(f"rotations must have shape ({len(t)}, 3, 3), got {R.shape}.")
+        for rows, window in _windows(t, runs, step):
+            local = se3.rotvec_from_matrix(R[window] @ np.swapaxes(R[rows], -1, -2)[:, None])
+            angular[rows] = np.einsum("nm,nmk->nk", _weights(t[window], t[rows]), local)
+    return np.concatenate([derivative(t, p, runs, step), angular], axis=1)
+
+
+class CausalTwist:
+    """Twist of a live stream from past samples only: the end slope of a least-squares parabola over a short window.
+
+    Exact for straight motion at constant velocity and for constant spin; with two samples the parabola is a line.
+
+    Parameters
+    ----------
+    window : float
+        Length of the past that is fitted, s; at least three samples are kept however slow the stream.
+    max_gap : float
+        A longer pause, s, forgets the past.
+
+    Raises
+    ------
+    DataError
+        `window` or `max_gap` is not positive.
+    """
+
+    def __init__(self, window: float = 0.1, max_gap: float = 0.5) -> None:
+        if not (window > 0 and max_gap > 0):
+            raise DataError(f"window and max_gap must be positive seconds, got {window} and {max_gap}.")
+        self.window = window
+        self.max_gap = max_gap
+        self._past: deque[tuple[float, FloatArray, FloatArray | None]] = deque()
+
+    def reset(self) -> None:
+        """Forget the past, as after a gap."""
+        self._past.clear()
+
+    def update(self, time: float, position: ArrayLike, rotation: ArrayLike | None = None) -> FloatArray:
+        """Take one sample and return the twist `(6,)` at it: m/s, then rad/s in the spatial frame.
+
+        Parameters
+        ----------
+        time : float
+            Seconds, later than the sample before.
+        position : (3,) array
+            Metres.
+        rotation : (3, 3) array, optional
+            Rotation matrix; without it the angular part is NaN.
+
+        Raises
+        ------
+        DataError
+            Time does not advance, or the sample is not finite or of another shape; the past is kept.
+        """
+        p = np.array(position, dtype=np.float64)
+        R = None if rotation is None else np.array(rotation, dtype=np.float64)
+        self._check(time, p, R)
+        if self._past and time - self._past[-1][0] > self.max_gap:
+            self.reset()
+        self._past.append((time, p, R))
+        while len(self._past) > FIT_SAMPLES and time - self._past[0][0] > self.window:
+            self._past.popleft()
+        return np.concatenate([self._linear(), self._angular()])
+
+    def _check(self, time: float, position: FloatArray, rotation: FloatArray | None) -> None:
+        if position.shape != (3,) or (rotation is not None and rotation.shape != (3, 3)):
+            came = None if rotation is None else rotation.shape
+            raise DataError(
+                f"a sample is a position (3,) and a rotation (3, 3) or None, got {position.shape}, {came}."
+            )
+        if not (np.isfinite([time, *position]).all() and (rotation is None or np.isfinite(rotation).all())):
+            raise DataError(f"the sample at time {time} is not finite.", hint="Leave a missing sample out.")
+        if self._past and time <= self._past[-1][0]:
+            raise DataError(f"time must advance: {time} s came after {self._past[-1][0]} s.")
+
+    def _linear(self) -> FloatArray:
+        t = np.array([sample[0] for sample in self._past])
+        return _end_slope(t, np.array([sample[1] for sample in self._past]))
+
+    def _angular(self) -> FloatArray:
+        newest = self._past[-1][2]
+        if newest is None:
+            return np.full(3, np.nan)
+        turned = [(t, R) for t, _, R in self._past if R is not None]
+        local = se3.rotvec_from_matrix(np.array([R for _, R in turned]) @ newest.T)
+        return _end_slope(np.array([t for t, _ in turned]), local)
+
+
+def _default_gaps(time: FloatArray, trajectory: IntArray) -> FloatArray:
+    """Longest step `(n,)` that is no gap: five medians of the steps of the sample's own trajectory."""
+    inside = np.flatnonzero(trajectory[1:] == trajectory[:-1]) + 1
+    gaps = np.full(time.shape, np.inf)
+    for number in np.unique(trajectory[inside]):
+        rows = inside[trajectory[inside] == number]
+        gaps[trajectory == number] = GAP_STEPS * np.median(time[rows] - time[rows - 1])
+    return gaps
+
+
+def _checked(
+    time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: float | None
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    t, x = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    runs = np.asarray(labels, dtype=np.int64)
+    if t.ndim != 1 or x.ndim != 2 or len(x) != len(t) or runs.shape != t.shape:
+        raise DataError(
+            f"time (n,), values (n, k) and labels (n,) must match, got {t.shape}, {x.shape}, {runs.shape}."
+        )
+    if step is not None and not step > 0:
+        raise DataError(f"the stencil step must be positive seconds, got {step}.")
+    stuck = np.flatnonzero((runs[1:] == runs[:-1]) & (runs[1:] >= 0) & ~(np.diff(t) > 0))
+    if stuck.size:
+        i = int(stuck[0])
+        raise DataError(
+            f"time does not advance from sample {i} ({t[i]} s) to {i + 1} ({t[i + 1]} s).",
+            hint="Drop repeated and backward samples, or give them label -1.",
+        )
+    return t, x, runs
+
+
+def _windows(time: FloatArray, labels: IntArray, step: float | None) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield (rows (r,), their windows (r, m)) for each window size m that occurs, 2 to 5."""
+    first, stop = _run_bounds(labels)
+    size = np.where(labels >= 0, np.minimum(stop - first, STENCIL), 0)
+    for m in range(2, STENCIL + 1):
+        rows = np.flatnonzero(size == m)
+        if rows.size and (step is None or m < STENCIL):
+            start = np.clip(rows - m // 2, first[rows], stop[rows] - m)
+            yield rows, start[:, None] + np.arange(m)
+        elif rows.size and step is not None:
+            yield rows, _spread_window(time, rows, first[rows], stop[rows], step)
+
+
+def _run_bounds(labels: IntArray) -> tuple[IntArray, IntArray]:
+    """First row and one past the last row, `(n,)` each, of the run every sample lies in."""
+    begins = np.flatnonzero(np.concatenate([[True], labels[1:] != labels[:-1]])[: labels.size])
+    ends = np.append(begins[1:], labels.size)
+    run = np.searchsorted(begins, np.arange(labels.size), side="right") - 1
+    return begins[run], ends[run]
+
+
+def _spread_window(
+    time: FloatArray, rows: IntArray, first: IntArray, stop: IntArray, step: float
+) -> IntArray:
+    """Windows `(r, 5)` of distinct samples nearest to t-2h ... t+2h, shifted and shrunk to stay inside the run."""
+    begin, end = time[first], time[stop - 1]
+    h = np.minimum(step, (end - begin) / (STENCIL - 1))
+    middle = np.clip(time[rows], begin + 2 * h, end - 2 * h)
+    targets = middle[:, None] + h[:, None] * np.arange(-2, 3)
+    window = np.empty(targets.shape, dtype=np.int64)
+    for j in range(STENCIL):
+        window[:, j] = _nearest_row(time, targets[:, j], first + j, stop - STENCIL + j)
+        if j:  # coarse sampling may name a sample twice; the window needs five
+            window[:, j] = np.maximum(window[:, j], window[:, j - 1] + 1)
+    return window
+
+
+def _nearest_row(time: FloatArray, target: FloatArray, low: IntArray, high: IntArray) -> IntArray:
+    """Row between `low` and `high` (both included, one run) whose time is nearest to `target`, by bisection."""
+    left, right = low.copy(), high.copy()
+    while (right - left > 1).any():
+        middle = (left + right) // 2
+        later = time[middle] > target
+        left, right = np.where(later, left, middle), np.where(later, middle, right)
+    nearest: IntArray = np.where(np.abs(time[left] - target) <= np.abs(time[right] - target), left, right)
+    return nearest
+
+
+def _weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
+    """Weights `(r, m)` of the first derivative at `at` (r,) through the samples at `nodes` (r, m).
+
+    They are the derivatives of the Lagrange polynomials, which Fornberg's recursion (1988) also yields.
+    """
+    x = nodes - at[:, None]
+    weights = np.empty_like(x)
+    for j in range(x.shape[1]):
+        value, slope = np.ones(len(x)), np.zeros(len(x))
+        for k in (k for k in range(x.shape[1]) if k != j):
+            span = x[:, j] - x[:, k]
+            value, slope = value * -x[:, k] / span, (value - slope * x[:, k]) / span
+        weights[:, j] = slope
+    return weights
+
+
+def _end_slope(time: FloatArray, values: FloatArray) -> FloatArray:
+    """Slope `(k,)` at the last sample of the least-squares parabola through `values` (n, k); NaN for one sample."""
+    if len(time) < 2:
+        return np.full(values.shape[1], np.nan)
+    span = time[-1] - time[0]
+    design = np.vander((time - time[-1]) / span, min(3, len(time)), increasing=True)
+    coefficients = np.linalg.lstsq(design, values - values[-1], rcond=None)[0]
+    slope: FloatArray = coefficients[1] / span
+    return slope
