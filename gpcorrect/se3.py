@@ -1,10 +1,14 @@
 """Rigid motions: the only rotation maths of the project, on scipy's Rotation.
 
-Poses are homogeneous matrices `(..., 4, 4)`; a tangent vector is `(..., 6)`: translation part first (m), then the rotation vector
-(rad), as in a twist. Quaternions are wxyz. Every function takes and returns stacks and broadcasts over leading axes.
+Poses are homogeneous matrices `(..., 4, 4)`; a tangent vector is `(..., 6)`: translation part first (m), then
+the rotation vector (rad), as in a twist. Quaternions are wxyz. Every function takes and returns stacks and
+broadcasts over leading axes. A missing sample (NaN) stays missing.
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -19,6 +23,7 @@ __all__ = [
     "from_parts",
     "interpolate_rotations",
     "invert",
+    "left_jacobian_inverse",
     "log",
     "matrix_from_quaternion",
     "matrix_from_rotvec",
@@ -35,31 +40,51 @@ SMALL_ANGLE = 1e-4  # below it the series of order 4 is exact to rounding
 
 
 def matrix_from_quaternion(quaternion: FloatArray) -> FloatArray:
-    """Rotation matrices `(..., 3, 3)` of quaternions wxyz `(..., 4)`, normalised first."""
+    """Rotation matrices `(..., 3, 3)` of quaternions wxyz `(..., 4)`, normalised first.
+
+    Raises
+    ------
+    DataError
+        A quaternion is zero: it has no direction.
+    """
     q = np.asarray(quaternion, dtype=np.float64)
-    flat: FloatArray = Rotation.from_quat(q.reshape(-1, 4), scalar_first=True).as_matrix()
-    return flat.reshape(*q.shape[:-1], 3, 3)
+    if (q == 0.0).all(axis=-1).any():
+        raise DataError("a quaternion of zeros is no rotation.", hint="Mark missing samples with NaN.")
+    return _map_rows(q, (3, 3), lambda rows: Rotation.from_quat(rows, scalar_first=True).as_matrix(), axes=1)
 
 
 def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
-    """Unit quaternions wxyz `(..., 4)` with w >= 0 of rotation matrices `(..., 3, 3)`."""
-    r = np.asarray(rotation, dtype=np.float64)
-    flat: FloatArray = Rotation.from_matrix(r.reshape(-1, 3, 3)).as_quat(canonical=True, scalar_first=True)
-    return flat.reshape(*r.shape[:-2], 4)
+    """Return unit quaternions wxyz `(..., 4)` with w >= 0 of rotation matrices `(..., 3, 3)`."""
+    return _map_rows(
+        rotation,
+        (4,),
+        lambda rows: Rotation.from_matrix(rows).as_quat(canonical=True, scalar_first=True),
+        axes=2,
+    )
 
 
 def matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:
     """Rotation matrices `(..., 3, 3)` of rotation vectors `(..., 3)` in rad."""
-    v = np.asarray(rotvec, dtype=np.float64)
-    flat: FloatArray = Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix()
-    return flat.reshape(*v.shape[:-1], 3, 3)
+    return _map_rows(rotvec, (3, 3), lambda rows: Rotation.from_rotvec(rows).as_matrix(), axes=1)
 
 
 def rotvec_from_matrix(rotation: FloatArray) -> FloatArray:
     """Rotation vectors `(..., 3)` in rad, of length at most pi, of rotation matrices `(..., 3, 3)`."""
-    r = np.asarray(rotation, dtype=np.float64)
-    flat: FloatArray = Rotation.from_matrix(r.reshape(-1, 3, 3)).as_rotvec()
-    return flat.reshape(*r.shape[:-2], 3)
+    return _map_rows(rotation, (3,), lambda rows: Rotation.from_matrix(rows).as_rotvec(), axes=2)
+
+
+def _map_rows(
+    value: FloatArray, shape: tuple[int, ...], convert: Callable[[FloatArray], FloatArray], axes: int
+) -> FloatArray:
+    """Apply `convert` to a stack whose last `axes` axes are one rotation; rows with NaN give NaN."""
+    array = np.asarray(value, dtype=np.float64)
+    lead, tail = array.shape[: array.ndim - axes], array.shape[array.ndim - axes :]
+    rows = array.reshape(math.prod(lead), *tail)
+    finite = np.isfinite(rows).all(axis=tuple(range(1, rows.ndim)))
+    result = np.full((len(rows), *shape), np.nan)
+    if finite.any():
+        result[finite] = convert(rows[finite])
+    return result.reshape(*lead, *shape)
 
 
 def angle(rotation: FloatArray) -> FloatArray:
@@ -69,7 +94,15 @@ def angle(rotation: FloatArray) -> FloatArray:
 
 
 def nearest_rotation(matrix: FloatArray) -> FloatArray:
-    """Rotation matrices `(..., 3, 3)` nearest to `matrix` in the Frobenius norm (SVD, determinant +1)."""
+    """Rotation matrices `(..., 3, 3)` nearest to `matrix` in the Frobenius norm (SVD, determinant +1).
+
+    Raises
+    ------
+    DataError
+        A number is missing: nothing is nearest to it.
+    """
+    if not np.isfinite(matrix).all():
+        raise DataError("the nearest rotation of a matrix with NaN or infinity does not exist.")
     u, _, vt = np.linalg.svd(np.asarray(matrix, dtype=np.float64))
     signs = np.ones(u.shape[:-1])
     signs[..., -1] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
@@ -113,9 +146,10 @@ def invert(T: FloatArray) -> FloatArray:
 
 
 def _hat(v: FloatArray) -> FloatArray:
-    hat = np.zeros((*v.shape[:-1], 3, 3))
-    hat[..., 0, 1], hat[..., 0, 2], hat[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    return hat - np.swapaxes(hat, -1, -2)
+    upper = np.zeros((*v.shape[:-1], 3, 3))
+    upper[..., 0, 1], upper[..., 0, 2], upper[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    hat: FloatArray = upper - np.swapaxes(upper, -1, -2)
+    return hat
 
 
 def _left_jacobian(rotvec: FloatArray) -> FloatArray:
@@ -123,20 +157,25 @@ def _left_jacobian(rotvec: FloatArray) -> FloatArray:
     theta = np.linalg.norm(rotvec, axis=-1)[..., None, None]
     small = theta < SMALL_ANGLE
     safe = np.where(small, 1.0, theta)
-    a = np.where(small, 0.5 - theta**2 / 24, (1 - np.cos(safe)) / safe**2)
+    a = np.sinc(theta / (2 * np.pi)) ** 2 / 2  # (1 - cos) / theta^2 without its cancellation
     b = np.where(small, 1 / 6 - theta**2 / 120, (safe - np.sin(safe)) / safe**3)
     hat = _hat(rotvec)
-    return np.eye(3) + a * hat + b * (hat @ hat)
+    jacobian: FloatArray = np.eye(3) + a * hat + b * (hat @ hat)
+    return jacobian
 
 
-def _left_jacobian_inverse(rotvec: FloatArray) -> FloatArray:
-    """Closed inverse of V, finite up to and including an angle of pi (Barfoot 2017, Eq. 7.36)."""
+def left_jacobian_inverse(rotvec: FloatArray) -> FloatArray:
+    """Map `(..., 3, 3)` from spatial angular velocity to the rate of the rotation vector `(..., 3)`.
+
+    The inverse of V in closed form, finite up to and including an angle of pi (Barfoot 2017, Eq. 7.36).
+    """
     theta = np.linalg.norm(rotvec, axis=-1)[..., None, None]
     small = theta < SMALL_ANGLE
     half = np.where(small, 1.0, theta) / 2
     c = np.where(small, 1 / 12 + theta**2 / 720, (1 - half / np.tan(half)) / (4 * half**2))
     hat = _hat(rotvec)
-    return np.eye(3) - 0.5 * hat + c * (hat @ hat)
+    inverse: FloatArray = np.eye(3) - 0.5 * hat + c * (hat @ hat)
+    return inverse
 
 
 def exp(xi: FloatArray) -> FloatArray:
@@ -147,9 +186,9 @@ def exp(xi: FloatArray) -> FloatArray:
 
 
 def log(T: FloatArray) -> FloatArray:
-    """Tangent vectors `(..., 6)` of pose matrices `(..., 4, 4)`: inverse of :func:`exp` for angles below pi."""
+    """Tangent vectors `(..., 6)` of pose matrices `(..., 4, 4)`; undoes :func:`exp` for angles below pi."""
     rotvec = rotvec_from_matrix(T[..., :3, :3])
-    rho = (_left_jacobian_inverse(rotvec) @ T[..., :3, 3, None])[..., 0]
+    rho = (left_jacobian_inverse(rotvec) @ T[..., :3, 3, None])[..., 0]
     tangent: FloatArray = np.concatenate([rho, rotvec], axis=-1)
     return tangent
 
@@ -174,14 +213,21 @@ def mean(T: FloatArray, weights: FloatArray | None = None) -> FloatArray:
 
 
 def interpolate_rotations(times: FloatArray, rotations: FloatArray, at: FloatArray) -> FloatArray:
-    """Rotations `(m, 3, 3)` at times `at` `(m,)`: shortest-arc interpolation between the neighbours of `(n, 3, 3)`.
+    """Rotations `(m, 3, 3)` at times `at` (m,): shortest arcs at constant speed between samples `(n, 3, 3)`.
 
-    Times outside the first and last sample raise; the caller decides what a gap means.
+    Raises
+    ------
+    DataError
+        There are fewer than two samples, `times` (n,) do not increase, or `at` lies outside them; the caller
+        decides what a gap means.
     """
+    if len(times) < 2 or not (np.diff(times) > 0).all():
+        raise DataError("interpolation needs at least two samples with increasing times.")
+    if at.size and not (at.min() >= times[0] and at.max() <= times[-1]):
+        asked, have = f"{at.min()} to {at.max()}", f"{times[0]} to {times[-1]}"
+        raise DataError(f"interpolation was asked for {asked} s, samples cover {have} s.")
     index = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
-    start, stop = times[index], times[index + 1]
-    if at.size and (at.min() < times[0] or at.max() > times[-1]):
-        raise DataError(f"interpolation asked outside the samples: {at.min()} to {at.max()}, have {times[0]} to {times[-1]}.")
-    fraction = (at - start) / (stop - start)
+    fraction = (at - times[index]) / (times[index + 1] - times[index])
     step = rotvec_from_matrix(rotations[index + 1] @ np.swapaxes(rotations[index], -1, -2))
-    return matrix_from_rotvec(fraction[:, None] * step) @ rotations[index]
+    between: FloatArray = matrix_from_rotvec(fraction[:, None] * step) @ rotations[index]
+    return between

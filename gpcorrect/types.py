@@ -15,6 +15,7 @@ __all__ = [
     "BoolArray",
     "CalibrationLog",
     "Correction",
+    "CorrectionStatus",
     "FloatArray",
     "IntArray",
     "LogMeta",
@@ -88,7 +89,10 @@ class PoseSignal:
 
 @dataclass(frozen=True)
 class LogMeta:
-    """What a log's sidecar says of it; empty text where it says nothing."""
+    """What a log's sidecar says of it; empty text where it says nothing.
+
+    `tracker_base` is T_tracker_base where the source states it: translation (m), then rotation vector (rad).
+    """
 
     robot: str = ""
     arm: str = ""
@@ -97,6 +101,7 @@ class LogMeta:
     notes: str = ""
     source: str = ""
     licence: str = ""
+    tracker_base: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +128,8 @@ class CalibrationLog:
         Where the log came from, for messages.
     digest : str
         SHA-256 of the source file, empty for logs that never were a file.
+    remarks : tuple of str
+        What reading had to decide or leave out, a sentence each.
     """
 
     time: FloatArray
@@ -142,6 +149,7 @@ class CalibrationLog:
     meta: LogMeta = field(default_factory=LogMeta)
     name: str = ""
     digest: str = ""
+    remarks: tuple[str, ...] = ()
 
     POSES = ("setpoint_cp", "measured_cp", "tracker_cp")
     JOINTS = ("setpoint_jp", "measured_jp", "measured_jv", "measured_jf", "external_jp")

@@ -1,8 +1,9 @@
 """Velocities of recorded paths and of live streams, on the times as they are: uneven, with gaps.
 
-A path is differentiated by finite-difference weights through five samples (Fornberg 1988), exact for polynomials up to degree four on
-any spacing; a stream by a least-squares parabola through the recent past. Angular velocity is that of the local rotation vector
-log(R_j R_i^T) at sample i, so it is expressed in the spatial frame and is exact for a constant spin.
+A path is differentiated by finite-difference weights through five samples (Fornberg 1988), exact for
+polynomials up to degree four on any spacing; a stream by a least-squares parabola through the recent past.
+Angular velocity is that of the local rotation vector log(R_j R_i^T) at sample i, so it is expressed in the
+spatial frame and is exact for a constant spin.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ FIT_SAMPLES = 3  # a parabola needs three, however slow the stream
 def segment_labels(
     time: ArrayLike, trajectory: ArrayLike, keep: ArrayLike | None = None, max_gap: float | None = None
 ) -> IntArray:
-    """Label the unbroken runs of kept samples inside one trajectory: 0, 1, 2... in row order, -1 where not kept.
+    """Label the unbroken runs of kept samples inside one trajectory: 0, 1... in row order, -1 where not kept.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def segment_labels(
     trajectory : (n,) int array
         Which motion a sample belongs to.
     keep : (n,) bool array, optional
-        False for a rejected sample, which breaks the run; all kept by default.
+        False for a rejected or missing sample, which breaks the run; all kept by default.
     max_gap : float, optional
         A longer time step, s, breaks the run; by default five times the trajectory's median step.
 
@@ -82,8 +83,8 @@ def derivative(
     labels : (n,) int array
         Runs, as from :func:`segment_labels`; -1 belongs to none.
     step : float, optional
-        Stencil step h, s: take the samples nearest to t-2h, t-h, t, t+h, t+2h, so that noise is divided by h. Adjacent samples
-        by default.
+        Stencil step h, s: take the samples nearest to t-2h, t-h, t, t+h, t+2h, so that noise is divided by h.
+        Adjacent samples by default.
 
     Returns
     -------
@@ -120,7 +121,8 @@ def twists(
     positions : (n, 3) array
         Metres.
     rotations : (n, 3, 3) array or None
-        Rotation matrices; None leaves the angular part NaN. A body must turn less than pi between a window's samples.
+        Rotation matrices; None leaves the angular part NaN. The body must turn by less than pi between the
+        middle and the ends of a window.
     labels, step
         See :func:`derivative`.
 
@@ -147,9 +149,10 @@ def twists(
 
 
 class CausalTwist:
-    """Twist of a live stream from past samples only: the end slope of a least-squares parabola over a short window.
+    """Twist of a live stream from past samples only: the end slope of a parabola fitted to a short window.
 
-    Exact for straight motion at constant velocity and for constant spin; with two samples the parabola is a line.
+    Exact for straight motion at constant velocity and for constant spin. Two samples give a line's slope, one
+    gives NaN.
 
     Parameters
     ----------
@@ -281,7 +284,7 @@ def _run_bounds(labels: IntArray) -> tuple[IntArray, IntArray]:
 def _spread_window(
     time: FloatArray, rows: IntArray, first: IntArray, stop: IntArray, step: float
 ) -> IntArray:
-    """Windows `(r, 5)` of distinct samples nearest to t-2h ... t+2h, shifted and shrunk to stay inside the run."""
+    """Windows `(r, 5)` of distinct samples nearest to t-2h ... t+2h, shifted and shrunk to fit the run."""
     begin, end = time[first], time[stop - 1]
     h = np.minimum(step, (end - begin) / (STENCIL - 1))
     middle = np.clip(time[rows], begin + 2 * h, end - 2 * h)
@@ -295,7 +298,7 @@ def _spread_window(
 
 
 def _nearest_row(time: FloatArray, target: FloatArray, low: IntArray, high: IntArray) -> IntArray:
-    """Row between `low` and `high` (both included, one run) whose time is nearest to `target`, by bisection."""
+    """Row from `low` to `high` (both included, one run) whose time is nearest to `target`, by bisection."""
     left, right = low.copy(), high.copy()
     while (right - left > 1).any():
         middle = (left + right) // 2
@@ -322,7 +325,7 @@ def _weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
 
 
 def _end_slope(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Slope `(k,)` at the last sample of the least-squares parabola through `values` (n, k); NaN for one sample."""
+    """Slope `(k,)` at the last of `values` (n, k) of their least-squares parabola; NaN for one sample."""
     if len(time) < 2:
         return np.full(values.shape[1], np.nan)
     span = time[-1] - time[0]

@@ -1,0 +1,210 @@
+"""Serial chains described by Denavit-Hartenberg tables: forward map, Jacobian, numerical inverse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gpcorrect import se3
+from gpcorrect.arms.numeric_inverse import solve_pose
+from gpcorrect.errors import DataError
+from gpcorrect.types import BoolArray, FloatArray, frozen_array
+
+__all__ = ["Chain", "Joint"]
+
+Convention = Literal["standard", "modified"]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One row of a Denavit-Hartenberg table.
+
+    Parameters
+    ----------
+    kind : "R" or "P"
+        Revolute (the joint value adds to `theta`) or prismatic (it adds to `d`).
+    alpha, a, d, theta : float
+        Table entries, rad and m; in the modified convention `alpha` and `a` are those of the link before.
+    lower, upper : float
+        Limits of the joint value, rad or m.
+
+    Raises
+    ------
+    DataError
+        The kind is unknown, or the limits are not finite and ordered.
+    """
+
+    kind: Literal["R", "P"]
+    alpha: float
+    a: float
+    d: float
+    theta: float
+    lower: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("R", "P"):
+            raise DataError(f"a joint is 'R' (revolute) or 'P' (prismatic), got {self.kind!r}.")
+        if not -np.inf < self.lower < self.upper < np.inf:
+            raise DataError(f"joint limits must be finite and ordered, got {self.lower} and {self.upper}.")
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """A serial chain: T_base_tip(q) = base A_1(q_1) ... A_n(q_n) tool.
+
+    Parameters
+    ----------
+    joints : tuple of Joint
+        The table, base to tip.
+    convention : "standard" or "modified"
+        Link transform Rz(theta) Tz(d) Tx(a) Rx(alpha), or Craig's Rx(alpha) Tx(a) Rz(theta) Tz(d).
+    base : (4, 4) array
+        First table frame in the base frame.
+    tool : (4, 4) array
+        Tip in the last link frame.
+
+    Raises
+    ------
+    DataError
+        There is no joint, the convention is unknown, or a transform is not (4, 4).
+    """
+
+    joints: tuple[Joint, ...]
+    convention: Convention
+    base: FloatArray = field(default_factory=lambda: np.eye(4))
+    tool: FloatArray = field(default_factory=lambda: np.eye(4))
+
+    def __post_init__(self) -> None:
+        if not self.joints:
+            raise DataError("a chain needs at least one joint.")
+        if self.convention not in ("standard", "modified"):
+            raise DataError(f"the convention is 'standard' or 'modified', got {self.convention!r}.")
+        for name in ("base", "tool"):
+            value = frozen_array(getattr(self, name))
+            if value.shape != (4, 4):
+                raise DataError(f"{name} must be a pose (4, 4), got {value.shape}.")
+            object.__setattr__(self, name, value)
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def joint_types(self) -> str:
+        """Joint kinds in one word, as "RRPRRR"."""
+        return "".join(joint.kind for joint in self.joints)
+
+    @property
+    def revolute(self) -> BoolArray:
+        """(dof,) mask of revolute joints."""
+        return np.array([joint.kind == "R" for joint in self.joints])
+
+    @property
+    def limits(self) -> FloatArray:
+        """(dof, 2) lower and upper limits, rad or m."""
+        return np.array([(joint.lower, joint.upper) for joint in self.joints])
+
+    def within_limits(self, q: ArrayLike, margin: float = 0.0) -> BoolArray:
+        """Mask (...) of `q` (..., dof) whose joints all keep their limits, widened by `margin` rad or m."""
+        values, limits = self.joint_values(q), self.limits
+        inside = (values >= limits[:, 0] - margin) & (values <= limits[:, 1] + margin)
+        return np.asarray(inside.all(axis=-1))
+
+    def joint_values(self, q: ArrayLike) -> FloatArray:
+        """Return `q` as a float array (..., dof).
+
+        Raises
+        ------
+        DataError
+            The last axis is not `dof` long.
+        """
+        values = np.asarray(q, dtype=np.float64)
+        if values.ndim == 0 or values.shape[-1] != self.dof:
+            raise DataError(f"joint values must have shape (..., {self.dof}), got {values.shape}.")
+        return values
+
+    def frames(self, q: ArrayLike) -> FloatArray:
+        """Link frames (..., dof, 4, 4) in the base frame at joint values `q` (..., dof), rad and m."""
+        values = self.joint_values(q)
+        links = np.empty((*values.shape, 4, 4))
+        T_base_link = self.base
+        for i, joint in enumerate(self.joints):
+            T_base_link = T_base_link @ _link_transform(joint, values[..., i], self.convention)
+            links[..., i, :, :] = T_base_link
+        return links
+
+    def forward(self, q: ArrayLike) -> FloatArray:
+        """Tip poses T_base_tip (..., 4, 4) at joint values `q` (..., dof), rad and m."""
+        return se3.compose(self.frames(q)[..., -1, :, :], self.tool)
+
+    def axes(self, q: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Joint axes: unit directions and a point on each, both (..., dof, 3), in the base frame."""
+        carriers = self.frames(q)
+        if self.convention == "standard":  # joint i turns about the z axis of the frame before it
+            first = np.broadcast_to(self.base, (*carriers.shape[:-3], 1, 4, 4))
+            carriers = np.concatenate([first, carriers[..., :-1, :, :]], axis=-3)
+        return carriers[..., :3, 2], carriers[..., :3, 3]
+
+    def jacobian(self, q: ArrayLike) -> FloatArray:
+        """Geometric Jacobian (..., 6, dof): tip's linear velocity, then angular, both in base axes."""
+        tip = self.forward(q)[..., None, :3, 3]
+        return self.point_jacobian(q, tip, self.dof)
+
+    def point_jacobian(self, q: ArrayLike, points: FloatArray, carrier: int) -> FloatArray:
+        """Jacobian (..., 6, dof) of points (..., 1, 3), in the base frame, that ride on link `carrier`.
+
+        Links are counted from 1; joints beyond the carrier do not move it.
+        """
+        directions, origins = self.axes(q)
+        turning = self.revolute[:, None]
+        linear = np.where(turning, np.cross(directions, points - origins), directions)
+        angular = np.where(turning, directions, 0.0)
+        columns = np.concatenate([linear, angular], axis=-1)
+        columns[..., carrier:, :] = 0.0
+        return np.swapaxes(columns, -1, -2)
+
+    def inverse(self, T: ArrayLike, seed: ArrayLike | None = None) -> FloatArray:
+        """Joint values (dof,) within limits that reach the tip pose `T` (4, 4), found numerically.
+
+        Parameters
+        ----------
+        T : (4, 4) array
+            Tip pose in the base frame.
+        seed : (dof,) or (k, dof) array, optional
+            Where to start; the answer is the nearest solution in practice. Further starts spread evenly over
+            the limits follow when a start fails.
+
+        Raises
+        ------
+        DataError
+            No start reaches the pose; the message says how near the best came.
+        """
+        return solve_pose(self.forward, self.jacobian, self.limits, np.asarray(T, dtype=np.float64), seed)
+
+
+def _link_transform(joint: Joint, value: FloatArray, convention: Convention) -> FloatArray:
+    theta = joint.theta + value if joint.kind == "R" else np.full(value.shape, joint.theta)
+    d = joint.d + value if joint.kind == "P" else np.full(value.shape, joint.d)
+    fixed = _screw_x(joint.alpha, joint.a)
+    moving = _screw_z(theta, d)
+    return se3.compose(moving, fixed) if convention == "standard" else se3.compose(fixed, moving)
+
+
+def _screw_x(angle: float, shift: float) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1, 0, 0, shift], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]], dtype=np.float64)
+
+
+def _screw_z(angle: FloatArray, shift: FloatArray) -> FloatArray:
+    T = np.zeros((*angle.shape, 4, 4))
+    T[..., 0, 0] = T[..., 1, 1] = np.cos(angle)
+    T[..., 1, 0] = np.sin(angle)
+    T[..., 0, 1] = -T[..., 1, 0]
+    T[..., 2, 3] = shift
+    T[..., 2, 2] = T[..., 3, 3] = 1.0
+    return T

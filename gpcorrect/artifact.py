@@ -1,0 +1,161 @@
+"""The model file: NumPy arrays plus a JSON header in one file; loading never runs code.
+
+The file is a NumPy `.npz` archive (a zip, so a truncated file has no directory and a flipped bit fails its CRC). Its `header` entry
+is JSON: schema, versions, frames, units, features, fit report, the SHA-256 of every array, and check queries whose answers
+were recorded at save time and are asked again at load time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpcorrect import __version__
+from gpcorrect.atomic import atomic_path
+from gpcorrect.corrector import CommandCorrector
+from gpcorrect.errors import ArtifactError, GpCorrectError
+from gpcorrect.types import FloatArray
+
+__all__ = ["KIND", "SCHEMA", "load", "model_hash", "read_parts", "save"]
+
+SCHEMA = 1
+KIND = "gpcorrect.command_corrector"
+CHECK_TOLERANCE = 1e-9  # m and rad: far below any sensor, far above rounding between BLAS builds
+
+Arrays = dict[str, FloatArray]
+Header = dict[str, Any]
+
+
+def save(corrector: CommandCorrector, path: str | Path) -> None:
+    """Write the model file atomically.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
+    """
+    header, arrays = corrector.to_parts()
+    header = {
+        **header,
+        "kind": KIND,
+        "schema": SCHEMA,
+        "version": __version__,
+        "digests": {name: _digest(array) for name, array in arrays.items()},
+        "check": _check_answers(corrector, arrays),
+    }
+    text = np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)
+    contents: dict[str, Any] = {"header": text, **arrays}
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **contents)
+
+
+def load(path: str | Path) -> CommandCorrector:
+    """Read a model file, verify it, and ask it its recorded check queries.
+
+    Raises
+    ------
+    ArtifactError
+        The file is missing, truncated, altered, of a newer schema, not a model file, or answers its check queries otherwise
+        than when it was saved.
+    """
+    header, arrays = read_parts(path)
+    try:
+        corrector = CommandCorrector.from_parts(header, arrays)
+    except (KeyError, TypeError, ValueError) as error:
+        raise _refused(path, f"its contents do not form a model ({error})") from error
+    _verify_answers(path, corrector, header, arrays)
+    return corrector
+
+
+def read_parts(path: str | Path) -> tuple[Header, Arrays]:
+    """Read and verify header and arrays without building the model.
+
+    Raises
+    ------
+    ArtifactError
+        As for :func:`load`.
+    """
+    contents = _read_archive(path)
+    if "header" not in contents:
+        raise _refused(path, "it holds no header")
+    try:
+        header = json.loads(contents.pop("header").tobytes().decode())
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise _refused(path, "its header is not JSON") from error
+    _check_header(path, header)
+    _check_digests(path, header["digests"], contents)
+    return header, contents
+
+
+def model_hash(path: str | Path) -> str:
+    """SHA-256 of the whole model file, hexadecimal: the identity that a service reports."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _read_archive(path: str | Path) -> dict[str, Any]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise _refused(path, "it is a single array, not a model")
+            return {name: archive[name] for name in archive.files}
+    except FileNotFoundError as error:
+        raise ArtifactError(f"there is no model file {path}.", hint="Fit one with: gpcorrect fit LOG --output MODEL") from error
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+        if isinstance(error, GpCorrectError):
+            raise
+        raise _refused(path, "it is truncated, altered, or no model file at all") from error
+
+
+def _check_header(path: str | Path, header: Any) -> None:
+    if not isinstance(header, dict) or header.get("kind") != KIND:
+        raise _refused(path, f"it is not a {KIND} file")
+    schema = header.get("schema")
+    if not isinstance(schema, int) or schema > SCHEMA:
+        raise ArtifactError(
+            f"model file {path} has schema {schema}; this version reads up to {SCHEMA}.",
+            hint=f"It was written by gpcorrect {header.get('version')}: upgrade, or fit the model again.",
+        )
+    if not isinstance(header.get("digests"), dict):
+        raise _refused(path, "it carries no digests")
+
+
+def _check_digests(path: str | Path, digests: dict[str, str], arrays: Arrays) -> None:
+    if set(digests) != set(arrays):
+        raise _refused(path, "arrays were added or removed")
+    changed = [name for name, array in arrays.items() if _digest(array) != digests[name]]
+    if changed:
+        raise _refused(path, f"array {changed[0]} was altered")
+
+
+def _digest(array: FloatArray) -> str:
+    layout = f"{array.dtype.str}{array.shape}".encode()
+    return hashlib.sha256(layout + np.ascontiguousarray(array).tobytes()).hexdigest()
+
+
+def _check_answers(corrector: CommandCorrector, arrays: Arrays) -> list[list[float]]:
+    return [_answer(corrector, query) for query in arrays["check_queries"]]
+
+
+def _answer(corrector: CommandCorrector, query: FloatArray) -> list[float]:
+    size = 7 if corrector.has_orientation else 3
+    answer = corrector.correct(query[:size], query[size:])
+    quaternion = [] if answer.quaternion is None else answer.quaternion
+    return [float(v) for v in (*answer.position, *quaternion, *np.nan_to_num(answer.std))]
+
+
+def _verify_answers(path: str | Path, corrector: CommandCorrector, header: Header, arrays: Arrays) -> None:
+    expected = np.array(header.get("check"))
+    given = np.array(_check_answers(corrector, arrays))
+    if expected.shape != given.shape or not np.allclose(expected, given, rtol=0, atol=CHECK_TOLERANCE):
+        raise _refused(path, "it answers its own check queries otherwise than when it was saved")
+
+
+def _refused(path: str | Path, why: str) -> ArtifactError:
+    return ArtifactError(f"model file {path} is refused: {why}.", hint="Copy it again from its source, or fit the model again.")

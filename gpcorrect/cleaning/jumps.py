@@ -1,0 +1,170 @@
+"""Pieces of a recording between impossible steps, and which of them can be one motion.
+
+An occlusion shows as two false velocities around a block: an impossible step in and another out. Neither step tells which
+side is wrong; the chain of pieces that hang together by possible steps and explain most samples does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from gpcorrect.cleaning.steps import Path, StepLimit, StepRuler
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["Pieces", "excursions", "largest_chain", "split_pieces"]
+
+REACH = 200  # pieces that a chain looks back
+RETURN_SHARE = 0.3  # steps in and out that cancel to within this share are one excursion
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """m stretches of samples without an impossible step.
+
+    Parameters
+    ----------
+    label : (n,) int array
+        Piece that each sample belongs to.
+    first, last : (m,) int arrays
+        First and last sample of each piece.
+    run : (m,) int array
+        Run that each piece lies in.
+    ratio : (m,) array
+        Step into the piece from the sample before, as a multiple of the largest possible; 0 at the start of a run.
+    cause : (m,) int array
+        Which limit that step breaks.
+    """
+
+    label: IntArray
+    first: IntArray
+    last: IntArray
+    run: IntArray
+    ratio: FloatArray
+    cause: IntArray
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    @property
+    def counts(self) -> IntArray:
+        """(m,) samples in each piece."""
+        counts: IntArray = self.last - self.first + 1
+        return counts
+
+
+def split_pieces(path: Path, limits: Sequence[StepLimit]) -> Pieces:
+    """Cut the samples where a run ends or a step breaks a limit."""
+    n, run = len(path.samples), path.samples.run
+    i = np.arange(n - 1)
+    inside = run[1:] == run[:-1]
+    ratios = np.zeros((n, len(limits)))
+    for k, limit in enumerate(limits):
+        ratios[1:, k][inside] = limit.ratio(path, i[inside], i[inside] + 1)
+    worst = ratios.max(axis=1)
+    starts = np.concatenate([[True], ~inside | (worst[1:] > 1.0)])
+    first = np.flatnonzero(starts)
+    last = np.append(first[1:], n) - 1
+    label = np.cumsum(starts) - 1
+    # A sample names the first limit that it breaks: a speed before a step of the error.
+    cause = np.where(worst > 1.0, (ratios > 1.0).argmax(axis=1), 0)[first]
+    return Pieces(label, first, last, run[first], ratios[first, cause], cause)
+
+
+def largest_chain(
+    pieces: Pieces, scores: FloatArray, path: Path, limits: Sequence[StepLimit], switch_cost: float
+) -> BoolArray:
+    """Mask (m,) of the pieces in the chain of greatest total score, a chain for each run.
+
+    Neighbours in a chain are joined by a possible step, or by an impossible one at `switch_cost`. Pieces with a score
+    that is not positive are in no chain.
+    """
+    kept = np.zeros(len(pieces), dtype=bool)
+    for members in np.split(np.arange(len(pieces)), np.flatnonzero(np.diff(pieces.run)) + 1):
+        members = members[scores[members] > 0]
+        if len(members):
+            kept[members[_best_chain(pieces, scores[members], members, path, limits, switch_cost)]] = True
+    return kept
+
+
+def _best_chain(
+    pieces: Pieces, scores: FloatArray, members: IntArray, path: Path, limits: Sequence[StepLimit], switch_cost: float
+) -> IntArray:
+    """Positions within `members` of the best chain, by dynamic programming over the last `REACH` pieces."""
+    best, before = scores.copy(), np.full(len(members), -1)
+    for k in range(1, len(members)):
+        low = max(0, k - REACH)
+        i = pieces.last[members[low:k]]
+        j = np.full(len(i), pieces.first[members[k]])
+        possible = _possible(path, limits, i, j)
+        gain = best[low:k] - np.where(possible, 0.0, switch_cost)
+        choice = int(np.argmax(gain))
+        if gain[choice] > 0:
+            best[k] += gain[choice]
+            before[k] = low + choice
+    chain = [int(np.argmax(best))]
+    while before[chain[-1]] >= 0:
+        chain.append(int(before[chain[-1]]))
+    return np.array(chain[::-1])
+
+
+def excursions(pieces: Pieces, kept: BoolArray, path: Path, ruler: StepRuler) -> BoolArray:
+    """Mask (m,) of kept pieces that lie between two impossible steps which cancel, found shortest first.
+
+    Two independent steps do not cancel in three or six numbers; a marker that is lost and found again does that.
+    """
+    dropped = np.zeros(len(pieces), dtype=bool)
+    for members in np.split(np.arange(len(pieces)), np.flatnonzero(np.diff(pieces.run)) + 1):
+        stretches = _stretches(pieces, members[kept[members]], path, ruler.limits)
+        while (k := _shortest_excursion(stretches, path, ruler)) is not None:
+            dropped[stretches[k].pieces] = True
+            stretches[k - 1 : k + 2] = [stretches[k - 1].joined(stretches[k + 1])]
+    return dropped
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Pieces that are one motion: from sample `first` to sample `last`, `count` samples in all."""
+
+    first: int
+    last: int
+    count: int
+    pieces: list[int]
+
+    def joined(self, later: _Stretch) -> _Stretch:
+        return _Stretch(self.first, later.last, self.count + later.count, self.pieces + later.pieces)
+
+
+def _stretches(pieces: Pieces, chain: IntArray, path: Path, limits: Sequence[StepLimit]) -> list[_Stretch]:
+    """Join neighbours of a chain where the step between them is possible."""
+    stretches: list[_Stretch] = []
+    for k in chain:
+        first, last = int(pieces.first[k]), int(pieces.last[k])
+        new = _Stretch(first, last, last - first + 1, [int(k)])
+        if stretches and _possible(path, limits, np.array([stretches[-1].last]), np.array([first]))[0]:
+            stretches[-1] = stretches[-1].joined(new)
+        else:
+            stretches.append(new)
+    return stretches
+
+
+def _shortest_excursion(stretches: list[_Stretch], path: Path, ruler: StepRuler) -> int | None:
+    """Position of the shortest stretch, shorter than its neighbours together, that is left as it was entered."""
+    if len(stretches) < 3:
+        return None
+    scaled = path.samples.error / np.repeat(ruler.noise, 3)
+    step = np.array([scaled[b.first] - scaled[a.last] for a, b in pairwise(stretches)])
+    height = np.linalg.norm(step, axis=1)
+    back = np.linalg.norm(step[:-1] + step[1:], axis=1) <= 1.0 + RETURN_SHARE * np.minimum(height[:-1], height[1:])
+    count = np.array([s.count for s in stretches])
+    found = np.flatnonzero(back & (count[1:-1] < count[:-2] + count[2:])) + 1
+    return int(found[np.argmin(count[found])]) if len(found) else None
+
+
+def _possible(path: Path, limits: Sequence[StepLimit], i: IntArray, j: IntArray) -> BoolArray:
+    """(m,) mask of the steps from samples i to samples j that break no limit."""
+    possible: BoolArray = np.max([limit.ratio(path, i, j) for limit in limits], axis=0) <= 1.0
+    return possible

@@ -1,0 +1,102 @@
+"""The second look: how far is each error from what such poses and velocities show elsewhere in the recording?
+
+Systematic errors (stretch, play, friction) depend smoothly on the commanded pose and velocity; a fault does not. What
+differs from the smooth model by many robust scales is suspicious. The model sees commands only, which faults leave
+intact. It is coarse and robust: it judges, and the correction is learned elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from gpcorrect.cleaning.field import ErrorField, Kernel
+from gpcorrect.cleaning.inputs import FieldInputs, commanded_twists
+from gpcorrect.cleaning.samples import Samples, part_norms
+from gpcorrect.types import FloatArray, IntArray, frozen_array
+
+__all__ = ["SmoothModel", "distances", "judged_rows"]
+
+JUDGED_SAMPLES = 4000  # the field is smooth along a path: between these it is interpolated
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothModel:
+    """Trend, field and scale of the systematic error.
+
+    Parameters
+    ----------
+    scaling : FieldInputs
+        Inputs of the field.
+    trend : (4, k) array
+        Slopes and level of the error over commanded positions, found by least median of squares.
+    unit : (parts,) array
+        Robust spread of what the trend leaves, m and rad: the field's unit.
+    field : ErrorField
+        What else is systematic.
+    scale : (parts,) array
+        Robust standard deviation of a component about the field, as a multiple of the field's own.
+    """
+
+    scaling: FieldInputs
+    trend: FloatArray
+    unit: FloatArray
+    field: ErrorField
+    scale: FloatArray
+
+    def distance(self, samples: Samples) -> FloatArray:
+        """Robust scales (n, parts) that each error lies from the model."""
+        rows = judged_rows(samples)
+        x = self.field.kernel.inputs(*self.scaling.transform(samples, commanded_twists(samples)))
+        mean, deviation = self.field.predict(x[rows])
+        left = scaled_remainder(samples, self.trend, self.unit)
+        return distances(left, rows, mean, deviation) / self.scale
+
+    def to_parts(self) -> tuple[dict[str, Any], dict[str, FloatArray]]:
+        """Return JSON-able values and arrays, from which :meth:`from_parts` rebuilds the model."""
+        kernel = self.field.kernel
+        header = {
+            "scaling": self.scaling.to_dict(),
+            "trend": self.trend.tolist(),
+            "unit": self.unit.tolist(),
+            "scale": self.scale.tolist(),
+            "kernel": {"length": kernel.length, "noise": kernel.noise, "velocity": kernel.velocity},
+        }
+        return header, {"inputs": self.field.inputs, "errors": self.field.errors}
+
+    @classmethod
+    def from_parts(cls, header: dict[str, Any], arrays: dict[str, FloatArray]) -> Self:
+        """Rebuild the model from :meth:`to_parts`."""
+        return cls(
+            scaling=FieldInputs.from_dict(header["scaling"]),
+            trend=frozen_array(header["trend"]),
+            unit=frozen_array(header["unit"]),
+            field=ErrorField(frozen_array(arrays["inputs"]), frozen_array(arrays["errors"]), Kernel(**header["kernel"])),
+            scale=frozen_array(header["scale"]),
+        )
+
+
+def scaled_remainder(samples: Samples, trend: FloatArray, unit: FloatArray) -> FloatArray:
+    """What the trend (4, k) leaves of the error (n, k), in units (parts,) of its spread."""
+    position = samples.command.position
+    left: FloatArray = (samples.error - position @ trend[:-1] - trend[-1]) / np.repeat(unit, 3)
+    return left
+
+
+def distances(left: FloatArray, rows: IntArray, mean: FloatArray, deviation: FloatArray) -> FloatArray:
+    """Lengths (n, parts) of scaled errors (n, k) about a mean (m, k) known at `rows`, over their deviation (m,)."""
+    index = np.arange(len(left))
+    expected = np.stack([np.interp(index, rows, column) for column in mean.T], axis=1)
+    lengths: FloatArray = part_norms(left - expected) / np.interp(index, rows, deviation)[:, None]
+    return lengths
+
+
+def judged_rows(samples: Samples) -> IntArray:
+    """Rows at which the model is asked: evenly spaced, and both ends of every trajectory and run."""
+    n = len(samples)
+    stride = max(1, n // JUDGED_SAMPLES)
+    ends = np.flatnonzero((np.diff(samples.trajectory) != 0) | (np.diff(samples.run) != 0))
+    rows: IntArray = np.unique(np.concatenate([np.arange(0, n, stride), ends, ends + 1, [n - 1]]))
+    return rows

@@ -1,0 +1,43 @@
+"""The `gpcorrect` program: its commands, and what an error looks like."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from gpcorrect.cli.console import bad_input
+from gpcorrect.cli.correct import correct
+from gpcorrect.cli.evaluate import evaluate
+from gpcorrect.cli.fit import fit
+from gpcorrect.cli.query import query_app
+from gpcorrect.cli.serve import serve
+from gpcorrect.cli.simulate import simulate
+from gpcorrect.cli.validate import validate
+from gpcorrect.errors import GpCorrectError
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="gpcorrect",
+    help="Learn how a cable-driven robot misses its commanded pose, and what to command instead.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+)
+app.command()(validate)
+app.command()(fit)
+app.command()(evaluate)
+app.command()(correct)
+app.command()(serve)
+app.add_typer(query_app, name="query")
+app.command()(simulate)
+
+
+def main() -> None:
+    """Run the command line; bad input ends with one clear message and exit status 2."""
+    try:
+        app()
+    except GpCorrectError as error:
+        sys.exit(bad_input(error).exit_code)

@@ -1,0 +1,40 @@
+"""`gpcorrect evaluate`: measure a saved model on other logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gpcorrect import artifact
+from gpcorrect.cli.console import out, print_json, show_errors
+from gpcorrect.cli.options import Arm, Columns, Json, Logs, Namespace, Tracker, read_logs
+from gpcorrect.experiment import evaluate as evaluate_model
+
+__all__ = ["evaluate"]
+
+
+def evaluate(
+    model: Annotated[Path, typer.Argument(help="Model file that `gpcorrect fit` wrote.", show_default=False)],
+    logs: Logs,
+    columns: Columns = None,
+    namespace: Namespace = None,
+    tracker_topic: Tracker = None,
+    arm: Arm = None,
+    json: Json = False,
+) -> None:
+    """Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.
+
+    Example: gpcorrect evaluate model.gpc tuesday.csv wednesday.bag
+    """
+    corrector = artifact.load(model)
+    log = read_logs(logs, columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm)
+    measured = evaluate_model(corrector, log)
+    result = {"n_test": len(measured.clean.rows), "dropped": dict(measured.cleaning.counts), **measured.to_dict()}
+    if json:
+        print_json(result)
+        return
+    show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
+    show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])
+    out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} %; {100 * result['in_domain']:.1f} % in domain")

@@ -1,0 +1,63 @@
+"""Options that several commands share, so that they read alike everywhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gpcorrect.errors import DataError
+from gpcorrect.logs import join_logs, read_log
+from gpcorrect.types import CalibrationLog
+
+__all__ = ["Arm", "Columns", "Json", "Logs", "Namespace", "Tracker", "read_logs", "seven_or_three"]
+
+Logs = Annotated[
+    list[Path], typer.Argument(help="Recordings: CSV, Parquet, NPY, ROS 1 or ROS 2 bags, C3D.", show_default=False)
+]
+Columns = Annotated[
+    Path | None, typer.Option(help="Mapping file (TOML) for a foreign table or a bag: which column is what.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
+Namespace = Annotated[str | None, typer.Option(help="Arm's namespace in a bag that holds several, such as PSM1.")]
+Tracker = Annotated[str | None, typer.Option(help="Topic of the outside tracker in a bag.")]
+Arm = Annotated[str | None, typer.Option(help="Which arm of a raven_state topic: left or right.")]
+
+
+def read_logs(
+    paths: list[Path],
+    columns: Path | None = None,
+    *,
+    namespace: str | None = None,
+    tracker_topic: str | None = None,
+    arm: str | None = None,
+) -> CalibrationLog:
+    """Read the recordings and join them into one log.
+
+    Raises
+    ------
+    LogError
+        One of them cannot be read.
+    """
+    logs = [
+        read_log(path, columns=columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm) for path in paths
+    ]
+    return logs[0] if len(logs) == 1 else join_logs(logs)
+
+
+def seven_or_three(
+    pose: tuple[float, float, float, float, float, float, float] | None, position: tuple[float, float, float] | None
+) -> tuple[float, ...]:
+    """Return the one of `--pose` and `--position` that was given.
+
+    Raises
+    ------
+    DataError
+        None or both were given.
+    """
+    if (pose is None) == (position is None):
+        raise DataError(
+            "give the desired pose once.", hint="Either --pose X Y Z QW QX QY QZ, or --position X Y Z for position-only models."
+        )
+    return pose if pose is not None else position or ()

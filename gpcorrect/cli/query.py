@@ -1,0 +1,83 @@
+"""`gpcorrect query`: ask a running service."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
+import typer
+
+from gpcorrect.cli.console import out, print_json
+from gpcorrect.cli.correct import Pose, Position, Twist, correction_dict, show_correction
+from gpcorrect.cli.options import Json, seven_or_three
+
+if TYPE_CHECKING:
+    from gpcorrect_service import CorrectionClient, CorrectionReply
+
+__all__ = ["query_app"]
+
+query_app = typer.Typer(help="Ask a running service.", no_args_is_help=True)
+
+Endpoint = Annotated[str, typer.Option(help="Address of the service.")]
+Arm = Annotated[str, typer.Option(help="CRTK name of the arm.")]
+Namespace = Annotated[str, typer.Option(help="First part of every key.")]
+Timeout = Annotated[float, typer.Option(help="Seconds to wait for an answer, the retry included.")]
+
+HERE = "tcp/127.0.0.1:7447"
+
+
+@query_app.command()
+def correct(
+    pose: Pose = None,
+    position: Position = None,
+    twist: Twist = None,
+    endpoint: Endpoint = HERE,
+    arm: Arm = "arm1",
+    namespace: Namespace = "gpcorrect",
+    encoding: Annotated[str, typer.Option(help="json or msgpack.")] = "msgpack",
+    timeout: Timeout = 0.5,
+    json: Json = False,
+) -> None:
+    """Ask what to command instead of a desired pose.
+
+    Example: gpcorrect query correct --pose 0.1 0.02 -0.11 1 0 0 0 --twist 0.05 0 0 0 0 0
+    """
+    with _client(endpoint, arm, namespace, timeout, encoding) as client:
+        reply = client.correct(seven_or_three(pose, position), twist)
+    if json:
+        print_json(_reply_dict(reply))
+        return
+    show_correction(reply)
+    origin = reply.provenance
+    out.print(f"model    {origin.model_id} {origin.model_hash[:12]}, served by {origin.replica}")
+
+
+@query_app.command()
+def model(
+    endpoint: Endpoint = HERE, arm: Arm = "arm1", namespace: Namespace = "gpcorrect", timeout: Timeout = 0.5
+) -> None:
+    """Print which model is served: id, hash, frames, features, fit report (JSON)."""
+    with _client(endpoint, arm, namespace, timeout) as client:
+        print_json(msgspec.to_builtins(client.model()))
+
+
+@query_app.command()
+def health(
+    endpoint: Endpoint = HERE, arm: Arm = "arm1", namespace: Namespace = "gpcorrect", timeout: Timeout = 0.5
+) -> None:
+    """Print the state of the service (JSON)."""
+    with _client(endpoint, arm, namespace, timeout) as client:
+        print_json(msgspec.to_builtins(client.health()))
+
+
+def _client(endpoint: str, arm: str, namespace: str, timeout: float, encoding: str = "msgpack") -> CorrectionClient:
+    from gpcorrect.errors import DataError
+    from gpcorrect_service import CorrectionClient  # zenoh is an extra; other commands work without it
+
+    if encoding not in ("json", "msgpack"):
+        raise DataError(f"encoding must be json or msgpack, got {encoding!r}.")
+    return CorrectionClient(endpoint, arm, namespace, encoding, timeout)  # type: ignore[arg-type]  # checked above
+
+
+def _reply_dict(reply: CorrectionReply) -> dict[str, Any]:
+    return {**correction_dict(reply), "provenance": msgspec.to_builtins(reply.provenance)}

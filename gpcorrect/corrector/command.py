@@ -1,0 +1,252 @@
+"""The fitted corrector: desired pose in, command and honest uncertainty out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gpcorrect import se3
+from gpcorrect.cleaning import CleaningReport, FittedCleaner, clean_with
+from gpcorrect.corrector.bounds import Bounds
+from gpcorrect.corrector.queries import checked_pose, checked_poses, checked_times, checked_twist
+from gpcorrect.corrector.reference import reference_twists, rotations_of
+from gpcorrect.gpr import FeatureMap, IntervalCalibration, Predictor
+from gpcorrect.rigid import RigidModel, apply_residual
+from gpcorrect.types import BoolArray, CalibrationLog, Correction, CorrectionStatus, FloatArray, PoseSignal, frozen_array
+from gpcorrect.velocity import twists
+
+__all__ = ["CommandCorrector", "PathCorrection"]
+
+AT_REST = "no twist was given: taken as at rest"
+LIMITED = "the learned part was cut to the largest one that training justifies"
+OUTSIDE = "outside the training region: the learned part fades to its mean, the interval to its widest"
+
+
+@dataclass(frozen=True, eq=False)
+class PathCorrection:
+    """What to command instead of a path of n desired poses.
+
+    Parameters
+    ----------
+    positions : (n, 3) array
+        Commanded positions, base frame, m.
+    quaternions : (n, 4) array or None
+        Commanded orientations wxyz; None when none were asked for.
+    std, interval95 : (n, 6) arrays
+        Standard deviation and half width of the 95 % interval of each component: m, then rad; NaN where not learned.
+    in_domain : (n,) bool array
+        Whether each pose lies near training data.
+    status, reason : tuples of n str
+        As in :class:`gpcorrect.types.Correction`.
+    """
+
+    positions: FloatArray
+    quaternions: FloatArray | None
+    std: FloatArray
+    interval95: FloatArray
+    in_domain: BoolArray
+    status: tuple[str, ...]
+    reason: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class CommandCorrector:
+    """Tells what to command so that the robot reaches a desired pose: `F(x) = H(G(x))` (Mahler 2014, Sec. IV).
+
+    `G` is the rigid registration from the observer's frame to the command's, `H` adds the residual that a Gaussian process
+    learned from pose and velocity.
+
+    Parameters
+    ----------
+    rigid : RigidModel
+        G.
+    features : FeatureMap
+        From a reference pose and its twist to the inputs of the Gaussian process.
+    predictor : Predictor
+        Mean and standard deviation of the residual.
+    intervals : IntervalCalibration
+        What turns standard deviations into 95 % intervals that hold on unseen trajectories.
+    bounds : Bounds
+        Largest residual that is believed, and the novelty beyond which a query is extrapolation.
+    cleaner : FittedCleaner
+        The training's ruler for judging other logs.
+    velocity_step : float or None
+        Step of the five-point stencil on recorded paths, s; None takes neighbouring samples.
+    summary : mapping
+        Frames, units, features, fit report: what the model file says of itself.
+    check_queries : (k, 13) array
+        Training queries (pose, twist) that a model file records and asks again at load.
+    """
+
+    rigid: RigidModel
+    features: FeatureMap
+    predictor: Predictor
+    intervals: IntervalCalibration
+    bounds: Bounds
+    cleaner: FittedCleaner
+    velocity_step: float | None
+    summary: Mapping[str, Any]
+    check_queries: FloatArray
+
+    @property
+    def has_orientation(self) -> bool:
+        """Whether orientations are corrected too."""
+        return self.features.has_orientation
+
+    def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> Correction:
+        """Return what to command so that the robot reaches `pose`.
+
+        Parameters
+        ----------
+        pose : (7,) or (3,) array
+            Desired position (m) and unit quaternion wxyz in the frame of the training's observed poses; a position-only model takes
+            three numbers, and with seven only turns the orientation into the base frame.
+        twist : (6,) array, optional
+            Desired velocity, m/s and rad/s, same frame. Without it the pose is taken as at rest, and the answer says so.
+
+        Raises
+        ------
+        DataError
+            The pose or the twist is not finite, has the wrong length, or its quaternion is not a unit quaternion.
+        """
+        query = checked_pose(pose, orientation=self.has_orientation)
+        velocity = np.zeros(6) if twist is None else checked_twist(twist)
+        position, rotation, moved = self._reference(query, velocity)
+        mean, std, novelty = self.predictor.mean_std(self.features.transform_one(position, rotation, moved))
+        residual, limited = self.bounds.limit(mean)
+        in_domain = self.bounds.in_domain(novelty)
+        return Correction(
+            position=position + residual[:3],
+            quaternion=self._turned(rotation, residual),
+            std=_six(std),
+            interval95=_six(self.intervals.interval95(std)),
+            in_domain=in_domain,
+            status=_status(in_domain, limited),
+            reason=_reason(in_domain, limited, twist is None and self.features.uses_velocity),
+        )
+
+    def correct_path(self, poses: ArrayLike, times: ArrayLike) -> PathCorrection:
+        """Return what to command instead of a timed path; its velocities come from the five-point stencil on the path.
+
+        Parameters
+        ----------
+        poses : (n, 7) or (n, 3) array
+            Desired poses, as for :meth:`correct`.
+        times : (n,) array
+            Seconds, strictly increasing. A path of one pose is at rest.
+
+        Raises
+        ------
+        DataError
+            As for :meth:`correct`, or the times do not increase.
+        """
+        queries = checked_poses(poses, orientation=self.has_orientation)
+        seconds = checked_times(times, len(queries))
+        desired = PoseSignal(queries[:, :3], queries[:, 3:] if queries.shape[1] > 3 else None)
+        labels = np.zeros(len(queries), dtype=np.int64)
+        twist = twists(seconds, desired.position, rotations_of(desired), labels)
+        return self.correct_observed(desired, np.nan_to_num(twist))
+
+    def correct_observed(self, desired: PoseSignal, twist: FloatArray) -> PathCorrection:
+        """Return what to command instead of desired poses (n rows) with known twists `(n, 6)`."""
+        reference = self.rigid.apply(desired)
+        moved = reference_twists(self.rigid, rotations_of(desired), twist)
+        X = self.features.transform(reference.position, rotations_of(reference), moved)
+        mean, std, novelty = self.predictor.mean_std_batch(X)
+        residual, limited = self.bounds.limit_rows(_six_columns(mean, 0.0))
+        command = apply_residual(reference, residual)
+        in_domain = self.bounds.in_domain_rows(novelty)
+        flags = list(zip(in_domain.tolist(), limited.tolist(), strict=True))
+        return PathCorrection(
+            positions=command.position,
+            quaternions=command.quaternion,
+            std=_six_columns(std, np.nan),
+            interval95=_six_columns(self.intervals.interval95(std), np.nan),
+            in_domain=in_domain,
+            status=tuple(_status(near, cut) for near, cut in flags),
+            reason=tuple(_reason(near, cut, False) for near, cut in flags),
+        )
+
+    def clean(self, log: CalibrationLog) -> CleaningReport:
+        """Judge the samples of another log by the ruler that the training data set."""
+        return clean_with(self.cleaner, log)
+
+    def info(self) -> dict[str, Any]:
+        """Return what the model says of itself: frames, units, features, training region, fit report. JSON-able."""
+        return dict(self.summary)
+
+    def to_parts(self) -> tuple[dict[str, Any], dict[str, FloatArray]]:
+        """Return the corrector as a JSON-able header and named arrays, for a model file."""
+        header = {
+            "rigid": self.rigid.to_dict(),
+            "features": self.features.to_dict(),
+            "intervals": self.intervals.to_dict(),
+            "bounds": self.bounds.to_dict(),
+            "cleaner": self.cleaner.to_dict(),
+            "velocity_step": self.velocity_step,
+            "summary": dict(self.summary),
+        }
+        return header, {**self.predictor.to_arrays(), "check_queries": self.check_queries}
+
+    @classmethod
+    def from_parts(cls, header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Self:
+        """Rebuild a corrector from :meth:`to_parts`.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            A part is missing or is not what it should be.
+        """
+        return cls(
+            rigid=RigidModel.from_dict(header["rigid"]),
+            features=FeatureMap.from_dict(header["features"]),
+            predictor=Predictor.from_arrays({k: v for k, v in arrays.items() if k != "check_queries"}),
+            intervals=IntervalCalibration.from_dict(header["intervals"]),
+            bounds=Bounds.from_dict(header["bounds"]),
+            cleaner=FittedCleaner.from_dict(header["cleaner"]),
+            velocity_step=header["velocity_step"],
+            summary=header["summary"],
+            check_queries=frozen_array(arrays["check_queries"]),
+        )
+
+    def _reference(self, query: FloatArray, twist: FloatArray) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+        """Position, rotation and twist of G(x) for one query: the matrix products of `RigidModel.apply`, without stacks."""
+        rigid = self.rigid
+        if len(query) == 3:
+            return rigid.R_position @ query + rigid.t, None, reference_twists(rigid, None, twist)
+        R_obs = se3.single_matrix(query[3:])
+        position = rigid.R_position @ (query[:3] + R_obs @ rigid.offset) + rigid.t
+        return position, rigid.R_left @ R_obs @ rigid.R_right, reference_twists(rigid, R_obs, twist)
+
+    def _turned(self, rotation: FloatArray | None, residual: FloatArray) -> FloatArray | None:
+        if rotation is None:
+            return None
+        if len(residual) > 3:
+            rotation = se3.single_matrix_from_rotvec(residual[3:]) @ rotation
+        return se3.single_quaternion(rotation)
+
+
+def _six(values: FloatArray) -> FloatArray:
+    """Pad the three components of a position-only model with NaN."""
+    return values if len(values) == 6 else np.concatenate([values, np.full(3, np.nan)])
+
+
+def _six_columns(values: FloatArray, fill: float) -> FloatArray:
+    if values.shape[1] == 6:
+        return values
+    return np.concatenate([values, np.full((len(values), 3), fill)], axis=1)
+
+
+def _status(in_domain: bool, limited: bool) -> CorrectionStatus:
+    if limited:
+        return "LIMITED"
+    return "OK" if in_domain else "EXTRAPOLATING"
+
+
+def _reason(in_domain: bool, limited: bool, at_rest: bool) -> str:
+    said = [(limited, LIMITED), (not in_domain, OUTSIDE), (at_rest, AT_REST)]
+    return "; ".join(text for holds, text in said if holds)

@@ -1,0 +1,247 @@
+"""The recipe: clean, register, learn the residual, calibrate the intervals."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.cleaning import CleaningReport, CleaningSettings, FittedCleaner, clean
+from gpcorrect.corrector.bounds import Bounds
+from gpcorrect.corrector.command import CommandCorrector
+from gpcorrect.corrector.pairs import pose_pair
+from gpcorrect.corrector.reference import observed_twists, reference_twists, rotations_of
+from gpcorrect.corrector.residual_model import fit_residual_model
+from gpcorrect.errors import LogError
+from gpcorrect.gpr import FeatureMap
+from gpcorrect.rigid import Registration, RigidModel, fit_pose, fit_position, pose_residual, register
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
+
+__all__ = ["FitResult", "FitSettings", "fit_command_corrector", "fit_corrector"]
+
+MIN_SAMPLES = 20
+CHECK_QUERIES = 8
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """What `fit_corrector` may be told.
+
+    Parameters
+    ----------
+    features : tuple of str
+        "pose" (or "euler": the paper's angles), and "velocity".
+    clean : bool
+        Reject faulty samples first.
+    cleaning : CleaningSettings
+        Limits of the cleaning.
+    rigid : bool
+        Register frames first; without it the regression learns from the observed pose as it is.
+    marker : str
+        "none", "solve" or "auto": whether the marker may be away from the tool tip.
+    inducing : int
+        Inducing points of the sparse regression.
+    velocity_step : float or None
+        Step of the five-point stencil on recorded paths, s; None takes neighbouring samples.
+    seed : int
+        Seed of everything random.
+    """
+
+    features: tuple[str, ...] = ("pose", "velocity")
+    clean: bool = True
+    cleaning: CleaningSettings = field(default_factory=CleaningSettings)
+    rigid: bool = True
+    marker: str = "auto"
+    inducing: int = 500
+    velocity_step: float | None = None
+    seed: int = 0
+
+    @property
+    def cleaning_settings(self) -> CleaningSettings:
+        """Settings of the cleaning, with its rules off when `clean` is false."""
+        return self.cleaning if self.clean else replace(self.cleaning, automatic=False)
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """A fitted corrector and how it came about.
+
+    Parameters
+    ----------
+    corrector : CommandCorrector
+        What was fitted.
+    cleaning : CleaningReport
+        What was dropped from the training log, and why.
+    registration : Registration
+        Which rigid model was chosen, and why.
+    n_train : int
+        Samples that the regression learned from.
+    summary : mapping
+        The same in figures, JSON-able; also in the model file.
+    remarks : tuple of str
+        What a person should know, in sentences.
+    """
+
+    corrector: CommandCorrector
+    cleaning: CleaningReport
+    registration: Registration
+    n_train: int
+    summary: Mapping[str, Any]
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """The samples that are learned from, in step: observed and commanded poses, twists, trajectories."""
+
+    observed: PoseSignal
+    command: PoseSignal
+    twist: FloatArray
+    trajectory: IntArray
+
+
+def fit_corrector(log: CalibrationLog, settings: FitSettings | None = None, *, progress: Progress | None = None) -> CommandCorrector:
+    """Learn from a log what to command so that the robot reaches a desired pose (Mahler et al. 2014).
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        Must hold `tracker_cp` (what was observed) and `setpoint_cp` (what was commanded).
+    settings : FitSettings, optional
+        What differs from the defaults.
+    progress : Progress, optional
+        Told how far the fit is.
+
+    Raises
+    ------
+    LogError
+        A signal is missing or too few samples pass the cleaning.
+    DegenerateError
+        The motion does not determine the registration.
+    """
+    return fit_command_corrector(log, settings, progress=progress).corrector
+
+
+def fit_command_corrector(
+    log: CalibrationLog, settings: FitSettings | None = None, *, progress: Progress | None = None
+) -> FitResult:
+    """Fit as :func:`fit_corrector` does, and return how it came about too."""
+    settings, progress = settings or FitSettings(), progress or Progress()
+    start = time.perf_counter()
+    progress.step("clean", 0.0)
+    cleaning = clean(log, _registered, settings.cleaning_settings, np.random.default_rng(settings.seed))
+    progress.step("clean", 1.0)
+    pairs = _usable_pairs(log, cleaning.keep, settings.velocity_step)
+    registration = _register(pairs, settings)
+    corrector = _learn(pairs, registration.model, cleaning.cleaner, settings, progress)
+    summary = _summary(log, pairs, registration, cleaning, settings, time.perf_counter() - start)
+    return FitResult(
+        corrector=replace(corrector, summary=summary),
+        cleaning=cleaning,
+        registration=registration,
+        n_train=len(pairs.observed),
+        summary=summary,
+        remarks=_remarks(log, registration),
+    )
+
+
+def _registered(observed: PoseSignal, command: PoseSignal) -> RigidModel:
+    """Registration as the cleaner asks for it, many times: the closed form."""
+    return fit_position(observed, command) if observed.quaternion is None else fit_pose(observed, command)
+
+
+def _usable_pairs(log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> _Pairs:
+    """Kept samples with both poses and a velocity."""
+    observed, command = pose_pair(log)
+    twist = observed_twists(log.time, log.trajectory, observed, keep, velocity_step)
+    rows = keep & observed.finite & command.finite & np.isfinite(twist[:, :3]).all(axis=1)
+    if rows.sum() < MIN_SAMPLES:
+        raise LogError(
+            f"only {int(rows.sum())} of {len(log)} samples can be learned from; at least {MIN_SAMPLES} are needed.",
+            hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
+            path=log.name,
+        )
+    return _Pairs(observed[rows], command[rows], twist[rows], log.trajectory[rows])
+
+
+def _register(pairs: _Pairs, settings: FitSettings) -> Registration:
+    if not settings.rigid:
+        return Registration(RigidModel(), "the registration was switched off", (), None)
+    return register(pairs.observed, pairs.command, pairs.trajectory, settings.marker)
+
+
+def _learn(
+    pairs: _Pairs, rigid: RigidModel, cleaner: FittedCleaner, settings: FitSettings, progress: Progress
+) -> CommandCorrector:
+    reference = rigid.apply(pairs.observed)
+    residual = pose_residual(reference, pairs.command)
+    outputs = residual if reference.quaternion is not None else residual[:, :3]
+    moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
+    inputs = (reference.position, rotations_of(reference), moved)
+    features = FeatureMap(settings.features).fit(*inputs)
+    learned = fit_residual_model(
+        features.transform(*inputs), outputs, pairs.trajectory, settings.inducing, settings.seed, progress
+    )
+    return CommandCorrector(
+        rigid=rigid,
+        features=features,
+        predictor=learned.predictor,
+        intervals=learned.intervals,
+        bounds=Bounds.of(residual, learned.novelty),
+        cleaner=cleaner,
+        velocity_step=settings.velocity_step,
+        summary={},
+        check_queries=_check_queries(pairs),
+    )
+
+
+def _check_queries(pairs: _Pairs) -> FloatArray:
+    """Some training queries, spread over the recording: pose (identity orientation where none was measured) and twist."""
+    rows = np.unique(np.linspace(0, len(pairs.observed) - 1, CHECK_QUERIES).astype(np.int64))
+    observed = pairs.observed[rows]
+    unturned = np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))
+    quaternion = unturned if observed.quaternion is None else observed.quaternion
+    return np.hstack([observed.position, quaternion, np.nan_to_num(pairs.twist[rows])])
+
+
+def _summary(
+    log: CalibrationLog,
+    pairs: _Pairs,
+    registration: Registration,
+    cleaning: CleaningReport,
+    settings: FitSettings,
+    seconds: float,
+) -> dict[str, Any]:
+    """What the model file says of itself."""
+    low, high = pairs.observed.position.min(axis=0), pairs.observed.position.max(axis=0)
+    return {
+        "robot": log.meta.robot,
+        "arm": log.meta.arm,
+        "frames": {"input": "tracker", "output": "base"},
+        "units": {"position": "m", "rotation": "rad", "quaternion": "wxyz"},
+        "features": list(settings.features),
+        "orientation": pairs.observed.quaternion is not None,
+        "training_region": {"position_min": low.tolist(), "position_max": high.tolist()},
+        "data": {"source": log.name, "sha256": log.digest},
+        "fit": {
+            "n_train": len(pairs.observed),
+            "n_trajectories": len(np.unique(pairs.trajectory)),
+            "dropped": dict(cleaning.counts),
+            "registration": registration.to_dict(),
+            "seed": settings.seed,
+            "seconds": seconds,
+        },
+    }
+
+
+def _remarks(log: CalibrationLog, registration: Registration) -> tuple[str, ...]:
+    said = list(log.remarks)
+    if not registration.model.kind == "identity" or registration.candidates:
+        said.append(f"registration: {registration.reason}")
+    observed, _ = pose_pair(log)
+    if observed.quaternion is None:
+        said.append("the log holds positions only: orientations are turned into the base frame and left uncorrected")
+    return tuple(said)

@@ -1,0 +1,56 @@
+"""Learns the residual H and how far its intervals can be trusted, by leaving out whole trajectories."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.gpr import IntervalCalibration, Predictor, SparseGPR
+from gpcorrect.types import FloatArray, IntArray, Progress
+
+__all__ = ["ResidualModel", "fit_residual_model", "trajectory_folds"]
+
+FOLDS = 4
+IN_DOMAIN_SHARE = 0.995  # of left-out training samples that count as near training data
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualModel:
+    """The learned residual: its predictor, its calibrated intervals, and the novelty beyond which it extrapolates."""
+
+    predictor: Predictor
+    intervals: IntervalCalibration
+    novelty: float
+
+
+def fit_residual_model(
+    X: FloatArray, residual: FloatArray, trajectory: IntArray, inducing: int, seed: int, progress: Progress
+) -> ResidualModel:
+    """Learn residuals `(n, k)` from inputs `(n, d)`.
+
+    Hyperparameters are learned once, on all trajectories. Intervals are calibrated on errors at trajectories that the model
+    (with those hyperparameters) was not fitted to, so that they hold on trajectories never seen.
+    """
+    regressor = SparseGPR(n_inducing=inducing, random_state=seed)
+    regressor.fit(X, residual)
+    progress.step("regression", 1.0)
+    errors, std, novelty = (np.empty(residual.shape), np.empty(residual.shape), np.empty(len(X)))
+    folds = trajectory_folds(trajectory)
+    for fold in np.unique(folds):
+        left_out = folds == fold
+        predictor = regressor.refit(X[~left_out], residual[~left_out]).predictor_
+        mean, std[left_out], novelty[left_out] = predictor.mean_std_batch(X[left_out])
+        errors[left_out] = residual[left_out] - mean
+        progress.step("intervals", (fold + 1) / (folds.max() + 1))
+    intervals = IntervalCalibration.fit(errors, std, trajectory)
+    return ResidualModel(regressor.predictor_, intervals, float(np.quantile(novelty, IN_DOMAIN_SHARE)))
+
+
+def trajectory_folds(trajectory: IntArray) -> IntArray:
+    """Fold `(n,)` of each sample: whole trajectories in turn, or blocks of time when there are fewer than two."""
+    ids, index = np.unique(trajectory, return_inverse=True)
+    if len(ids) < 2:
+        return np.arange(len(trajectory)) * FOLDS // len(trajectory)
+    folds: IntArray = index % min(FOLDS, len(ids))
+    return folds

@@ -1,0 +1,115 @@
+"""Checks of units, by sizes that no arm has and by ratios between signals of one motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.logs.checks.finding import Evidence, Finding
+from gpcorrect.logs.checks.measure import extent, spread, spread_ratio
+from gpcorrect.types import FloatArray
+
+__all__ = ["JointUnit", "PositionUnit", "misread_joints"]
+
+WIDEST = 5.0  # m; no arm here reaches so far, and 5 mm is less than any workspace in millimetres
+MIN_SPREAD = 1e-4  # m or rad; narrower signals are noise and their ratios mean nothing
+DEGREES = 180 / np.pi
+RATIOS = ((1000.0, 2.0), (DEGREES, 1.4))  # a unit's factor, and how far calibration errors may move the ratio
+FULL_TURN = 2 * np.pi  # rad; surgical wrists turn less
+LONGEST = 5.0  # m, of a prismatic joint
+POSITION_PAIRS = (
+    ("tracker_cp", "setpoint_cp"),
+    ("tracker_cp", "measured_cp"),
+    ("measured_cp", "setpoint_cp"),
+)
+JOINT_PAIRS = (("measured_jp", "setpoint_jp"), ("external_jp", "setpoint_jp"), ("external_jp", "measured_jp"))
+POSITIONS_OF_JOINTS = ("setpoint_jp", "measured_jp", "external_jp")
+
+
+def _factor(ratio: float, factors: Sequence[tuple[float, float]]) -> float | None:
+    """The unit's factor that a ratio stands for, None for none."""
+    for factor, tolerance in factors:
+        for exact in (factor, 1 / factor):
+            if exact / tolerance < ratio < exact * tolerance:
+                return exact
+    return None
+
+
+@dataclass(frozen=True)
+class PositionUnit:
+    """Positions should be in metres."""
+
+    def findings(self, evidence: Evidence) -> Iterator[Finding]:
+        """Yield a guess for each signal that is too wide, or a thousand times wider than another."""
+        wide = [n for n in evidence.log.POSES if evidence.has(n) and extent(evidence.position(n)) > WIDEST]
+        for name in wide:
+            what = f"it spans {extent(evidence.position(name)):.4g} m: it looks like millimetres."
+            hint = "Set position_scale = 1e-3 in the mapping file."
+            yield Finding("error", "position_unit", name, what, hint, len(evidence.log))
+        for name, other in POSITION_PAIRS:
+            if not (evidence.has(name) and evidence.has(other)) or {name, other} & set(wide):
+                continue
+            sizes = spread(evidence.position(name)), spread(evidence.position(other))
+            if max(sizes) < MIN_SPREAD or min(sizes) == 0 or _factor(sizes[0] / sizes[1], RATIOS[:1]) is None:
+                continue
+            what = (
+                f"it varies {sizes[0] / sizes[1]:.3g} times as much as {other}: one of them is not in metres."
+            )
+            yield Finding("error", "position_unit", name, what, "Check position_scale.", len(evidence.log))
+
+
+@dataclass(frozen=True)
+class JointUnit:
+    """Joint positions should be in radians and metres."""
+
+    def findings(self, evidence: Evidence) -> Iterator[Finding]:
+        """Yield a guess for each joint that is too wide, or wider than another signal of it by a unit's factor."""
+        for (name, joint), what in misread_joints(evidence).items():
+            hint = "Set scale for this column in the mapping file (0.0174533 for degrees, 0.001 for millimetres)."
+            yield Finding("error", "joint_unit", name, f"joint {joint + 1} {what}", hint, len(evidence.log))
+
+
+def misread_joints(evidence: Evidence) -> dict[tuple[str, int], str]:
+    """Why each suspicious (signal, joint index) is not in rad or m."""
+    found: dict[tuple[str, int], str] = {}
+    for name in POSITIONS_OF_JOINTS:
+        if evidence.has(name):
+            found.update({(name, j): what for j, what in _too_wide(evidence, name)})
+    for name, other in JOINT_PAIRS:
+        if evidence.has(name) and evidence.has(other):
+            for j, what in _by_ratio(evidence.table(name), evidence.table(other), other):
+                if (other, j) not in found:
+                    found.setdefault((name, j), what)
+    return found
+
+
+def _too_wide(evidence: Evidence, name: str) -> Iterator[tuple[int, str]]:
+    table = evidence.table(name)[evidence.known(name)]
+    for j, (kind, column) in enumerate(zip(evidence.joint_types, table.T, strict=False)):
+        size = float(np.percentile(np.abs(column), 99))
+        if kind == "R" and size > FULL_TURN:
+            yield j, f"reaches {size:.4g}: it looks like degrees."
+        if kind == "P" and size > LONGEST:
+            yield j, f"reaches {size:.4g}: it looks like {_length_unit(evidence, j, column)}."
+
+
+def _length_unit(evidence: Evidence, joint: int, column: FloatArray) -> str:
+    """Millimetres, or metres times 180/pi as RAVEN-II messages have them: what puts most samples within limits."""
+    if evidence.arm is None or joint >= evidence.arm.dof:
+        return "millimetres, or metres multiplied by 180/pi"
+    low, high = evidence.arm.limits[joint]
+    within = {
+        unit: float(np.mean((column / factor >= low) & (column / factor <= high)))
+        for unit, factor in (("millimetres", 1000.0), ("metres multiplied by 180/pi", DEGREES))
+    }
+    return max(within, key=lambda unit: within[unit])
+
+
+def _by_ratio(table: FloatArray, other: FloatArray, name: str) -> Iterator[tuple[int, str]]:
+    for j in range(min(table.shape[1], other.shape[1])):
+        ratio = spread_ratio(table[:, j], other[:, j])
+        wide = max(spread(table[:, [j]]), spread(other[:, [j]]))
+        if np.isfinite(ratio) and wide > MIN_SPREAD and _factor(ratio, RATIOS) is not None:
+            yield j, f"varies {ratio:.3g} times as much as in {name}: they are not in the same unit."

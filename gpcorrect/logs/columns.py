@@ -1,0 +1,196 @@
+"""Mapping files: which columns of a foreign table are which signals, in which units."""
+
+from __future__ import annotations
+
+import tomllib
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, StrictInt, StrictStr, ValidationError, model_validator
+
+from gpcorrect.errors import LogError
+from gpcorrect.logs.orientation import CONVERTERS
+
+__all__ = [
+    "ArrayColumns",
+    "BagOptions",
+    "C3dOptions",
+    "Column",
+    "ColumnMap",
+    "CsvOptions",
+    "PoseColumns",
+    "load_columns",
+]
+
+Column = StrictStr | Annotated[StrictInt, Field(ge=0)]
+"""A column by its name, or by its number counted from zero."""
+
+Triple = tuple[Column, Column, Column]
+Four = tuple[Column, Column, Column, Column]
+Nine = tuple[Column, Column, Column, Column, Column, Column, Column, Column, Column]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class PoseColumns(_Section):
+    """Where a pose is: three columns of position, and at most one form of orientation."""
+
+    position: Triple
+    position_scale: float = 1.0
+    quat_wxyz: Four | None = None
+    quat_xyzw: Four | None = None
+    rotvec: Triple | None = None
+    rpy: Triple | None = None
+    rpy_deg: Triple | None = None
+    matrix: Nine | None = None
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> Self:
+        given = [name for name in CONVERTERS if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ValueError(f"give one orientation, not {' and '.join(given)}")
+        return self
+
+    @property
+    def orientation(self) -> tuple[str, tuple[Column, ...]] | None:
+        """Form and columns of the orientation, None when the source measures positions only."""
+        forms = ((name, getattr(self, name)) for name in CONVERTERS)
+        return next(((name, columns) for name, columns in forms if columns is not None), None)
+
+
+class ArrayColumns(_Section):
+    """Where a joint or scalar signal is: value = column * scale + offset, each for itself or one for all."""
+
+    columns: Annotated[tuple[Column, ...], Field(min_length=1)]
+    scale: float | tuple[float, ...] = 1.0
+    offset: float | tuple[float, ...] = 0.0
+
+    @model_validator(mode="after")
+    def _one_a_column(self) -> Self:
+        for name in ("scale", "offset"):
+            value = getattr(self, name)
+            if isinstance(value, tuple) and len(value) != len(self.columns):
+                raise ValueError(f"{name} has {len(value)} numbers for {len(self.columns)} columns")
+        return self
+
+
+class CsvOptions(_Section):
+    """How a text table is written; what is not given is taken from the file."""
+
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
+    decimal: Literal[".", ","] | None = None
+    skip: Annotated[int, Field(ge=0)] = 0
+    header: bool | None = None
+    names: tuple[str, ...] | None = None
+
+
+class BagOptions(_Section):
+    """What to take from a recording of ROS topics."""
+
+    namespace: str | None = None
+    tracker_topic: str | None = None
+    arm: Literal["left", "right"] | None = None
+    clock: Literal["header", "receive"] = "header"
+    base: str | None = None
+    max_gap: Annotated[float, Field(gt=0)] | None = None
+    shifts: dict[str, float] = {}
+
+
+class C3dOptions(_Section):
+    """Which markers of a motion capture recording are on the tool; all of them when not given."""
+
+    markers: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+
+
+class ColumnMap(_Section):
+    """A whole mapping file.
+
+    `time * time_scale + time_offset` is in seconds. A signal that is not named here is looked for under its
+    native name.
+    """
+
+    time: Column = "time"
+    time_scale: float = 1.0
+    time_offset: float = 0.0
+    trajectory: Column | None = None
+    session: Column | None = None
+    setpoint_cp: PoseColumns | None = None
+    measured_cp: PoseColumns | None = None
+    tracker_cp: PoseColumns | None = None
+    setpoint_jp: ArrayColumns | None = None
+    measured_jp: ArrayColumns | None = None
+    measured_jv: ArrayColumns | None = None
+    measured_jf: ArrayColumns | None = None
+    external_jp: ArrayColumns | None = None
+    payload: ArrayColumns | None = None
+    temperature: ArrayColumns | None = None
+    csv: CsvOptions = CsvOptions()
+    bag: BagOptions = BagOptions()
+    c3d: C3dOptions = C3dOptions()
+
+    @model_validator(mode="after")
+    def _scalars_have_one_column(self) -> Self:
+        for name in ("payload", "temperature"):
+            value = getattr(self, name)
+            if value is not None and len(value.columns) != 1:
+                raise ValueError(f"{name} is one column, not {len(value.columns)}")
+        return self
+
+    @property
+    def used(self) -> tuple[Column, ...]:
+        """All columns that are named."""
+        sections = [getattr(self, name) for name in type(self).model_fields]
+        named = [c for c in (self.time, self.trajectory, self.session) if c is not None]
+        for section in sections:
+            if isinstance(section, ArrayColumns):
+                named += section.columns
+            elif isinstance(section, PoseColumns):
+                named += [*section.position, *(section.orientation or ("", ()))[1]]
+        return tuple(named)
+
+
+def load_columns(path: str | Path) -> ColumnMap:
+    """Read a mapping file.
+
+    Raises
+    ------
+    LogError
+        The file is missing, is not TOML, has a key that means nothing, or a value of the wrong kind.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            content = tomllib.load(file)
+    except OSError as error:
+        raise LogError(f"cannot read the mapping file: {error.strerror}.", path=str(path)) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise LogError(f"the mapping file is not TOML: {error}.", path=str(path)) from error
+    try:
+        return ColumnMap.model_validate(content)
+    except ValidationError as error:
+        raise _explain(error, content, str(path)) from error
+
+
+def _explain(error: ValidationError, content: dict[str, Any], path: str) -> LogError:
+    """Name the first key that is wrong, and the key that may have been meant."""
+    first = error.errors()[0]
+    where = tuple(str(part) for part in first["loc"] if not str(part).startswith("function-"))
+    key = ".".join(where)
+    if first["type"] != "extra_forbidden":
+        came = "" if isinstance(first["input"], dict) else f" (got {first['input']!r})"
+        return LogError(f"key {key or 'of the file'}: {first['msg']}{came}.", path=path)
+    known = _known_keys(where[:-1])
+    near = get_close_matches(where[-1], known, n=1)
+    hint = f"Did you mean {near[0]}?" if near else f"Known keys here: {', '.join(known)}."
+    return LogError(f"unknown key {key}.", hint=hint, path=path)
+
+
+def _known_keys(section: tuple[str, ...]) -> list[str]:
+    """Keys of the mapping file, or of one of its sections."""
+    sections: dict[str, type[BaseModel]] = {"csv": CsvOptions, "bag": BagOptions, "c3d": C3dOptions}
+    if not section:
+        return list(ColumnMap.model_fields)
+    kind = PoseColumns if section[0].endswith("_cp") else ArrayColumns
+    return list(sections.get(section[0], kind).model_fields)

@@ -1,0 +1,126 @@
+"""ROS messages to streams: poses and joint states, header stamps and times of reception."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from gpcorrect.errors import LogError
+from gpcorrect.logs.orientation import unit_quaternions
+from gpcorrect.logs.streams import Stream
+from gpcorrect.types import FloatArray, IntArray, PoseSignal
+
+__all__ = ["Recorded", "Times", "joint_row", "joint_streams", "pose_row", "pose_streams"]
+
+
+@dataclass
+class Recorded:
+    """The messages of one topic while a recording is read; times in ns since 1970.
+
+    Parameters
+    ----------
+    topic : str
+        Its name.
+    extract : callable
+        Takes what is needed out of a message, so that the message need not be kept.
+    """
+
+    topic: str
+    extract: Callable[[Any], Any]
+    stamp: list[int] = field(default_factory=list)
+    receive: list[int] = field(default_factory=list)
+    rows: list[Any] = field(default_factory=list)
+
+    def add(self, message: Any, receive: int) -> None:
+        """Append a message received at a time."""
+        stamp = (message.hdr if hasattr(message, "hdr") else message.header).stamp
+        self.stamp.append(stamp.sec * 10**9 + stamp.nanosec)
+        self.receive.append(receive)
+        self.rows.append(self.extract(message))
+
+
+def pose_row(message: Any) -> tuple[float, ...]:
+    """Position and quaternion wxyz of a PoseStamped or TransformStamped message."""
+    if hasattr(message, "pose"):
+        p, q = message.pose.position, message.pose.orientation
+    else:
+        p, q = message.transform.translation, message.transform.rotation
+    return p.x, p.y, p.z, q.w, q.x, q.y, q.z
+
+
+def joint_row(message: Any) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
+    """Names, positions, velocities and efforts of a JointState message."""
+    return tuple(message.name), message.position, message.velocity, message.effort
+
+
+@dataclass(frozen=True, eq=False)
+class Times:
+    """When the kept messages of a topic were taken and received (s after the origin), and which they are."""
+
+    stamp: FloatArray
+    receive: FloatArray
+    rows: IntArray
+    remarks: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, recorded: Recorded, origin: int, clock: Literal["header", "receive"]) -> Times:
+        """Header stamps, or times of reception where the source left its stamps zero.
+
+        Parameters
+        ----------
+        recorded : Recorded
+            Messages of a topic.
+        origin : int
+            Time that becomes zero, ns since 1970; the same for all topics of a recording.
+        clock : {"header", "receive"}
+            Which times to take.
+        """
+        stamp, receive = np.array(recorded.stamp, np.int64), np.array(recorded.receive, np.int64)
+        rows, remarks = np.arange(len(stamp)), []
+        if clock == "receive":
+            stamp = receive
+        elif not stamp.any():
+            stamp = receive
+            remarks = [f"{recorded.topic} has no header stamps; the times of reception were taken."]
+        elif not stamp.all():
+            rows = np.flatnonzero(stamp)
+            remarks = [
+                f"{len(stamp) - len(rows)} messages of {recorded.topic} without a stamp were left out."
+            ]
+        return cls((stamp[rows] - origin) / 1e9, (receive[rows] - origin) / 1e9, rows, tuple(remarks))
+
+
+def pose_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+    """Stream of poses; a quaternion that is none becomes missing, and is counted."""
+    table = np.array(recorded.rows, dtype=np.float64)[times.rows]
+    quaternion = unit_quaternions(table[:, 3:])
+    bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())
+    remarks = [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
+    return [
+        Stream(name, times.stamp, PoseSignal(table[:, :3], quaternion), times.receive, recorded.topic)
+    ], remarks
+
+
+def joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+    """Streams of joint positions, and of measured velocities and efforts where they were published.
+
+    Raises
+    ------
+    LogError
+        The joints are not the same in all messages.
+    """
+    if len({row[0] for row in recorded.rows}) > 1:
+        raise LogError(f"the joints of {recorded.topic} change from message to message.")
+    names = ("measured_jp", "measured_jv", "measured_jf") if name == "measured_js" else ("setpoint_jp",)
+    streams, remarks = [], []
+    for k, signal in enumerate(names, start=1):
+        widths = {len(recorded.rows[i][k]) for i in times.rows}
+        if len(widths) > 1:
+            remarks.append(f"{signal} is left out: {recorded.topic} holds {sorted(widths)} numbers in turn.")
+        elif widths - {0}:
+            values = np.array([recorded.rows[i][k] for i in times.rows], dtype=np.float64)
+            streams.append(Stream(signal, times.stamp, values, times.receive, recorded.topic))
+    return streams, remarks

@@ -1,0 +1,97 @@
+"""The order of time: which samples break it, and what to do about them."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable
+from math import isfinite
+from typing import Literal
+
+import numpy as np
+
+from gpcorrect.errors import LogError
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["Disorder", "check_order", "rising"]
+
+Disorder = Literal["refuse", "drop", "keep"]
+
+
+def rising(time: FloatArray, group: IntArray | None = None) -> BoolArray:
+    """(n,) mask of as many samples as can be kept so that time strictly increases inside each group.
+
+    One stamp from far in the future costs one sample, not all that follow. A time that is not finite is never
+    kept.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Seconds.
+    group : (n,) int array, optional
+        Groups (trajectories) that are looked at each for itself; all one group when not given.
+    """
+    mask = np.zeros(len(time), dtype=np.bool_)
+    order = np.arange(len(time)) if group is None else np.argsort(group, kind="stable")
+    starts: IntArray | list[int] = [] if group is None else np.flatnonzero(np.diff(group[order])) + 1
+    for rows in np.split(order, starts):
+        mask[rows] = _longest_rising(time[rows])
+    return mask
+
+
+def _longest_rising(time: FloatArray) -> BoolArray:
+    """Mask of a longest strictly increasing subsequence (patience sorting; the first of equals)."""
+    if np.isfinite(time).all() and np.all(np.diff(time) > 0):
+        return np.ones(len(time), dtype=np.bool_)
+    tails: list[float] = []  # smallest last time of a rising subsequence of each length
+    last: list[int] = []  # where that time is
+    previous = np.full(len(time), -1)
+    for i, t in enumerate(time.tolist()):
+        k = bisect_left(tails, t)
+        if not isfinite(t) or (k < len(tails) and tails[k] == t):
+            continue
+        previous[i] = last[k - 1] if k else -1
+        tails[k : k + 1] = [t]
+        last[k : k + 1] = [i]
+    mask = np.zeros(len(time), dtype=np.bool_)
+    i = last[-1] if last else -1
+    while i >= 0:
+        mask[i] = True
+        i = int(previous[i])
+    return mask
+
+
+def check_order(
+    time: FloatArray, group: IntArray, disorder: Disorder, locate: Callable[[int], str]
+) -> tuple[BoolArray, list[str]]:
+    """Rows to keep under a rule about disordered time, and a remark where it had to act.
+
+    Parameters
+    ----------
+    time, group : (n,) arrays
+        See :func:`rising`.
+    disorder : {"refuse", "drop", "keep"}
+        Raise; leave the disordered samples out; or keep everything, for looking at a recording.
+    locate : callable
+        Names a row for messages, such as "line 12".
+
+    Raises
+    ------
+    LogError
+        Time is missing or does not increase inside a group, and the rule is "refuse".
+    """
+    ordered = rising(time, group)
+    wrong = np.flatnonzero(~ordered)
+    if not wrong.size:
+        return ordered, []
+    first = int(wrong[0])
+    what = f"({time[first]:.9g} s) is out of order" if isfinite(time[first]) else "is missing"
+    more = f" ({wrong.size} such samples)" if wrong.size > 1 else ""
+    found = f"time at {locate(first)} {what} inside trajectory {group[first]}{more}"
+    if disorder == "refuse":
+        hint = (
+            "Time must strictly increase: give each motion its own trajectory number, or use disorder='drop'."
+        )
+        raise LogError(f"{found}.", hint=hint)
+    if disorder == "keep":
+        return np.ones_like(ordered), [f"{found}; kept."]
+    return ordered, [f"{found}; left out."]

@@ -1,0 +1,91 @@
+"""The sidecar: a TOML file beside a log that says what robot and tracker made it."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import asdict, fields
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, StrictStr, ValidationError
+
+from gpcorrect.errors import LogError
+from gpcorrect.types import LogMeta
+
+__all__ = ["format_sidecar", "read_sidecar", "sidecar_path"]
+
+Vector = tuple[float, float, float]
+
+SPECIAL = re.compile(r'["\\\x00-\x1f\x7f]')
+ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
+
+
+class _TrackerBase(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    translation: Vector
+    rotvec: Vector
+
+
+class _Sidecar(BaseModel):
+    model_config = ConfigDict(extra="ignore")
+
+    robot: StrictStr = ""
+    arm: StrictStr = ""
+    joint_types: StrictStr = ""
+    tracker: StrictStr = ""
+    notes: StrictStr = ""
+    source: StrictStr = ""
+    licence: StrictStr = ""
+    T_tracker_base: _TrackerBase | None = None
+
+
+def sidecar_path(path: Path) -> Path:
+    """Where the sidecar of a log is."""
+    return path.with_suffix(".toml")
+
+
+def read_sidecar(path: Path) -> LogMeta:
+    """Read what the sidecar of a log says: nothing where there is none; unknown keys are passed over.
+
+    Raises
+    ------
+    LogError
+        The sidecar is no TOML, or a key has a value of the wrong kind.
+    """
+    beside = sidecar_path(path)
+    if not beside.is_file():
+        return LogMeta()
+    try:
+        with beside.open("rb") as file:
+            said = _Sidecar.model_validate(tomllib.load(file))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise LogError(f"the sidecar is not TOML: {error}.", path=str(beside)) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise LogError(f"sidecar key {key}: {first['msg']}.", path=str(beside)) from error
+    frame = said.T_tracker_base
+    tracker_base = None if frame is None else (*frame.translation, *frame.rotvec)
+    return LogMeta(**said.model_dump(exclude={"T_tracker_base"}), tracker_base=tracker_base)
+
+
+def format_sidecar(meta: LogMeta) -> str:
+    """TOML text that reads back as the same meta data."""
+    said = asdict(meta)
+    frame = said.pop("tracker_base")
+    lines = [f"{name} = {_quote(said[name])}" for name in (f.name for f in fields(meta)) if said.get(name)]
+    if frame is not None:
+        numbers = [repr(float(x)) for x in frame]
+        lines += ["", "[T_tracker_base]", f"translation = [{', '.join(numbers[:3])}]"]
+        lines += [f"rotvec = [{', '.join(numbers[3:])}]"]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _quote(text: str) -> str:
+    """Write a TOML basic string."""
+
+    def escape(match: re.Match[str]) -> str:
+        return ESCAPES.get(match[0], f"\\u{ord(match[0]):04X}")
+
+    return '"' + SPECIAL.sub(escape, text) + '"'

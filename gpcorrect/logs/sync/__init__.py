@@ -1,0 +1,19 @@
+"""Clocks: how far the stamps of two recordings of one motion differ, and a log put on one clock."""
+
+from __future__ import annotations
+
+from gpcorrect.logs.sync.align import align
+from gpcorrect.logs.sync.estimate import estimate_offset, log_offset
+from gpcorrect.logs.sync.motion import Motion, MotionPair, pairs_of
+from gpcorrect.logs.sync.offset import ClockDrift, TimeOffset
+
+__all__ = [
+    "ClockDrift",
+    "Motion",
+    "MotionPair",
+    "TimeOffset",
+    "align",
+    "estimate_offset",
+    "log_offset",
+    "pairs_of",
+]

@@ -1,0 +1,208 @@
+"""Coarse search: how well do two speeds agree at each lag, over all trajectories together.
+
+The norm of a velocity is the same in every frame, so two speeds can be compared before the frames are
+registered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import correlate
+
+from gpcorrect.logs.streams import default_max_gap
+from gpcorrect.logs.sync.motion import Motion, MotionPair
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["LagCurve", "lag_curve", "peaks", "speed_on_grid", "typical_step", "without_spikes"]
+
+MIN_STEP = 0.005  # s; finer grids cost time and add nothing: a parabola and the refinement find the rest
+MIN_WIDTH = 0.03  # s; the standard deviation of the low pass, 5 Hz: arms under control move slower than that
+MAX_CELLS = 2_000_000  # of a grid; beyond that it is coarsened
+SPIKE_WINDOW = 7  # samples; their median stands up to three outliers in a row
+SPIKE_SCALE = (
+    6.0  # times farther from that median than its neighbours, and than four in five samples: a spike
+)
+CLIP = 2.0  # speeds count up to this many times the fast ones: a jump of the tracker is a huge speed
+MIN_SUPPORT = (
+    0.5  # a smoothed speed needs this share of its window, a lag this share of the most samples in common
+)
+
+
+@dataclass(frozen=True, eq=False)
+class LagCurve:
+    """Correlation of two speeds over lags.
+
+    Parameters
+    ----------
+    lags : (m,) array
+        Seconds that the observer's stamps run ahead of the reference's.
+    correlation : (m,) array
+        Pooled correlation coefficient, NaN where too few samples are in common.
+    variation : float
+        Standard deviation of the reference's speed in units of its mean; 0 where nothing moves.
+    """
+
+    lags: FloatArray
+    correlation: FloatArray
+    variation: float
+
+
+def typical_step(motions: Sequence[Motion]) -> float:
+    """Median time step, s, of all motions together; infinite when there is none."""
+    steps = np.concatenate([np.diff(m.time) for m in motions]) if motions else np.empty(0)
+    return float(np.median(steps)) if steps.size else float("inf")
+
+
+def without_spikes(motion: Motion) -> Motion:
+    """Leave out samples far from the median of their neighbours (Hampel's filter): a jump is no speed.
+
+    A steady motion passes through the median of its window, so a fast one is not cut; only its ends are not
+    looked at.
+    """
+    if len(motion) < SPIKE_WINDOW:
+        return motion
+    windows = sliding_window_view(motion.values, SPIKE_WINDOW, axis=0)
+    distance = np.linalg.norm(windows - np.median(windows, axis=2, keepdims=True), axis=1)
+    centre, spread = distance[:, SPIKE_WINDOW // 2], np.median(distance, axis=1)
+    spike = (centre > SPIKE_SCALE * spread) & (centre > SPIKE_SCALE * np.quantile(centre, 0.8))
+    keep = np.ones(len(motion), dtype=np.bool_)
+    keep[SPIKE_WINDOW // 2 : -(SPIKE_WINDOW // 2)] = ~spike
+    return motion.rows(keep)
+
+
+def speed_on_grid(motion: Motion, grid: FloatArray, width: float) -> FloatArray:
+    """Speed `(g,)` on a uniform grid, low-passed by a Gaussian of `width` s; NaN outside and in gaps.
+
+    The velocity is smoothed before its norm is taken, because a norm turns noise into speed.
+    """
+    if len(motion) < 2 or len(grid) < 2:
+        return np.full(len(grid), np.nan)
+    step = grid[1] - grid[0]
+    columns = [np.interp(grid, motion.time, column) for column in motion.values.T]
+    velocity = np.gradient(np.stack(columns, axis=1), step, axis=0)
+    known = _supported(motion.time, grid, step)
+    velocity[~known] = 0.0
+    sigma = width / step
+    support = gaussian_filter1d(known.astype(np.float64), sigma, mode="constant")
+    smooth = gaussian_filter1d(velocity, sigma, axis=0, mode="constant") / np.maximum(support, 1e-12)[:, None]
+    speed: FloatArray = np.where(known & (support >= MIN_SUPPORT), np.linalg.norm(smooth, axis=1), np.nan)
+    return speed
+
+
+def _supported(time: FloatArray, grid: FloatArray, step: float) -> BoolArray:
+    """Grid cells whose difference quotient lies within the motion and touches no gap."""
+    gap = max(default_max_gap(time), 2 * step)
+    after = np.clip(np.searchsorted(time, grid, side="right"), 1, len(time) - 1)
+    inside = (grid >= time[0]) & (grid <= time[-1]) & (time[after] - time[after - 1] <= gap)
+    known: BoolArray = inside.copy()
+    known[1:] &= inside[:-1]
+    known[:-1] &= inside[1:]
+    return known
+
+
+def lag_curve(pairs: Sequence[MotionPair], max_lag: float) -> LagCurve:
+    """Correlation of observed speed at t + lag with reference speed at t, all pairs pooled.
+
+    Each pair's means are taken out over the samples that both have at that lag, then covariances and
+    variances are summed.
+
+    Parameters
+    ----------
+    pairs : sequence of MotionPair
+        One a trajectory.
+    max_lag : float
+        Largest lag tried either way, s.
+    """
+    slow = max(typical_step([p.reference for p in pairs]), typical_step([p.observed for p in pairs]))
+    span = sum(float(p.reference.time[-1] - p.reference.time[0]) for p in pairs) + 2 * max_lag * len(pairs)
+    step = max(slow / 2, MIN_STEP, span / MAX_CELLS)
+    width = max(slow, MIN_WIDTH)
+    reach = max(int(np.ceil(max_lag / step)), 2)
+    speeds = [_speeds(p, step, width, reach) for p in pairs]
+    sums = np.sum([_moments(a, _clipped(b), reach) for a, b in speeds], axis=0)
+    lags = np.linspace(-reach * step, reach * step, 2 * reach + 1)
+    return LagCurve(lags, _coefficient(*sums), _variation([a for a, _ in speeds]))
+
+
+def _speeds(pair: MotionPair, step: float, width: float, reach: int) -> tuple[FloatArray, FloatArray]:
+    start, stop = pair.reference.time[0], pair.reference.time[-1]
+    grid = start + step * np.arange(-reach, int((stop - start) / step) + reach + 1)
+    observed = without_spikes(pair.observed)
+    return speed_on_grid(pair.reference, grid, width), speed_on_grid(observed, grid, width)
+
+
+def _clipped(speed: FloatArray) -> FloatArray:
+    known = speed[np.isfinite(speed)]
+    if known.size == 0:
+        return speed
+    fast = known[known >= np.median(known)]
+    clipped: FloatArray = np.minimum(speed, CLIP * np.quantile(fast, 0.95))
+    return clipped
+
+
+def _variation(speeds: Sequence[FloatArray]) -> float:
+    known = np.concatenate([s[np.isfinite(s)] for s in speeds])
+    mean = float(known.mean()) if known.size else 0.0
+    return float(known.std()) / mean if mean > 0 else 0.0
+
+
+def _moments(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
+    """Return counts, covariance sums and both variance sums at each lag `(4, 2 reach + 1)`."""
+    known_a, known_b = np.isfinite(a), np.isfinite(b)
+    if not known_a.any() or not known_b.any():
+        return np.zeros((4, 2 * reach + 1))
+    x = np.where(known_a, a - a[known_a].mean(), 0.0)  # centred first: sums of squares then lose no digits
+    y = np.where(known_b, b - b[known_b].mean(), 0.0)
+    m, k = known_a.astype(np.float64), known_b.astype(np.float64)
+    count = np.round(_shifted(m, k, reach))
+    n = np.maximum(count, 1.0)
+    sum_x, sum_y = _shifted(x, k, reach), _shifted(m, y, reach)
+    covariance = _shifted(x, y, reach) - sum_x * sum_y / n
+    return np.stack(
+        [
+            count,
+            covariance,
+            _shifted(x**2, k, reach) - sum_x**2 / n,
+            _shifted(m, y**2, reach) - sum_y**2 / n,
+        ]
+    )
+
+
+def _shifted(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
+    """Sum over t of a(t) b(t + lag) for lags -reach..reach."""
+    full = correlate(b, a, mode="full", method="fft")
+    middle = len(a) - 1
+    padded = np.pad(full, reach)
+    part: FloatArray = padded[middle : middle + 2 * reach + 1]
+    return part
+
+
+def _coefficient(
+    count: FloatArray, covariance: FloatArray, var_a: FloatArray, var_b: FloatArray
+) -> FloatArray:
+    floor = 1e-12 * max(float(np.max(var_a * var_b)), np.finfo(float).tiny)
+    usable = (count >= max(MIN_SUPPORT * float(np.max(count)), 3.0)) & (var_a * var_b > floor)
+    result: FloatArray = np.full(len(count), np.nan)
+    result[usable] = np.clip(covariance[usable] / np.sqrt(var_a[usable] * var_b[usable]), -1.0, 1.0)
+    return result
+
+
+def peaks(curve: LagCurve, share: float) -> FloatArray:
+    """Lags of the maxima of at least `share` of the highest, highest first, placed by a parabola each."""
+    r = np.where(np.isfinite(curve.correlation), curve.correlation, -np.inf)
+    inner: IntArray = (
+        np.flatnonzero((r[1:-1] >= r[:-2]) & (r[1:-1] > r[2:]) & np.isfinite(r[:-2] + r[2:])) + 1
+    )
+    if inner.size == 0:
+        return np.empty(0)
+    inner = inner[np.argsort(-r[inner], kind="stable")]
+    inner = inner[r[inner] >= share * r[inner[0]]]
+    left, top, right = r[inner - 1], r[inner], r[inner + 1]
+    shift = 0.5 * (left - right) / np.minimum(left - 2 * top + right, -np.finfo(float).tiny)
+    lags: FloatArray = curve.lags[inner] + np.clip(shift, -0.5, 0.5) * (curve.lags[1] - curve.lags[0])
+    return lags

@@ -1,0 +1,279 @@
+"""The time offset between two recordings of one motion, with its confidence interval or why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from gpcorrect.errors import DataError
+from gpcorrect.logs.sync.blocks import block_sums
+from gpcorrect.logs.sync.correlation import LagCurve, lag_curve, peaks, typical_step
+from gpcorrect.logs.sync.motion import Motion, MotionPair, default_pair, pairs_of, stretches
+from gpcorrect.logs.sync.offset import ClockDrift, TimeOffset, Verdict
+from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing
+from gpcorrect.types import CalibrationLog, FloatArray, frozen_array
+
+__all__ = ["estimate_offset", "log_offset"]
+
+Finding = tuple[Verdict, str]
+FOUND: Finding = ("found", "")
+
+MAX_LAG = 2.0  # s; clocks of one network and pipelines of one tracker differ by less
+MAX_LAG_STEPS = 5.0  # slow recordings are searched at least this many samples either way
+SILENCE = 4.0  # times the largest lag: a longer silence cuts a recording into pieces
+MIN_VARIATION = 0.05  # of the speed: below it the speed is constant as far as a correlation can tell
+MIN_CORRELATION = 0.3  # two unrelated speeds of some tens of strokes stay below
+MIN_EXPLAINED = 0.5  # a reference that explains less than half of the spread is not the same motion
+PEAK_SHARE = 0.5  # lesser peaks than this share of the highest are no rivals
+MAX_RIVALS = 8
+PEAK_WIDTH = 0.2  # s; a peak, blurred by noise and by strokes of a second, lies this close to the offset
+PEAK_STEPS = 3.0  # or this many samples of the slower signal, if that is more
+RIVAL_LEVEL = 3.0  # standard errors by which the best fit must beat a rival
+RIVAL_RATIO = 1.10  # and its loss must be better by this factor: a model error can be significant as well
+DISTINCT_STEPS = 1.0  # optima within a slow sample step of each other are the same
+MAX_HALF_WIDTH = 0.1  # of the searched lag: a wider interval is no answer
+MIN_DRIFT_SPAN = 60.0  # s; a shorter recording cannot show a drift of parts in a million
+DRIFT_LEVEL = 0.999  # confidence at which a drift is reported: asked of every log, so rarely wrong
+MIN_DRIFT_SHIFT = 1e-3  # s over the recording; less does not matter at any sample rate here
+
+
+def log_offset(
+    log: CalibrationLog,
+    observed: str | None = None,
+    reference: str | None = None,
+    *,
+    max_lag: float | None = None,
+    centre: float = 0.0,
+) -> TimeOffset:
+    """Time offset between two signals of a log, trajectory by trajectory and pooled.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        Any; its stamps may be disordered.
+    observed, reference : str, optional
+        Signals to compare; by default the tracker with what the robot reports, else with the command, else
+        joints alike.
+    max_lag, centre : float, optional
+        See :func:`estimate_offset`.
+
+    Raises
+    ------
+    LogError
+        The log does not hold two comparable signals.
+    """
+    if observed is None or reference is None:
+        chosen = default_pair(log)
+        observed, reference = observed or chosen[0], reference or chosen[1]
+    pairs = pairs_of(log, observed, reference)
+    return estimate_offset(pairs, max_lag=max_lag, centre=centre, names=(observed, reference))
+
+
+def estimate_offset(
+    pairs: Sequence[MotionPair],
+    *,
+    max_lag: float | None = None,
+    centre: float = 0.0,
+    names: tuple[str, str] = ("observed", "reference"),
+) -> TimeOffset:
+    """Time offset d such that observed(t + d) is the motion of reference(t), whatever frames and units.
+
+    Peaks of the correlation of the two speeds are candidates; each is refined by least squares of observed
+    positions on the shifted reference, and the best of them stands if no other explains the recording as
+    well. A constant delay of the robot behind its command moves the observed signal exactly as a clock
+    offset does: the two cannot be told apart from motion.
+
+    Parameters
+    ----------
+    pairs : sequence of MotionPair
+        One a trajectory, or one of whole recordings.
+    max_lag : float, optional
+        Largest distance from `centre` searched, s; 2 s, or five samples of the slower signal if that is more.
+    centre : float
+        Where to search: a rough offset, when the clocks have different origins.
+    names : (str, str)
+        Of the observed and the reference signal, for messages.
+
+    Raises
+    ------
+    DataError
+        `max_lag` is not positive.
+    """
+    if max_lag is not None and not max_lag > 0:
+        raise DataError(f"max_lag must be positive seconds, got {max_lag}.")
+    moved = [MotionPair(p.reference, _earlier(p.observed, centre)) for p in pairs]
+    found = _estimate(moved, max_lag, names)
+    return _later(found, centre, names)
+
+
+def _earlier(motion: Motion, seconds: float) -> Motion:
+    return Motion(motion.time - seconds, motion.values, motion.lever) if seconds else motion
+
+
+def _later(found: TimeOffset, centre: float, names: tuple[str, str]) -> TimeOffset:
+    low, high = found.ci95
+    return replace(
+        found,
+        offset=found.offset + centre,
+        ci95=(low + centre, high + centre),
+        lags=frozen_array(found.lags + centre),
+        correlation=frozen_array(found.correlation),
+        rivals=tuple(r + centre for r in found.rivals),
+        drift=found.drift and replace(found.drift, epoch=found.drift.epoch + centre),
+        per_piece=frozen_array(found.per_piece + centre),
+        observed=names[0],
+        reference=names[1],
+    )
+
+
+def _nothing(finding: Finding, curve: LagCurve | None = None) -> TimeOffset:
+    nan = float("nan")
+    lags, correlation = (np.empty(0), np.empty(0)) if curve is None else (curve.lags, curve.correlation)
+    return TimeOffset(nan, (nan, nan), *finding, lags, correlation)
+
+
+def _estimate(pairs: Sequence[MotionPair], max_lag: float | None, names: tuple[str, str]) -> TimeOffset:
+    slow = max(typical_step([p.reference for p in pairs]), typical_step([p.observed for p in pairs]))
+    if not np.isfinite(slow):
+        return _nothing(("too_few", "there are too few samples to compare."))
+    reach = max(MAX_LAG, MAX_LAG_STEPS * slow) if max_lag is None else max_lag
+    silence = max(SILENCE * reach, 2 * slow)
+    pieces = [s for p in pairs for s in stretches(p, silence, reach) if len(s.observed) > 1]
+    if not pieces:
+        return _nothing(("too_few", "the two signals share no time."))
+    curve = lag_curve(pieces, reach)
+    finding = _coarse_finding(curve, names)
+    if finding[0] != "found":
+        return _nothing(finding, curve)
+    return _refined(pieces, curve, slow, reach, names)
+
+
+def _coarse_finding(curve: LagCurve, names: tuple[str, str]) -> Finding:
+    """Whether the speeds alone promise an answer."""
+    observed, reference = names
+    if curve.variation == 0.0:
+        return "still", f"{reference} does not move."
+    if curve.variation < MIN_VARIATION:
+        return "steady", f"{reference} moves at constant speed: a shift in time looks like a shift in space."
+    best = float(np.nanmax(curve.correlation)) if np.isfinite(curve.correlation).any() else 0.0
+    if best < MIN_CORRELATION:
+        how = f"their speeds correlate by {best:.2f} at best"
+        return "unrelated", f"{observed} does not move as {reference} does: {how}."
+    at = int(np.nanargmax(curve.correlation))
+    if at in (0, len(curve.lags) - 1):
+        return "edge", f"the correlation still rises at {curve.lags[at]:+.3g} s, where the search ends."
+    return FOUND
+
+
+def _refined(
+    pieces: Sequence[MotionPair], curve: LagCurve, slow: float, reach: float, names: tuple[str, str]
+) -> TimeOffset:
+    stamps = np.concatenate([p.observed.time for p in pieces])
+    timing = Timing(pieces, epoch=float((stamps.min() + stamps.max()) / 2))
+    bracket = max(PEAK_WIDTH, PEAK_STEPS * slow)
+    starts = peaks(curve, PEAK_SHARE)[: MAX_RIVALS + 1]
+    fits = [fit for s in starts if (fit := timing.refine(np.array([s]), bracket)) is not None]
+    if not fits:
+        return _nothing(("unrelated", f"no shift of {names[1]} fits {names[0]}."), curve)
+    best, *others = _equals(_distinct(fits, DISTINCT_STEPS * slow))
+    rivals = tuple(float(f.timing[0]) for f in others)
+    drift, best = _with_drift(timing, best, pieces, reach)
+    offset, width = float(best.timing[0]), float(best.half_width()[0])
+    return TimeOffset(
+        offset,
+        (offset - width, offset + width),
+        *_fine_finding(best, width, rivals, reach, names),
+        curve.lags,
+        curve.correlation,
+        rivals,
+        drift,
+        _per_piece(timing, best, len(pieces)),
+        best.explained,
+        int(best.valid.sum()),
+    )
+
+
+def _fine_finding(
+    fit: Refinement, width: float, rivals: tuple[float, ...], reach: float, names: tuple[str, str]
+) -> Finding:
+    observed, reference = names
+    if fit.explained < MIN_EXPLAINED:
+        share = f"{max(fit.explained, 0.0):.0%}"
+        return "unrelated", f"{reference} explains only {share} of where {observed} was."
+    if fit.information < MIN_INFORMATION:
+        return (
+            "steady",
+            "the motion is a line or circle at constant speed: a shift in time looks like one in space.",
+        )
+    if rivals:
+        shifts = ", ".join(f"{r:+.3f}" for r in rivals)
+        return "ambiguous", f"the motion repeats: {fit.timing[0]:+.3f} s fits no better than {shifts} s."
+    if width > MAX_HALF_WIDTH * reach:
+        return "imprecise", f"the motion determines the offset to +-{width:.2g} s only."
+    return FOUND
+
+
+def _distinct(fits: Sequence[Refinement], apart: float) -> list[Refinement]:
+    """Fits in order of what they explain, without those that settled beside a better one."""
+    kept: list[Refinement] = []
+    for fit in sorted(fits, key=lambda f: -f.explained):
+        if all(abs(fit.timing[0] - k.timing[0]) > apart for k in kept):
+            kept.append(fit)
+    return kept
+
+
+def _equals(fits: Sequence[Refinement]) -> list[Refinement]:
+    """Return the best fit and those that are as good, the smallest shift first."""
+    equals = [fits[0], *(f for f in fits[1:] if _as_good(f, fits[0]))]
+    return sorted(equals, key=lambda f: abs(float(f.timing[0])))
+
+
+def _as_good(rival: Refinement, best: Refinement) -> bool:
+    """Whether the best fit does not beat the rival clearly and significantly, on the samples of both."""
+    both = rival.valid & best.valid
+    if not both.any():
+        return True
+    a, b = rival.loss(best.scale)[both], best.loss(best.scale)[both]
+    sums = block_sums((a - b)[:, None])[:, 0]
+    error = float(np.sqrt(len(sums)) * sums.std(ddof=1))
+    return float(sums.sum()) < RIVAL_LEVEL * error or float(a.sum()) < RIVAL_RATIO * float(b.sum())
+
+
+def _with_drift(
+    timing: Timing, fit: Refinement, pieces: Sequence[MotionPair], reach: float
+) -> tuple[ClockDrift | None, Refinement]:
+    """Fit a drift too where one clock runs throughout; keep it when it is significant and matters."""
+    span = _running_span(pieces)
+    if span < MIN_DRIFT_SPAN:
+        return None, fit
+    both = timing.refine(np.array([fit.timing[0], 0.0]), bracket=reach)
+    if both is None:
+        return None, fit
+    rate, error = float(both.timing[1]), float(np.sqrt(both.covariance[1, 1]))
+    level = float(student_t.ppf(0.5 + DRIFT_LEVEL / 2, max(both.dof, 1)))
+    if abs(rate) <= level * error or abs(rate) * span < MIN_DRIFT_SHIFT:
+        return None, fit
+    width = float(both.half_width()[1])
+    return ClockDrift(1e6 * rate, (1e6 * (rate - width), 1e6 * (rate + width)), timing.epoch), both
+
+
+def _running_span(pieces: Sequence[MotionPair]) -> float:
+    """Seconds from the first to the last observed stamp; 0 when the clock starts anew between pieces."""
+    starts = np.array([p.observed.time[0] for p in pieces])
+    stops = np.array([p.observed.time[-1] for p in pieces])
+    if (np.diff(starts) <= 0).any():
+        return 0.0
+    return float(stops[-1] - starts[0])
+
+
+def _per_piece(timing: Timing, fit: Refinement, count: int) -> FloatArray:
+    """One Gauss-Newton step of each piece by itself from the common offset."""
+    score = np.bincount(timing.piece, weights=fit.score[:, 0], minlength=count)
+    hessian = np.bincount(timing.piece, weights=fit.hessian[:, 0, 0], minlength=count)
+    enough = hessian > 1e-3 * hessian.mean()
+    offsets: FloatArray = np.full(count, np.nan)
+    offsets[enough] = fit.timing[0] + score[enough] / hessian[enough]
+    return offsets

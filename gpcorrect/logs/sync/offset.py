@@ -1,0 +1,113 @@
+"""What is known of a time offset: a value with its interval, or why there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from gpcorrect.types import FloatArray
+
+__all__ = ["ClockDrift", "TimeOffset", "Verdict"]
+
+Verdict = Literal["found", "too_few", "still", "steady", "unrelated", "edge", "ambiguous", "imprecise"]
+
+
+@dataclass(frozen=True)
+class ClockDrift:
+    """How the offset changes: one clock runs fast.
+
+    Parameters
+    ----------
+    ppm : float
+        Parts in a million that the observer's clock runs fast against the reference's.
+    ci95 : (float, float)
+        95 % confidence interval, ppm.
+    epoch : float
+        Observer's time at which the offset is quoted, s.
+    """
+
+    ppm: float
+    ci95: tuple[float, float]
+    epoch: float
+
+
+@dataclass(frozen=True, eq=False)
+class TimeOffset:
+    """Seconds d by which the observer's stamps run ahead: observed(t + d) shows what reference(t) shows.
+
+    Parameters
+    ----------
+    offset : float
+        s; the best guess when ambiguous, NaN when there is none.
+    ci95 : (float, float)
+        95 % confidence interval, s; NaN when there is none.
+    verdict : str
+        "found", or what stands in the way: "too_few" samples in common, a "still" or "steady" reference,
+        "unrelated" motions, an offset at the "edge" of the search or beyond it, an "ambiguous" (repeating)
+        motion, an "imprecise" answer.
+    reason : str
+        The same in words; empty when found.
+    lags, correlation : (m,) arrays
+        Pooled correlation of the speeds, for a plot; empty when nothing could be compared.
+    rivals : tuple of float
+        Other offsets that explain the recording as well, s.
+    drift : ClockDrift or None
+        Only where it is significant.
+    per_piece : (k,) array
+        Offset of each trajectory (or stretch between long silences) by itself, s; NaN where it says nothing.
+    explained : float
+        Share of the observed spread that the shifted reference explains; NaN when there is no offset.
+    samples : int
+        Observed samples compared.
+    observed, reference : str
+        Names of the signals.
+    """
+
+    offset: float
+    ci95: tuple[float, float]
+    verdict: Verdict
+    reason: str
+    lags: FloatArray
+    correlation: FloatArray
+    rivals: tuple[float, ...] = ()
+    drift: ClockDrift | None = None
+    per_piece: FloatArray = field(default_factory=lambda: np.empty(0))
+    explained: float = float("nan")
+    samples: int = 0
+    observed: str = ""
+    reference: str = ""
+
+    @property
+    def observable(self) -> bool:
+        """Whether the motion determines the offset."""
+        return self.verdict == "found"
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Offset `(n,)` at the observer's times `(n,)`, s: constant unless there is a drift."""
+        rate, epoch = (0.0, 0.0) if self.drift is None else (1e-6 * self.drift.ppm, self.drift.epoch)
+        offset: FloatArray = self.offset + rate * (np.asarray(time, dtype=np.float64) - epoch)
+        return offset
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-able summary without the curve; what is not known is None."""
+        known = bool(np.isfinite(self.offset))
+        drift = self.drift and {
+            "ppm": self.drift.ppm,
+            "ci95": list(self.drift.ci95),
+            "epoch": self.drift.epoch,
+        }
+        return {
+            "observed": self.observed,
+            "reference": self.reference,
+            "offset_s": self.offset if known else None,
+            "ci95_s": list(self.ci95) if np.isfinite(self.ci95).all() else None,
+            "observable": self.observable,
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "rivals_s": list(self.rivals),
+            "drift": drift,
+            "explained": self.explained if np.isfinite(self.explained) else None,
+            "samples": self.samples,
+        }

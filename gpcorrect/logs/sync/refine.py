@@ -1,0 +1,257 @@
+"""Fine search: the shift at which the reference explains the observed positions best, and how sure that is.
+
+The model is `y(s) = A x(s - d) + b + noise`: y the observed position at its stamp s, x the reference's
+columns (position, and the entries of its rotation matrix), A and b free. A free matrix contains every
+rotation, scale and unit between the frames, the rotation columns contain every lever arm between the two
+points, and the fit stays linear: the registration need not be known, and no registration can hide in the
+shift. Only the reference is interpolated: interpolating a noisy signal averages its noise between samples,
+which draws the estimate towards half sample steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from gpcorrect.logs.sync.blocks import MIN_BLOCKS, lost_freedom, sandwich
+from gpcorrect.logs.sync.curve import ReferenceCurve, Sampled
+from gpcorrect.logs.sync.motion import MotionPair
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["MIN_INFORMATION", "Refinement", "Timing"]
+
+HUBER = 2.0  # robust standard deviations up to which a residual counts in full
+MAD = 1.4826  # of a normal distribution, standard deviation over median absolute deviation
+MAX_STEPS = 40
+MIN_INFORMATION = 1e-3  # of the velocity must be out of the reach of a constant registration
+FREE_STEPS = 8  # then the noise scale and the samples compared are held, or they and the shift could cycle
+TOLERANCE = 0.02  # standard errors (of white noise); a smaller step changes nothing
+FLOOR = 1e-9  # s; the same for noise-free data
+RANK = 1e-13  # of the largest eigenvalue; smaller ones are combinations of columns that do not move
+NOISE_FLOOR = 1e-9  # noise-free data: residuals below this share of the spread are rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """A local optimum of the shift.
+
+    Parameters
+    ----------
+    timing : (p,) array
+        Shift in s at the epoch and, where fitted, its drift in s/s.
+    covariance : (p, p) array
+        Of the timing, from sums over blocks of samples.
+    dof : int
+        Degrees of freedom of the covariance: blocks less parameters.
+    explained : float
+        Share of the observed spread that the reference explains.
+    information : float
+        Share of the observed velocity that no constant A, b could imitate; 0 means that a shift looks like
+        another registration.
+    valid : (n,) bool array
+        Observed samples that were compared.
+    residual : (n, k) array
+        Observed less modelled, 0 where not valid.
+    scale : (k,) array
+        Robust standard deviation of the residual.
+    score, hessian : (n, p) and (n, p, p) arrays
+        What each sample adds to the normal equations of the timing.
+    """
+
+    timing: FloatArray
+    covariance: FloatArray
+    dof: int
+    explained: float
+    information: float
+    valid: BoolArray
+    residual: FloatArray
+    scale: FloatArray
+    score: FloatArray
+    hessian: FloatArray
+
+    def loss(self, scale: FloatArray) -> FloatArray:
+        """Huber loss of each sample `(n,)` for noise of these standard deviations `(k,)`."""
+        return _huber_loss(_size(self.residual, scale))
+
+    def half_width(self, level: float = 0.95) -> FloatArray:
+        """(p,) half widths of the confidence intervals."""
+        quantile = float(student_t.ppf(0.5 + level / 2, max(self.dof, 1)))
+        width: FloatArray = quantile * np.sqrt(np.diag(self.covariance))
+        return width
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """The model about a timing: residual `(n, k)`, its slope in the timing `(n, k, p)`, weight `(n,)`."""
+
+    residual: FloatArray
+    gradient: FloatArray
+    weight: FloatArray
+    scale: FloatArray
+    information: float
+
+
+class Timing:
+    """The regression of observed on shifted reference samples.
+
+    Parameters
+    ----------
+    pairs : sequence of MotionPair
+        One a trajectory.
+    epoch : float
+        Observer's time at which the shift is quoted, s; a drift turns about it.
+    """
+
+    def __init__(self, pairs: Sequence[MotionPair], epoch: float = 0.0) -> None:
+        self.curve = ReferenceCurve([p.reference for p in pairs])
+        self.stamps = [np.asarray(p.observed.time) for p in pairs]
+        self.elapsed = np.concatenate(self.stamps) - epoch
+        self.piece: IntArray = np.repeat(np.arange(len(pairs)), [len(s) for s in self.stamps])
+        target = np.concatenate([p.observed.values for p in pairs])
+        spread = target.std(axis=0) if len(target) else np.zeros(target.shape[1])
+        moving = spread > 0
+        self.target = (target - target.mean(axis=0))[:, moving] if len(target) else target
+        self.floor = NOISE_FLOOR * spread[moving]
+        self.epoch = epoch
+
+    def sample(self, timing: FloatArray) -> Sampled:
+        """Sample the reference at the observed stamps, moved by the timing."""
+        drift = timing[1] if len(timing) > 1 else 0.0
+        return self.curve.at([s - timing[0] - drift * (s - self.epoch) for s in self.stamps])
+
+    def enough(self, valid: BoolArray) -> bool:
+        """Whether the samples in common outnumber the unknowns safely."""
+        return int(valid.sum()) >= 3 * (self.curve.columns + 2) + MIN_BLOCKS
+
+    def refine(self, start: FloatArray, bracket: float) -> Refinement | None:
+        """Gauss-Newton on the timing with Huber weights from `start`, at most `bracket` s away.
+
+        Returns where it stands as soon as the motion turns out to hold no information, and None where it
+        does not settle.
+        """
+        timing = np.array(start, dtype=np.float64)
+        weight = np.ones(len(self.target))
+        scale, sampled = None, self.sample(timing)
+        for count in range(MAX_STEPS):
+            if not self.enough(sampled.valid):
+                return None
+            linear = self._linearise(sampled, weight[sampled.valid], len(timing), scale)
+            weight[sampled.valid] = linear.weight
+            if linear.information < MIN_INFORMATION:
+                return self._result(timing, weight)
+            score, hessian = _normal(linear)
+            step = _solve(score, hessian)
+            timing = timing + step
+            sampled, held = self.sample(timing), sampled.valid
+            if count >= FREE_STEPS:
+                scale, sampled = linear.scale, replace(sampled, valid=held)
+            if abs(timing[0] - start[0]) > bracket:
+                return None
+            if abs(step[0]) < max(TOLERANCE / np.sqrt(max(hessian[0, 0], 1e-300)), FLOOR):
+                return self._result(timing, weight)
+        return None
+
+    def _linearise(
+        self, sampled: Sampled, weight: FloatArray, parameters: int, scale: FloatArray | None
+    ) -> _Linear:
+        valid = sampled.valid
+        y, elapsed = self.target[valid], self.elapsed[valid]
+        x = np.column_stack([sampled.values[valid], np.ones(len(y))])
+        fit = _projector(x, weight)
+        coefficient = fit @ y
+        residual = y - x @ coefficient
+        if scale is None:
+            scale = np.maximum(MAD * np.median(np.abs(residual), axis=0), self.floor)
+        size = _size(residual, scale)
+        velocity = sampled.derivatives[valid] @ coefficient[:-1]
+        gradient = [velocity, velocity * elapsed[:, None]][:parameters]
+        own = [g - x @ (fit @ g) for g in gradient]
+        return _Linear(
+            residual,
+            np.stack(own, axis=2),
+            np.minimum(1.0, HUBER / np.maximum(size, HUBER)),
+            scale,
+            _share(own[0] / scale, velocity / scale, weight),
+        )
+
+    def _result(self, timing: FloatArray, weight: FloatArray) -> Refinement | None:
+        sampled = self.sample(timing)
+        valid, p = sampled.valid, len(timing)
+        if not self.enough(valid):
+            return None
+        linear = self._linearise(sampled, weight[valid], p, None)
+        score_rows, hessian_rows = _normal_rows(linear)
+        score, hessian = np.zeros((len(valid), p)), np.zeros((len(valid), p, p))
+        score[valid], hessian[valid] = score_rows, hessian_rows
+        residual = np.zeros(self.target.shape)
+        residual[valid] = linear.residual
+        covariance, dof = sandwich(score_rows, hessian_rows.sum(axis=0))
+        covariance *= lost_freedom(
+            np.clip(linear.residual / linear.scale, -HUBER, HUBER), self.curve.columns + 1
+        )
+        explained = _explained(linear, self.target[valid])
+        return Refinement(
+            timing,
+            covariance,
+            dof,
+            explained,
+            linear.information,
+            valid,
+            residual,
+            linear.scale,
+            score,
+            hessian,
+        )
+
+
+def _size(residual: FloatArray, scale: FloatArray) -> FloatArray:
+    """Root mean square of each row `(n,)` in standard deviations."""
+    size: FloatArray = np.sqrt(np.mean((residual / scale) ** 2, axis=1))
+    return size
+
+
+def _huber_loss(size: FloatArray) -> FloatArray:
+    loss: FloatArray = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
+    return loss
+
+
+def _projector(x: FloatArray, weight: FloatArray) -> FloatArray:
+    """Weighted least squares on `(n, m)` as the matrix `(m, n)` that maps data to coefficients.
+
+    By normal equations: columns are of unit spread, and thousands of rows make anything else slow.
+    """
+    weighted = x.T * weight
+    projector: FloatArray = np.linalg.pinv(weighted @ x, rcond=RANK, hermitian=True) @ weighted
+    return projector
+
+
+def _share(own: FloatArray, velocity: FloatArray, weight: FloatArray) -> float:
+    total = float(np.sum(weight[:, None] * velocity**2))
+    return float(np.sum(weight[:, None] * own**2)) / total if total > 0 else 0.0
+
+
+def _explained(linear: _Linear, target: FloatArray) -> float:
+    weight = linear.weight[:, None]
+    spread = float(np.sum(weight * (target - np.average(target, axis=0, weights=linear.weight)) ** 2))
+    return 1.0 - float(np.sum(weight * linear.residual**2)) / spread if spread > 0 else 0.0
+
+
+def _normal_rows(linear: _Linear) -> tuple[FloatArray, FloatArray]:
+    """Score `(n, p)` and Hessian `(n, p, p)` of each sample."""
+    scaled = linear.gradient / linear.scale[:, None]
+    score = -np.einsum("n,nk,nkp->np", linear.weight, linear.residual / linear.scale, scaled)
+    hessian = np.einsum("n,nkp,nkq->npq", linear.weight, scaled, scaled)
+    return score, hessian
+
+
+def _normal(linear: _Linear) -> tuple[FloatArray, FloatArray]:
+    score, hessian = _normal_rows(linear)
+    return score.sum(axis=0), hessian.sum(axis=0)
+
+
+def _solve(score: FloatArray, hessian: FloatArray) -> FloatArray:
+    step: FloatArray = np.linalg.pinv(hessian, rcond=1e-15, hermitian=True) @ score
+    return step

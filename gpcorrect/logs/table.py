@@ -1,0 +1,140 @@
+"""From a table of numbers to a log: what every tabular format shares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.errors import LogError
+from gpcorrect.logs.columns import ArrayColumns, Column, ColumnMap, PoseColumns
+from gpcorrect.logs.native import complete, signal_of
+from gpcorrect.logs.order import Disorder, check_order
+from gpcorrect.logs.orientation import CONVERTERS
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
+
+__all__ = ["Table", "log_from_table"]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Named columns of numbers, however they were stored.
+
+    Parameters
+    ----------
+    columns : mapping of name to (n,) array
+        In the order of the file.
+    locate : callable
+        Names a row for messages, such as "line 12".
+    left_out : tuple of str
+        Columns of the file that hold no numbers.
+    """
+
+    columns: Mapping[str, FloatArray]
+    locate: Callable[[int], str]
+    left_out: tuple[str, ...] = ()
+
+    def name(self, column: Column) -> str:
+        """Name of a column given by name or number.
+
+        Raises
+        ------
+        LogError
+            There is no such column.
+        """
+        names = list(self.columns)
+        if isinstance(column, int) and column < len(names):
+            return names[column]
+        if column in self.columns:
+            return str(column)
+        if isinstance(column, int):
+            raise LogError(f"there is no column {column}: the table has {len(names)}, counted from 0.")
+        near = get_close_matches(column, names, n=1)
+        came = f"Did you mean {near[0]}?" if near else f"Columns here: {', '.join(names)}."
+        hint = f"{came} A mapping file can say which column is which."
+        raise LogError(f"there is no column {column!r} of numbers.", hint=hint)
+
+    def stack(self, columns: tuple[Column, ...]) -> FloatArray:
+        """Columns `(n, k)` side by side."""
+        return np.stack([self.columns[self.name(c)] for c in columns], axis=1)
+
+
+def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> CalibrationLog:
+    """Build a log from the columns that the mapping names, and from those with native names.
+
+    Raises
+    ------
+    LogError
+        A named column is missing, there is no time or no sample, trajectory numbers are no integers, or time
+        is out of order.
+    """
+    found, remarks = complete(mapping, table.columns)
+    time = table.columns[table.name(found.time)] * found.time_scale + found.time_offset
+    if not len(time):
+        raise LogError("the table has column names but no samples.")
+    trajectory = _integers(table, "trajectory", found.trajectory)
+    session = _integers(table, "session", found.session)
+    keep, order_remarks = check_order(time, trajectory, disorder, table.locate)
+    signals: dict[str, Any] = {}
+    for name in (*CalibrationLog.POSES, *CalibrationLog.JOINTS, *CalibrationLog.SCALARS):
+        signals[name], remark = _signal(table, name, getattr(found, name))
+        remarks += remark
+    extra, left_out = _extra(table, found)
+    remarks = [*remarks, *order_remarks, *left_out]
+    log = CalibrationLog(time, trajectory, session, **signals, extra=extra, remarks=tuple(remarks))
+    return log if keep.all() else log.select(keep)
+
+
+def _signal(table: Table, name: str, columns: PoseColumns | ArrayColumns | None) -> tuple[Any, list[str]]:
+    """Values of a signal, None when it is absent, and remarks on them."""
+    if columns is None:
+        return None, []
+    if isinstance(columns, PoseColumns):
+        pose, bad = _pose(table, columns)
+        return pose, [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
+    values = table.stack(columns.columns) * np.asarray(columns.scale) + np.asarray(columns.offset)
+    return values[:, 0] if name in CalibrationLog.SCALARS else values, []
+
+
+def _integers(table: Table, name: str, column: Column | None) -> IntArray:
+    """Trajectory or session numbers; all zero where there is no such column."""
+    if column is None:
+        return np.zeros(len(next(iter(table.columns.values()))), dtype=np.int64)
+    values = table.columns[table.name(column)]
+    wrong = np.flatnonzero(values != np.round(values))
+    if wrong.size:
+        row = int(wrong[0])
+        came = "nothing" if np.isnan(values[row]) else f"{values[row]:g}"
+        raise LogError(f"{name} must be a whole number for every sample, got {came} at {table.locate(row)}.")
+    return values.astype(np.int64)
+
+
+def _pose(table: Table, columns: PoseColumns) -> tuple[PoseSignal, int]:
+    """Read a pose signal; count the orientations that were given but are no rotation."""
+    position = table.stack(columns.position) * columns.position_scale
+    if columns.orientation is None:
+        return PoseSignal(position), 0
+    form, names = columns.orientation
+    values = table.stack(names)
+    quaternion = CONVERTERS[form](values)
+    given = np.isfinite(values).all(axis=1)
+    return PoseSignal(position, quaternion), int((given & np.isnan(quaternion).any(axis=1)).sum())
+
+
+def _extra(table: Table, found: ColumnMap) -> tuple[dict[str, FloatArray], list[str]]:
+    """Columns that became no signal, but none that a written log would take for part of one."""
+    used = {table.name(column) for column in found.used}
+    rest = {name: values for name, values in table.columns.items() if name not in used}
+    present = ["time", *(s for s in type(found).model_fields if getattr(found, s) is not None)]
+    clash = [name for name in rest if signal_of(name) in present]
+    remarks = (
+        [f"columns without numbers are left out: {', '.join(table.left_out)}."] if table.left_out else []
+    )
+    if clash:
+        remarks.append(
+            f"columns left out, because the mapping gives these signals otherwise: {', '.join(clash)}."
+        )
+    return {name: values for name, values in rest.items() if name not in clash}, remarks

@@ -1,0 +1,81 @@
+"""Logs out: the native table as CSV or Parquet, with its sidecar."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from pyarrow import csv, parquet
+
+from gpcorrect.atomic import atomic_path
+from gpcorrect.errors import LogError
+from gpcorrect.logs.native import joint_names, orientation_names, position_names
+from gpcorrect.logs.sidecar import format_sidecar, sidecar_path
+from gpcorrect.types import CalibrationLog, FloatArray, LogMeta
+
+__all__ = ["write_log"]
+
+
+def write_log(log: CalibrationLog, path: str | Path) -> None:
+    """Write a log that reads back as the same numbers, bit for bit; a missing number is an empty cell.
+
+    The file appears whole or not at all. A sidecar NAME.toml beside it holds the meta data; it is written
+    when there are any, or when an old one would otherwise speak for the new log.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        The log; its extra columns are written too.
+    path : str or Path
+        Ends in .csv or .parquet.
+
+    Raises
+    ------
+    LogError
+        The name has another ending.
+    GpCorrectError
+        The folder does not exist or cannot be written.
+    """
+    target = Path(path)
+    if target.suffix not in (".csv", ".parquet"):
+        raise LogError(f"expected a name ending in .csv or .parquet, got {target.name}.", path=str(target))
+    table = pa.table({name: _arrow(values) for name, values in _columns(log).items()})
+    with atomic_path(target) as temporary:
+        if target.suffix == ".csv":
+            csv.write_csv(table, temporary, csv.WriteOptions(quoting_style="needed"))
+        else:
+            parquet.write_table(table, temporary)
+    beside = sidecar_path(target)
+    if log.meta != LogMeta() or beside.exists():
+        with atomic_path(beside) as temporary:
+            temporary.write_text(format_sidecar(log.meta), encoding="utf-8")
+
+
+def _columns(log: CalibrationLog) -> dict[str, NDArray[Any]]:
+    """Every column of the native table, in its order; an extra column never takes the name of a signal's."""
+    columns: dict[str, NDArray[Any]] = {
+        "time": log.time,
+        "trajectory": log.trajectory,
+        "session": log.session,
+    }
+    for name in log.POSES:
+        pose = getattr(log, name)
+        if pose is not None:
+            columns |= _named(position_names(name), pose.position)
+            columns |= {} if pose.quaternion is None else _named(orientation_names(name), pose.quaternion)
+    for name in log.JOINTS:
+        values = getattr(log, name)
+        columns |= {} if values is None else _named(joint_names(name, values.shape[1]), values)
+    columns |= {name: getattr(log, name) for name in log.SCALARS if getattr(log, name) is not None}
+    return columns | {name: values for name, values in log.extra.items() if name not in columns}
+
+
+def _named(names: tuple[str, ...], values: FloatArray) -> dict[str, FloatArray]:
+    return dict(zip(names, values.T, strict=True))
+
+
+def _arrow(values: NDArray[Any]) -> Any:
+    return pa.array(np.ascontiguousarray(values), from_pandas=True)

@@ -1,0 +1,23 @@
+"""Results in, figures out; the only place for matplotlib."""
+
+from gpcorrect.plots.cleaning import dropped_samples
+from gpcorrect.plots.clocks import offset_curve
+from gpcorrect.plots.errors import error_by_speed, error_distribution
+from gpcorrect.plots.intervals import reliability
+from gpcorrect.plots.style import png
+from gpcorrect.plots.trajectory import trajectory_errors, trajectory_paths, typical_trajectory
+from gpcorrect.plots.workspace import residual_maps, workspace_coverage
+
+__all__ = [
+    "dropped_samples",
+    "error_by_speed",
+    "error_distribution",
+    "offset_curve",
+    "png",
+    "reliability",
+    "residual_maps",
+    "trajectory_errors",
+    "trajectory_paths",
+    "typical_trajectory",
+    "workspace_coverage",
+]

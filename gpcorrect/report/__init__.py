@@ -1,0 +1,5 @@
+"""Reports for people: one self-contained page each."""
+
+from gpcorrect.report.fit_page import write_fit_report
+
+__all__ = ["write_fit_report"]

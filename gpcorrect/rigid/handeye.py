@@ -1,0 +1,162 @@
+"""The marker is not the tool tip: tracker registration and marker offset from the same data (A X = Y B)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.errors import DataError
+from gpcorrect.rigid.model import RigidModel
+from gpcorrect.rigid.observability import Observability, rotation_observability
+from gpcorrect.rigid.refine import MarkerState, Samples, refine, residual_norms
+from gpcorrect.rigid.registration import check_pair, fit_position
+from gpcorrect.rigid.robust import cauchy_weights, evenly_spaced, fit_robustly, robust_scale
+from gpcorrect.rigid.twosided import two_sided_rotations
+from gpcorrect.types import FloatArray, PoseSignal
+
+__all__ = ["fit_marker", "fit_two_sided", "require_observable"]
+
+START_ROUNDS = 3
+
+
+def fit_marker(observed: PoseSignal, command: PoseSignal) -> RigidModel:
+    """Solve `T_base_tracker X_i T_marker_tip = U_i` for the registration of the tracker and the tip's pose.
+
+    Both rotations start from the alternation of :func:`two_sided_rotations`, translation and lever arm from
+    linear least squares; all twelve unknowns are then refined together by Gauss-Newton under a Cauchy loss,
+    positions and rotations each on their own robust scale. Where the commands have no orientations, the lever
+    arm follows from the positions alone and the orientation of the tip in the marker stays the identity.
+
+    Parameters
+    ----------
+    observed : PoseSignal
+        Poses X_i of the marker in the tracker's frame, with orientations; n samples, all finite.
+    command : PoseSignal
+        Poses U_i (or positions) of the tip in the base frame.
+
+    Raises
+    ------
+    DataError
+        No observed orientations, signals of unequal length, missing samples.
+    DegenerateError
+        Fewer than three samples, or too little rotation: which part is not observable, with numbers.
+
+    References
+    ----------
+    The problem is that of Zhuang, Roth and Sudhakar, "Simultaneous robot/world and tool/flange calibration
+    by solving homogeneous transformation equations of the form AX=YB", IEEE T-RA 10(4), 1994.
+    """
+    require_observable(observed, command)
+    rows = evenly_spaced(len(observed))
+    observed, command = observed[rows], command[rows]
+    samples, centre_p, centre_u = _centred(observed, command)
+    starts = _position_starts(observed, command, samples) if samples.R_cmd is None else [_pose_start(samples)]
+    state = min((refine(samples, start) for start in starts), key=lambda end: end[1])[0]
+    t = state.t + centre_u - state.R @ centre_p
+    return RigidModel(
+        "marker", R_position=state.R, t=t, offset=state.offset, R_left=state.R, R_right=state.R_right
+    )
+
+
+def require_observable(observed: PoseSignal, command: PoseSignal) -> Observability:
+    """Observability of the marker's place on the tool, when it is observable.
+
+    Raises
+    ------
+    DataError, DegenerateError
+        See :func:`fit_marker`.
+    """
+    check_pair(observed, command)
+    observability = rotation_observability(observed, command)
+    if observability is None:
+        raise DataError(
+            "a marker offset is solved from observed orientations, but positions alone were observed.",
+            hint='Register with marker="none".',
+        )
+    observability.require()
+    return observability
+
+
+def fit_two_sided(R_obs: FloatArray, R_cmd: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Robust rotations (R_left, R_right) of `R_left R_obs R_right = R_cmd` from `(n, 3, 3)` stacks."""
+    samples = Samples(R_obs, R_cmd=R_cmd)
+    R_left, R_right = _start_rotations(R_obs, R_cmd)
+    state, _ = refine(samples, MarkerState(R_left, np.zeros(3), R_right, np.zeros(3)))
+    return state.R, state.R_right
+
+
+def _centred(observed: PoseSignal, command: PoseSignal) -> tuple[Samples, FloatArray, FloatArray]:
+    if observed.quaternion is None:
+        raise DataError("marker registration needs observed orientations.")
+    centre_p, centre_u = observed.position.mean(axis=0), command.position.mean(axis=0)
+    samples = Samples(
+        se3.matrix_from_quaternion(observed.quaternion),
+        p=observed.position - centre_p,
+        u=command.position - centre_u,
+        R_cmd=None if command.quaternion is None else se3.matrix_from_quaternion(command.quaternion),
+    )
+    return samples, centre_p, centre_u
+
+
+def _pose_start(samples: Samples) -> MarkerState:
+    if samples.R_cmd is None:
+        raise DataError("a start from rotations needs commanded orientations.")
+    R_left, R_right = _start_rotations(samples.R_obs, samples.R_cmd)
+    return _with_lever_arm(samples, R_left, R_right)
+
+
+def _position_starts(observed: PoseSignal, command: PoseSignal, samples: Samples) -> list[MarkerState]:
+    """Return two starts that need no commanded rotation: without a lever arm, and from a linear solution."""
+    points = fit_robustly(fit_position, observed, command).R_position
+    rotations = [points, _rotation_from_positions(samples)]
+    return [_with_lever_arm(samples, R, np.eye(3)) for R in rotations]
+
+
+def _start_rotations(R_obs: FloatArray, R_cmd: FloatArray) -> tuple[FloatArray, FloatArray]:
+    weights = np.ones(len(R_obs))
+    for _ in range(START_ROUNDS):
+        R_left, R_right = two_sided_rotations(R_obs, R_cmd, weights)
+        state = MarkerState(R_left, np.zeros(3), R_right, np.zeros(3))
+        weights = _weights(*residual_norms(Samples(R_obs, R_cmd=R_cmd), state))
+    return R_left, R_right
+
+
+def _with_lever_arm(samples: Samples, R: FloatArray, R_right: FloatArray) -> MarkerState:
+    """Solve `R_obs offset + R^T t = R^T u - p`, linear in translation and lever arm for known rotations."""
+    p, u = _positions(samples)
+    A = np.concatenate([samples.R_obs, np.broadcast_to(np.eye(3), samples.R_obs.shape)], axis=-1)
+    solution = _reweighted(A, u @ R - p)
+    return MarkerState(R, R @ solution[3:], R_right, solution[:3])
+
+
+def _rotation_from_positions(samples: Samples) -> FloatArray:
+    """Solve `R^T u - R_obs offset - R^T t = p`, linear in the entries of R^T, the offset and R^T t."""
+    p, u = _positions(samples)
+    n = len(p)
+    A = np.zeros((n, 3, 15))
+    for row in range(3):
+        A[:, row, 3 * row : 3 * row + 3] = u
+    A[..., 9:12] = -samples.R_obs
+    A[..., 12:] = -np.eye(3)
+    return se3.nearest_rotation(_reweighted(A, p)[:9].reshape(3, 3)).T
+
+
+def _positions(samples: Samples) -> tuple[FloatArray, FloatArray]:
+    if samples.p is None or samples.u is None:
+        raise DataError("a lever arm needs observed and commanded positions.")
+    return samples.p, samples.u
+
+
+def _reweighted(A: FloatArray, b: FloatArray) -> FloatArray:
+    """Robust solution `(k,)` of `A x = b` for `(n, 3, k)` and `(n, 3)`."""
+    w = np.ones(len(b))
+    for _ in range(START_ROUNDS):
+        root = np.sqrt(w)[:, None]
+        rows = (A * root[..., None]).reshape(-1, A.shape[-1])
+        x: FloatArray = np.linalg.lstsq(rows, (b * root).ravel())[0].astype(np.float64)
+        w = _weights(np.linalg.norm(A @ x - b, axis=1))
+    return x
+
+
+def _weights(norms: FloatArray) -> FloatArray:
+    return cauchy_weights(norms, robust_scale(norms))

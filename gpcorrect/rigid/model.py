@@ -1,0 +1,121 @@
+"""The rigid part G of the correction: learned before the Gaussian process, acts on whole poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, Self, get_args
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray, PoseSignal, frozen_array
+
+__all__ = ["RigidKind", "RigidModel"]
+
+RigidKind = Literal["identity", "pose", "marker", "separate", "position"]
+
+ROTATION_TOLERANCE = 1e-6
+SHAPES = {"R_position": (3, 3), "t": (3,), "offset": (3,), "R_left": (3, 3), "R_right": (3, 3)}
+
+
+@dataclass(frozen=True, eq=False)
+class RigidModel:
+    """Maps observations on commands: `p = R_position (p_obs + R_obs offset) + t`, `R = R_left R_obs R_right`.
+
+    Parameters
+    ----------
+    kind : str
+        "identity": both frames agree. "pose": one rigid motion of the whole pose (`R_left` is `R_position`).
+        "marker": the same and a marker that is not the tool tip (`offset`, `R_right`). "separate": position
+        and orientation belong to different points of the tool, each registered for itself. "position":
+        registered from positions alone; an orientation only changes frame.
+    R_position : (3, 3) array
+        Rotation of the observer's frame into the command's frame, as positions see it.
+    t : (3,) array
+        Origin of the observer's frame in the command's frame, m.
+    offset : (3,) array
+        Lever arm from the marker to the tool tip, in the tracked body's frame, m.
+    R_left, R_right : (3, 3) arrays
+        Rotation of the frames, as orientations see it, and orientation of the tool tip in the tracked body.
+
+    Raises
+    ------
+    DataError
+        An unknown kind, a wrong shape, or a matrix that is not a rotation.
+    """
+
+    kind: RigidKind = "identity"
+    R_position: FloatArray = field(default_factory=lambda: np.eye(3))
+    t: FloatArray = field(default_factory=lambda: np.zeros(3))
+    offset: FloatArray = field(default_factory=lambda: np.zeros(3))
+    R_left: FloatArray = field(default_factory=lambda: np.eye(3))
+    R_right: FloatArray = field(default_factory=lambda: np.eye(3))
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(RigidKind):
+            raise DataError(f"a rigid model is one of {', '.join(get_args(RigidKind))}, got {self.kind!r}.")
+        for name, shape in SHAPES.items():
+            value = frozen_array(getattr(self, name))
+            _check_part(name, value, shape)
+            object.__setattr__(self, name, value)
+
+    @property
+    def needs_orientation(self) -> bool:
+        """Whether a position can only be mapped together with an orientation (there is a lever arm)."""
+        return bool(np.any(self.offset != 0.0))
+
+    def apply(self, observed: PoseSignal) -> PoseSignal:
+        """Return the poses that `observed` are in the command's frame, at the commanded point of the tool.
+
+        Raises
+        ------
+        DataError
+            The model has a lever arm and `observed` has no orientations to turn it with.
+        """
+        if observed.quaternion is None:
+            return PoseSignal(self._positions(observed.position, None))
+        R_obs = se3.matrix_from_quaternion(observed.quaternion)
+        quaternion = se3.quaternion_from_matrix(self.R_left @ R_obs @ self.R_right)
+        return PoseSignal(self._positions(observed.position, R_obs), quaternion)
+
+    def _positions(self, position: FloatArray, R_obs: FloatArray | None) -> FloatArray:
+        if self.needs_orientation:
+            if R_obs is None:
+                raise DataError(
+                    "a model with a marker offset needs orientations to map positions, got positions only.",
+                    hint='Give orientations, or register with marker="none".',
+                )
+            position = position + R_obs @ self.offset
+        mapped: FloatArray = position @ self.R_position.T + self.t
+        return mapped
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model as plain lists and text, exact to the last bit through JSON."""
+        return {"kind": self.kind, **{name: getattr(self, name).tolist() for name in SHAPES}}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Rebuild a model from :meth:`to_dict`.
+
+        Raises
+        ------
+        DataError
+            A part is missing or is not what :class:`RigidModel` takes.
+        """
+        missing = [name for name in ("kind", *SHAPES) if name not in data]
+        if missing:
+            raise DataError(f"a stored rigid model lacks {', '.join(missing)}.")
+        return cls(kind=data["kind"], **{name: data[name] for name in SHAPES})
+
+
+def _check_part(name: str, value: FloatArray, shape: tuple[int, ...]) -> None:
+    if value.shape != shape or not np.isfinite(value).all():
+        raise DataError(
+            f"{name} of a rigid model must be finite with shape {shape}, got shape {value.shape}."
+        )
+    if shape == (3, 3) and (
+        np.abs(value @ value.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(value) < 0.0
+    ):
+        raise DataError(f"{name} of a rigid model must be a rotation matrix, got {value.tolist()}.")

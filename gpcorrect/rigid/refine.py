@@ -1,0 +1,182 @@
+"""Robust Gauss-Newton on the two rotations, the translation and the lever arm of a marker model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.rigid.robust import cauchy_loss, cauchy_weights, robust_scale
+from gpcorrect.types import FloatArray
+
+__all__ = ["MarkerState", "Samples", "refine", "residual_norms"]
+
+GENERATORS = np.array([np.cross(np.eye(3), axis) for axis in np.eye(3)])  # GENERATORS[k] @ v = e_k x v
+SCALE_ROUNDS = 5
+MAX_STEPS = 60
+MAX_HALVINGS = 12
+STEP_TOLERANCE = 1e-11
+LEAST_SCALE = 1e-6  # of the spread of the points, and rad: keeps exact positions from silencing rotations
+CONDITION = 1e-14  # of the normal equations: weaker directions are not determined and stay as they are
+
+
+class MarkerState(NamedTuple):
+    """The unknowns of `u = R (p + R_obs offset) + t` and `R_cmd = R R_obs R_right`."""
+
+    R: FloatArray
+    t: FloatArray
+    R_right: FloatArray
+    offset: FloatArray
+
+    def moved(self, step: FloatArray) -> MarkerState:
+        """State after a step `(12,)`: turn of R on the left, of t, of R_right on the right, of the offset."""
+        return MarkerState(
+            se3.matrix_from_rotvec(step[:3]) @ self.R,
+            self.t + step[3:6],
+            self.R_right @ se3.matrix_from_rotvec(step[6:9]),
+            self.offset + step[9:],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What is to be explained; an absent part (None) puts no demand on the unknowns.
+
+    Parameters
+    ----------
+    R_obs : (n, 3, 3) array
+        Observed rotations.
+    p, u : (n, 3) arrays or None
+        Observed and commanded positions, each about its own centre, m.
+    R_cmd : (n, 3, 3) array or None
+        Commanded rotations.
+    """
+
+    R_obs: FloatArray
+    p: FloatArray | None = None
+    u: FloatArray | None = None
+    R_cmd: FloatArray | None = None
+
+
+def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
+    """State of least Cauchy loss near `start`, and the loss.
+
+    Positions and rotations are each measured in units of their own robust scale, which follows the fit.
+    """
+    state = start
+    for _ in range(SCALE_ROUNDS):
+        scales = _scales(samples, state)
+        state = _descend(samples, state, scales)
+    return state, _loss(samples, state, _scales(samples, state))
+
+
+def residual_norms(samples: Samples, state: MarkerState) -> list[FloatArray]:
+    """Lengths `(n,)` of the residuals: positions (m), then rotations (rad), those that are present.
+
+    A rotation's is the chord 2 sin(angle / 2), which is smooth up to half turns and near the angle when
+    small.
+    """
+    norms = []
+    if samples.p is not None and samples.u is not None:
+        norms.append(np.linalg.norm(_tips(samples.p, samples.R_obs, state) - samples.u, axis=1))
+    if samples.R_cmd is not None:
+        chord = state.R @ samples.R_obs @ state.R_right - samples.R_cmd
+        norms.append(np.linalg.norm(chord.reshape(-1, 9), axis=1) / np.sqrt(2.0))
+    return norms
+
+
+def _descend(samples: Samples, state: MarkerState, scales: list[float]) -> MarkerState:
+    loss = _loss(samples, state, scales)
+    for _ in range(MAX_STEPS):
+        step = _gauss_newton_step(samples, state, scales)
+        trial, trial_loss = state.moved(step), _loss(samples, state.moved(step), scales)
+        for _ in range(MAX_HALVINGS):
+            if trial_loss <= loss:
+                break
+            step = step / 2.0
+            trial, trial_loss = state.moved(step), _loss(samples, state.moved(step), scales)
+        if trial_loss > loss:
+            return state
+        state, loss = trial, trial_loss
+        if np.linalg.norm(step) < STEP_TOLERANCE:
+            break
+    return state
+
+
+def _gauss_newton_step(samples: Samples, state: MarkerState, scales: list[float]) -> FloatArray:
+    normal, gradient = np.zeros((12, 12)), np.zeros(12)
+    parts = zip(_linearised(samples, state), residual_norms(samples, state), scales, strict=True)
+    for (residual, J), norms, scale in parts:
+        w = cauchy_weights(norms, scale) / scale**2
+        Jw = (J * w[:, None, None]).reshape(-1, 12)
+        normal += Jw.T @ J.reshape(-1, 12)
+        gradient += Jw.T @ residual.ravel()
+    return _solve_scaled(normal, -gradient)
+
+
+def _solve_scaled(normal: FloatArray, right: FloatArray) -> FloatArray:
+    """Least-norm solution with unknowns brought to one unit; those without influence do not move."""
+    size = np.sqrt(np.diag(normal))
+    size = np.where(size > 0.0, size, 1.0)
+    scaled = normal / np.outer(size, size)
+    step: FloatArray = np.linalg.pinv(scaled, rcond=CONDITION, hermitian=True) @ (right / size) / size
+    return step
+
+
+def _linearised(samples: Samples, state: MarkerState) -> list[tuple[FloatArray, FloatArray]]:
+    """Residuals `(n, 3)` and their derivatives `(n, 3, 12)` by the step of :meth:`MarkerState.moved`."""
+    parts = []
+    if samples.p is not None and samples.u is not None:
+        parts.append(_linearised_positions(samples.p, samples.u, samples.R_obs, state))
+    if samples.R_cmd is not None:
+        parts.append(_linearised_rotations(samples.R_cmd, samples.R_obs, state))
+    return parts
+
+
+def _tips(p: FloatArray, R_obs: FloatArray, state: MarkerState) -> FloatArray:
+    tips: FloatArray = (p + R_obs @ state.offset) @ state.R.T + state.t
+    return tips
+
+
+def _linearised_positions(
+    p: FloatArray, u: FloatArray, R_obs: FloatArray, state: MarkerState
+) -> tuple[FloatArray, FloatArray]:
+    tips = _tips(p, R_obs, state)
+    J = np.zeros((len(p), 3, 12))
+    J[..., :3] = np.einsum("kab,nb->nak", GENERATORS, tips - state.t)
+    J[..., 3:6] = np.eye(3)
+    J[..., 9:] = state.R @ R_obs
+    return tips - u, J
+
+
+def _linearised_rotations(
+    R_cmd: FloatArray, R_obs: FloatArray, state: MarkerState
+) -> tuple[FloatArray, FloatArray]:
+    """Three numbers a sample that have the chord's gradient and Gauss-Newton matrix.
+
+    With P the prediction, the chord `(P - R_cmd) / sqrt(2)` has nine; by a turn on the left its derivative is
+    `[e_k] P / sqrt(2)`, on the right `P [e_k] / sqrt(2)`. Their products are those of the identity and P, and
+    their products with the chord those of the identity and P with the vector of the skew part of `P R_cmd^T`.
+    """
+    predicted = state.R @ R_obs @ state.R_right
+    away = predicted @ np.swapaxes(R_cmd, -1, -2)
+    J = np.zeros((len(R_obs), 3, 12))
+    J[..., :3] = np.eye(3)
+    J[..., 6:9] = predicted
+    skew: FloatArray = np.einsum("kab,nab->nk", GENERATORS, away) / 2.0
+    return skew, J
+
+
+def _scales(samples: Samples, state: MarkerState) -> list[float]:
+    scales = [robust_scale(norms) for norms in residual_norms(samples, state)]
+    least = [LEAST_SCALE] * len(scales)
+    if samples.u is not None:
+        least[0] = LEAST_SCALE * float(np.abs(samples.u).max())
+    return [max(scale, floor) for scale, floor in zip(scales, least, strict=True)]
+
+
+def _loss(samples: Samples, state: MarkerState, scales: list[float]) -> float:
+    norms = residual_norms(samples, state)
+    return sum(cauchy_loss(r, scale) for r, scale in zip(norms, scales, strict=True))

@@ -1,0 +1,231 @@
+"""The rigid model a recording calls for: the simplest that predicts left-out trajectories as well as any."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from gpcorrect.errors import DataError, DegenerateError
+from gpcorrect.rigid.handeye import fit_marker, require_observable
+from gpcorrect.rigid.holdout import LEAST_BLOCK, Fit, UnitErrors, held_out_errors, hold_out_units
+from gpcorrect.rigid.model import RigidKind, RigidModel
+from gpcorrect.rigid.observability import Observability, rotation_observability
+from gpcorrect.rigid.registration import check_pair, fit_pose, fit_position
+from gpcorrect.rigid.robust import fit_robustly
+from gpcorrect.rigid.separate import fit_separate
+from gpcorrect.types import FloatArray, IntArray, PoseSignal
+
+__all__ = ["Candidate", "MarkerOption", "Registration", "register"]
+
+MarkerOption = Literal["none", "solve", "auto"]
+
+ONE_MEDIAN = 1.2533 * 1.4826  # standard error of a median from the median absolute deviation of normal data
+LEAST_ERROR = 1e-6  # m and rad: errors below a micrometre or microradian are not told apart
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """How one kind of model did on left-out trajectories.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the model.
+    position_mm, rotation_deg : float
+        Median over the left-out trajectories of the median error in each; NaN where it does not apply.
+    score : float
+        Mean of both errors, each divided by the least of all candidates: 1 is best in both.
+    refused : str
+        Why it could not be fitted; empty when it could.
+    """
+
+    kind: RigidKind
+    position_mm: float
+    rotation_deg: float
+    score: float
+    refused: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers by name, None for those that do not apply."""
+        numbers = {name: getattr(self, name) for name in ("position_mm", "rotation_deg", "score")}
+        finite = {name: value if np.isfinite(value) else None for name, value in numbers.items()}
+        return {"kind": self.kind, **finite, "refused": self.refused}
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """A rigid model and why it was chosen.
+
+    Parameters
+    ----------
+    model : RigidModel
+        Fitted to all samples.
+    reason : str
+        Why this kind, in one sentence.
+    candidates : tuple of Candidate
+        Every kind that was tried, from the simplest.
+    observability : Observability or None
+        What the recorded rotations say of a marker offset; None where no orientations were observed.
+    """
+
+    model: RigidModel
+    reason: str
+    candidates: tuple[Candidate, ...]
+    observability: Observability | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return model, reason, candidates and observability as plain lists, numbers and text."""
+        return {
+            "model": self.model.to_dict(),
+            "reason": self.reason,
+            "candidates": [c.to_dict() for c in self.candidates],
+            "observability": None if self.observability is None else self.observability.to_dict(),
+        }
+
+
+def register(
+    observed: PoseSignal, command: PoseSignal, trajectory: IntArray, marker: MarkerOption = "none"
+) -> Registration:
+    """Rigid model of the recording, with what was tried and why it was chosen.
+
+    "none" is the registration of :func:`fit_pose`, "solve" that of :func:`fit_marker`. "auto" compares
+    identity, pose (or position), marker and separate, each fitted robustly, on left-out trajectories (five
+    folds; blocks of the recording where there are fewer trajectories). The score of a kind in a trajectory
+    is the mean of its median position and rotation errors there, each divided by the least that any kind
+    reaches as median over the trajectories; the median score ranks. The simplest kind is chosen whose
+    excess over the best, trajectory by trajectory, is within one standard error.
+
+    Parameters
+    ----------
+    observed, command : PoseSignal
+        n samples each, all finite.
+    trajectory : (n,) int array
+        Trajectory of each sample.
+    marker : {"none", "solve", "auto"}
+        Whether the marker may be another point of the tool than its tip.
+
+    Raises
+    ------
+    DataError
+        An unknown option, signals of unequal length, missing samples.
+    DegenerateError
+        Data that do not determine the model asked for; "auto" falls back to simpler ones instead.
+    """
+    if marker not in get_args(MarkerOption):
+        raise DataError(f"marker must be one of {', '.join(get_args(MarkerOption))}, got {marker!r}.")
+    check_pair(observed, command)
+    if marker == "solve":
+        require_observable(observed, command)
+    fits = _fits(observed, command, marker)
+    units = _units(observed, trajectory, marker)
+    tried = [held_out_errors(kind, fit, observed, command, units) for kind, fit in fits.items()]
+    scores = _scores(tried)
+    chosen, reason = _choose(tried, scores, marker)
+    return Registration(
+        model=fits[chosen](observed, command),
+        reason=reason,
+        candidates=tuple(_candidate(errors, score) for errors, score in zip(tried, scores, strict=True)),
+        observability=rotation_observability(observed, command),
+    )
+
+
+def _units(observed: PoseSignal, trajectory: IntArray, marker: MarkerOption) -> IntArray:
+    if len(trajectory) != len(observed):
+        raise DataError(
+            f"{len(observed)} samples need a trajectory each, got {len(trajectory)}."
+        )
+    units = hold_out_units(np.asarray(trajectory))
+    if marker == "auto" and units.max() == 0:
+        raise DegenerateError(
+            f"choosing by left-out samples needs at least {2 * LEAST_BLOCK} samples, got {len(observed)}.",
+            hint='Record more, or say which registration to use: marker="none" or "solve".',
+        )
+    return units
+
+
+def _identity(observed: PoseSignal, command: PoseSignal) -> RigidModel:
+    return RigidModel()
+
+
+def _robust_pose(observed: PoseSignal, command: PoseSignal) -> RigidModel:
+    return fit_robustly(fit_pose, observed, command)
+
+
+def _robust_position(observed: PoseSignal, command: PoseSignal) -> RigidModel:
+    return fit_robustly(fit_position, observed, command)
+
+
+def _fits(observed: PoseSignal, command: PoseSignal, marker: MarkerOption) -> Mapping[RigidKind, Fit]:
+    """Return the kinds to compare, simplest first; the last is what "none" and "solve" ask for."""
+    has_orientation = observed.quaternion is not None and command.quaternion is not None
+    plain: RigidKind = "pose" if has_orientation else "position"
+    if marker == "none":
+        return {"identity": _identity, plain: fit_pose}
+    robust = _robust_pose if has_orientation else _robust_position
+    fits: dict[RigidKind, Fit] = {"identity": _identity, plain: robust}
+    if observed.quaternion is not None:
+        fits["marker"] = fit_marker
+    if marker == "auto" and has_orientation:
+        fits["separate"] = fit_separate
+    return fits
+
+
+def _scores(tried: list[UnitErrors]) -> list[FloatArray]:
+    """Score `(m,)` of each kind in each unit; NaN where the kind was refused."""
+    parts = [[errors.position for errors in tried], [errors.rotation for errors in tried]]
+    ratios = [_ratios(np.array(part)) for part in parts if np.isfinite(part).any()]
+    return list(np.mean(ratios, axis=0))
+
+
+def _ratios(errors: FloatArray) -> FloatArray:
+    """Errors `(kinds, m)` in units of the least median of any kind."""
+    fitted = errors[np.isfinite(errors).all(axis=1)]
+    least = max(float(np.median(fitted, axis=1).min()), LEAST_ERROR)
+    ratios: FloatArray = errors / least
+    return ratios
+
+
+def _choose(tried: list[UnitErrors], scores: list[FloatArray], marker: MarkerOption) -> tuple[RigidKind, str]:
+    if marker != "auto":
+        return tried[-1].kind, f'{tried[-1].kind} as asked for by marker="{marker}".'
+    fitted = [index for index, errors in enumerate(tried) if not errors.refused]
+    if fitted == [0]:
+        raise DegenerateError(tried[1].refused, hint="No registration but the identity could be tried.")
+    best = min(fitted, key=lambda index: float(np.median(scores[index])))
+    chosen = next(index for index in fitted if _within_one_error(scores[index], scores[best]))
+    return tried[chosen].kind, _reason(tried, scores, best, chosen)
+
+
+def _within_one_error(score: FloatArray, best: FloatArray) -> bool:
+    """Whether the median excess over the best, unit by unit, is within its standard error."""
+    excess = score - best
+    middle = float(np.median(excess))
+    error = ONE_MEDIAN * float(np.median(np.abs(excess - middle))) / np.sqrt(len(excess))
+    return bool(middle <= error)
+
+
+def _reason(tried: list[UnitErrors], scores: list[FloatArray], best: int, chosen: int) -> str:
+    names = [errors.kind for errors in tried]
+    rank = {name: f"{np.median(score):.3g}" for name, score in zip(names, scores, strict=True)}
+    if chosen == best:
+        why = f"{names[chosen]} predicts left-out trajectories best (score {rank[names[chosen]]})"
+    else:
+        why = (
+            f"{names[chosen]} (score {rank[names[chosen]]}) is the simplest within one standard error of the "
+            f"best, {names[best]} ({rank[names[best]]}), on left-out trajectories"
+        )
+    refused = [f"; {errors.kind} was refused: {errors.refused}" for errors in tried if errors.refused]
+    return why + "".join(refused)
+
+
+def _candidate(errors: UnitErrors, score: FloatArray) -> Candidate:
+    return Candidate(
+        errors.kind,
+        position_mm=1e3 * float(np.median(errors.position)),
+        rotation_deg=float(np.degrees(np.median(errors.rotation))),
+        score=float(np.median(score)),
+        refused=errors.refused,
+    )

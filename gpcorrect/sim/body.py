@@ -1,0 +1,109 @@
+"""The arm's body: geometry and masses, some joints moving and the others held."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpcorrect.arms import Chain
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray
+
+__all__ = ["Body", "Links"]
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Masses of the links, each in its own link frame, and of what hangs at the tip.
+
+    Parameters
+    ----------
+    mass : (k,) array
+        kg, of links 1 to k; further links weigh nothing.
+    com : (k, 3) array
+        Centres of mass, m.
+    inertia_diagonal : (k, 3) array
+        Principal moments about the centre of mass, along the link frame's axes, kg m^2.
+    payload : (N,) array
+        Point mass at the tip in each run, kg.
+    """
+
+    mass: FloatArray
+    com: FloatArray
+    inertia_diagonal: FloatArray
+    payload: FloatArray
+
+    def __post_init__(self) -> None:
+        k = len(self.mass)
+        if self.com.shape != (k, 3) or self.inertia_diagonal.shape != (k, 3):
+            raise DataError(
+                f"{k} link masses need centres and inertias of shape ({k}, 3), got {self.com.shape} and "
+                f"{self.inertia_diagonal.shape}."
+            )
+        if (self.mass < 0).any() or (self.inertia_diagonal < 0).any() or (self.payload < 0).any():
+            raise DataError("masses and moments of inertia must be >= 0.")
+
+    @classmethod
+    def none(cls) -> Links:
+        """Return the masses of an arm that weighs nothing."""
+        return cls(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(1))
+
+    def carrying(self, payload: FloatArray) -> Links:
+        """Return the same links with these payloads `(N,)`, kg."""
+        return replace(self, payload=payload)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """An arm of which the joints `joints` move and the others are held.
+
+    Parameters
+    ----------
+    joints : tuple of int
+        Numbers of the moving joints, from 1.
+    types : str
+        "R" or "P" for each moving joint.
+    chain : Chain or None
+        The whole arm's kinematics; None for bare joints, which weigh nothing.
+    held : (dof - k,) array
+        Values of the other joints in the order of their numbers, rad or m.
+    links : Links
+        Masses.
+    gravity : (3,) array
+        m/s^2, base frame.
+    """
+
+    joints: tuple[int, ...]
+    types: str
+    chain: Chain | None
+    held: FloatArray
+    links: Links
+    gravity: FloatArray
+
+    @property
+    def columns(self) -> list[int]:
+        """Columns of the moving joints among all joints of the chain."""
+        return [number - 1 for number in self.joints]
+
+    def all_joints(self, q: FloatArray) -> FloatArray:
+        """Values of every joint `(..., dof)` given those of the moving ones `(..., k)`."""
+        assert self.chain is not None
+        values = np.empty((*q.shape[:-1], self.chain.dof))
+        values[..., self.columns] = q
+        values[..., [i for i in range(self.chain.dof) if i not in self.columns]] = self.held
+        return values
+
+    def forward(self, q: FloatArray) -> FloatArray | None:
+        """Tip poses `(..., 4, 4)`, base frame, at moving joints `(..., k)`; None for bare joints."""
+        return None if self.chain is None else self.chain.forward(self.all_joints(q))
+
+    def compact(self) -> Body:
+        """Return the same body with a held, massless tail of joints made part of the tool: fewer frames to compute."""
+        k = len(self.joints)
+        if self.chain is None or self.joints != tuple(range(1, k + 1)) or len(self.links.mass) > k:
+            return self
+        tail = Chain(self.chain.joints[k:], self.chain.convention, tool=self.chain.tool) if self.held.size else None
+        tool = self.chain.tool if tail is None else tail.forward(self.held)
+        chain = replace(self.chain, joints=self.chain.joints[:k], tool=tool)
+        return replace(self, chain=chain, held=np.zeros(0))

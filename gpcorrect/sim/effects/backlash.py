@@ -1,0 +1,58 @@
+"""Backlash: a gap in the transmission that every reversal has to cross."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.operators import play
+from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["Backlash"]
+
+
+@dataclass(frozen=True)
+class Backlash(PathEffect):
+    """The joint follows the motor through a play.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    radius : float
+        Half the gap, rad or m.
+    """
+
+    radius: float
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="backlash",
+        slot="T",
+        family=Family.REVERSAL,
+        equation="q = play(m, r): w = min(max(w_before, m - r), m + r)",
+        source="Krasnosel'skii and Pokrovskii 1989, Systems with Hysteresis, Sec. 2",
+        parameters=(
+            Parameter(
+                "radius",
+                "half the gap",
+                revolute=Range("rad", 0.0, 0.3, 0.01),
+                prismatic=Range("m", 0.0, 0.02, 5e-4),
+                positive=True,
+            ),
+        ),
+        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("coulomb_friction", "its width grows with load, gain or speed; the gap's does not"),
+            Neighbour("hysteresis", "minor loops: curved returns against straight ones"),
+        ),
+        separating_runs=(Run.AMPLITUDES, Run.LOAD_SWAP, Run.GAIN_CHANGE, Run.SPEED_LADDER),
+    )
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Pass the path through the play."""
+        j = self.column(motion.joints)
+        return with_column(q, j, play(q[..., j], self.radius))

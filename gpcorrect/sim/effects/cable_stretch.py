@@ -1,0 +1,58 @@
+"""Cable stretch: the cable is a spring between motor and joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["CableStretch"]
+
+
+@dataclass(frozen=True)
+class CableStretch(PathEffect):
+    """The joint lags behind the motor by the torque it takes, over the cable's stiffness.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    stiffness : float
+        Of the cable pair at the joint, N m/rad or N/m; infinite is none.
+    """
+
+    stiffness: float
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="cable_stretch",
+        slot="T",
+        family=Family.COMPLIANCE,
+        equation="q = m - tau / k",
+        source="Hooke's law; Miyasaka et al. 2020, IEEE RA-L 5(2), cable-pulley network",
+        parameters=(
+            Parameter(
+                "stiffness",
+                "stiffness of the cable pair at the joint",
+                revolute=Range("N m/rad", 2.0, 1e5, 200.0),
+                prismatic=Range("N/m", 100.0, 1e7, 2e4),
+                positive=True,
+                identity=float("inf"),
+            ),
+        ),
+        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("transmission_ratio", "change the load at one pose"),
+            Neighbour("gravity_sag", "accelerate, or load the joint by friction: the cable feels it, the link's sag does not"),
+        ),
+        separating_runs=(Run.LOAD_SWAP, Run.POSE_SPREAD, Run.SPEED_LADDER),
+    )
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Take the stretch off the path."""
+        j = self.column(motion.joints)
+        return with_column(q, j, q[..., j] - motion.load[..., j] / self.stiffness)

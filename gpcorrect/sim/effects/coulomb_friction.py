@@ -1,0 +1,56 @@
+"""Coulomb friction: a constant torque against the motion, and any smaller one at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.stages import Friction, FrictionEffect
+from gpcorrect.sim.motion import DriveState
+
+__all__ = ["CoulombFriction"]
+
+
+@dataclass(frozen=True)
+class CoulombFriction(FrictionEffect):
+    """Dry friction of fixed size; through a proportional gain it becomes an error of Fc / kp that changes sign at reversals.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    torque : float
+        Fc, N m or N.
+    side : str
+        "motor" or "joint".
+    """
+
+    torque: float = field(kw_only=True)
+
+    about = Description(
+        name="coulomb_friction",
+        slot="M",
+        family=Family.REVERSAL,
+        equation="F = Fc sign(v), |F| <= Fc at rest",
+        source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
+        parameters=(
+            Parameter(
+                "torque",
+                "size of the friction",
+                revolute=Range("N m", 0.0, 20.0, 0.3),
+                prismatic=Range("N", 0.0, 100.0, 3.0),
+                positive=True,
+            ),
+        ),
+        needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("viscous_friction", "vary the speed"),
+            Neighbour("delay", "vary the speed"),
+            Neighbour("backlash", "vary the controller's gain or the load"),
+        ),
+        separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
+    )
+
+    def act(self, state: DriveState) -> Friction:
+        """Return the constant limit."""
+        return Friction(limit=self.torque, damping=0.0)

@@ -1,0 +1,142 @@
+"""What a catalogue effect says of itself: parameters with unit, range and prior, look-alikes, and the runs that separate them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Literal
+
+import numpy as np
+from scipy import stats
+
+__all__ = ["Description", "Family", "Neighbour", "Parameter", "Range", "Run", "Slot"]
+
+Slot = Literal["M", "T", "J", "L", "B", "S"]  # motor/drive, transmission, joint, link/tool, base/camera, sensor/time
+
+
+class Family(StrEnum):
+    """The classes of the catalogue: what kind of evidence an effect leaves."""
+
+    GEOMETRY = "geometry"
+    COMPLIANCE = "compliance"
+    REVERSAL = "reversal"
+    TIME = "time"
+    LIMIT = "limit"
+    DYNAMICS = "dynamics"
+    NOISE = "noise"
+
+
+class Run(StrEnum):
+    """Recordings that tell look-alikes apart."""
+
+    SPEED_LADDER = "the same path at log-spaced speeds"
+    AMPLITUDES = "both directions at several amplitudes"
+    HOLD_UNLOAD = "hold, unload, recover"
+    LOAD_SWAP = "the same poses with another payload"
+    ONE_JOINT = "one joint moves, the others hold"
+    POSE_SPREAD = "the same joint value at several poses of the other joints"
+    GAIN_CHANGE = "the same path with other controller gains"
+    REHOMING = "home again and repeat"
+    REFERENCE_RETURNS = "return to one reference pose again and again"
+    TWO_INSERTIONS = "the same path at two insertion depths"
+
+
+@dataclass(frozen=True)
+class Range:
+    """Unit, physical range and prior scale of a parameter on one type of joint.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit.
+    low, high : float
+        Values outside are not physical for a surgical cable-driven arm.
+    typical : float
+        Median of the prior when the parameter is positive, its standard deviation around zero otherwise.
+    """
+
+    unit: str
+    low: float
+    high: float
+    typical: float
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Parameters
+    ----------
+    name, meaning : str
+        Field of the effect, and what it is in one phrase.
+    revolute, prismatic : Range
+        Unit, range and prior on a joint of either type.
+    positive : bool
+        Whether negative values have no meaning; the prior is then log-normal, a factor of about three wide, else normal.
+    identity : float
+        The value at which the effect does nothing.
+    per_session : bool
+        Whether there may be one value a session.
+    """
+
+    name: str
+    meaning: str
+    revolute: Range
+    prismatic: Range
+    positive: bool
+    identity: float = 0.0
+    per_session: bool = False
+
+    def range(self, joint_type: str) -> Range:
+        """Range on a joint of type "R" or "P"."""
+        return self.prismatic if joint_type == "P" else self.revolute
+
+    def prior(self, joint_type: str) -> Any:
+        """Frozen SciPy distribution of the parameter on a joint of type "R" or "P"."""
+        typical = self.range(joint_type).typical
+        if self.positive:
+            return stats.lognorm(s=np.log(3.0), scale=typical)
+        return stats.norm(loc=0.0, scale=typical)
+
+
+@dataclass(frozen=True)
+class Neighbour:
+    """An effect that looks alike, and what separates the two."""
+
+    name: str
+    separated_by: str
+
+
+@dataclass(frozen=True)
+class Description:
+    """The catalogue entry of an effect.
+
+    Parameters
+    ----------
+    name : str
+        Canonical name.
+    slot : Slot
+        Where in the machine it acts.
+    family : Family
+        Its class in the catalogue.
+    equation, source : str
+        Minimal equation, and where it comes from.
+    parameters : tuple of Parameter
+        Its numbers.
+    needs : tuple of str
+        Log signals without which it leaves no trace; alternatives are joined by "|".
+    neighbours : tuple of Neighbour
+        Its look-alikes.
+    separating_runs : tuple of Run
+        Recordings that separate it from them.
+    """
+
+    name: str
+    slot: Slot
+    family: Family
+    equation: str
+    source: str
+    parameters: tuple[Parameter, ...]
+    needs: tuple[str, ...]
+    neighbours: tuple[Neighbour, ...]
+    separating_runs: tuple[Run, ...]

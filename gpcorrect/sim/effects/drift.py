@@ -1,0 +1,75 @@
+"""Drift: the zero creeps away during a session as the machine warms up and its cables settle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["Drift"]
+
+
+@dataclass(frozen=True)
+class Drift(PathEffect):
+    """An offset that grows with session time: steadily, or towards a limit.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    rate : float
+        Rate at the session's start of reported minus true position, rad/s or m/s.
+    time_constant : float
+        Seconds over which it settles; infinite (the default) grows for ever.
+    """
+
+    rate: float
+    time_constant: float = float("inf")
+
+    stage = Stage.ENCODER
+    about = Description(
+        name="drift",
+        slot="S",
+        family=Family.TIME,
+        equation="q_reported = q + r T (1 - exp(-t / T)), r t as T grows",
+        source="RAVEN-II calibration paper: shift over six hours of running; first-order warm-up law",
+        parameters=(
+            Parameter(
+                "rate",
+                "first rate of reported minus true position",
+                revolute=Range("rad/s", -1e-3, 1e-3, 2e-6),
+                prismatic=Range("m/s", -1e-4, 1e-4, 2e-7),
+                positive=False,
+            ),
+            Parameter(
+                "time_constant",
+                "time over which it settles",
+                revolute=Range("s", 10.0, float("inf"), 3600.0),
+                prismatic=Range("s", 10.0, float("inf"), 3600.0),
+                positive=True,
+            ),
+        ),
+        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("creep", "hold, unload and watch it recover"),
+            Neighbour("cable_slip", "change-point in time; return to a reference pose"),
+        ),
+        separating_runs=(Run.REFERENCE_RETURNS, Run.HOLD_UNLOAD),
+    )
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Take the offset at each moment off the path."""
+        j = self.column(motion.joints)
+        return with_column(q, j, q[..., j] - self.offset(motion.time))
+
+    def offset(self, session_time: FloatArray) -> FloatArray:
+        """Offset at seconds since the session began, of any shape."""
+        if np.isinf(self.time_constant):
+            return self.rate * session_time
+        return -self.rate * self.time_constant * np.expm1(-session_time / self.time_constant)

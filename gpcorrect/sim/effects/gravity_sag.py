@@ -1,0 +1,59 @@
+"""Gravity sag: links and bearings bend under the arm's weight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["GravitySag"]
+
+
+@dataclass(frozen=True)
+class GravitySag(PathEffect):
+    """The effective joint value falls behind by the gravity torque over the link's stiffness.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint about (or along) which the structure gives way.
+    stiffness : float
+        Of the structure, N m/rad or N/m; infinite is none.
+    """
+
+    stiffness: float
+
+    stage = Stage.LINK
+    about = Description(
+        name="gravity_sag",
+        slot="L",
+        family=Family.COMPLIANCE,
+        equation="q_link = q - g(q) / k",
+        source="Roth, Mooring, Ravani 1987, IEEE J. Robotics and Automation 3(5): non-geometric errors",
+        parameters=(
+            Parameter(
+                "stiffness",
+                "stiffness of the structure",
+                revolute=Range("N m/rad", 2.0, 1e5, 300.0),
+                prismatic=Range("N/m", 100.0, 1e7, 3e4),
+                positive=True,
+                identity=float("inf"),
+            ),
+        ),
+        needs=("external_jp|tracker_cp",),
+        neighbours=(
+            Neighbour("transmission_ratio", "the same joint value at another pose of the outer joints; payload"),
+            Neighbour("registration_error", "a tilted base leaves the joints right and turns the tip alike everywhere"),
+            Neighbour("cable_stretch", "accelerate: the sag knows gravity only"),
+        ),
+        separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP, Run.SPEED_LADDER),
+    )
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Take the sag off the path."""
+        j = self.column(motion.joints)
+        return with_column(q, j, q[..., j] - motion.gravity_load[..., j] / self.stiffness)

@@ -1,0 +1,78 @@
+"""Homing offset: the encoder's zero is not the joint's zero, and every homing sets a new one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["HomingOffset"]
+
+
+@dataclass(frozen=True)
+class HomingOffset(PathEffect):
+    """The robot reports the true position plus an offset.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    offset : float or sequence of float
+        Reported minus true position, rad or m: one for all sessions, or one for each.
+    """
+
+    offset: float | tuple[float, ...]
+
+    stage = Stage.ENCODER
+    about = Description(
+        name="homing_offset",
+        slot="S",
+        family=Family.GEOMETRY,
+        equation="q_reported = q + b, a new b each session",
+        source="Hwang et al. 2020, IEEE RA-L 5(4), offset model",
+        parameters=(
+            Parameter(
+                "offset",
+                "reported minus true position",
+                revolute=Range("rad", -0.35, 0.35, 0.05),
+                prismatic=Range("m", -0.05, 0.05, 0.005),
+                positive=False,
+                per_session=True,
+            ),
+        ),
+        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("registration_error", "vary the pose: a base shift turns with the other joints"),
+            Neighbour("gravity_sag", "vary the pose or the load; home again"),
+        ),
+        separating_runs=(Run.POSE_SPREAD, Run.REHOMING),
+    )
+
+    def __post_init__(self) -> None:
+        if isinstance(self.offset, list):
+            object.__setattr__(self, "offset", tuple(self.offset))
+        super().__post_init__()
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Take the offset of each run's session off the reported path."""
+        j = self.column(motion.joints)
+        return with_column(q, j, q[..., j] - self._of_runs(motion))
+
+    def _of_runs(self, motion: Motion) -> FloatArray:
+        offsets = np.atleast_1d(np.asarray(self.offset, dtype=np.float64))
+        if len(offsets) == 1:
+            return np.full(len(motion.session), offsets[0])
+        if motion.session.max(initial=0) >= len(offsets):
+            raise DataError(
+                f"homing_offset of joint {self.joint} has {len(offsets)} offsets, the data have "
+                f"{motion.session.max() + 1} sessions.",
+                hint="Give one offset for all sessions, or one for each.",
+            )
+        return offsets[motion.session]

@@ -1,0 +1,73 @@
+"""The effects by name: adding one is its file and its line here, in the order of the catalogue."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, fields
+from typing import Any, TypeVar
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.backlash import Backlash
+from gpcorrect.sim.effects.base import Effect
+from gpcorrect.sim.effects.cable_coupling import CableCoupling
+from gpcorrect.sim.effects.cable_stretch import CableStretch
+from gpcorrect.sim.effects.coulomb_friction import CoulombFriction
+from gpcorrect.sim.effects.drift import Drift
+from gpcorrect.sim.effects.gravity_sag import GravitySag
+from gpcorrect.sim.effects.homing_offset import HomingOffset
+from gpcorrect.sim.effects.transmission_ratio import TransmissionRatio
+from gpcorrect.sim.effects.viscous_friction import ViscousFriction
+
+__all__ = ["EFFECTS", "effect_from_dict", "in_order", "of_kind"]
+
+CATALOGUE: tuple[type[Effect], ...] = (
+    HomingOffset,
+    TransmissionRatio,
+    CableCoupling,
+    CableStretch,
+    GravitySag,
+    Backlash,
+    CoulombFriction,
+    ViscousFriction,
+    Drift,
+)
+EFFECTS: Mapping[str, type[Effect]] = {kind.about.name: kind for kind in CATALOGUE}
+
+E = TypeVar("E", bound=Effect)
+
+
+def effect_from_dict(values: Mapping[str, Any]) -> Effect:
+    """Return the effect that `Effect.to_dict` wrote down.
+
+    Raises
+    ------
+    DataError
+        The name is not in the catalogue, a parameter is missing or not a number, or there is a key the effect does not know.
+    """
+    name = values.get("name")
+    if name not in EFFECTS:
+        raise DataError(f"no effect is called {name!r}.", hint=f"Known effects: {', '.join(EFFECTS)}.")
+    kind = EFFECTS[name]
+    given = {key: value for key, value in values.items() if key != "name"}
+    unknown = sorted(set(given) - {f.name for f in fields(kind)})
+    if unknown:
+        raise DataError(f"effect {name} knows no key {', '.join(unknown)}.", hint=f"It has: {', '.join(_keys(kind))}.")
+    missing = [f.name for f in fields(kind) if f.default is MISSING and f.name not in given]
+    if missing:
+        raise DataError(f"effect {name} lacks {', '.join(missing)}.", hint=f"It has: {', '.join(_keys(kind))}.")
+    return kind(**given)
+
+
+def in_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Return the effects in the order in which they act: stage, then catalogue, then joint; ties keep their order."""
+    position = {kind: i for i, kind in enumerate(CATALOGUE)}
+    return tuple(sorted(effects, key=lambda e: (e.stage, position.get(type(e), len(CATALOGUE)), str(e.joint))))
+
+
+def of_kind(effects: Iterable[Effect], kind: type[E]) -> tuple[E, ...]:
+    """Return the effects of one interface, such as :class:`~gpcorrect.sim.effects.PathEffect`, in their order."""
+    return tuple(e for e in effects if isinstance(e, kind))
+
+
+def _keys(kind: type[Effect]) -> list[str]:
+    return [f.name for f in fields(kind)]

@@ -1,0 +1,121 @@
+"""The interfaces of the stages: one method `act` each, with what it is given and what it must return.
+
+Arrays are time first: `(n, N, dof)` for n samples of N parallel runs. An effect returns new arrays, and knows nothing of the others.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from gpcorrect.arms import Chain
+from gpcorrect.sim.body import Links
+from gpcorrect.sim.effects.base import Effect, Stage
+from gpcorrect.sim.motion import DriveState, Motion, Readings
+from gpcorrect.types import FloatArray
+
+__all__ = [
+    "ChainEffect",
+    "Friction",
+    "FrictionEffect",
+    "LoadEffect",
+    "PathEffect",
+    "ReadingEffect",
+    "TipEffect",
+    "TorqueEffect",
+    "with_column",
+]
+
+
+class Friction(NamedTuple):
+    """Friction of one joint: dry `limit` (N m or N) and `damping` (N m s/rad or N s/m); numbers or arrays of the state's shape."""
+
+    limit: float | FloatArray
+    damping: float | FloatArray
+
+
+class LoadEffect(Effect):
+    """Changes the masses that the arm carries."""
+
+    stage = Stage.LOAD
+
+    @abstractmethod
+    def act(self, links: Links) -> Links:
+        """Return the masses with the effect."""
+
+
+class ChainEffect(Effect):
+    """Changes the arm's geometry."""
+
+    stage = Stage.CHAIN
+
+    @abstractmethod
+    def act(self, chain: Chain) -> Chain:
+        """Return the kinematic chain with the effect."""
+
+
+class TorqueEffect(Effect):
+    """Changes the torque on the motors, inside the servo loop."""
+
+    stage = Stage.TORQUE
+
+    @abstractmethod
+    def act(self, torque: FloatArray, state: DriveState) -> FloatArray:
+        """Return the `(N, dof)` torque that acts, given the commanded one (N m or N, joint units)."""
+
+
+@dataclass(frozen=True)
+class FrictionEffect(Effect):
+    """Takes torque from the motion, inside the servo loop.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    side : str
+        "motor": before the cable, which then does not feel it; "joint": behind it, so that the cable carries it too.
+    """
+
+    side: str = "motor"
+
+    stage = Stage.FRICTION
+    varies: ClassVar[bool] = False  # whether `act` must be asked anew at every step of the loop
+
+    @abstractmethod
+    def act(self, state: DriveState) -> Friction:
+        """Return the friction of this joint in a state of leading shape `(...)`."""
+
+
+class PathEffect(Effect):
+    """Changes the joint path: any stage from the encoder to the link."""
+
+    @abstractmethod
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Return the `(n, N, dof)` path behind the effect, given the path before it (rad or m)."""
+
+class TipEffect(Effect):
+    """Changes the tool's pose where no joint encoder sees it: stage TIP or BASE."""
+
+    @abstractmethod
+    def act(self, T_base_tip: FloatArray, motion: Motion) -> FloatArray:
+        """Return the `(n, N, 4, 4)` poses with the effect."""
+
+
+class ReadingEffect(Effect):
+    """Changes what the sensors say."""
+
+    stage = Stage.READING
+
+    @abstractmethod
+    def act(self, readings: Readings, motion: Motion, rng: np.random.Generator) -> Readings:
+        """Return the readings with the effect."""
+
+
+def with_column(q: FloatArray, column: int, path: FloatArray) -> FloatArray:
+    """Return `q` `(n, N, dof)` with `path` `(n, N)` in one column."""
+    changed = np.array(q)
+    changed[..., column] = path
+    return changed

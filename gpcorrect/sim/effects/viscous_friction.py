@@ -1,0 +1,55 @@
+"""Viscous friction: a torque against the motion that grows with speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.stages import Friction, FrictionEffect
+from gpcorrect.sim.motion import DriveState
+
+__all__ = ["ViscousFriction"]
+
+
+@dataclass(frozen=True)
+class ViscousFriction(FrictionEffect):
+    """Damping; through a proportional gain it becomes a lag of b / kp seconds in this joint.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    damping : float
+        b, N m s/rad or N s/m.
+    side : str
+        "motor" or "joint".
+    """
+
+    damping: float = field(kw_only=True)
+
+    about = Description(
+        name="viscous_friction",
+        slot="M",
+        family=Family.REVERSAL,
+        equation="F = b v",
+        source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
+        parameters=(
+            Parameter(
+                "damping",
+                "torque for each unit of speed",
+                revolute=Range("N m s/rad", 0.0, 50.0, 0.5),
+                prismatic=Range("N s/m", 0.0, 2000.0, 20.0),
+                positive=True,
+            ),
+        ),
+        needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("delay", "look at the torque, or for a lag common to all joints"),
+            Neighbour("coulomb_friction", "vary the speed"),
+        ),
+        separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
+    )
+
+    def act(self, state: DriveState) -> Friction:
+        """Return the constant damping."""
+        return Friction(limit=0.0, damping=self.damping)

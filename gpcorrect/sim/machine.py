@@ -1,0 +1,110 @@
+"""The machine that is simulated: body, drives, sensors' noise and effects, resolved to arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.body import Body
+from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, in_order, of_kind
+from gpcorrect.sim.faults import TrackerFaults
+from gpcorrect.sim.sensors import Noise
+from gpcorrect.types import FloatArray
+
+__all__ = ["Drive", "Feedforward", "Machine"]
+
+Feedforward = Literal["none", "gravity", "rigid-body"]
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Motor-side control of every joint, in joint units.
+
+    Parameters
+    ----------
+    kp, kd : (dof,) arrays
+        Proportional and derivative gains on the reported motor position, N m/rad and N m s/rad, or N/m and N s/m.
+    motor_inertia : (dof,) array
+        Rotor and gears reflected to the joint, kg m^2 or kg.
+    rate_hz : float
+        Of the servo loop.
+    feedforward : "none", "gravity" or "rigid-body"
+        Torque added at the commanded motion from the nominal masses: nothing, what holds the arm, or also what
+        accelerates it and its motors.
+    """
+
+    kp: FloatArray
+    kd: FloatArray
+    motor_inertia: FloatArray
+    rate_hz: float = 1000.0
+    feedforward: Feedforward = "none"
+
+    def __post_init__(self) -> None:
+        if not len(self.kp) == len(self.kd) == len(self.motor_inertia):
+            raise DataError(
+                f"kp, kd and motor_inertia must have one number a joint, got {len(self.kp)}, {len(self.kd)} and "
+                f"{len(self.motor_inertia)}."
+            )
+        if not ((self.kp > 0).all() and (self.kd >= 0).all() and (self.motor_inertia > 0).all()):
+            raise DataError("kp and motor_inertia must be above 0, kd at least 0.")
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """An arm with its drives, effects and sensors.
+
+    Parameters
+    ----------
+    arm : str
+        Name of the arm, for the log.
+    body : Body
+        Nominal geometry and masses.
+    drive : Drive
+        Controller.
+    log_rate_hz : float
+        Of the recording.
+    effects : tuple of Effect
+        Where it differs from the nominal machine; kept in the order in which they act.
+    noise : Noise
+        Of the sensors.
+    faults : TrackerFaults
+        What goes wrong with the tracker now and then.
+    T_tracker_base, T_tip_marker : (4, 4) arrays
+        Base in the tracker's frame, and tracked marker in the tip frame.
+    """
+
+    arm: str
+    body: Body
+    drive: Drive
+    log_rate_hz: float = 100.0
+    effects: tuple[Effect, ...] = ()
+    noise: Noise = field(default_factory=Noise)
+    faults: TrackerFaults = field(default_factory=TrackerFaults)
+    T_tracker_base: FloatArray = field(default_factory=lambda: np.eye(4))
+    T_tip_marker: FloatArray = field(default_factory=lambda: np.eye(4))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "effects", in_order(self.effects))
+        for effect in self.effects:
+            for number in effect.joints:
+                effect.column(self.body.joints, number)
+        if len(self.drive.kp) != len(self.body.joints):
+            raise DataError(
+                f"the controller has gains for {len(self.drive.kp)} joints, the model has {len(self.body.joints)}."
+            )
+
+    def with_effects(self, *effects: Effect) -> Machine:
+        """Return the machine with these effects instead of its own."""
+        return replace(self, effects=effects)
+
+    def actual_body(self, payload: FloatArray) -> Body:
+        """Body as it really is, with payloads `(N,)` kg and the effects on masses and geometry."""
+        links, chain = self.body.links.carrying(payload), self.body.chain
+        for load in of_kind(self.effects, LoadEffect):
+            links = load.act(links)
+        for change in of_kind(self.effects, ChainEffect):
+            chain = chain if chain is None else change.act(chain)
+        return replace(self.body, links=links, chain=chain).compact()

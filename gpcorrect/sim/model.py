@@ -1,0 +1,171 @@
+"""The model file: what is known of a machine, as TOML, strict, and the same when written back."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, SerializeAsAny, ValidationError, field_serializer, field_validator
+
+from gpcorrect.atomic import atomic_path
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects import Effect, effect_from_dict, in_order
+from gpcorrect.sim.faults import TrackerFaults
+from gpcorrect.sim.sensors import Noise
+from gpcorrect.sim.settings import NonNegative, Number, Positive, Settings
+from gpcorrect.sim.toml_text import toml_text
+
+__all__ = ["Controller", "LinkTable", "Model", "Pose", "TransmissionTable", "model_from_dict", "read_model", "write_model"]
+
+Vector = tuple[Number, Number, Number]
+Moments = tuple[NonNegative, NonNegative, NonNegative]
+JointNumber = Annotated[int, Field(strict=True, ge=1)]
+
+
+class Pose(Settings):
+    """A rigid motion: translation in m and rotation vector in rad."""
+
+    translation: Vector = (0.0, 0.0, 0.0)
+    rotvec: Vector = (0.0, 0.0, 0.0)
+
+
+class Controller(Settings):
+    """Motor-side PD control; gains in joint units."""
+
+    kp: tuple[Positive, ...]
+    kd: tuple[NonNegative, ...]
+    rate_hz: Positive = 1000.0
+    feedback: Literal["motor"] = "motor"
+    feedforward: Literal["none", "gravity", "rigid-body"] = "none"
+
+
+class TransmissionTable(Settings):
+    """Drive train: the motors' inertia reflected to the joints, kg m^2 or kg."""
+
+    motor_inertia: tuple[Positive, ...]
+
+
+class LinkTable(Settings):
+    """Masses of links 1, 2, ... (kg), their centres (m) and principal moments (kg m^2), each in its own link frame."""
+
+    mass: tuple[NonNegative, ...]
+    com: tuple[Vector, ...]
+    inertia_diagonal: tuple[Moments, ...] | None = None
+
+
+class Model(Settings):
+    """Everything the simulator can be told of a machine; what is absent comes from the arm's own description.
+
+    Parameters
+    ----------
+    arm : str
+        "raven2_left", "raven2_right", "dvrk_psm", or "joints" for a bare joint chain with no kinematics.
+    joints : tuple of int
+        Numbers of the joints that the logs speak of.
+    joint_types : str
+        "R" or "P" for each of them; only for bare joints, "R" throughout when absent.
+    wrist : tuple of float
+        Where the arm's other joints are held, rad or m; at home when absent.
+    theta_offset_deg : tuple of float
+        Joint value to DH theta, degrees, of revolute joints; the arm's own when absent.
+    gravity : (3,) tuple
+        m/s^2, base frame.
+    payload : float
+        kg at the tip.
+    log_rate_hz : float
+        Of recordings.
+    T_tracker_base, T_tip_marker : Pose
+        Base in the tracker frame, and tracked marker in the tip frame.
+    controller, transmission, links, noise, faults : tables
+        See each.
+    effects : tuple of Effect
+        What the model already has beyond the nominal machine.
+    """
+
+    arm: str
+    joints: Annotated[tuple[JointNumber, ...], Field(min_length=1)]
+    joint_types: Annotated[str, Field(pattern="^[RP]+$")] | None = None
+    wrist: tuple[Number, ...] | None = None
+    theta_offset_deg: tuple[Number, ...] | None = None
+    gravity: Vector | None = None
+    payload: NonNegative = 0.0
+    log_rate_hz: Positive = 100.0
+    T_tracker_base: Pose | None = None
+    T_tip_marker: Pose | None = None
+    controller: Controller | None = None
+    transmission: TransmissionTable | None = None
+    links: LinkTable | None = None
+    noise: Noise | None = None
+    faults: TrackerFaults | None = None
+    effects: tuple[SerializeAsAny[Any], ...] = ()
+
+    @field_validator("effects", mode="before")
+    @classmethod
+    def _read_effects(cls, value: Any) -> tuple[Effect, ...]:
+        return in_order(v if isinstance(v, Effect) else effect_from_dict(v) for v in value)
+
+    @field_serializer("effects")
+    def _write_effects(self, effects: tuple[Effect, ...]) -> list[dict[str, Any]]:
+        return [effect.to_dict() for effect in effects]
+
+    def with_effects(self, *effects: Effect) -> Model:
+        """Return the model with these effects instead of its own."""
+        return self.model_copy(update={"effects": in_order(effects)})
+
+
+def model_from_dict(values: Mapping[str, Any], source: str = "model") -> Model:
+    """Check plain values and return the model.
+
+    Raises
+    ------
+    DataError
+        A key is unknown or missing, or a value has the wrong type or range; the message names every one.
+    """
+    try:
+        return Model.model_validate(dict(values))
+    except ValidationError as error:
+        problems = "; ".join(_problem(e["loc"], e["type"], e["msg"]) for e in error.errors())
+        raise DataError(f"{source}: {problems}.", hint="See docs/simulator.md for the keys of a model file.") from error
+
+
+def read_model(path: str | Path) -> Model:
+    """Read a model file.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is no TOML, or :func:`model_from_dict` refuses it.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"cannot read the model file {path}: {error}.") from error
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise DataError(f"{path} is no TOML: {error}.") from error
+    return model_from_dict(values, source=str(path))
+
+
+def model_text(model: Model) -> str:
+    """TOML of a model, without the keys that say nothing."""
+    return toml_text(model.model_dump(mode="python", exclude_none=True, exclude_defaults=True))
+
+
+def write_model(model: Model, path: str | Path) -> None:
+    """Write a model file, whole or not at all; `read_model` gives the same model back."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(model_text(model), encoding="utf-8")
+
+
+def _problem(location: tuple[int | str, ...], kind: str, message: str) -> str:
+    key = ".".join(map(str, location))
+    match kind:
+        case "extra_forbidden":
+            return f"unknown key {key}"
+        case "missing":
+            return f"{key} is missing"
+        case _:
+            return f"{key}: {message.removeprefix('Value error, ')}"

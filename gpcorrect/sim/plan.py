@@ -1,0 +1,110 @@
+"""What the arm is asked to do: desired joint paths of parallel runs on the log's clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray, IntArray
+
+__all__ = ["NOT_LOGGED", "Plan", "Segment", "plan_of"]
+
+NOT_LOGGED = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One continuous motion, best from rest to rest.
+
+    Parameters
+    ----------
+    q : (n, dof) array
+        Desired joint path at the log's rate, rad or m.
+    trajectory : (n,) int array
+        Trajectory number of each sample, -1 where nothing is recorded.
+    session : int
+        Index of the session, from 0.
+    start : float
+        Seconds since the session began.
+    payload : float
+        kg at the tip.
+    """
+
+    q: FloatArray
+    trajectory: IntArray
+    session: int = 0
+    start: float = 0.0
+    payload: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """N runs side by side, the shorter ones holding their last position unrecorded.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Of the samples.
+    q : (n, N, dof) array
+        Desired joint paths, rad or m.
+    trajectory : (n, N) int array
+        Trajectory numbers, -1 where nothing is recorded.
+    session : (N,) int array
+        Index of the session of each run, from 0.
+    start : (N,) array
+        Session time at which each run begins, s.
+    payload : (N,) array
+        kg at the tip.
+    """
+
+    rate_hz: float
+    q: FloatArray
+    trajectory: IntArray
+    session: IntArray
+    start: FloatArray
+    payload: FloatArray
+
+    def __post_init__(self) -> None:
+        if self.q.ndim != 3 or len(self.q) < 4:
+            raise DataError(f"desired paths must have shape (n >= 4, N, dof), got {self.q.shape}.")
+        if not np.isfinite(self.q).all():
+            raise DataError("desired paths hold missing numbers.")
+
+    @property
+    def session_time(self) -> FloatArray:
+        """(n, N) seconds since each run's session began."""
+        times: FloatArray = np.arange(len(self.q))[:, None] / self.rate_hz + self.start
+        return times
+
+    def spline(self) -> CubicSpline:
+        """Smooth path over seconds since each run's start: what a trajectory interpolator gives the controller."""
+        return CubicSpline(np.arange(len(self.q)) / self.rate_hz, self.q)
+
+
+def plan_of(segments: Sequence[Segment], rate_hz: float) -> Plan:
+    """Lay segments of any length side by side.
+
+    Raises
+    ------
+    DataError
+        There is none, or they speak of different numbers of joints.
+    """
+    if not segments:
+        raise DataError("a plan needs at least one motion.")
+    if len({s.q.shape[1] for s in segments}) != 1:
+        raise DataError("all motions of a plan must have the same joints.")
+    n = max(len(s.q) for s in segments)
+    return Plan(
+        rate_hz=rate_hz,
+        q=np.stack([np.pad(s.q, ((0, n - len(s.q)), (0, 0)), mode="edge") for s in segments], axis=1),
+        trajectory=np.stack(
+            [np.pad(s.trajectory, (0, n - len(s.q)), constant_values=NOT_LOGGED) for s in segments], axis=1
+        ),
+        session=np.array([s.session for s in segments]),
+        start=np.array([s.start for s in segments], dtype=np.float64),
+        payload=np.array([s.payload for s in segments], dtype=np.float64),
+    )

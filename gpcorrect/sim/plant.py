@@ -1,0 +1,200 @@
+"""The whole machine, from desired joint path to true tool pose.
+
+Feedback is on the motors, so that what lies behind them acts on the loop only through the load. The load depends on
+where the arm is, and the arm's place a little on the load: the path is computed for the load of the path before,
+starting from a quasi-static guess, until both agree (waveform relaxation). Between the load's samples, at the log's rate,
+it is interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpcorrect.sim.body import Body
+from gpcorrect.sim.dynamics import posture_at
+from gpcorrect.sim.effects import Effect, PathEffect, TipEffect, of_kind
+from gpcorrect.sim.machine import Machine
+from gpcorrect.sim.motion import Motion
+from gpcorrect.sim.plan import Plan
+from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
+from gpcorrect.types import FloatArray
+
+__all__ = ["PASSES", "Outcome", "joint_path", "run", "tip_path"]
+
+PASSES = 2  # after the first guess; each shrinks an error of the load to a few per cent of it (load stiffness / kp)
+
+INERTIA_STRIDE = 20  # samples; only splits the load between two terms, so any mean will do
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What the arm really did, n samples of N runs.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motors, and what they carried.
+    torque : (n, N, dof) array
+        Commanded by the controllers, joint units.
+    q : (n, N, dof) array
+        True joint path.
+    T_base_tip : (n, N, 4, 4) array or None
+        True tool poses; None for bare joints.
+    """
+
+    motion: Motion
+    torque: FloatArray
+    q: FloatArray
+    T_base_tip: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Load:
+    """Load of the links at the log's samples, `(n, N, dof)` each."""
+
+    gravity: FloatArray
+    inertial: FloatArray
+
+    @property
+    def total(self) -> FloatArray:
+        return self.gravity + self.inertial
+
+
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """Joint values with rate and acceleration, `(n, N, dof)` each."""
+
+    q: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+
+
+def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
+    """Let the machine follow a plan.
+
+    Parameters
+    ----------
+    machine : Machine
+        Arm, drives and effects.
+    plan : Plan
+        Desired paths.
+    passes : int
+        Times that motion and load are computed from each other.
+
+    Returns
+    -------
+    Outcome
+    """
+    body = machine.actual_body(plan.payload)
+    clock = Clock.of(machine.drive.rate_hz, plan.rate_hz)
+    command = _Command.of(machine, plan, clock)
+    mass = _mean_inertia(body, plan.q)
+    path = _first_guess(machine, plan, body, command)
+    for _ in range(passes):
+        load = _load(body, path)
+        reference = command.reference(load.total - mass * path.acceleration, machine.drive.motor_inertia + mass)
+        servo = follow(machine.drive, reference, clock, body.joints, machine.effects)
+        motion = _motion(body.joints, plan, servo, load)
+        q = joint_path(machine.effects, motion)
+        path = _Path(q, servo.velocity, np.gradient(servo.velocity, 1.0 / plan.rate_hz, axis=0))
+    return Outcome(motion, servo.torque, q, tip_path(machine.effects, body.forward(q), motion))
+
+
+def _first_guess(machine: Machine, plan: Plan, body: Body, command: _Command) -> _Path:
+    """Path of motors that follow without delay and friction, pushed aside by the load that nothing feeds forward."""
+    desired, load = command.desired, _load(body, command.desired)
+    unmet = load.total + machine.drive.motor_inertia * desired.acceleration - command.feedforward[:: command.clock.stride]
+    position = desired.q - unmet / machine.drive.kp
+    servo = ServoPath(position, desired.velocity, unmet, np.zeros(position.shape))
+    q = joint_path(machine.effects, _motion(body.joints, plan, servo, load))
+    return _Path(q, desired.velocity, desired.acceleration)
+
+
+def joint_path(effects: Sequence[Effect], motion: Motion) -> FloatArray:
+    """True joint path `(n, N, dof)`: the reported motor path through every effect from the encoder to the link."""
+    q = motion.position
+    for effect in of_kind(effects, PathEffect):
+        q = effect.act(q, motion)
+    return q
+
+
+def tip_path(effects: Sequence[Effect], T_base_tip: FloatArray | None, motion: Motion) -> FloatArray | None:
+    """True tool poses `(n, N, 4, 4)`: the kinematics' poses through the effects at tool and base."""
+    if T_base_tip is None:
+        return None
+    for effect in of_kind(effects, TipEffect):
+        T_base_tip = effect.act(T_base_tip, motion)
+    return T_base_tip
+
+
+@dataclass(frozen=True, eq=False)
+class _Command:
+    """Desired motion at the log's samples, and at the servo's steps with the torque fed forward."""
+
+    desired: _Path
+    position: FloatArray
+    velocity: FloatArray
+    feedforward: FloatArray
+    clock: Clock
+
+    @classmethod
+    def of(cls, machine: Machine, plan: Plan, clock: Clock) -> _Command:
+        spline = plan.spline()
+        samples = np.arange(len(plan.q)) / plan.rate_hz
+        steps = np.arange((len(plan.q) - 1) * clock.stride + 1) * clock.step
+        desired = _Path(plan.q, spline(samples, 1), spline(samples, 2))
+        feedforward = _interpolated(_feedforward(machine, plan, desired), clock.stride)
+        return cls(desired, spline(steps), spline(steps, 1), feedforward, clock)
+
+    def reference(self, load: FloatArray, inertia: FloatArray) -> Reference:
+        beyond = _interpolated(load, self.clock.stride)
+        return Reference(self.position, self.velocity, self.feedforward, beyond, inertia)
+
+
+def _feedforward(machine: Machine, plan: Plan, desired: _Path) -> FloatArray:
+    kind = machine.drive.feedforward
+    if kind == "none":
+        return np.zeros(desired.q.shape)
+    nominal = replace(machine.body, links=machine.body.links.carrying(plan.payload))
+    load = _load(nominal, desired)
+    if kind == "gravity":
+        return load.gravity
+    return load.total + machine.drive.motor_inertia * desired.acceleration
+
+
+def _load(body: Body, path: _Path) -> _Load:
+    posture = posture_at(body, path.q)
+    if posture is None:
+        return _Load(np.zeros(path.q.shape), np.zeros(path.q.shape))
+    return _Load(posture.gravity_load(), posture.inertial_load(path.velocity, path.acceleration))
+
+
+def _mean_inertia(body: Body, q: FloatArray) -> FloatArray:
+    """Mean inertia `(dof,)` of the links at each joint: the loop moves it, the rest of the load is passed to it."""
+    posture = posture_at(body, q[::INERTIA_STRIDE])
+    if posture is None:
+        return np.zeros(q.shape[-1])
+    mean: FloatArray = posture.inertia_diagonal().mean(axis=(0, 1))
+    return mean
+
+
+def _motion(joints: tuple[int, ...], plan: Plan, servo: ServoPath, load: _Load) -> Motion:
+    return Motion(
+        joints=joints,
+        time=plan.session_time,
+        session=plan.session,
+        position=servo.position,
+        velocity=servo.velocity,
+        load=load.total + servo.joint_friction,
+        gravity_load=load.gravity,
+    )
+
+
+def _interpolated(samples: FloatArray, stride: int) -> FloatArray:
+    """Values `((n - 1) stride + 1, ...)` on the servo's steps, linear between the `n` samples."""
+    fraction = np.arange(stride).reshape(-1, *([1] * (samples.ndim - 1))) / stride
+    between = samples[:-1, None] + fraction * (samples[1:] - samples[:-1])[:, None]
+    return np.concatenate([between.reshape(-1, *samples.shape[1:]), samples[-1:]])

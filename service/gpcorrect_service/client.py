@@ -1,0 +1,149 @@
+"""The planner's client: ask one server, retry once with all of them, and never fail in silence."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+from typing import Self, TypeVar
+
+import zenoh
+from numpy.typing import ArrayLike
+
+from gpcorrect_service.desk import Call, ClientBase, Line
+from gpcorrect_service.errors import ServiceError
+from gpcorrect_service.replies import CorrectionReply, PathReply
+from gpcorrect_service.wire import HealthAnswer, ModelAnswer
+
+__all__ = ["POLL_SECONDS", "REPLIES_KEPT", "CorrectionClient"]
+
+POLL_SECONDS = 0.002  # between looks at whether a server has appeared
+REPLIES_KEPT = 16  # of one query; more replicas than that overwrite the oldest
+
+R = TypeVar("R")
+
+
+class CorrectionClient(ClientBase):
+    """Asks a correction server from a planner; a context manager, safe to use from several threads.
+
+    Parameters: see :class:`gpcorrect_service.desk.ClientBase`.
+    """
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection; questions after that are answered NO_SERVICE."""
+        self._desk.close()
+
+    def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> CorrectionReply:
+        """Return what to command so that the robot reaches `pose`.
+
+        Parameters
+        ----------
+        pose : (7,) or (3,) array
+            Desired position (m) and unit quaternion wxyz, in the frame that the model was trained in.
+        twist : (6,) array, optional
+            Desired velocity there, m/s and rad/s.
+
+        Raises
+        ------
+        ServiceError
+            With the status of the failure; except for BAD_INPUT only when `on_failure` is "raise".
+        """
+        return self._ask(self._desk.correct(pose, twist))
+
+    def correct_path(self, poses: ArrayLike, times: ArrayLike) -> PathReply:
+        """Return what to command so that the robot follows a path; velocities are computed along it.
+
+        Parameters
+        ----------
+        poses : (n, 7) or (n, 3) array
+            As for :meth:`correct`.
+        times : (n,) array
+            Seconds, strictly increasing.
+
+        Raises
+        ------
+        ServiceError
+            As for :meth:`correct`.
+        """
+        return self._ask(self._desk.correct_path(poses, times))
+
+    def model(self) -> ModelAnswer:
+        """Return which model is active and what it says of itself.
+
+        Raises
+        ------
+        ServiceError
+            As for :meth:`correct`, whatever `on_failure` says.
+        """
+        return self._ask(self._desk.model())
+
+    def health(self) -> HealthAnswer:
+        """Return the server's state, queues and counts.
+
+        Raises
+        ------
+        ServiceError
+            As for :meth:`model`.
+        """
+        return self._ask(self._desk.health())
+
+    def _ask(self, call: Call[R]) -> R:
+        try:
+            return self._ask_servers(call)
+        except ServiceError as error:
+            return call.rescue(error)
+
+    def _ask_servers(self, call: Call[R]) -> R:
+        line = self._desk.line(call.kind)
+        self._await_server(line)
+        failure = self._desk.silence()
+        for querier in line.attempts:
+            answer = self._attempt(querier, line.attempt_seconds, call)
+            if not isinstance(answer, ServiceError):
+                return answer
+            failure = answer
+        raise failure
+
+    def _await_server(self, line: Line) -> None:
+        until = time.monotonic() + self._desk.patience(line)
+        while not line.matched:
+            if time.monotonic() > until:
+                raise self._desk.silence()
+            time.sleep(POLL_SECONDS)
+
+    def _attempt(self, querier: zenoh.Querier, seconds: float, call: Call[R]) -> R | ServiceError:
+        """Return an answer; a query that ends at once without one found no route, and is asked again."""
+        until, pause = time.monotonic() + seconds, POLL_SECONDS
+        while (answer := self._first_answer(querier, call)) is None and time.monotonic() + pause < until:
+            time.sleep(pause)
+            pause *= 2
+        return self._desk.silence() if answer is None else answer
+
+    def _first_answer(self, querier: zenoh.Querier, call: Call[R]) -> R | ServiceError | None:
+        """Return the first answer without waiting for others, a failure, or None when nobody replied."""
+        failure = None
+        for reply in self._send(querier, call):
+            answer = call.hear(reply)
+            if not isinstance(answer, ServiceError):
+                return answer
+            failure = answer
+        return failure
+
+    def _send(self, querier: zenoh.Querier, call: Call[R]) -> zenoh.Handler[zenoh.Reply]:
+        message = call.message
+        try:
+            return querier.get(
+                zenoh.handlers.RingChannel(REPLIES_KEPT),
+                payload=message.payload,
+                encoding=message.encoding,
+                attachment=message.attachment,
+            )
+        except zenoh.ZError as error:
+            raise self._desk.silence() from error

@@ -1,0 +1,51 @@
+"""What can go wrong between planner and server, each with its status, cause and next step."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from gpcorrect.errors import GpCorrectError
+
+__all__ = ["EndpointError", "FailureStatus", "ServiceError"]
+
+FailureStatus = Literal["BAD_INPUT", "STALE", "BUSY", "NO_MODEL", "INTERNAL", "NO_SERVICE"]
+
+
+class ServiceError(GpCorrectError):
+    """A query that got no correction.
+
+    Parameters
+    ----------
+    status : str
+        BAD_INPUT, STALE, BUSY, NO_MODEL or INTERNAL when a server said so; NO_SERVICE when none answered.
+    message : str
+        The cause, in one sentence.
+    hint : str, optional
+        The next step.
+    request_id : str, optional
+        The request as the server's log names it.
+    """
+
+    def __init__(self, status: FailureStatus, message: str, *, hint: str = "", request_id: str = "") -> None:
+        super().__init__(message, hint=hint)
+        self.status = status
+        self.request_id = request_id
+
+    def __str__(self) -> str:
+        return f"{self.status}: {super().__str__()}"
+
+
+class EndpointError(GpCorrectError):
+    """A network address that cannot be used.
+
+    Parameters
+    ----------
+    endpoint : str
+        The address, as `tcp/127.0.0.1:7447`.
+    message, hint : str
+        See :class:`gpcorrect.errors.GpCorrectError`.
+    """
+
+    def __init__(self, endpoint: str, message: str, *, hint: str = "") -> None:
+        super().__init__(f"{endpoint}: {message}", hint=hint)
+        self.endpoint = endpoint

@@ -1,0 +1,178 @@
+"""Laws of Denavit-Hartenberg chains: forward map, conventions, Jacobian, numerical inverse."""
+
+import numpy as np
+import pytest
+
+from gpcorrect import se3
+from gpcorrect.arms import Chain, Joint, arm_named
+from gpcorrect.errors import DataError
+
+ARMS = ["raven2_left", "raven2_right", "dvrk_psm"]
+
+
+def random_joints(limits, n, seed=0):
+    return np.random.default_rng(seed).uniform(limits[:, 0], limits[:, 1], size=(n, len(limits)))
+
+
+def random_chain(convention, seed=0, kinds="RPRRPR"):
+    rng = np.random.default_rng(seed)
+    joints = tuple(Joint(kind, *rng.normal(size=4), -1.0, 1.0) for kind in kinds)
+    base, tool = se3.exp(rng.normal(size=(2, 6)))
+    return Chain(joints, convention, base, tool)
+
+
+def test_planar_arm_has_its_textbook_tip():
+    """Two links of 0.3 and 0.2 m in a plane reach l1 e(q1) + l2 e(q1 + q2)."""
+    links = tuple(Joint("R", 0.0, length, 0.0, 0.0, -np.pi, np.pi) for length in (0.3, 0.2))
+    q = random_joints(Chain(links, "standard").limits, 50)
+    total = q.cumsum(axis=1)
+    expected = 0.3 * np.exp(1j * total[:, 0]) + 0.2 * np.exp(1j * total[:, 1])
+    tip = Chain(links, "standard").forward(q)
+    np.testing.assert_allclose(tip[:, 0, 3] + 1j * tip[:, 1, 3], expected, atol=1e-15)
+    np.testing.assert_allclose(
+        se3.rotvec_from_matrix(tip[:, :3, :3])[:, 2] % (2 * np.pi), total[:, 1] % (2 * np.pi)
+    )
+
+
+def test_the_two_conventions_describe_the_same_arm():
+    """A standard table equals the modified one with alpha and a moved down a row and the last in the tool."""
+    standard = random_chain("standard")
+    rows = standard.joints
+    shifted = [(0.0, 0.0), *((row.alpha, row.a) for row in rows)]
+    modified = Chain(
+        tuple(
+            Joint(row.kind, alpha, a, row.d, row.theta, row.lower, row.upper)
+            for row, (alpha, a) in zip(rows, shifted[:-1], strict=True)
+        ),
+        "modified",
+        standard.base,
+        se3.compose(
+            Chain((Joint("R", *shifted[-1], 0.0, 0.0, -1, 1),), "standard").forward([0.0]), standard.tool
+        ),
+    )
+    q = random_joints(standard.limits, 30)
+    np.testing.assert_allclose(modified.forward(q), standard.forward(q), atol=1e-13)
+    np.testing.assert_allclose(modified.jacobian(q), standard.jacobian(q), atol=1e-13)
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_forward_is_the_product_of_screw_motions(convention):
+    """T(q) = exp(S_1 q_1) ... exp(S_n q_n) T(0), with screws read off at joint zero."""
+    chain = random_chain(convention, seed=3)
+    directions, points = chain.axes(np.zeros(chain.dof))
+    turning = chain.revolute[:, None]
+    linear = np.where(turning, np.cross(points, directions), directions)
+    screws = np.concatenate([linear, np.where(turning, directions, 0.0)], axis=1)
+    for q in random_joints(chain.limits, 20):
+        motions = [se3.exp(screw * value) for screw, value in zip(screws, q, strict=True)]
+        expected = se3.compose(*motions, chain.forward(np.zeros(chain.dof)))
+        np.testing.assert_allclose(chain.forward(q), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_jacobian_is_the_derivative_of_the_forward_map(name):
+    """Columns equal the central difference of log(T(q)^-1 T(q +- h)), turned into base axes."""
+    chain, h = arm_named(name).chain, 1e-5
+    for q in random_joints(chain.limits, 20):
+        T = chain.forward(q)
+        ahead, behind = (se3.log(se3.invert(T) @ chain.forward(q + s * np.eye(chain.dof))) for s in (h, -h))
+        body = (ahead - behind) / (2 * h)
+        expected = np.concatenate([body[:, :3] @ T[:3, :3].T, body[:, 3:] @ T[:3, :3].T], axis=1).T
+        np.testing.assert_allclose(chain.jacobian(q), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_jacobian_holds_for_any_table_base_and_tool(convention):
+    """The same law on random chains with prismatic joints between revolute ones."""
+    h = 1e-5
+    for seed in range(5):
+        chain = random_chain(convention, seed)
+        q = random_joints(chain.limits, 1, seed)[0]
+        ahead, behind = (chain.forward(q + s * np.eye(chain.dof)) for s in (h, -h))
+        linear = (ahead - behind)[:, :3, 3] / (2 * h)
+        turned = se3.rotvec_from_matrix(ahead[:, :3, :3] @ np.swapaxes(behind[:, :3, :3], 1, 2)) / (2 * h)
+        np.testing.assert_allclose(chain.jacobian(q), np.hstack([linear, turned]).T, atol=1e-8)
+
+
+@pytest.mark.parametrize("lead", [(), (0,), (4,), (2, 3)])
+def test_stacks_equal_loops(lead):
+    """Forward map, frames and Jacobian of a stack are the stacks of single ones."""
+    chain = random_chain("modified", seed=1)
+    q = np.random.default_rng(5).normal(size=(*lead, chain.dof))
+    for function in (chain.forward, chain.frames, chain.jacobian):
+        stacked, tail = function(q), function(np.zeros(chain.dof)).shape
+        assert stacked.shape == (*lead, *tail)
+        single = [function(row) for row in q.reshape(-1, chain.dof)]
+        np.testing.assert_allclose(
+            stacked.reshape(-1, *tail), np.array(single).reshape(-1, *tail), atol=1e-15
+        )
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_numerical_inverse_reaches_every_pose_in_limits(name):
+    """forward(inverse(T)) = T to 1e-9 without a seed, within limits, limit corners included."""
+    chain = arm_named(name).chain
+    for q in [*random_joints(chain.limits, 15, seed=7), *chain.limits.T]:
+        T = chain.forward(q)
+        found = chain.inverse(T)
+        np.testing.assert_allclose(chain.forward(found), T, atol=1e-9)
+        assert chain.within_limits(found)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_numerical_inverse_keeps_the_branch_of_its_seed(name):
+    """Started 0.01 off, the solution is the joints the pose was made from."""
+    chain = arm_named(name).chain
+    inner = chain.limits + np.array([0.02, -0.02])
+    for q in random_joints(inner, 10, seed=8):
+        np.testing.assert_allclose(chain.inverse(chain.forward(q), seed=q + 0.01), q, atol=1e-7)
+
+
+def test_numerical_inverse_says_how_far_a_pose_is_out_of_reach():
+    """A pose 5 m away raises and names the miss; so do a shape that is no pose and a seed of another arm."""
+    chain = arm_named("dvrk_psm").chain
+    far = np.eye(4)
+    far[0, 3] = 5.0
+    with pytest.raises(DataError, match=r"misses it by 4\.\d+ m"):
+        chain.inverse(far)
+    with pytest.raises(DataError, match="finite"):
+        chain.inverse(np.full((4, 4), np.nan))
+    with pytest.raises(DataError, match="seed"):
+        chain.inverse(np.eye(4), seed=[0.0, 0.0])
+
+
+def test_limits_are_kept_and_margins_widen_them():
+    """A joint on its limit is inside; beyond it only a margin lets it pass."""
+    chain = random_chain("standard")
+    q = np.zeros((3, 6))
+    q[:, 2] = 1.0, 1.01, np.nan
+    np.testing.assert_array_equal(chain.within_limits(q), [True, False, False])
+    np.testing.assert_array_equal(chain.within_limits(q, margin=0.02), [True, True, False])
+    assert chain.joint_types == "RPRRPR"
+
+
+def test_bad_tables_are_refused():
+    """Unknown kinds, conventions, limits and shapes raise where they enter."""
+    with pytest.raises(DataError, match="revolute"):
+        Joint("X", 0, 0, 0, 0, -1, 1)
+    for lower, upper in [(1, 1), (2, 1), (-np.inf, 1), (0, np.nan)]:
+        with pytest.raises(DataError, match="limits"):
+            Joint("R", 0, 0, 0, 0, lower, upper)
+    with pytest.raises(DataError, match="convention"):
+        Chain((Joint("R", 0, 0, 0, 0, -1, 1),), "craig")
+    with pytest.raises(DataError, match="at least one"):
+        Chain((), "standard")
+    with pytest.raises(DataError, match="tool"):
+        Chain((Joint("R", 0, 0, 0, 0, -1, 1),), "standard", tool=np.eye(3))
+    with pytest.raises(DataError, match=r"\(\.\.\., 6\)"):
+        random_chain("standard").forward(np.zeros(5))
+
+
+def test_a_chain_keeps_its_own_copy():
+    """Changing the base given to a chain does not move it, and its arrays cannot be written."""
+    base = np.eye(4)
+    chain = Chain((Joint("R", 0, 0.1, 0, 0, -1, 1),), "standard", base=base)
+    base[0, 3] = 9.0
+    assert chain.forward([0.0])[0, 3] == pytest.approx(0.1)
+    with pytest.raises(ValueError, match="read-only"):
+        chain.base[0, 3] = 1.0

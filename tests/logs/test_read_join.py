@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from read_support import assert_same_log, random_log
+
+from gpcorrect.errors import LogError
+from gpcorrect.logs import join_logs
+from gpcorrect.types import LogMeta, PoseSignal
+
+
+def test_one_log_joined_is_itself():
+    log = random_log(0)
+    assert_same_log(join_logs([log]), log)
+
+
+def test_rows_keep_their_order_and_values():
+    logs = [random_log(k) for k in range(3)]
+    joined = join_logs(logs)
+    np.testing.assert_array_equal(joined.time, np.concatenate([log.time for log in logs]))
+    np.testing.assert_array_equal(
+        joined.tracker_cp.quaternion, np.concatenate([log.tracker_cp.quaternion for log in logs])
+    )
+    np.testing.assert_array_equal(
+        joined.extra["grip, force"], np.concatenate([log.extra["grip, force"] for log in logs])
+    )
+
+
+def test_trajectories_never_merge_and_keep_their_rows():
+    logs = [random_log(k) for k in range(3)]
+    joined = join_logs(logs)
+    assert joined.trajectory_ids.tolist() == [0, 1, 2, 3, 4, 5]
+    parts = [rows for log in logs for _, rows in log.trajectories()]
+    assert [len(rows) for _, rows in joined.trajectories()] == [len(rows) for rows in parts]
+
+
+def test_sessions_are_each_logs_own_unless_they_are_said_to_mean_the_same():
+    logs = [random_log(0), random_log(1)]
+    assert np.unique(join_logs(logs).session).tolist() == [0, 1]
+    assert np.unique(join_logs(logs, sessions="keep").session).tolist() == [3]
+
+
+def test_a_signal_that_not_every_log_has_is_dropped_and_said():
+    joined = join_logs([random_log(0), replace(random_log(1), payload=None, external_jp=None, extra={})])
+    assert "payload" not in joined.signals
+    assert joined.extra == {}
+    assert joined.remarks[0] == "signals that not every log has were dropped: external_jp, payload."
+
+
+def test_positions_are_what_a_pose_and_a_position_have_in_common():
+    other = random_log(1)
+    joined = join_logs([random_log(0), replace(other, tracker_cp=PoseSignal(other.tracker_cp.position))])
+    assert joined.tracker_cp.quaternion is None
+    assert "positions only" in joined.remarks[0]
+
+
+def test_what_the_logs_say_alike_is_kept_and_notes_are_strung_together():
+    one, two = (
+        LogMeta(robot="R", notes="a", tracker_base=(1.0,) * 6),
+        LogMeta(robot="R", notes="b", arm="left"),
+    )
+    joined = join_logs([replace(random_log(0), meta=one), replace(random_log(1), meta=two)])
+    assert joined.meta == LogMeta(robot="R", arm="left", notes="a; b")
+
+
+def test_remarks_name_the_log_they_are_from():
+    logs = [replace(random_log(k), name=f"log{k}", remarks=(f"remark {k}",)) for k in range(2)]
+    assert join_logs(logs).remarks == ("log0: remark 0", "log1: remark 1")
+
+
+def test_the_digest_is_of_all_files_in_order_or_none():
+    one, two = (replace(random_log(k), digest=str(k) * 64) for k in range(2))
+    assert join_logs([one, two]).digest != join_logs([two, one]).digest != ""
+    assert join_logs([one, replace(two, digest="")]).digest == ""
+
+
+def test_nothing_different_machines_or_different_joints_are_refused():
+    with pytest.raises(LogError, match="at least one log"):
+        join_logs([])
+    with pytest.raises(LogError, match="robot is RAVEN-II and dVRK"):
+        join_logs([random_log(0), replace(random_log(1), meta=LogMeta(robot="dVRK"))])
+    with pytest.raises(LogError, match=r"different numbers of joints in setpoint_jp \(: 6, : 7\)"):
+        join_logs([random_log(0), random_log(1, dof=7)])

@@ -1,0 +1,37 @@
+"""Files appear whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gpcorrect.atomic import atomic_path
+from gpcorrect.errors import GpCorrectError
+
+
+def test_an_error_half_way_leaves_the_old_file_and_no_litter(tmp_path: Path) -> None:
+    """What was there stays, whatever the writer did before it failed."""
+    target = tmp_path / "model.bin"
+    target.write_bytes(b"old")
+    with pytest.raises(RuntimeError), atomic_path(target) as temporary:
+        temporary.write_bytes(b"half")
+        raise RuntimeError
+    assert target.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["model.bin"]
+
+
+def test_a_finished_file_replaces_the_old_one(tmp_path: Path) -> None:
+    """The new contents stand under the name, alone."""
+    target = tmp_path / "model.bin"
+    target.write_bytes(b"old")
+    with atomic_path(target) as temporary:
+        temporary.write_bytes(b"new")
+    assert target.read_bytes() == b"new"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_folder_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    """The message names the output and what to do."""
+    with pytest.raises(GpCorrectError, match="Create the folder"), atomic_path(tmp_path / "no" / "model.bin"):
+        pass
