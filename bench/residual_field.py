@@ -65,16 +65,26 @@ def _paths(n_reaches: int, n_samples: int, rng: np.random.Generator) -> tuple[Fl
     phase = np.linspace(0.02, 0.98, n_samples)
     progress = (10 * phase**3 - 15 * phase**4 + 6 * phase**5)[None, :, None]
     rate = (30 * phase**2 - 60 * phase**3 + 30 * phase**4)[None, :, None]
-    start = np.concatenate([rng.uniform(-0.5, 0.5, (n_reaches, 1, 3)) * WORKSPACE, rng.uniform(-0.35, 0.35, (n_reaches, 1, 3))], 2)
-    stop = np.concatenate([rng.uniform(-0.5, 0.5, (n_reaches, 1, 3)) * WORKSPACE, rng.uniform(-0.35, 0.35, (n_reaches, 1, 3))], 2)
-    duration = np.linalg.norm((stop - start)[..., :3], axis=2, keepdims=True) / 0.05 * rng.uniform(0.7, 1.4, (n_reaches, 1, 1))
+    start = np.concatenate(
+        [rng.uniform(-0.5, 0.5, (n_reaches, 1, 3)) * WORKSPACE, rng.uniform(-0.35, 0.35, (n_reaches, 1, 3))], 2
+    )
+    stop = np.concatenate(
+        [rng.uniform(-0.5, 0.5, (n_reaches, 1, 3)) * WORKSPACE, rng.uniform(-0.35, 0.35, (n_reaches, 1, 3))], 2
+    )
+    duration = (
+        np.linalg.norm((stop - start)[..., :3], axis=2, keepdims=True) / 0.05 * rng.uniform(0.7, 1.4, (n_reaches, 1, 1))
+    )
     path = (start + progress * (stop - start)).reshape(-1, 6)
     speed = (rate * (stop - start) / np.maximum(duration, 0.2)).reshape(-1, 6)
     return path[:, :3], path[:, 3:], speed
 
 
 def _planted_field(
-    positions: FloatArray, rotvecs: FloatArray, twists: FloatArray, length_scale: tuple[float, float], rng: np.random.Generator
+    positions: FloatArray,
+    rotvecs: FloatArray,
+    twists: FloatArray,
+    length_scale: tuple[float, float],
+    rng: np.random.Generator,
 ) -> FloatArray:
     """Pose field + friction tanh(v / v0) of locally varying strength + a mild field over pose and velocity together."""
     pose = np.hstack([positions, rotvecs / 10.0])  # rad to the metres that matter as much
@@ -87,7 +97,9 @@ def _planted_field(
     return (pose_field + friction + mixed) * np.repeat([1.0, 10.0], 3)
 
 
-def _random_field(inputs: FloatArray, length_scale: tuple[float, float], rng: np.random.Generator, n_waves: int = 400) -> FloatArray:
+def _random_field(
+    inputs: FloatArray, length_scale: tuple[float, float], rng: np.random.Generator, n_waves: int = 400
+) -> FloatArray:
     """Six unit-variance random fields with an RBF spectrum, each of its own length scales (random Fourier features)."""
     outputs = []
     for _ in range(6):

@@ -1,8 +1,8 @@
 """The model file: NumPy arrays plus a JSON header in one file; loading never runs code.
 
-The file is a NumPy `.npz` archive (a zip, so a truncated file has no directory and a flipped bit fails its CRC). Its `header` entry
-is JSON: schema, versions, frames, units, features, fit report, the SHA-256 of every array, and check queries whose answers
-were recorded at save time and are asked again at load time.
+The file is a NumPy `.npz` archive (a zip, so a truncated file has no directory and a flipped bit fails its CRC). Its
+`header` entry is JSON: schema, versions, frames, units, features, fit report, the SHA-256 of every array, and check
+queries whose answers were recorded at save time and are asked again at load time.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ def load(path: str | Path) -> CommandCorrector:
     Raises
     ------
     ArtifactError
-        The file is missing, truncated, altered, of a newer schema, not a model file, or answers its check queries otherwise
-        than when it was saved.
+        The file is missing, truncated, altered, of a newer schema, not a model file, or answers its check queries
+        otherwise than when it was saved.
     """
     header, arrays = read_parts(path)
     try:
@@ -106,8 +106,18 @@ def _read_archive(path: str | Path) -> dict[str, Any]:
                 raise _refused(path, "it is a single array, not a model")
             return {name: archive[name] for name in archive.files}
     except FileNotFoundError as error:
-        raise ArtifactError(f"there is no model file {path}.", hint="Fit one with: gpcorrect fit LOG --output MODEL") from error
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+        raise ArtifactError(
+            f"there is no model file {path}.", hint="Fit one with: gpcorrect fit LOG --output MODEL"
+        ) from error
+    except (
+        OSError,
+        ValueError,
+        EOFError,
+        KeyError,
+        zipfile.BadZipFile,
+        zlib.error,
+        NotImplementedError,
+    ) as error:
         if isinstance(error, GpCorrectError):
             raise
         raise _refused(path, "it is truncated, altered, or no model file at all") from error
@@ -158,4 +168,6 @@ def _verify_answers(path: str | Path, corrector: CommandCorrector, header: Heade
 
 
 def _refused(path: str | Path, why: str) -> ArtifactError:
-    return ArtifactError(f"model file {path} is refused: {why}.", hint="Copy it again from its source, or fit the model again.")
+    return ArtifactError(
+        f"model file {path} is refused: {why}.", hint="Copy it again from its source, or fit the model again."
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from gpcorrect.corrector import (
     FitSettings,
     fit_command_corrector,
     observed_twists,
+    on_one_clock,
     pose_pair,
 )
 from gpcorrect.errors import LogError
@@ -70,7 +71,8 @@ class Measured:
 class Evaluation:
     """A model measured on one log twice: on the samples that pass cleaning, and on all of them as they came.
 
-    The clean set has velocities that never cross a rejected sample; the dirty set has those that the path as it came shows.
+    The clean set has velocities that never cross a rejected sample; the dirty set has those that the path as it came
+    shows.
     """
 
     clean: Measured
@@ -95,7 +97,6 @@ class Experiment:
     """A fit and its measurement on held-out trajectories."""
 
     fit: FitResult
-    train: CalibrationLog
     test: CalibrationLog | None
     evaluation: Evaluation | None
     seconds: float
@@ -115,7 +116,9 @@ class Experiment:
             "n_test": len(self.evaluation.clean.rows) if self.evaluation else 0,
             "dropped": dict(dropped),
             "seconds": self.seconds,
-            **(self.evaluation.to_dict() if self.evaluation else {"errors": {}, "errors_dirty": {}, "coverage95": None}),
+            **(
+                self.evaluation.to_dict() if self.evaluation else {"errors": {}, "errors_dirty": {}, "coverage95": None}
+            ),
             "model": self.fit.summary,
         }
 
@@ -143,7 +146,7 @@ def split_trajectories(
     if len(ids) < 2:
         raise LogError(
             "the log holds one trajectory: nothing can be held out to measure the error on.",
-            hint="Number the motions in the `trajectory` column, give more logs, or fit without a measurement: --holdout 0",
+            hint="Number the motions in the `trajectory` column, give more logs, or measure nothing: --holdout 0",
             path=log.name,
         )
     if rng is not None:
@@ -172,11 +175,13 @@ def run_experiment(
     """
     settings = settings or FitSettings()
     start = time.perf_counter()
+    log, clocks = on_one_clock(log, settings.time_offset)
     rng = np.random.default_rng(settings.seed) if shuffle else None
     train, test = split_trajectories(log, holdout, rng=rng)
-    fit = fit_command_corrector(train, settings, progress=progress)
+    fit = fit_command_corrector(train, replace(settings, time_offset="none"), progress=progress)
+    fit = replace(fit, clocks=clocks, remarks=(*fit.remarks, *([clocks.remark] if clocks.applied else [])))
     measured = evaluate(fit.corrector, test) if test is not None else None
-    return Experiment(fit, train, test, measured, time.perf_counter() - start)
+    return Experiment(fit, test, measured, time.perf_counter() - start)
 
 
 def evaluate(corrector: CommandCorrector, log: CalibrationLog) -> Evaluation:
@@ -190,7 +195,9 @@ def evaluate(corrector: CommandCorrector, log: CalibrationLog) -> Evaluation:
     cleaning = corrector.clean(log)
     everything = np.ones(len(log), dtype=bool)
     return Evaluation(
-        clean=_measure(corrector, log, cleaning.keep), dirty=_measure(corrector, log, everything), cleaning=cleaning
+        clean=_measure(corrector, log, cleaning.keep),
+        dirty=_measure(corrector, log, everything),
+        cleaning=cleaning,
     )
 
 
@@ -200,7 +207,9 @@ def _measure(corrector: CommandCorrector, log: CalibrationLog, keep: BoolArray) 
     rows = np.flatnonzero(keep & observed.finite & command.finite & np.isfinite(twist[:, :3]).all(axis=1))
     if rows.size == 0:
         raise LogError(
-            "no sample that passes has both poses and a velocity.", hint="See: gpcorrect validate LOG", path=log.name
+            "no sample that passes has both poses and a velocity.",
+            hint="See: gpcorrect validate LOG",
+            path=log.name,
         )
     observed, command, twist = observed[rows], command[rows], twist[rows]
     path = corrector.correct_observed(observed, twist)

@@ -1,4 +1,4 @@
-"""Errors as people quote them: mean, spread, RMSE, 95th percentile and maximum, per axis and as a norm, in mm and degrees."""
+"""Errors as people quote them: mean, SD, RMSE, 95th percentile and maximum, by axis and norm, in mm and degrees."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ErrorTable = dict[str, dict[str, Leaf]]
 
 
 def spread(errors: FloatArray) -> Leaf:
-    """Statistics of the absolute values of `errors` (n,): mean, SD, RMSE, 95th percentile and maximum; NaN are left out."""
+    """Return mean, SD, RMSE, 95th percentile and maximum of the absolute values of `errors` (n,); NaN are left out."""
     size = np.abs(errors[np.isfinite(errors)])
     if size.size == 0:
         return dict.fromkeys(("mean", "sd", "rmse", "p95", "max"), float("nan"))
@@ -35,7 +35,7 @@ def _by_axis(vectors: FloatArray) -> dict[str, Leaf]:
 
 
 def error_table(residual: FloatArray) -> ErrorTable:
-    """Table of pose errors `(n, 6)` (m, then rotation vector in rad): `position_mm` and, where measured, `rotation_deg`."""
+    """Return the table of pose errors `(n, 6)` (m, then rad): `position_mm` and, where measured, `rotation_deg`."""
     table = {"position_mm": _by_axis(1e3 * residual[:, :3])}
     if np.isfinite(residual[:, 3:]).any():
         table["rotation_deg"] = _by_axis(np.rad2deg(residual[:, 3:]))
@@ -43,7 +43,7 @@ def error_table(residual: FloatArray) -> ErrorTable:
 
 
 def coverage(residual: FloatArray, half_width: FloatArray) -> FloatArray:
-    """Share of errors `(n, k)` inside their intervals of half width `(n, k)`, a column each; NaN where none was measured."""
+    """Return the share of errors `(n, k)` inside intervals of half width `(n, k)`, by column; NaN where unknown."""
     known = np.isfinite(residual) & np.isfinite(half_width)
     inside = (np.abs(residual) <= half_width) & known
     count = known.sum(axis=0)

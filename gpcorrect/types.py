@@ -213,7 +213,8 @@ class Correction:
     quaternion : (4,) array or None
         Commanded orientation wxyz; None when no orientation was asked for.
     std : (6,) array
-        Standard deviation of the learned correction: x, y, z in m, then the rotation vector in rad (NaN where not learned).
+        Standard deviation of the learned correction: x, y, z in m, then the rotation vector in rad (NaN where not
+        learned).
     interval95 : (6,) array
         Half width of the calibrated 95 % interval, same units.
     in_domain : bool

@@ -53,9 +53,7 @@ def segment_labels(
     t, motion = np.asarray(time, dtype=np.float64), np.asarray(trajectory)
     kept: BoolArray = np.ones(t.shape, dtype=bool) if keep is None else np.asarray(keep, dtype=bool)
     if t.ndim != 1 or motion.shape != t.shape or kept.shape != t.shape:
-        raise DataError(
-            f"time, trajectory and keep must be (n,) each, got {t.shape}, {motion.shape}, {kept.shape}."
-        )
+        raise DataError(f"time, trajectory and keep must be (n,) each, got {t.shape}, {motion.shape}, {kept.shape}.")
     if max_gap is not None and not max_gap > 0:
         raise DataError(f"max_gap must be positive seconds, got {max_gap}.")
     if not np.isfinite(t).all():
@@ -67,9 +65,7 @@ def segment_labels(
     return labels
 
 
-def derivative(
-    time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: float | None = None
-) -> FloatArray:
+def derivative(time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: float | None = None) -> FloatArray:
     """Time derivative by five-point finite differences on the actual times, never across labels.
 
     Windows are one-sided at the ends of a run and hold fewer points in runs shorter than five.
@@ -208,9 +204,7 @@ class CausalTwist:
     def _check(self, time: float, position: FloatArray, rotation: FloatArray | None) -> None:
         if position.shape != (3,) or (rotation is not None and rotation.shape != (3, 3)):
             came = None if rotation is None else rotation.shape
-            raise DataError(
-                f"a sample is a position (3,) and a rotation (3, 3) or None, got {position.shape}, {came}."
-            )
+            raise DataError(f"a sample is a position (3,) and a rotation (3, 3) or None, got {position.shape}, {came}.")
         if not (np.isfinite([time, *position]).all() and (rotation is None or np.isfinite(rotation).all())):
             raise DataError(f"the sample at time {time} is not finite.", hint="Leave a missing sample out.")
         if self._past and time <= self._past[-1][0]:
@@ -245,9 +239,7 @@ def _checked(
     t, x = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
     runs = np.asarray(labels, dtype=np.int64)
     if t.ndim != 1 or x.ndim != 2 or len(x) != len(t) or runs.shape != t.shape:
-        raise DataError(
-            f"time (n,), values (n, k) and labels (n,) must match, got {t.shape}, {x.shape}, {runs.shape}."
-        )
+        raise DataError(f"time (n,), values (n, k) and labels (n,) must match, got {t.shape}, {x.shape}, {runs.shape}.")
     if step is not None and not step > 0:
         raise DataError(f"the stencil step must be positive seconds, got {step}.")
     stuck = np.flatnonzero((runs[1:] == runs[:-1]) & (runs[1:] >= 0) & ~(np.diff(t) > 0))
@@ -281,9 +273,7 @@ def _run_bounds(labels: IntArray) -> tuple[IntArray, IntArray]:
     return begins[run], ends[run]
 
 
-def _spread_window(
-    time: FloatArray, rows: IntArray, first: IntArray, stop: IntArray, step: float
-) -> IntArray:
+def _spread_window(time: FloatArray, rows: IntArray, first: IntArray, stop: IntArray, step: float) -> IntArray:
     """Windows `(r, 5)` of distinct samples nearest to t-2h ... t+2h, shifted and shrunk to fit the run."""
     begin, end = time[first], time[stop - 1]
     h = np.minimum(step, (end - begin) / (STENCIL - 1))

@@ -17,7 +17,7 @@ from gpcorrect.cleaning.robust_rigid import fit_rigid_robustly
 from gpcorrect.cleaning.samples import Register, RigidMap, Samples
 from gpcorrect.cleaning.segments import segment_mask
 from gpcorrect.cleaning.settings import CleaningSettings
-from gpcorrect.cleaning.smooth import SmoothModel
+from gpcorrect.cleaning.smooth import SecondLook, SmoothModel
 from gpcorrect.cleaning.steps import StepRuler
 from gpcorrect.cleaning.trajectories import rejected_shares
 from gpcorrect.cleaning.verdicts import Verdicts
@@ -71,14 +71,12 @@ def fit_cleaner(
     found = fit_rigid_robustly(observed[rows], command[rows], register, settings.resolution, rng)
     samples = samples_of(log, rows, found.model)
     ruler = Ruler(found.scales, Workspace.around(samples.command, settings.workspace_margin), StepRuler.learn(samples, settings))
-    physical = judge_samples(samples, Verdicts.none(len(rows)), ruler, settings)
-    nothing = np.zeros(len(rows))
-    trusted = judge_motion(samples, physical, nothing, ruler.steps, settings).keep
-    smooth, distance = None, nothing
+    physical = judge_samples(samples, ruler, settings)
+    smooth, look = None, SecondLook.none(samples.error)
+    trusted = judge_motion(samples, physical, look, ruler, settings).keep
     if trusted.sum() >= FEWEST_FOR_FIELD:
-        smooth, away = learn_smooth_model(samples, trusted, settings, rng)
-        distance = away.max(axis=1)
-    final = judge_motion(samples, physical, distance, ruler.steps, settings)
+        smooth, look = learn_smooth_model(samples, trusted, settings, rng)
+    final = judge_motion(samples, physical, look, ruler, settings)
     cleaner = FittedCleaner(found.model, ruler, smooth, settings)
     return cleaner, _report(log, rows, verdicts, final, cleaner)
 
@@ -88,9 +86,9 @@ def clean_with(cleaner: FittedCleaner, log: CalibrationLog) -> CleaningReport:
     order, verdicts = _first_verdicts(log, settings)
     rows = order[verdicts.keep[order]]
     samples = samples_of(log, rows, cleaner.rigid)
-    physical = judge_samples(samples, Verdicts.none(len(rows)), cleaner.ruler, settings)
-    distance = cleaner.smooth.distance(samples).max(axis=1) if cleaner.smooth is not None else np.zeros(len(rows))
-    final = judge_motion(samples, physical, distance, cleaner.ruler.steps, settings)
+    physical = judge_samples(samples, cleaner.ruler, settings)
+    look = SecondLook.none(samples.error) if cleaner.smooth is None else cleaner.smooth.look(samples)
+    final = judge_motion(samples, physical, look, cleaner.ruler, settings)
     return _report(log, rows, verdicts, final, cleaner)
 
 

@@ -13,6 +13,7 @@ from gpcorrect.cleaning.limits import RotationLimit, Workspace
 from gpcorrect.cleaning.reasons import Reason
 from gpcorrect.cleaning.samples import Samples, part_norms
 from gpcorrect.cleaning.settings import CleaningSettings
+from gpcorrect.cleaning.smooth import SecondLook
 from gpcorrect.cleaning.steps import Path, StepLimit, StepRuler
 from gpcorrect.cleaning.trajectories import SURROUNDED, rejected_nearby
 from gpcorrect.cleaning.verdicts import Verdicts
@@ -20,6 +21,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["Ruler", "judge_motion", "judge_samples"]
 
+SMOOTH_LEEWAY = 1.5  # a piece that leaves the model smoothly and comes back is more likely a gap of the model
 FEW = 8  # samples: fewer are no motion of their own, however slow the recording
 
 
@@ -42,21 +44,20 @@ class Ruler:
     steps: StepRuler
 
 
-def judge_samples(samples: Samples, verdicts: Verdicts, ruler: Ruler, settings: CleaningSettings) -> Verdicts:
-    """Physical limits, frozen observations, and gross outliers about the rigid model."""
+def judge_samples(samples: Samples, ruler: Ruler, settings: CleaningSettings) -> Verdicts:
+    """Physical limits and frozen observations."""
+    verdicts = Verdicts.none(len(samples))
     for limit in (ruler.workspace, RotationLimit(settings.max_rotation)):
         values = limit.measure(samples)
         verdicts = verdicts.rejecting(values > limit.limit, limit.reason, values, limit.limit)
     travel = frozen_travel(samples)
-    verdicts = verdicts.rejecting(travel > settings.frozen_travel, Reason.FROZEN, travel, settings.frozen_travel)
-    away = (part_norms(samples.error) / ruler.scales).max(axis=1)
-    return verdicts.rejecting(away > settings.outlier_factor, Reason.OUTLIER, away, settings.outlier_factor)
+    return verdicts.rejecting(travel > settings.frozen_travel, Reason.FROZEN, travel, settings.frozen_travel)
 
 
 def judge_motion(
-    samples: Samples, verdicts: Verdicts, distance: FloatArray, ruler: StepRuler, settings: CleaningSettings
+    samples: Samples, verdicts: Verdicts, look: SecondLook, ruler: Ruler, settings: CleaningSettings
 ) -> Verdicts:
-    """Which samples can be one motion, and which of them the smooth model explains.
+    """Which samples can be one motion, and which of them the rigid and the smooth model explain.
 
     Parameters
     ----------
@@ -64,29 +65,33 @@ def judge_motion(
         n samples.
     verdicts : Verdicts
         On these n so far; rejected samples take no part.
-    distance : (n,) array
-        Robust scales between each error and the smooth model's; zeros while there is no model.
+    look : SecondLook
+        How the samples look beside the smooth model.
     ruler, settings
         Limits and factors.
     """
     left = np.flatnonzero(verdicts.keep)
     if len(left) == 0:
         return verdicts
-    path = Path.of(samples[left], settings.response_time)
-    pieces = split_pieces(path, ruler.limits)
-    typical = _piece_medians(pieces, distance[left])
-    scores = pieces.counts * (1 - (typical / settings.offset_factor) ** 2)
-    kept = largest_chain(pieces, scores, path, ruler.limits, _switch_cost(path, settings))
-    kept &= ~excursions(pieces, kept, path, ruler)
-    verdicts = _reject_offset(verdicts, left, pieces, scores <= 0, typical, settings)
-    verdicts = _reject_unconnected(verdicts, left, pieces, ~kept, ruler.limits)
-    verdicts = verdicts.rejecting(distance > settings.offset_factor, Reason.OFFSET, distance, settings.offset_factor)
+    path, limits = Path.of(samples[left], settings.response_time), ruler.steps.limits
+    pieces = split_pieces(path, limits)
+    from_rigid = _piece_medians(pieces, (part_norms(path.samples.error) / ruler.scales).max(axis=1))
+    from_smooth = _piece_medians(pieces, look.distance[left])
+    badness = np.maximum(from_rigid / settings.outlier_factor, from_smooth / settings.offset_factor)
+    occlusion = _occlusion_samples(path, settings)
+    kept = largest_chain(pieces, pieces.counts * (1 - badness**2), path, limits, occlusion)
+    kept &= ~excursions(pieces, kept, path, ruler.steps, look.remainder[left], occlusion)
+    verdicts = _reject_pieces(verdicts, left, pieces, from_rigid, Reason.OUTLIER, settings.outlier_factor)
+    verdicts = _reject_pieces(verdicts, left, pieces, from_smooth, Reason.OFFSET, settings.offset_factor)
+    verdicts = _reject_unconnected(verdicts, left, pieces, ~kept, limits)
+    smoothly_off = SMOOTH_LEEWAY * settings.offset_factor
+    verdicts = verdicts.rejecting(look.distance > smoothly_off, Reason.OFFSET, look.distance, smoothly_off)
     nearby = rejected_nearby(samples.run, verdicts.keep)
     return verdicts.rejecting(nearby > SURROUNDED, Reason.SURROUNDED, nearby, SURROUNDED)
 
 
-def _switch_cost(path: Path, settings: CleaningSettings) -> float:
-    """Samples that an impossible step inside a chain must be worth: as many as the longest occlusion has."""
+def _occlusion_samples(path: Path, settings: CleaningSettings) -> float:
+    """Samples of the longest occlusion: what an impossible step inside a chain must be worth."""
     steps = np.diff(path.samples.time)
     typical = np.median(steps[steps > 0]) if (steps > 0).any() else settings.occlusion_time
     return float(max(FEW, settings.occlusion_time / typical))
@@ -104,12 +109,12 @@ def _spread(values: FloatArray, n: int, rows: IntArray, pieces: Pieces) -> Float
     return spread
 
 
-def _reject_offset(
-    verdicts: Verdicts, rows: IntArray, pieces: Pieces, mask: BoolArray, typical: FloatArray, settings: CleaningSettings
+def _reject_pieces(
+    verdicts: Verdicts, rows: IntArray, pieces: Pieces, values: FloatArray, reason: Reason, limit: float
 ) -> Verdicts:
-    n = len(verdicts.keep)
-    value = _spread(np.where(mask, typical, np.nan), n, rows, pieces)
-    return verdicts.rejecting(np.isfinite(value), Reason.OFFSET, value, settings.offset_factor)
+    """Reject the pieces whose value (m,) exceeds the limit."""
+    value = _spread(np.where(values > limit, values, np.nan), len(verdicts.keep), rows, pieces)
+    return verdicts.rejecting(np.isfinite(value), reason, value, limit)
 
 
 def _reject_unconnected(

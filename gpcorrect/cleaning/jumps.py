@@ -111,15 +111,29 @@ def _best_chain(
     return np.array(chain[::-1])
 
 
-def excursions(pieces: Pieces, kept: BoolArray, path: Path, ruler: StepRuler) -> BoolArray:
+def excursions(
+    pieces: Pieces, kept: BoolArray, path: Path, ruler: StepRuler, remainder: FloatArray, occlusion: float
+) -> BoolArray:
     """Mask (m,) of kept pieces that lie between two impossible steps which cancel, found shortest first.
 
     Two independent steps do not cancel in three or six numbers; a marker that is lost and found again does that.
+    Longer than an occlusion, it must also stand out: by half of the step or more from what the smooth model expects.
+
+    Parameters
+    ----------
+    pieces, kept : Pieces, (m,) bool array
+        All pieces, and those of the chain.
+    path, ruler : Path, StepRuler
+        Samples and what they can do.
+    remainder : (n, k) array
+        What the smooth model leaves of the error, in any unit.
+    occlusion : float
+        Samples of the longest occlusion.
     """
     dropped = np.zeros(len(pieces), dtype=bool)
     for members in np.split(np.arange(len(pieces)), np.flatnonzero(np.diff(pieces.run)) + 1):
         stretches = _stretches(pieces, members[kept[members]], path, ruler.limits)
-        while (k := _shortest_excursion(stretches, path, ruler)) is not None:
+        while (k := _shortest_excursion(stretches, path, ruler, remainder, occlusion)) is not None:
             dropped[stretches[k].pieces] = True
             stretches[k - 1 : k + 2] = [stretches[k - 1].joined(stretches[k + 1])]
     return dropped
@@ -151,17 +165,30 @@ def _stretches(pieces: Pieces, chain: IntArray, path: Path, limits: Sequence[Ste
     return stretches
 
 
-def _shortest_excursion(stretches: list[_Stretch], path: Path, ruler: StepRuler) -> int | None:
+def _shortest_excursion(
+    stretches: list[_Stretch], path: Path, ruler: StepRuler, remainder: FloatArray, occlusion: float
+) -> int | None:
     """Position of the shortest stretch, shorter than its neighbours together, that is left as it was entered."""
     if len(stretches) < 3:
         return None
     scaled = path.samples.error / np.repeat(ruler.noise, 3)
     step = np.array([scaled[b.first] - scaled[a.last] for a, b in pairwise(stretches)])
     height = np.linalg.norm(step, axis=1)
-    back = np.linalg.norm(step[:-1] + step[1:], axis=1) <= 1.0 + RETURN_SHARE * np.minimum(height[:-1], height[1:])
+    back = np.linalg.norm(step[:-1] + step[1:], axis=1) <= 0.5 + RETURN_SHARE * np.minimum(height[:-1], height[1:])
     count = np.array([s.count for s in stretches])
     found = np.flatnonzero(back & (count[1:-1] < count[:-2] + count[2:])) + 1
-    return int(found[np.argmin(count[found])]) if len(found) else None
+    for k in found[np.argsort(count[found], kind="stable")]:
+        if count[k] <= occlusion or _stands_out(*stretches[k - 1 : k + 2], remainder):
+            return int(k)
+    return None
+
+
+def _stands_out(before: _Stretch, stretch: _Stretch, after: _Stretch, remainder: FloatArray) -> bool:
+    """Whether the smooth model misses the stretch by half of the steps that bound it, or more."""
+    step = (remainder[stretch.first] - remainder[before.last] + remainder[stretch.last] - remainder[after.first]) / 2
+    inside = np.median(remainder[stretch.first : stretch.last + 1], axis=0)
+    outside = np.median(np.vstack([remainder[before.first : before.last + 1], remainder[after.first : after.last + 1]]), axis=0)
+    return bool((inside - outside) @ step >= 0.5 * (step @ step))
 
 
 def _possible(path: Path, limits: Sequence[StepLimit], i: IntArray, j: IntArray) -> BoolArray:

@@ -17,7 +17,7 @@ from gpcorrect.cleaning.lmeds import robust_scale
 from gpcorrect.cleaning.regressor import LeastMedianOfSquares
 from gpcorrect.cleaning.samples import Samples, part_norms
 from gpcorrect.cleaning.settings import CleaningSettings
-from gpcorrect.cleaning.smooth import SmoothModel, distances, judged_rows, scaled_remainder
+from gpcorrect.cleaning.smooth import SecondLook, SmoothModel, judged_rows, scaled_remainder, second_look
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
 __all__ = ["evenly_spaced", "learn_smooth_model"]
@@ -25,6 +25,7 @@ __all__ = ["evenly_spaced", "learn_smooth_model"]
 FOLDS = 10
 SEARCH_SAMPLES = 300
 ROUNDS = 2
+TINY = 1e-12
 GRID = {"length": (1.0, 2.0, 4.0, 8.0), "noise": (1e-3, 1e-2, 1e-1), "velocity": (0.3, 1.0, 3.0)}
 
 
@@ -43,8 +44,8 @@ class _Data:
 
 def learn_smooth_model(
     samples: Samples, trusted: BoolArray, settings: CleaningSettings, rng: np.random.Generator
-) -> tuple[SmoothModel, FloatArray]:
-    """Model from the trusted samples, and distance (n, parts) of every sample from what the other folds predict for it.
+) -> tuple[SmoothModel, SecondLook]:
+    """Model from the trusted samples, and how every sample looks beside what the other folds predict for it.
 
     Parameters
     ----------
@@ -61,14 +62,15 @@ def learn_smooth_model(
     twist = commanded_twists(samples)
     scaling = FieldInputs.learn(samples, twist)
     data = _Data(*scaling.transform(samples, twist), scaled_remainder(samples, trend, unit), folds(samples))
-    train, kernel, scale = _trusted_training(data, trusted, settings)
+    train, kernel = _confirmed_training(data, trusted, settings)
     rows = judged_rows(samples)
     mean, deviation = _cross_predict(train, data[rows], kernel)
-    floor = settings.resolution[: len(unit)] / unit
-    away = distances(data.left, rows, mean, deviation)
-    scale = np.maximum(robust_scale(away[trusted], 3), floor)
+    chosen = np.isin(rows, np.flatnonzero(trusted))
+    lengths = part_norms(data.left[rows] - mean) / deviation[:, None]
+    scale = np.maximum(robust_scale(lengths[chosen], 3), settings.resolution[: len(unit)] / unit)
     field = ErrorField(kernel.inputs(train.pose, train.velocity), train.left, kernel)
-    return SmoothModel(scaling, trend, unit, field, frozen_array(scale)), away / scale
+    model = SmoothModel(scaling, trend, unit, field, frozen_array(scale))
+    return model, second_look(data.left, rows, mean, deviation, model.scale)
 
 
 def evenly_spaced(rows: IntArray, most: int) -> IntArray:
@@ -99,17 +101,16 @@ def _trend(
     return frozen_array(np.hstack(trends)), frozen_array(units)
 
 
-def _trusted_training(data: _Data, trusted: BoolArray, settings: CleaningSettings) -> tuple[_Data, Kernel, FloatArray]:
-    """Training samples that the model of the others confirms."""
+def _confirmed_training(data: _Data, trusted: BoolArray, settings: CleaningSettings) -> tuple[_Data, Kernel]:
+    """Training samples that the model of the other folds confirms, and the kernel that predicts them best."""
     train = data[evenly_spaced(np.flatnonzero(trusted), settings.field_samples)]
     confirmed = (part_norms(train.left) <= settings.offset_factor).all(axis=1)
-    for round_ in range(ROUNDS):
-        kernel = _best_kernel(train[confirmed]) if round_ == 0 else kernel
+    kernel = _best_kernel(train[confirmed])
+    for _ in range(ROUNDS):
         mean, deviation = _cross_predict(train[confirmed], train, kernel)
         lengths = part_norms(train.left - mean) / deviation[:, None]
-        scale = robust_scale(lengths, 3)
-        confirmed = (lengths <= settings.offset_factor * np.maximum(scale, 1e-12)).all(axis=1)
-    return train[confirmed], kernel, scale
+        confirmed = (lengths <= settings.offset_factor * np.maximum(robust_scale(lengths, 3), TINY)).all(axis=1)
+    return train[confirmed], kernel
 
 
 def _cross_predict(train: _Data, asked: _Data, kernel: Kernel) -> tuple[FloatArray, FloatArray]:
@@ -134,4 +135,4 @@ def _best_kernel(train: _Data) -> Kernel:
 
 def _median_error(data: _Data, kernel: Kernel) -> float:
     lengths = part_norms(data.left - _cross_predict(data, data, kernel)[0])
-    return float(np.log(np.maximum(np.median(lengths, axis=0), 1e-12)).sum())
+    return float(np.log(np.maximum(np.median(lengths, axis=0), TINY)).sum())

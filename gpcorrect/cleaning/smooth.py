@@ -17,9 +17,30 @@ from gpcorrect.cleaning.inputs import FieldInputs, commanded_twists
 from gpcorrect.cleaning.samples import Samples, part_norms
 from gpcorrect.types import FloatArray, IntArray, frozen_array
 
-__all__ = ["SmoothModel", "distances", "judged_rows"]
+__all__ = ["SecondLook", "SmoothModel", "judged_rows", "scaled_remainder", "second_look"]
 
 JUDGED_SAMPLES = 4000  # the field is smooth along a path: between these it is interpolated
+
+
+@dataclass(frozen=True, eq=False)
+class SecondLook:
+    """How n samples look beside the smooth model.
+
+    Parameters
+    ----------
+    remainder : (n, k) array
+        What the model leaves of the error, in units of the spread about the trend.
+    distance : (n,) array
+        Robust scales between error and model, of the worse part.
+    """
+
+    remainder: FloatArray
+    distance: FloatArray
+
+    @classmethod
+    def none(cls, error: FloatArray) -> Self:
+        """Nothing is expected, so nothing is far: the look of a recording without a model."""
+        return cls(error, np.zeros(len(error)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +67,13 @@ class SmoothModel:
     field: ErrorField
     scale: FloatArray
 
-    def distance(self, samples: Samples) -> FloatArray:
-        """Robust scales (n, parts) that each error lies from the model."""
+    def look(self, samples: Samples) -> SecondLook:
+        """What the model leaves of each error."""
         rows = judged_rows(samples)
         x = self.field.kernel.inputs(*self.scaling.transform(samples, commanded_twists(samples)))
         mean, deviation = self.field.predict(x[rows])
         left = scaled_remainder(samples, self.trend, self.unit)
-        return distances(left, rows, mean, deviation) / self.scale
+        return second_look(left, rows, mean, deviation, self.scale)
 
     def to_parts(self) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         """Return JSON-able values and arrays, from which :meth:`from_parts` rebuilds the model."""
@@ -85,12 +106,15 @@ def scaled_remainder(samples: Samples, trend: FloatArray, unit: FloatArray) -> F
     return left
 
 
-def distances(left: FloatArray, rows: IntArray, mean: FloatArray, deviation: FloatArray) -> FloatArray:
-    """Lengths (n, parts) of scaled errors (n, k) about a mean (m, k) known at `rows`, over their deviation (m,)."""
+def second_look(
+    left: FloatArray, rows: IntArray, mean: FloatArray, deviation: FloatArray, scale: FloatArray
+) -> SecondLook:
+    """Hold scaled errors (n, k) against a mean (m, k) and deviation (m,) that are known at `rows`."""
     index = np.arange(len(left))
     expected = np.stack([np.interp(index, rows, column) for column in mean.T], axis=1)
-    lengths: FloatArray = part_norms(left - expected) / np.interp(index, rows, deviation)[:, None]
-    return lengths
+    remainder = left - expected
+    distance = part_norms(remainder) / np.interp(index, rows, deviation)[:, None] / scale
+    return SecondLook(remainder, distance.max(axis=1))
 
 
 def judged_rows(samples: Samples) -> IntArray:

@@ -9,7 +9,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 __all__ = ["SURROUNDED", "rejected_nearby", "rejected_shares"]
 
 NEARBY = 8  # samples on either side
-SURROUNDED = 2 / 3  # share of them beyond which what is left is no motion
+SURROUNDED = 0.6  # share of them beyond which what is left is no motion
 
 
 def rejected_shares(trajectory: IntArray, keep: BoolArray) -> dict[int, float]:

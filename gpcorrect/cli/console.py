@@ -1,4 +1,4 @@
-"""What every command shares: tables and progress for people on stderr/stdout, JSON for programs, one clear line for errors."""
+"""What every command shares: tables and progress for people, JSON for programs, one line for errors."""
 
 from __future__ import annotations
 

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from gpcorrect import artifact
-from gpcorrect.cli.console import out, print_json, show_errors
+from gpcorrect.cli.console import err, out, print_json, show_errors
 from gpcorrect.cli.options import Arm, Columns, Json, Logs, Namespace, Tracker, read_logs
+from gpcorrect.corrector import on_one_clock
 from gpcorrect.experiment import evaluate as evaluate_model
 
 __all__ = ["evaluate"]
@@ -19,6 +20,7 @@ def evaluate(
     model: Annotated[Path, typer.Argument(help="Model file that `gpcorrect fit` wrote.", show_default=False)],
     logs: Logs,
     columns: Columns = None,
+    time_offset: Annotated[str, typer.Option(help="Tracker's clock, as for fit: auto, none, or seconds.")] = "auto",
     namespace: Namespace = None,
     tracker_topic: Tracker = None,
     arm: Arm = None,
@@ -30,11 +32,18 @@ def evaluate(
     """
     corrector = artifact.load(model)
     log = read_logs(logs, columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm)
+    log, clocks = on_one_clock(log, time_offset)
     measured = evaluate_model(corrector, log)
-    result = {"n_test": len(measured.clean.rows), "dropped": dict(measured.cleaning.counts), **measured.to_dict()}
+    result = {
+        "n_test": len(measured.clean.rows),
+        "dropped": dict(measured.cleaning.counts),
+        **measured.to_dict(),
+    }
     if json:
         print_json(result)
         return
+    if clocks.applied:
+        err.print(f"[yellow]note:[/] {clocks.remark}")
     show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
     show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])
     out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} %; {100 * result['in_domain']:.1f} % in domain")

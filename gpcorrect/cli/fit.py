@@ -27,23 +27,33 @@ def fit(
     output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.", show_default=False)],
     columns: Columns = None,
     features: Annotated[
-        str, typer.Option(help="What the regression sees: pose or euler (the paper's angles), with or without velocity.")
+        str,
+        typer.Option(help="What the regression sees: pose or euler (the paper's angles), with or without velocity."),
     ] = "pose,velocity",
     clean: Annotated[bool, typer.Option("--clean/--no-clean", help="Reject faulty samples first.")] = True,
     keep: Annotated[
-        list[str] | None, typer.Option(help="Never reject TRAJECTORY:START:STOP (s). Repeatable.", show_default=False)
+        list[str] | None,
+        typer.Option(help="Never reject TRAJECTORY:START:STOP (s). Repeatable.", show_default=False),
     ] = None,
     drop: Annotated[
-        list[str] | None, typer.Option(help="Always reject TRAJECTORY:START:STOP (s). Repeatable.", show_default=False)
+        list[str] | None,
+        typer.Option(help="Always reject TRAJECTORY:START:STOP (s). Repeatable.", show_default=False),
     ] = None,
     marker: Annotated[
         str, typer.Option(help="Marker is not the tool tip: none, solve, or auto (by held-out error).")
     ] = "auto",
+    time_offset: Annotated[
+        str,
+        typer.Option(help="Tracker's clock: auto (shift what cannot be robot lag), none, or seconds it runs ahead."),
+    ] = "auto",
     holdout: Annotated[float, typer.Option(help="Share of whole trajectories to measure on; 0 for none.")] = 0.2,
-    shuffle: Annotated[bool, typer.Option("--shuffle", help="Hold out random trajectories, not the last ones.")] = False,
+    shuffle: Annotated[
+        bool, typer.Option("--shuffle", help="Hold out random trajectories, not the last ones.")
+    ] = False,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
     report: Annotated[
-        Path | None, typer.Option(help="Folder for the report page and the list of dropped samples.", show_default=False)
+        Path | None,
+        typer.Option(help="Folder for the report page and the list of dropped samples.", show_default=False),
     ] = None,
     namespace: Namespace = None,
     tracker_topic: Tracker = None,
@@ -52,8 +62,8 @@ def fit(
 ) -> None:
     """Learn what to command from recordings, and measure it on trajectories that were held out.
 
-    Examples:
-
+    Examples
+    --------
     gpcorrect fit monday.csv tuesday.csv --output model.gpc --report report/
 
     gpcorrect fit optitrack.csv --columns map.toml --output model.gpc --json
@@ -64,6 +74,7 @@ def fit(
         clean=clean,
         cleaning=CleaningSettings(keep=_segments(keep), drop=_segments(drop)),
         marker=marker,
+        time_offset=time_offset,
         seed=seed,
     )
     with progress_bar(quiet=json) as progress:
@@ -88,7 +99,8 @@ def _segment(text: str) -> Segment:
         return Segment(int(trajectory), float(start), float(stop))
     except ValueError as error:
         raise DataError(
-            f"a segment is TRAJECTORY:START:STOP in seconds, got {text!r}.", hint="For example: --drop 3:12.5:14.0"
+            f"a segment is TRAJECTORY:START:STOP in seconds, got {text!r}.",
+            hint="For example: --drop 3:12.5:14.0",
         ) from error
 
 

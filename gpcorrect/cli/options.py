@@ -14,7 +14,8 @@ from gpcorrect.types import CalibrationLog
 __all__ = ["Arm", "Columns", "Json", "Logs", "Namespace", "Tracker", "read_logs", "seven_or_three"]
 
 Logs = Annotated[
-    list[Path], typer.Argument(help="Recordings: CSV, Parquet, NPY, ROS 1 or ROS 2 bags, C3D.", show_default=False)
+    list[Path],
+    typer.Argument(help="Recordings: CSV, Parquet, NPY, ROS 1 or ROS 2 bags, C3D.", show_default=False),
 ]
 Columns = Annotated[
     Path | None, typer.Option(help="Mapping file (TOML) for a foreign table or a bag: which column is what.")
@@ -47,7 +48,8 @@ def read_logs(
 
 
 def seven_or_three(
-    pose: tuple[float, float, float, float, float, float, float] | None, position: tuple[float, float, float] | None
+    pose: tuple[float, float, float, float, float, float, float] | None,
+    position: tuple[float, float, float] | None,
 ) -> tuple[float, ...]:
     """Return the one of `--pose` and `--position` that was given.
 
@@ -58,6 +60,7 @@ def seven_or_three(
     """
     if (pose is None) == (position is None):
         raise DataError(
-            "give the desired pose once.", hint="Either --pose X Y Z QW QX QY QZ, or --position X Y Z for position-only models."
+            "give the desired pose once.",
+            hint="Either --pose X Y Z QW QX QY QZ, or --position X Y Z for position-only models.",
         )
     return pose if pose is not None else position or ()

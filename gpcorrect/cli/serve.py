@@ -25,7 +25,8 @@ def serve(
         bool, typer.Option("--allow-remote", help="Listen on an address that other machines can reach.")
     ] = False,
     config: Annotated[
-        Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.", show_default=False)
+        Path | None,
+        typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.", show_default=False),
     ] = None,
 ) -> None:
     """Serve a model until stopped with Ctrl-C or SIGTERM: keys correct, correct_path, model, health.

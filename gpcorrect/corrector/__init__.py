@@ -1,5 +1,6 @@
 """The recipe clean -> rigid -> residual -> GP, and the corrector it makes."""
 
+from gpcorrect.corrector.clocks import on_one_clock
 from gpcorrect.corrector.command import CommandCorrector, PathCorrection
 from gpcorrect.corrector.fit import FitResult, FitSettings, fit_command_corrector, fit_corrector
 from gpcorrect.corrector.pairs import pose_pair
@@ -13,5 +14,6 @@ __all__ = [
     "fit_command_corrector",
     "fit_corrector",
     "observed_twists",
+    "on_one_clock",
     "pose_pair",
 ]

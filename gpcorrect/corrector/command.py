@@ -10,17 +10,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpcorrect import se3
-from gpcorrect.cleaning import CleaningReport, FittedCleaner, clean_with
+from gpcorrect.cleaning import CleaningReport
 from gpcorrect.corrector.bounds import Bounds
 from gpcorrect.corrector.queries import checked_pose, checked_poses, checked_times, checked_twist
 from gpcorrect.corrector.reference import reference_twists, rotations_of
+from gpcorrect.corrector.screening import Screen
 from gpcorrect.gpr import FeatureMap, IntervalCalibration, Predictor
 from gpcorrect.rigid import RigidModel, apply_residual
-from gpcorrect.types import BoolArray, CalibrationLog, Correction, CorrectionStatus, FloatArray, PoseSignal, frozen_array
+from gpcorrect.types import (
+    BoolArray,
+    CalibrationLog,
+    Correction,
+    CorrectionStatus,
+    FloatArray,
+    PoseSignal,
+    frozen_array,
+)
 from gpcorrect.velocity import twists
 
 __all__ = ["CommandCorrector", "PathCorrection"]
 
+PREDICTOR = "predictor."
 AT_REST = "no twist was given: taken as at rest"
 LIMITED = "the learned part was cut to the largest one that training justifies"
 OUTSIDE = "outside the training region: the learned part fades to its mean, the interval to its widest"
@@ -57,8 +67,8 @@ class PathCorrection:
 class CommandCorrector:
     """Tells what to command so that the robot reaches a desired pose: `F(x) = H(G(x))` (Mahler 2014, Sec. IV).
 
-    `G` is the rigid registration from the observer's frame to the command's, `H` adds the residual that a Gaussian process
-    learned from pose and velocity.
+    `G` is the rigid registration from the observer's frame to the command's, `H` adds the residual that a Gaussian
+    process learned from pose and velocity.
 
     Parameters
     ----------
@@ -72,7 +82,7 @@ class CommandCorrector:
         What turns standard deviations into 95 % intervals that hold on unseen trajectories.
     bounds : Bounds
         Largest residual that is believed, and the novelty beyond which a query is extrapolation.
-    cleaner : FittedCleaner
+    screen : Screen
         The training's ruler for judging other logs.
     velocity_step : float or None
         Step of the five-point stencil on recorded paths, s; None takes neighbouring samples.
@@ -87,7 +97,7 @@ class CommandCorrector:
     predictor: Predictor
     intervals: IntervalCalibration
     bounds: Bounds
-    cleaner: FittedCleaner
+    screen: Screen
     velocity_step: float | None
     summary: Mapping[str, Any]
     check_queries: FloatArray
@@ -103,10 +113,11 @@ class CommandCorrector:
         Parameters
         ----------
         pose : (7,) or (3,) array
-            Desired position (m) and unit quaternion wxyz in the frame of the training's observed poses; a position-only model takes
-            three numbers, and with seven only turns the orientation into the base frame.
+            Desired position (m) and unit quaternion wxyz in the frame of the training's observed poses; a
+            position-only model takes three numbers, and with seven only turns the orientation into the base frame.
         twist : (6,) array, optional
-            Desired velocity, m/s and rad/s, same frame. Without it the pose is taken as at rest, and the answer says so.
+            Desired velocity, m/s and rad/s, same frame. Without it the pose is taken as at rest, and the answer says
+            so.
 
         Raises
         ------
@@ -173,7 +184,7 @@ class CommandCorrector:
 
     def clean(self, log: CalibrationLog) -> CleaningReport:
         """Judge the samples of another log by the ruler that the training data set."""
-        return clean_with(self.cleaner, log)
+        return self.screen.judge(log)
 
     def info(self) -> dict[str, Any]:
         """Return what the model says of itself: frames, units, features, training region, fit report. JSON-able."""
@@ -181,16 +192,18 @@ class CommandCorrector:
 
     def to_parts(self) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         """Return the corrector as a JSON-able header and named arrays, for a model file."""
+        screen, screen_arrays = self.screen.to_parts()
+        predictor = {PREDICTOR + name: array for name, array in self.predictor.to_arrays().items()}
         header = {
             "rigid": self.rigid.to_dict(),
             "features": self.features.to_dict(),
             "intervals": self.intervals.to_dict(),
             "bounds": self.bounds.to_dict(),
-            "cleaner": self.cleaner.to_dict(),
+            "screen": screen,
             "velocity_step": self.velocity_step,
             "summary": dict(self.summary),
         }
-        return header, {**self.predictor.to_arrays(), "check_queries": self.check_queries}
+        return header, {**predictor, **screen_arrays, "check_queries": self.check_queries}
 
     @classmethod
     def from_parts(cls, header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Self:
@@ -204,17 +217,19 @@ class CommandCorrector:
         return cls(
             rigid=RigidModel.from_dict(header["rigid"]),
             features=FeatureMap.from_dict(header["features"]),
-            predictor=Predictor.from_arrays({k: v for k, v in arrays.items() if k != "check_queries"}),
+            predictor=Predictor.from_arrays(
+                {name.removeprefix(PREDICTOR): a for name, a in arrays.items() if name.startswith(PREDICTOR)}
+            ),
             intervals=IntervalCalibration.from_dict(header["intervals"]),
             bounds=Bounds.from_dict(header["bounds"]),
-            cleaner=FittedCleaner.from_dict(header["cleaner"]),
+            screen=Screen.from_parts(header["screen"], arrays),
             velocity_step=header["velocity_step"],
             summary=header["summary"],
             check_queries=frozen_array(arrays["check_queries"]),
         )
 
     def _reference(self, query: FloatArray, twist: FloatArray) -> tuple[FloatArray, FloatArray | None, FloatArray]:
-        """Position, rotation and twist of G(x) for one query: the matrix products of `RigidModel.apply`, without stacks."""
+        """Position, rotation and twist of G(x) for one query: `RigidModel.apply` without stacks."""
         rigid = self.rigid
         if len(query) == 3:
             return rigid.R_position @ query + rigid.t, None, reference_twists(rigid, None, twist)

@@ -9,15 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.cleaning import CleaningReport, CleaningSettings, FittedCleaner, clean
+from gpcorrect.cleaning import CleaningReport, CleaningSettings, Reason
 from gpcorrect.corrector.bounds import Bounds
+from gpcorrect.corrector.clocks import Clocks, on_one_clock
 from gpcorrect.corrector.command import CommandCorrector
 from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.corrector.reference import observed_twists, reference_twists, rotations_of
 from gpcorrect.corrector.residual_model import fit_residual_model
+from gpcorrect.corrector.screening import Screen
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import FeatureMap
-from gpcorrect.rigid import Registration, RigidModel, fit_pose, fit_position, pose_residual, register
+from gpcorrect.rigid import Registration, RigidModel, pose_residual, register
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
 
 __all__ = ["FitResult", "FitSettings", "fit_command_corrector", "fit_corrector"]
@@ -44,6 +46,8 @@ class FitSettings:
         "none", "solve" or "auto": whether the marker may be away from the tool tip.
     inducing : int
         Inducing points of the sparse regression.
+    time_offset : str
+        "auto", "none", or seconds by which the tracker's stamps run ahead of the commands'.
     velocity_step : float or None
         Step of the five-point stencil on recorded paths, s; None takes neighbouring samples.
     seed : int
@@ -56,13 +60,9 @@ class FitSettings:
     rigid: bool = True
     marker: str = "auto"
     inducing: int = 500
+    time_offset: str = "auto"
     velocity_step: float | None = None
     seed: int = 0
-
-    @property
-    def cleaning_settings(self) -> CleaningSettings:
-        """Settings of the cleaning, with its rules off when `clean` is false."""
-        return self.cleaning if self.clean else replace(self.cleaning, automatic=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +73,10 @@ class FitResult:
     ----------
     corrector : CommandCorrector
         What was fitted.
+    log : CalibrationLog
+        What it was fitted to: the training log, on one clock.
+    clocks : Clocks
+        What was found of the tracker's clock.
     cleaning : CleaningReport
         What was dropped from the training log, and why.
     registration : Registration
@@ -86,6 +90,8 @@ class FitResult:
     """
 
     corrector: CommandCorrector
+    log: CalibrationLog
+    clocks: Clocks
     cleaning: CleaningReport
     registration: Registration
     n_train: int
@@ -103,7 +109,9 @@ class _Pairs:
     trajectory: IntArray
 
 
-def fit_corrector(log: CalibrationLog, settings: FitSettings | None = None, *, progress: Progress | None = None) -> CommandCorrector:
+def fit_corrector(
+    log: CalibrationLog, settings: FitSettings | None = None, *, progress: Progress | None = None
+) -> CommandCorrector:
     """Learn from a log what to command so that the robot reaches a desired pose (Mahler et al. 2014).
 
     Parameters
@@ -132,25 +140,28 @@ def fit_command_corrector(
     settings, progress = settings or FitSettings(), progress or Progress()
     start = time.perf_counter()
     progress.step("clean", 0.0)
-    cleaning = clean(log, _registered, settings.cleaning_settings, np.random.default_rng(settings.seed))
+    log, clocks = on_one_clock(log, settings.time_offset)
+    screen, cleaning = Screen.fit(log, settings.marker if settings.rigid else "none", settings.cleaning, settings.seed)
     progress.step("clean", 1.0)
-    pairs = _usable_pairs(log, cleaning.keep, settings.velocity_step)
+    pairs = _usable_pairs(log, _kept(cleaning, settings), settings.velocity_step)
     registration = _register(pairs, settings)
-    corrector = _learn(pairs, registration.model, cleaning.cleaner, settings, progress)
-    summary = _summary(log, pairs, registration, cleaning, settings, time.perf_counter() - start)
+    corrector = _learn(pairs, registration.model, screen, settings, progress)
+    summary = _summary(log, pairs, registration, clocks, cleaning, settings, time.perf_counter() - start)
     return FitResult(
         corrector=replace(corrector, summary=summary),
+        log=log,
+        clocks=clocks,
         cleaning=cleaning,
         registration=registration,
         n_train=len(pairs.observed),
         summary=summary,
-        remarks=_remarks(log, registration),
+        remarks=_remarks(log, clocks, registration),
     )
 
 
-def _registered(observed: PoseSignal, command: PoseSignal) -> RigidModel:
-    """Registration as the cleaner asks for it, many times: the closed form."""
-    return fit_position(observed, command) if observed.quaternion is None else fit_pose(observed, command)
+def _kept(cleaning: CleaningReport, settings: FitSettings) -> BoolArray:
+    """Return the mask of samples to learn from: those that pass, or without cleaning all but those dropped by hand."""
+    return cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
 
 
 def _usable_pairs(log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> _Pairs:
@@ -174,7 +185,7 @@ def _register(pairs: _Pairs, settings: FitSettings) -> Registration:
 
 
 def _learn(
-    pairs: _Pairs, rigid: RigidModel, cleaner: FittedCleaner, settings: FitSettings, progress: Progress
+    pairs: _Pairs, rigid: RigidModel, screen: Screen, settings: FitSettings, progress: Progress
 ) -> CommandCorrector:
     reference = rigid.apply(pairs.observed)
     residual = pose_residual(reference, pairs.command)
@@ -191,7 +202,7 @@ def _learn(
         predictor=learned.predictor,
         intervals=learned.intervals,
         bounds=Bounds.of(residual, learned.novelty),
-        cleaner=cleaner,
+        screen=screen,
         velocity_step=settings.velocity_step,
         summary={},
         check_queries=_check_queries(pairs),
@@ -199,7 +210,7 @@ def _learn(
 
 
 def _check_queries(pairs: _Pairs) -> FloatArray:
-    """Some training queries, spread over the recording: pose (identity orientation where none was measured) and twist."""
+    """Pick training queries spread over the recording: pose (unturned in a position-only log) and twist."""
     rows = np.unique(np.linspace(0, len(pairs.observed) - 1, CHECK_QUERIES).astype(np.int64))
     observed = pairs.observed[rows]
     unturned = np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))
@@ -211,11 +222,12 @@ def _summary(
     log: CalibrationLog,
     pairs: _Pairs,
     registration: Registration,
+    clocks: Clocks,
     cleaning: CleaningReport,
     settings: FitSettings,
     seconds: float,
 ) -> dict[str, Any]:
-    """What the model file says of itself."""
+    """Collect what the model file says of itself."""
     low, high = pairs.observed.position.min(axis=0), pairs.observed.position.max(axis=0)
     return {
         "robot": log.meta.robot,
@@ -231,16 +243,17 @@ def _summary(
             "n_trajectories": len(np.unique(pairs.trajectory)),
             "dropped": dict(cleaning.counts),
             "registration": registration.to_dict(),
+            "tracker_shift": clocks.applied,
             "seed": settings.seed,
             "seconds": seconds,
         },
     }
 
 
-def _remarks(log: CalibrationLog, registration: Registration) -> tuple[str, ...]:
-    said = list(log.remarks)
-    if not registration.model.kind == "identity" or registration.candidates:
-        said.append(f"registration: {registration.reason}")
+def _remarks(log: CalibrationLog, clocks: Clocks, registration: Registration) -> tuple[str, ...]:
+    said = [*log.remarks, f"registration: {registration.reason}"]
+    if clocks.applied:
+        said.append(clocks.remark)
     observed, _ = pose_pair(log)
     if observed.quaternion is None:
         said.append("the log holds positions only: orientations are turned into the base frame and left uncorrected")

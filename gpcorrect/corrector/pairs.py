@@ -19,7 +19,8 @@ def pose_pair(log: CalibrationLog) -> tuple[PoseSignal, PoseSignal]:
     missing = [name for name in ("tracker_cp", "setpoint_cp") if getattr(log, name) is None]
     if missing or log.tracker_cp is None or log.setpoint_cp is None:
         raise LogError(
-            f"learning needs tracker_cp and setpoint_cp; missing: {', '.join(missing)}. Present: {', '.join(log.signals) or 'none'}.",
+            f"learning needs tracker_cp and setpoint_cp; missing: {', '.join(missing)}. "
+            f"Present: {', '.join(log.signals) or 'none'}.",
             hint="Name the columns in a mapping file: --columns map.toml",
             path=log.name,
         )

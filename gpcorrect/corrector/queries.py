@@ -42,7 +42,9 @@ def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
             hint="Give metres and a unit quaternion in the order w x y z.",
         )
     if orientation and values.shape[1] != POSE:
-        raise DataError("this model corrects orientations too and needs 7 numbers a pose, got 3.", hint="Add qw qx qy qz.")
+        raise DataError(
+            "this model corrects orientations too and needs 7 numbers a pose, got 3.", hint="Add qw qx qy qz."
+        )
     if not np.isfinite(values).all():
         raise DataError("the pose holds a number that is not finite.", hint="Send only complete poses.")
     if values.shape[1] == POSE:
@@ -55,7 +57,8 @@ def _unit(quaternions: FloatArray) -> FloatArray:
     worst = int(np.argmax(np.abs(norms - 1)))
     if abs(norms[worst] - 1) > QUATERNION_TOLERANCE:
         raise DataError(
-            f"quaternion {worst} has norm {norms[worst]:.6g}, not 1.", hint="The order is qw qx qy qz; normalise it first."
+            f"quaternion {worst} has norm {norms[worst]:.6g}, not 1.",
+            hint="The order is qw qx qy qz; normalise it first.",
         )
     unit: FloatArray = quaternions / norms[:, None]
     return unit
@@ -73,7 +76,9 @@ def checked_twist(twist: ArrayLike) -> FloatArray:
     if values.shape not in ((TWIST,), (POSITION,)):
         raise DataError(f"a twist is 6 numbers (vx vy vz wx wy wz), got an array of shape {values.shape}.")
     if not np.isfinite(values).all():
-        raise DataError("the twist holds a number that is not finite.", hint="Leave the twist out where it is not known.")
+        raise DataError(
+            "the twist holds a number that is not finite.", hint="Leave the twist out where it is not known."
+        )
     return np.concatenate([values, np.zeros(TWIST - len(values))])
 
 

@@ -29,8 +29,8 @@ def fit_residual_model(
 ) -> ResidualModel:
     """Learn residuals `(n, k)` from inputs `(n, d)`.
 
-    Hyperparameters are learned once, on all trajectories. Intervals are calibrated on errors at trajectories that the model
-    (with those hyperparameters) was not fitted to, so that they hold on trajectories never seen.
+    Hyperparameters are learned once, on all trajectories. Intervals are calibrated on errors at trajectories that the
+    model (with those hyperparameters) was not fitted to, so that they hold on trajectories never seen.
     """
     regressor = SparseGPR(n_inducing=inducing, random_state=seed)
     regressor.fit(X, residual)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from gpcorrect.logs.combine import combine
 from gpcorrect.logs.join import join_logs
 from gpcorrect.logs.reader import read_log
-from gpcorrect.logs.streams import Stream, interpolate, streams_of
+from gpcorrect.logs.streams import Stream, interpolate
 from gpcorrect.logs.writer import write_log
 
-__all__ = ["Stream", "combine", "interpolate", "join_logs", "read_log", "streams_of", "write_log"]
+__all__ = ["Stream", "combine", "interpolate", "join_logs", "read_log", "write_log"]

@@ -106,7 +106,5 @@ def _places(labels: list[str], chosen: tuple[str, ...] | None) -> list[int]:
         return list(range(len(labels)))
     missing = [name for name in chosen if name not in labels]
     if missing:
-        raise LogError(
-            f"there is no marker {', '.join(missing)}.", hint=f"Markers here: {', '.join(labels)}."
-        )
+        raise LogError(f"there is no marker {', '.join(missing)}.", hint=f"Markers here: {', '.join(labels)}.")
     return [labels.index(name) for name in chosen]

@@ -59,10 +59,10 @@ def combine(
         named[name] = _lookup(named, name).shifted(seconds)
     name = _base_name(named, base)
     remarks = _check_order(named.values(), disorder)
-    lead = named.pop(name)
     if disorder != "keep":
-        remarks += _say_repeated(lead)
-        lead = lead[rising(lead.stamp)]
+        remarks += _say_repeated(named[name])
+        named = {k: s[rising(s.stamp)] for k, s in named.items()}
+    lead = named.pop(name)
     partners = {k: interpolate(s, lead.stamp, max_gap) for k, s in named.items()}
     keep = _with_partner(lead, named, partners)
     if not keep.all():
@@ -134,9 +134,7 @@ def _with_partner(
         return np.ones(len(lead), dtype=np.bool_)
     keep = np.asarray(np.any([_exists(v) for v in values.values()], axis=0))
     if not keep.any():
-        spans = "; ".join(
-            f"{s.name} {s.stamp.min():.6g} to {s.stamp.max():.6g} s" for s in (lead, *partners.values())
-        )
+        spans = "; ".join(f"{s.name} {s.stamp.min():.6g} to {s.stamp.max():.6g} s" for s in (lead, *partners.values()))
         raise LogError(
             f"the signals share no time: {spans}.",
             hint="Their clocks differ: set bag.clock = 'receive' in a mapping file, or give bag.shifts.",

@@ -64,9 +64,13 @@ def _distribution(values: FloatArray) -> dict[str, float] | None:
     }
 
 
+def _columns(values: FloatArray) -> FloatArray:
+    return values[:, None] if values.ndim == 1 else values
+
+
 def _signal(value: PoseSignal | FloatArray) -> dict[str, Any]:
     pose = isinstance(value, PoseSignal)
-    table = value.position if isinstance(value, PoseSignal) else value.reshape(len(value), -1)
+    table = value.position if isinstance(value, PoseSignal) else _columns(value)
     known = value.finite if isinstance(value, PoseSignal) else np.isfinite(table).all(axis=1)
     found = table[known]
     return {

@@ -17,9 +17,7 @@ __all__ = ["join_logs"]
 SAME_MACHINE = ("robot", "arm", "joint_types")
 
 
-def join_logs(
-    logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "keep"] = "renumber"
-) -> CalibrationLog:
+def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "keep"] = "renumber") -> CalibrationLog:
     """One log of all rows, in the order given, in which no trajectory runs from one log into the next.
 
     Trajectories are numbered anew from zero. A signal that some log lacks is dropped; the remarks say so.

@@ -11,9 +11,9 @@ import numpy as np
 from gpcorrect.errors import LogError
 from gpcorrect.logs.orientation import unit_quaternions
 from gpcorrect.logs.streams import Stream
-from gpcorrect.types import FloatArray, IntArray, PoseSignal
+from gpcorrect.types import FloatArray, IntArray, LogMeta, PoseSignal
 
-__all__ = ["Recorded", "Times", "joint_row", "joint_streams", "pose_row", "pose_streams"]
+__all__ = ["Decoded", "Recorded", "Times", "joint_row", "joint_streams", "pose_row", "pose_streams"]
 
 
 @dataclass
@@ -87,24 +87,30 @@ class Times:
             remarks = [f"{recorded.topic} has no header stamps; the times of reception were taken."]
         elif not stamp.all():
             rows = np.flatnonzero(stamp)
-            remarks = [
-                f"{len(stamp) - len(rows)} messages of {recorded.topic} without a stamp were left out."
-            ]
+            remarks = [f"{len(stamp) - len(rows)} messages of {recorded.topic} without a stamp were left out."]
         return cls((stamp[rows] - origin) / 1e9, (receive[rows] - origin) / 1e9, rows, tuple(remarks))
 
 
-def pose_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """What messages became: streams, remarks on them, and what they say of the machine."""
+
+    streams: tuple[Stream, ...]
+    remarks: tuple[str, ...] = ()
+    meta: LogMeta = field(default_factory=LogMeta)
+
+
+def pose_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
     """Stream of poses; a quaternion that is none becomes missing, and is counted."""
     table = np.array(recorded.rows, dtype=np.float64)[times.rows]
     quaternion = unit_quaternions(table[:, 3:])
     bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())
-    remarks = [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
-    return [
-        Stream(name, times.stamp, PoseSignal(table[:, :3], quaternion), times.receive, recorded.topic)
-    ], remarks
+    remarks = (f"{bad} samples of {name} have no valid rotation; it counts as missing.",) if bad else ()
+    pose = PoseSignal(table[:, :3], quaternion)
+    return Decoded((Stream(name, times.stamp, pose, times.receive, recorded.topic),), remarks)
 
 
-def joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+def joint_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
     """Streams of joint positions, and of measured velocities and efforts where they were published.
 
     Raises
@@ -123,4 +129,4 @@ def joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Str
         elif widths - {0}:
             values = np.array([recorded.rows[i][k] for i in times.rows], dtype=np.float64)
             streams.append(Stream(signal, times.stamp, values, times.receive, recorded.topic))
-    return streams, remarks
+    return Decoded(tuple(streams), tuple(remarks))

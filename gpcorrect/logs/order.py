@@ -88,9 +88,7 @@ def check_order(
     more = f" ({wrong.size} such samples)" if wrong.size > 1 else ""
     found = f"time at {locate(first)} {what} inside trajectory {group[first]}{more}"
     if disorder == "refuse":
-        hint = (
-            "Time must strictly increase: give each motion its own trajectory number, or use disorder='drop'."
-        )
+        hint = "Time must strictly increase: give each motion its own trajectory number, or use disorder='drop'."
         raise LogError(f"{found}.", hint=hint)
     if disorder == "keep":
         return np.ones_like(ordered), [f"{found}; kept."]

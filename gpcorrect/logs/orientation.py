@@ -12,14 +12,13 @@ from gpcorrect.types import FloatArray
 __all__ = ["CONVERTERS", "unit_quaternions"]
 
 NORM_TOLERANCE = 1e-3  # of the log format: a quaternion further off is a bad sample
-ROUNDING = (
-    1e-12  # nearer to one than this a quaternion is left as it is, so that a written log reads back exactly
-)
+ROUNDING = 1e-12  # nearer to one than this a quaternion is left as it is, so that a written log reads back exactly
 
 
 def unit_quaternions(quaternion: FloatArray) -> FloatArray:
     """Normalise quaternions `(n, 4)`; a row whose norm is off by more than 1e-3 becomes NaN."""
-    norm = np.linalg.norm(quaternion, axis=1)
+    with np.errstate(over="ignore"):  # an infinite norm is off by more than the tolerance
+        norm = np.linalg.norm(quaternion, axis=1)
     result = np.array(quaternion, dtype=np.float64)
     off = np.abs(norm - 1.0)
     inexact = (off > ROUNDING) & (off <= NORM_TOLERANCE)
@@ -63,6 +62,8 @@ def _from_matrix(values: FloatArray) -> FloatArray:
 
     def convert(flat: FloatArray) -> FloatArray:
         matrix = flat.reshape(-1, 3, 3)
+        bounded = np.abs(matrix).max(axis=(1, 2), initial=0.0) < 2.0  # others would overflow
+        matrix = np.where(bounded[:, None, None], matrix, 0.0)
         skew = np.abs(matrix @ np.swapaxes(matrix, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
         proper = (skew <= NORM_TOLERANCE) & (np.linalg.det(matrix) > 0)
         result = np.full((len(flat), 4), np.nan)

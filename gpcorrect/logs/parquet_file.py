@@ -31,7 +31,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     try:
         with parquet.ParquetFile(path) as file:
             arrow = file.read()
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise LogError(f"the Parquet file cannot be read, it may be cut off: {error}.") from error
     numbers = {name: _numbers(arrow.column(k)) for k, name in enumerate(arrow.column_names)}
     if len(numbers) < len(arrow.column_names):

@@ -13,10 +13,10 @@ from typing import Any, Literal
 import numpy as np
 
 from gpcorrect.errors import LogError
-from gpcorrect.logs.messages import Recorded, Times
+from gpcorrect.logs.messages import Decoded, Recorded, Times
 from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.logs.streams import Stream
-from gpcorrect.types import FloatArray, PoseSignal
+from gpcorrect.types import FloatArray, LogMeta, PoseSignal
 
 __all__ = ["RAVEN_STATE_DEFINITION", "RAVEN_STATE_TYPE", "raven_row", "raven_streams"]
 
@@ -84,7 +84,7 @@ def raven_row(message: Any) -> FloatArray:
     return np.concatenate([np.atleast_1d(getattr(message, name)) for name in FIELDS]).astype(np.float64)
 
 
-def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> tuple[list[Stream], list[str]]:
+def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> Decoded:
     """Streams of one arm: commanded and reported pose and joints, joint velocities, desired motor torques.
 
     The sixth joint is the wrist's yaw, half the difference of the two jaws, as in the software's kinematics.
@@ -100,9 +100,7 @@ def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> tuple[li
     measured, setpoint, copies = _poses(state, mechanism)
     scale, units = _joint_scale(state["jpos"], side)
     remarks = [f"read the {side} arm.", *remarks, *found, *copies, *units]
-    remarks.append(
-        "measured_jf holds the motor torques that the controller asked for (N m), not measured ones."
-    )
+    remarks.append("measured_jf holds the motor torques that the controller asked for (N m), not measured ones.")
     signals: dict[str, PoseSignal | FloatArray] = {
         "measured_cp": measured,
         "setpoint_cp": setpoint,
@@ -112,7 +110,11 @@ def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> tuple[li
         "measured_jf": _six(state["tau"], side, 1.0),
     }
     kept = {name: v for name, v in signals.items() if not isinstance(v, PoseSignal) or v.finite.any()}
-    return [Stream(name, times.stamp, v, times.receive, recorded.topic) for name, v in kept.items()], remarks
+    return Decoded(
+        tuple(Stream(name, times.stamp, v, times.receive, recorded.topic) for name, v in kept.items()),
+        tuple(remarks),
+        LogMeta(robot="RAVEN-II", arm=f"raven2_{side}", joint_types="RRPRRR"),
+    )
 
 
 def _split(table: FloatArray) -> dict[str, FloatArray]:
@@ -151,9 +153,7 @@ def _mechanism(types: FloatArray, arm: Arm) -> tuple[int, list[str]]:
     if SERIALS[other] in serials:
         return 1 - serials.index(SERIALS[other]), []
     place = ARMS.index(arm)
-    return place, [
-        f"the arms have unknown serial numbers {serials}; pose {place} was taken for the {arm} arm."
-    ]
+    return place, [f"the arms have unknown serial numbers {serials}; pose {place} was taken for the {arm} arm."]
 
 
 def _poses(state: Mapping[str, FloatArray], place: int) -> tuple[PoseSignal, PoseSignal, list[str]]:
@@ -167,9 +167,7 @@ def _poses(state: Mapping[str, FloatArray], place: int) -> tuple[PoseSignal, Pos
         np.where(copied[:, None], np.nan, desired * MICROMETRE),
         np.where(copied[:, None], np.nan, CONVERTERS["matrix"](state["ori_d"][:, turn])),
     )
-    said = (
-        f"{copied.sum()} of {len(copied)} desired poses are copies of the measured one (pedal up); missing."
-    )
+    said = f"{copied.sum()} of {len(copied)} desired poses are copies of the measured one (pedal up); missing."
     return measured, command, [said] if copied.any() else []
 
 

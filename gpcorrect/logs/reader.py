@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -40,6 +40,8 @@ FORMATS = (
     Format("CSV", (".csv", ".tsv", ".txt"), b"", csv_file.read),
 )
 """A new format is a new file with a `read` function, and one line here."""
+
+FOLDER = Format("folder of a ROS 2 recording", (), b"", rosbag.read)
 
 
 def read_log(
@@ -84,6 +86,8 @@ def read_log(
     MissingExtraError
         The format needs a library that is not installed.
     """
+    if arm not in (None, "left", "right"):
+        raise LogError(f"expected arm 'left' or 'right', got {arm!r}.")
     source = Path(path)
     mapping = ColumnMap() if columns is None else load_columns(columns)
     said = {"namespace": namespace, "tracker_topic": tracker_topic, "arm": arm}
@@ -92,15 +96,19 @@ def read_log(
     with _naming(source):
         log = _format(source).read(source, settings)
         meta = LogMeta() if columns and sidecar_path(source) == Path(columns) else read_sidecar(source)
-        return replace(log, name=str(source), meta=meta, digest=recording_digest(source))
+        return replace(log, name=str(source), meta=_over(meta, log.meta), digest=recording_digest(source))
+
+
+def _over(said: LogMeta, found: LogMeta) -> LogMeta:
+    """Take what the sidecar says, and what the recording itself says where the sidecar does not."""
+    return replace(found, **{name: value for name, value in asdict(said).items() if value})
 
 
 def _format(path: Path) -> Format:
     """By how the file begins; by its name where the format has no mark."""
-    folder = next(f for f in FORMATS if f.suffixes == (".mcap",))
     if path.is_dir():
         if (path / "metadata.yaml").is_file():
-            return folder
+            return FOLDER
         raise LogError("expected a file or the folder of a ROS 2 recording, found no metadata.yaml in it.")
     with path.open("rb") as file:
         head = file.read(16)
@@ -109,9 +117,7 @@ def _format(path: Path) -> Format:
             return known
     named = next((f for f in FORMATS if path.suffix.lower() in f.suffixes), None)
     if named is None:
-        raise LogError(
-            f"the name ends in {path.suffix or 'nothing'} and the content is unknown.", hint=_known()
-        )
+        raise LogError(f"the name ends in {path.suffix or 'nothing'} and the content is unknown.", hint=_known())
     if named.magic and head:
         raise LogError(f"the name says {named.title}, but the file does not begin like one.", hint=_known())
     return named

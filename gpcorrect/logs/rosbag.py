@@ -12,29 +12,29 @@ from gpcorrect.errors import GpCorrectError, LogError, MissingExtraError
 from gpcorrect.logs.columns import BagOptions
 from gpcorrect.logs.combine import combine
 from gpcorrect.logs.crtk import Choice, choose_topics
-from gpcorrect.logs.messages import Recorded, Times, joint_row, joint_streams, pose_row, pose_streams
+from gpcorrect.logs.messages import Decoded, Recorded, Times, joint_row, joint_streams, pose_row, pose_streams
 from gpcorrect.logs.raven2 import RAVEN_STATE_DEFINITION, RAVEN_STATE_TYPE, raven_row, raven_streams
 from gpcorrect.logs.settings import ReadSettings
-from gpcorrect.logs.streams import Stream
-from gpcorrect.types import CalibrationLog
+from gpcorrect.types import CalibrationLog, LogMeta
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
 __all__ = ["read", "read_streams"]
 
+LARGEST_PAGE = 65536  # bytes; SQLite writes it as 1
 DAMAGED = "the recording cannot be read, it may be cut off or still being written"
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read a recording of ROS topics onto one clock; see :func:`read_streams`."""
-    streams, remarks = read_streams(path, settings.columns.bag)
     bag = settings.columns.bag
-    log = combine(streams, bag.base, bag.max_gap, shifts=bag.shifts, disorder=settings.disorder)
-    return replace(log, remarks=(*remarks, *log.remarks))
+    found = read_streams(path, bag)
+    log = combine(found.streams, bag.base, bag.max_gap, shifts=bag.shifts, disorder=settings.disorder)
+    return replace(log, meta=found.meta, remarks=(*found.remarks, *log.remarks))
 
 
-def read_streams(path: Path, options: BagOptions) -> tuple[list[Stream], list[str]]:
+def read_streams(path: Path, options: BagOptions) -> Decoded:
     """Signals of a recording, each with its own stamps, in seconds from the start of the recording.
 
     Parameters
@@ -46,10 +46,8 @@ def read_streams(path: Path, options: BagOptions) -> tuple[list[Stream], list[st
 
     Returns
     -------
-    list of Stream
-        One for each signal.
-    list of str
-        Remarks on what was decided or left out.
+    Decoded
+        A stream for each signal, and remarks on what was decided or left out.
 
     Raises
     ------
@@ -62,14 +60,14 @@ def read_streams(path: Path, options: BagOptions) -> tuple[list[Stream], list[st
         choice = choose_topics({c.topic: c.msgtype for c in bag.connections if c.msgcount}, options)
         recorded = _record(bag, choice)
         origin = bag.start_time
-    streams: list[Stream] = []
-    remarks = list(choice.remarks)
+    remarks, parts = list(choice.remarks), []
     for kind, messages in recorded.items():
         times = Times.of(messages, origin, options.clock)
-        found, said = _streams(kind, messages, times, options)
-        streams += found
-        remarks += [*times.remarks, *said]
-    return streams, remarks
+        parts.append(_decode(kind, messages, times, options))
+        remarks += [*times.remarks, *parts[-1].remarks]
+    streams = tuple(stream for part in parts for stream in part.streams)
+    said = [part.meta for part in parts if part.meta != LogMeta()]
+    return Decoded(streams, tuple(remarks), *said[:1])
 
 
 def _row(kind: str) -> Callable[[Any], Any]:
@@ -78,9 +76,7 @@ def _row(kind: str) -> Callable[[Any], Any]:
     return joint_row if kind.endswith("_js") else pose_row
 
 
-def _streams(
-    kind: str, messages: Recorded, times: Times, options: BagOptions
-) -> tuple[list[Stream], list[str]]:
+def _decode(kind: str, messages: Recorded, times: Times, options: BagOptions) -> Decoded:
     if kind == "raven_state":
         return raven_streams(messages, times, options.arm)
     if kind.endswith("_js"):
@@ -111,6 +107,8 @@ def _opened(path: Path) -> Iterator[AnyReader]:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError as error:
         raise MissingExtraError("rosbags", extra="ros", purpose="Reading ROS recordings") from error
+    for database in [path] if path.suffix == ".db3" else path.glob("*.db3"):
+        _check_whole(database)
     store = get_typestore(Stores.LATEST)
     store.register(get_types_from_msg(RAVEN_STATE_DEFINITION, RAVEN_STATE_TYPE))
     try:
@@ -123,6 +121,16 @@ def _opened(path: Path) -> Iterator[AnyReader]:
         raise LogError(f"{DAMAGED}: {error}.", hint=hint if path.suffix == ".bag" else "") from error
 
 
+def _check_whole(database: Path) -> None:
+    """Refuse a database shorter than its header says: one that lost its last pages may still open."""
+    with database.open("rb") as file:
+        head = file.read(32)
+    page, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
+    expected = (LARGEST_PAGE if page == 1 else page) * pages
+    if database.stat().st_size < expected:
+        raise LogError(f"{DAMAGED}: expected {expected} bytes, found {database.stat().st_size}.")
+
+
 def _damage() -> tuple[type[Exception], ...]:
     """List what rosbags and the database library below it raise on damaged bytes (found by damaging some)."""
     from rosbags.highlevel import AnyReaderError
@@ -131,7 +139,7 @@ def _damage() -> tuple[type[Exception], ...]:
     from rosbags.typesys import TypesysError
 
     errors: list[type[Exception]] = [AnyReaderError, Ros1Error, Ros2Error, TypesysError]
-    errors += [ValueError, AssertionError, OverflowError, MemoryError, LookupError, EOFError]
+    errors += [ValueError, TypeError, AssertionError, OverflowError, MemoryError, LookupError, EOFError]
     with suppress(ImportError):
         import apsw
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
+from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
 
-__all__ = ["Stream", "default_max_gap", "interpolate", "streams_of"]
+__all__ = ["Stream", "default_max_gap", "interpolate"]
 
 GAP_STEPS = 5.0  # the same rule as gpcorrect.velocity: five median steps without a sample are a gap
 
@@ -60,11 +60,6 @@ class Stream:
     def shifted(self, seconds: float) -> Self:
         """Return the stream with `seconds` added to its stamps."""
         return replace(self, stamp=self.stamp + seconds)
-
-
-def streams_of(log: CalibrationLog) -> tuple[Stream, ...]:
-    """Take a log apart: a stream for every signal, all on the log's clock."""
-    return tuple(Stream(name, log.time, getattr(log, name), source=log.name) for name in log.signals)
 
 
 def default_max_gap(stamp: FloatArray) -> float:

@@ -19,6 +19,9 @@ from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
 __all__ = ["Table", "log_from_table"]
 
 
+LARGEST_WHOLE = 2.0**53  # beyond it not every whole number is a float
+
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """Named columns of numbers, however they were stored.
@@ -104,7 +107,8 @@ def _integers(table: Table, name: str, column: Column | None) -> IntArray:
     if column is None:
         return np.zeros(len(next(iter(table.columns.values()))), dtype=np.int64)
     values = table.columns[table.name(column)]
-    wrong = np.flatnonzero(values != np.round(values))
+    whole = (np.abs(values) < LARGEST_WHOLE) & (values == np.round(values))
+    wrong = np.flatnonzero(~whole)
     if wrong.size:
         row = int(wrong[0])
         came = "nothing" if np.isnan(values[row]) else f"{values[row]:g}"
@@ -130,11 +134,7 @@ def _extra(table: Table, found: ColumnMap) -> tuple[dict[str, FloatArray], list[
     rest = {name: values for name, values in table.columns.items() if name not in used}
     present = ["time", *(s for s in type(found).model_fields if getattr(found, s) is not None)]
     clash = [name for name in rest if signal_of(name) in present]
-    remarks = (
-        [f"columns without numbers are left out: {', '.join(table.left_out)}."] if table.left_out else []
-    )
+    remarks = [f"columns without numbers are left out: {', '.join(table.left_out)}."] if table.left_out else []
     if clash:
-        remarks.append(
-            f"columns left out, because the mapping gives these signals otherwise: {', '.join(clash)}."
-        )
+        remarks.append(f"columns left out, because the mapping gives these signals otherwise: {', '.join(clash)}.")
     return {name: values for name, values in rest.items() if name not in clash}, remarks

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from gpcorrect.logs.checks import CHECKS, Check, Evidence, Finding, Severity
 from gpcorrect.logs.facts import facts_of
 from gpcorrect.logs.sync import TimeOffset
@@ -73,6 +75,10 @@ def validate_log(log: CalibrationLog, checks: Sequence[Check] = CHECKS) -> Valid
         empty = Finding("error", "empty", "", "the log has no samples.")
         return ValidationReport(facts_of(log), (empty,))
     evidence = Evidence(log)
-    findings = [finding for check in checks for finding in check.findings(evidence)]
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # numbers that overflow are what checks are there to find
+        findings = [finding for check in checks for finding in check.findings(evidence)]
+        offsets = evidence.offsets
     findings.sort(key=lambda f: ORDER.index(f.severity))
-    return ValidationReport(facts_of(log), tuple(findings), evidence.offsets)
+    return ValidationReport(facts_of(log), tuple(findings), offsets)

@@ -50,7 +50,15 @@ def _binned(ax: Axes, x: FloatArray, y: FloatArray, edges: FloatArray, method: s
     filled = np.unique(index)
     middle = np.array([np.median(x[index == i]) for i in filled])
     half, most = (np.array([np.percentile(y[index == i], p) for i in filled]) for p in (50, 90))
-    ax.plot(middle, half, color=COLOURS[method], marker="o", markersize=3.5, linewidth=1.6, label=f"{LABELS[method]} (median; band to 90 %)")
+    ax.plot(
+        middle,
+        half,
+        color=COLOURS[method],
+        marker="o",
+        markersize=3.5,
+        linewidth=1.6,
+        label=f"{LABELS[method]} (median; band to 90 %)",
+    )
     ax.fill_between(middle, half, most, color=COLOURS[method], alpha=0.15, linewidth=0)
 
 

@@ -30,6 +30,12 @@ def reliability(measured: Measured) -> Figure:
         observed = [np.mean(error <= half * norm.ppf(0.5 + level / 2) / Z95) for level in LEVELS]
         ax.plot(100 * LEVELS, 100 * np.array(observed), color=colour, linewidth=1.5, label=name)
     ax.axvline(95, color=COLOURS["quiet"], linewidth=0.6)
-    ax.set(xlabel="nominal coverage [%]", ylabel="observed coverage [%]", xlim=(0, 100), ylim=(0, 100), aspect="equal")
+    ax.set(
+        xlabel="nominal coverage [%]",
+        ylabel="observed coverage [%]",
+        xlim=(0, 100),
+        ylim=(0, 100),
+        aspect="equal",
+    )
     ax.legend(frameon=False, fontsize=8)
     return figure

@@ -15,12 +15,21 @@ except ImportError as error:
 __all__ = ["COLOURS", "LABELS", "new_figure", "png", "tidy"]
 
 # Okabe-Ito, in the order of the story: before, after the rigid part, corrected.
-COLOURS = {"raw": "#d55e00", "rigid": "#e69f00", "corrected": "#0072b2", "dropped": "#cc79a7", "quiet": "#8a8f98", "ink": "#22262b"}
+COLOURS = {
+    "raw": "#d55e00",
+    "rigid": "#e69f00",
+    "corrected": "#0072b2",
+    "dropped": "#cc79a7",
+    "quiet": "#8a8f98",
+    "ink": "#22262b",
+}
 LABELS = {"raw": "before", "rigid": "after rigid registration", "corrected": "corrected"}
 DPI = 110
 
 
-def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, *, share_x: bool = False) -> tuple[Figure, list[Axes]]:
+def new_figure(
+    width: float, height: float, rows: int = 1, columns: int = 1, *, share_x: bool = False
+) -> tuple[Figure, list[Axes]]:
     """Return a figure of `width` x `height` inches and its axes, row by row, without any global state."""
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=share_x).ravel().tolist()

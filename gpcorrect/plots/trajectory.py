@@ -1,4 +1,4 @@
-"""One held-out trajectory as Mahler 2014, Fig. 4 draws it: what was commanded, and what each method would have commanded."""
+"""One held-out trajectory as Mahler 2014, Fig. 4 draws it: the command, and what each method would have commanded."""
 
 from __future__ import annotations
 
@@ -32,8 +32,21 @@ def trajectory_paths(measured: Measured, log: CalibrationLog, trajectory: int) -
     for i, ax in enumerate(axes):
         for method in METHODS:
             wrong = getattr(measured, method)[rows, i]
-            ax.plot(time, 1e3 * (command[:, i] - wrong), color=COLOURS[method], linewidth=1.4, label=LABELS[method])
-        ax.plot(time, 1e3 * command[:, i], color=COLOURS["ink"], linewidth=1.2, linestyle="--", label="what was commanded")
+            ax.plot(
+                time,
+                1e3 * (command[:, i] - wrong),
+                color=COLOURS[method],
+                linewidth=1.4,
+                label=LABELS[method],
+            )
+        ax.plot(
+            time,
+            1e3 * command[:, i],
+            color=COLOURS["ink"],
+            linewidth=1.2,
+            linestyle="--",
+            label="what was commanded",
+        )
         ax.set_ylabel(f"{AXES[i]} [mm]")
     axes[0].legend(frameon=False, fontsize=8, ncols=4, loc="lower left", bbox_to_anchor=(0, 1))
     axes[-1].set_xlabel("time [s]")
@@ -47,7 +60,13 @@ def trajectory_errors(measured: Measured, log: CalibrationLog, trajectory: int) 
     for i, ax in enumerate(axes):
         band = 1e3 * measured.interval95[rows, i]
         ax.fill_between(time, -band, band, color=COLOURS["corrected"], alpha=0.15, linewidth=0, label="95 % interval")
-        ax.plot(time, 1e3 * measured.corrected[rows, i], color=COLOURS["corrected"], linewidth=1.3, label="corrected")
+        ax.plot(
+            time,
+            1e3 * measured.corrected[rows, i],
+            color=COLOURS["corrected"],
+            linewidth=1.3,
+            label="corrected",
+        )
         ax.set_ylabel(f"{AXES[i]} error [mm]")
     axes[0].legend(frameon=False, fontsize=8, ncols=2, loc="lower left", bbox_to_anchor=(0, 1))
     axes[-1].set_xlabel("time [s]")

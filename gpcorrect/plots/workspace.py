@@ -33,9 +33,22 @@ def residual_maps(measured: Measured, position: FloatArray) -> Figure:
         for column, (size, title) in enumerate(((before, "after rigid registration"), (after, "corrected"))):
             ax = axes[2 * row + column]
             points = ax.scatter(
-                100 * position[shown, i], 100 * position[shown, j], c=size, s=5, cmap="viridis", vmin=0, vmax=top, linewidths=0
+                100 * position[shown, i],
+                100 * position[shown, j],
+                c=size,
+                s=5,
+                cmap="viridis",
+                vmin=0,
+                vmax=top,
+                linewidths=0,
             )
-            ax.set(xlabel=f"{x} [cm]", ylabel=f"{y} [cm]", title=title if row == 0 else "", aspect="equal", adjustable="datalim")
+            ax.set(
+                xlabel=f"{x} [cm]",
+                ylabel=f"{y} [cm]",
+                title=title if row == 0 else "",
+                aspect="equal",
+                adjustable="datalim",
+            )
     figure.colorbar(points, ax=axes, label="position error [mm]", shrink=0.7)
     return figure
 
@@ -46,8 +59,22 @@ def workspace_coverage(train: FloatArray, test: FloatArray, in_domain: FloatArra
     shown, near, far = _thinned(len(train)), test[in_domain], test[~in_domain]
     for ax, (i, j, x, y) in zip(axes, VIEWS, strict=True):
         ax.plot(100 * train[shown, i], 100 * train[shown, j], ".", color="#c9ced6", markersize=2, label="training")
-        ax.plot(100 * near[:, i], 100 * near[:, j], ".", color=COLOURS["corrected"], markersize=2, label="held out, in domain")
-        ax.plot(100 * far[:, i], 100 * far[:, j], "x", color=COLOURS["raw"], markersize=4, label="held out, outside")
+        ax.plot(
+            100 * near[:, i],
+            100 * near[:, j],
+            ".",
+            color=COLOURS["corrected"],
+            markersize=2,
+            label="held out, in domain",
+        )
+        ax.plot(
+            100 * far[:, i],
+            100 * far[:, j],
+            "x",
+            color=COLOURS["raw"],
+            markersize=4,
+            label="held out, outside",
+        )
         ax.set(xlabel=f"{x} [cm]", ylabel=f"{y} [cm]", aspect="equal", adjustable="datalim")
     axes[0].legend(frameon=False, fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0, 1), markerscale=3)
     return figure

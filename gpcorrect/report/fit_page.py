@@ -1,4 +1,4 @@
-"""The page of `gpcorrect fit --report`: what was learned, how well it holds on held-out trajectories, what was dropped."""
+"""The page of `gpcorrect fit --report`: what was learned, how well it holds, what was dropped."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _page(experiment: Experiment) -> Page:
             *sections,
             _dropped("Dropped from the held-out recording", test, measured.cleaning),
         ]
-    sections.append(_dropped("Dropped from the training recording", experiment.train, experiment.fit.cleaning))
+    sections.append(_dropped("Dropped from the training recording", experiment.fit.log, experiment.fit.cleaning))
     return Page("gpcorrect fit", _verdict(experiment), _facts(experiment), sections)
 
 
@@ -53,10 +53,13 @@ def _verdict(experiment: Experiment) -> str:
         return "Fitted; nothing was held out, so nothing is known of its error on new trajectories."
     errors = experiment.evaluation.clean.errors()
     after, before = errors["corrected"], errors["raw"]
-    text = f"Held-out position error {_mean(before, 'position_mm'):.2f} mm before, {_mean(after, 'position_mm'):.2f} mm corrected"
-    if "rotation_deg" in after:
-        text += f"; rotation {_mean(before, 'rotation_deg'):.2f} deg before, {_mean(after, 'rotation_deg'):.2f} deg corrected"
-    return text + "."
+    parts = [("position", "position_mm", "mm"), ("rotation", "rotation_deg", "deg")]
+    said = [
+        f"{name} {_mean(before, key):.2f} {unit} before, {_mean(after, key):.2f} {unit} corrected"
+        for name, key, unit in parts
+        if key in after
+    ]
+    return f"Mean error on held-out trajectories: {'; '.join(said)}."
 
 
 def _mean(table: ErrorTable, part: str) -> float:
@@ -66,8 +69,14 @@ def _mean(table: ErrorTable, part: str) -> float:
 def _facts(experiment: Experiment) -> list[tuple[str, str]]:
     summary: Any = experiment.fit.summary
     return [
-        ("recording", f"{summary['data']['source']} (SHA-256 {summary['data']['sha256'][:16] or 'not a file'})"),
-        ("trained on", f"{experiment.fit.n_train} samples of {summary['fit']['n_trajectories']} trajectories"),
+        (
+            "recording",
+            f"{summary['data']['source']} (SHA-256 {summary['data']['sha256'][:16] or 'not a file'})",
+        ),
+        (
+            "trained on",
+            f"{experiment.fit.n_train} samples of {summary['fit']['n_trajectories']} trajectories",
+        ),
         ("held out", _held_out(experiment)),
         ("features", ", ".join(summary["features"])),
         ("time", f"{experiment.seconds:.1f} s, seed {summary['fit']['seed']}"),
@@ -87,13 +96,27 @@ def _errors(measured: Evaluation) -> Section:
     tables = [
         TableData(*_summary_rows(clean), "Samples that pass cleaning; statistics of the length of the error."),
         TableData(*_summary_rows(dirty), "All samples as they came, faults of the tracker included."),
-        *(TableData(*_axis_rows(clean, part), f"Per axis of the base frame, mean absolute error and SD [{UNITS[part]}].") for part in clean["raw"]),
+        *(
+            TableData(
+                *_axis_rows(clean, part),
+                f"Per axis of the base frame, mean absolute error and SD [{UNITS[part]}].",
+            )
+            for part in clean["raw"]
+        ),
     ]
     figures = [
-        FigureImage(plots.png(plots.error_distribution(measured.clean)), "Share of held-out samples with an error below the value on the axis."),
-        FigureImage(plots.png(plots.error_by_speed(measured.clean)), "Error by the speed of the observed pose: median, and the band up to the 90th percentile."),
+        FigureImage(
+            plots.png(plots.error_distribution(measured.clean)),
+            "Share of held-out samples with an error below the value on the axis.",
+        ),
+        FigureImage(
+            plots.png(plots.error_by_speed(measured.clean)),
+            "Error by the speed of the observed pose: median, and the band up to the 90th percentile.",
+        ),
     ]
-    words = ["Errors are commands that would have been given for the observed poses, minus the commands that were given."]
+    words = [
+        "Errors are commands that would have been given for the observed poses, minus the commands that were given."
+    ]
     return Section("Error on held-out trajectories", words, tables, figures)
 
 
@@ -107,7 +130,8 @@ def _summary_rows(errors: dict[str, ErrorTable]) -> tuple[list[str], list[list[s
 def _axis_rows(errors: dict[str, ErrorTable], part: str) -> tuple[list[str], list[list[str]]]:
     axes = ("x", "y", "z", "norm")
     rows = [
-        [LABELS[m], *(f"{errors[m][part][a]['mean']:.3f} ± {errors[m][part][a]['sd']:.3f}" for a in axes)] for m in METHODS
+        [LABELS[m], *(f"{errors[m][part][a]['mean']:.3f} ± {errors[m][part][a]['sd']:.3f}" for a in axes)]
+        for m in METHODS
     ]
     return ["", *axes], rows
 
@@ -115,57 +139,99 @@ def _axis_rows(errors: dict[str, ErrorTable], part: str) -> tuple[list[str], lis
 def _trajectory(measured: Measured, test: CalibrationLog) -> Section:
     number = plots.typical_trajectory(measured, test)
     figures = [
-        FigureImage(plots.png(plots.trajectory_paths(measured, test, number)), "What each method would have commanded, and what was commanded."),
-        FigureImage(plots.png(plots.trajectory_errors(measured, test, number)), "Error of the corrected command inside its 95 % interval."),
+        FigureImage(
+            plots.png(plots.trajectory_paths(measured, test, number)),
+            "What each method would have commanded, and what was commanded.",
+        ),
+        FigureImage(
+            plots.png(plots.trajectory_errors(measured, test, number)),
+            "Error of the corrected command inside its 95 % interval.",
+        ),
     ]
     return Section(f"A typical held-out trajectory (number {number}: median error)", (), (), figures)
 
 
 def _workspace(experiment: Experiment, measured: Measured, test: CalibrationLog) -> Section:
     assert test.tracker_cp is not None
-    assert experiment.train.tracker_cp is not None
+    assert experiment.fit.log.tracker_cp is not None
     position = test.tracker_cp.position[measured.rows]
-    train = experiment.train.tracker_cp.position[experiment.fit.cleaning.keep]
+    train = experiment.fit.log.tracker_cp.position[experiment.fit.cleaning.keep]
     share = 100 * float(measured.in_domain.mean())
     figures = [
-        FigureImage(plots.png(plots.residual_maps(measured, position)), "Length of the position error where the tool was."),
-        FigureImage(plots.png(plots.workspace_coverage(train, position, measured.in_domain)), "Where the training was, and the held-out samples near it and outside."),
+        FigureImage(
+            plots.png(plots.residual_maps(measured, position)),
+            "Length of the position error where the tool was.",
+        ),
+        FigureImage(
+            plots.png(plots.workspace_coverage(train, position, measured.in_domain)),
+            "Where the training was, and the held-out samples near it and outside.",
+        ),
     ]
-    return Section("Where in the workspace", [f"{share:.1f} % of the held-out samples lie near training data."], (), figures)
+    return Section(
+        "Where in the workspace",
+        [f"{share:.1f} % of the held-out samples lie near training data."],
+        (),
+        figures,
+    )
 
 
 def _intervals(measured: Measured) -> Section:
     shares = measured.coverage95
     rows = [["observed", *(f"{100 * s:.1f} %" if np.isfinite(s) else "-" for s in shares)]]
     table = TableData(["95 % interval", *COMPONENTS], rows)
-    figure = FigureImage(plots.png(plots.reliability(measured)), "Observed against nominal coverage; on the diagonal the intervals are honest.")
+    figure = FigureImage(
+        plots.png(plots.reliability(measured)),
+        "Observed against nominal coverage; on the diagonal the intervals are honest.",
+    )
     return Section("Are the intervals honest?", (), (table,), (figure,))
 
 
 def _registration(experiment: Experiment) -> Section:
     chosen = experiment.fit.registration
     rows = [
-        [c.kind, f"{c.position_mm:.3f}", f"{c.rotation_deg:.3f}", c.refused or ("chosen" if c.kind == chosen.model.kind else "")]
+        [
+            c.kind,
+            f"{c.position_mm:.3f}",
+            f"{c.rotation_deg:.3f}",
+            c.refused or ("chosen" if c.kind == chosen.model.kind else ""),
+        ]
         for c in chosen.candidates
     ]
-    table = TableData(["model", "position [mm]", "rotation [deg]", ""], rows, "Median errors on left-out training trajectories.")
-    return Section("Registration of the frames", [f"{chosen.reason[:1].upper()}{chosen.reason[1:]}."], (table,) if rows else ())
+    table = TableData(
+        ["model", "position [mm]", "rotation [deg]", ""],
+        rows,
+        "Median errors on left-out training trajectories.",
+    )
+    return Section(
+        "Registration of the frames",
+        [f"{chosen.reason[:1].upper()}{chosen.reason[1:]}."],
+        (table,) if rows else (),
+    )
 
 
 def _clocks(experiment: Experiment) -> Section:
-    offset = experiment.fit.time_offset
-    if offset is None:
-        return Section("Clocks", ["The time offset between tracker and commands was not looked at."])
-    words = [experiment.fit.time_offset_remark]
-    if offset.lags.size == 0:
+    clocks = experiment.fit.clocks
+    offset, words = clocks.offset, [f"{clocks.remark[:1].upper()}{clocks.remark[1:]}."]
+    if offset is None or offset.lags.size == 0:
         return Section("Clocks", words)
-    figure = FigureImage(plots.png(plots.offset_curve(offset)), "Agreement of the speeds of tracker and command over time offsets.")
+    figure = FigureImage(
+        plots.png(plots.offset_curve(offset)),
+        "Agreement of the speeds of tracker and command over time offsets.",
+    )
     return Section("Clocks", words, (), (figure,))
 
 
 def _dropped(title: str, log: CalibrationLog, report: CleaningReport) -> Section:
     kept = int(report.keep.sum())
-    words = [f"{kept} of {len(log)} samples were kept. Every dropped sample stands in cleaning.csv with the value and the limit it broke."]
+    words = [
+        f"{kept} of {len(log)} samples were kept. "
+        "Every dropped sample stands in cleaning.csv with the value and the limit that it broke."
+    ]
     if kept == len(log):
         return Section(title, words)
-    return Section(title, words, (), (FigureImage(plots.png(plots.dropped_samples(log, report)), "Dropped samples by reason."),))
+    return Section(
+        title,
+        words,
+        (),
+        (FigureImage(plots.png(plots.dropped_samples(log, report)), "Dropped samples by reason."),),
+    )

@@ -20,6 +20,8 @@ Fit = Callable[[PoseSignal, PoseSignal], RigidModel]
 FOLDS = 5
 BLOCKS = 10  # parts of a recording that has too few trajectories to leave some out
 LEAST_BLOCK = 3  # samples
+MAX_SAMPLES = 1000  # in a fold's fit: enough to rank the kinds
+MAX_JUDGED = 200  # in each unit, for its median
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,19 +71,26 @@ def held_out_errors(
     """
     n_units = int(units.max()) + 1
     position, rotation = np.full(n_units, np.nan), np.full(n_units, np.nan)
+    rows_of = np.split(np.argsort(units, kind="stable"), np.cumsum(np.bincount(units))[:-1])
     folds = min(FOLDS, n_units)
     for fold in range(folds):
         held = units * folds // n_units == fold
+        rows = np.flatnonzero(~held)
+        rows = rows[evenly_spaced(len(rows), MAX_SAMPLES)]
         try:
-            model = fit(observed[~held], command[~held])
+            model = fit(observed[rows], command[rows])
         except DegenerateError as error:
             nothing = np.full(n_units, np.nan)
             return UnitErrors(kind, nothing, nothing, refused=error.message)
-        rows = np.flatnonzero(held)
-        rows = rows[evenly_spaced(len(rows))]
-        residual = pose_residual(model.apply(observed[rows]), command[rows])
-        for unit in np.unique(units[rows]):
-            inside = residual[units[rows] == unit]
-            position[unit] = np.median(np.linalg.norm(inside[:, :3], axis=1))
-            rotation[unit] = np.median(np.linalg.norm(inside[:, 3:], axis=1))
+        for unit in np.unique(units[held]):
+            position[unit], rotation[unit] = _median_errors(model, observed, command, rows_of[unit])
     return UnitErrors(kind, position, rotation)
+
+
+def _median_errors(
+    model: RigidModel, observed: PoseSignal, command: PoseSignal, rows: IntArray
+) -> tuple[float, float]:
+    rows = rows[evenly_spaced(len(rows), MAX_JUDGED)]
+    residual = pose_residual(model.apply(observed[rows]), command[rows])
+    position, rotation = (np.linalg.norm(part, axis=1) for part in (residual[:, :3], residual[:, 3:]))
+    return float(np.median(position)), float(np.median(rotation))

@@ -119,9 +119,12 @@ def _gauss_newton_step(samples: Samples, state: MarkerState, scales: list[float]
 def _solve_scaled(normal: FloatArray, right: FloatArray) -> FloatArray:
     """Least-norm solution with unknowns brought to one unit; those without influence do not move."""
     size = np.sqrt(np.diag(normal))
-    size = np.where(size > 0.0, size, 1.0)
-    scaled = normal / np.outer(size, size)
-    step: FloatArray = np.linalg.pinv(scaled, rcond=CONDITION, hermitian=True) @ (right / size) / size
+    free = size > 0.0
+    scaled = normal[np.ix_(free, free)] / np.outer(size[free], size[free])
+    step = np.zeros(len(right))
+    step[free] = (
+        np.linalg.pinv(scaled, rcond=CONDITION, hermitian=True) @ (right[free] / size[free]) / size[free]
+    )
     return step
 
 

@@ -134,9 +134,7 @@ def register(
 
 def _units(observed: PoseSignal, trajectory: IntArray, marker: MarkerOption) -> IntArray:
     if len(trajectory) != len(observed):
-        raise DataError(
-            f"{len(observed)} samples need a trajectory each, got {len(trajectory)}."
-        )
+        raise DataError(f"{len(observed)} samples need a trajectory each, got {len(trajectory)}.")
     units = hold_out_units(np.asarray(trajectory))
     if marker == "auto" and units.max() == 0:
         raise DegenerateError(

@@ -49,10 +49,6 @@ class Links:
         """Return the masses of an arm that weighs nothing."""
         return cls(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(1))
 
-    def carrying(self, payload: FloatArray) -> Links:
-        """Return the same links with these payloads `(N,)`, kg."""
-        return replace(self, payload=payload)
-
 
 @dataclass(frozen=True, eq=False)
 class Body:

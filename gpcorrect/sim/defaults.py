@@ -32,6 +32,4 @@ def motor_inertia(arm: str, body: Body) -> FloatArray:
 def default_controller(inertia: FloatArray) -> Controller:
     """PD gains that give every motor the default bandwidth and damping on its own inertia `(dof,)`."""
     omega = 2 * np.pi * BANDWIDTH_HZ
-    return Controller(
-        kp=tuple((inertia * omega**2).tolist()), kd=tuple((2 * DAMPING_RATIO * omega * inertia).tolist())
-    )
+    return Controller(kp=tuple((inertia * omega**2).tolist()), kd=tuple((2 * DAMPING_RATIO * omega * inertia).tolist()))

@@ -95,9 +95,7 @@ def corrupted(
 Event = tuple[int, int]
 
 
-def _events(
-    n: int, rate_hz: float, faults: TrackerFaults, rng: np.random.Generator
-) -> list[tuple[Fault, list[Event]]]:
+def _events(n: int, rate_hz: float, faults: TrackerFaults, rng: np.random.Generator) -> list[tuple[Fault, list[Event]]]:
     block = round(faults.lost_share * n)
     begin = int(rng.integers(0, n - block + 1))
     jumps = rng.poisson(faults.jumps_hz * n / rate_hz)
@@ -127,9 +125,7 @@ def _failed(T: FloatArray, fault: Fault, faults: TrackerFaults, rng: np.random.G
             return _displaced(T, faults.lost_shift * _direction(rng), faults.lost_turn * _direction(rng))
         case Fault.OCCLUSION_JUMP:
             size = rng.uniform(0.5, 1.5)
-            return _displaced(
-                T, size * faults.jump_shift * _direction(rng), size * faults.jump_turn * _direction(rng)
-            )
+            return _displaced(T, size * faults.jump_shift * _direction(rng), size * faults.jump_turn * _direction(rng))
         case Fault.OUTLIER:
             return _displaced(
                 T,

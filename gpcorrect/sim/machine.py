@@ -11,6 +11,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
 from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, in_order, of_kind
 from gpcorrect.sim.faults import TrackerFaults
+from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.sensors import Noise
 from gpcorrect.types import FloatArray
 
@@ -100,9 +101,17 @@ class Machine:
         """Return the machine with these effects instead of its own."""
         return replace(self, effects=effects)
 
-    def actual_body(self, payload: FloatArray) -> Body:
-        """Body as it really is, with payloads `(N,)` kg and the effects on masses and geometry."""
-        links, chain = self.body.links.carrying(payload), self.body.chain
+    def payload(self, plan: Plan) -> FloatArray:
+        """Payload `(N,)` in each run: the plan's, or the model's own where the plan says none."""
+        return np.where(np.isnan(plan.payload), self.body.links.payload, plan.payload)
+
+    def nominal_body(self, plan: Plan) -> Body:
+        """Body as the controller knows it, with the known payloads."""
+        return replace(self.body, links=replace(self.body.links, payload=self.payload(plan))).compact()
+
+    def actual_body(self, plan: Plan) -> Body:
+        """Body as it really is: with the effects on masses and geometry."""
+        links, chain = replace(self.body.links, payload=self.payload(plan)), self.body.chain
         for load in of_kind(self.effects, LoadEffect):
             links = load.act(links)
         for change in of_kind(self.effects, ChainEffect):

@@ -17,7 +17,16 @@ from gpcorrect.sim.sensors import Noise
 from gpcorrect.sim.settings import NonNegative, Number, Positive, Settings
 from gpcorrect.sim.toml_text import toml_text
 
-__all__ = ["Controller", "LinkTable", "Model", "Pose", "TransmissionTable", "model_from_dict", "read_model", "write_model"]
+__all__ = [
+    "Controller",
+    "LinkTable",
+    "Model",
+    "Pose",
+    "TransmissionTable",
+    "model_from_dict",
+    "read_model",
+    "write_model",
+]
 
 Vector = tuple[Number, Number, Number]
 Moments = tuple[NonNegative, NonNegative, NonNegative]

@@ -30,15 +30,15 @@ class Segment:
         Index of the session, from 0.
     start : float
         Seconds since the session began.
-    payload : float
-        kg at the tip.
+    payload : float or None
+        kg at the tip; None is the model's own.
     """
 
     q: FloatArray
     trajectory: IntArray
     session: int = 0
     start: float = 0.0
-    payload: float = 0.0
+    payload: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Plan:
     start : (N,) array
         Session time at which each run begins, s.
     payload : (N,) array
-        kg at the tip.
+        kg at the tip; NaN is the model's own.
     """
 
     rate_hz: float
@@ -106,5 +106,5 @@ def plan_of(segments: Sequence[Segment], rate_hz: float) -> Plan:
         ),
         session=np.array([s.session for s in segments]),
         start=np.array([s.start for s in segments], dtype=np.float64),
-        payload=np.array([s.payload for s in segments], dtype=np.float64),
+        payload=np.array([np.nan if s.payload is None else s.payload for s in segments]),
     )

@@ -9,7 +9,7 @@ it is interpolated.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -88,7 +88,7 @@ def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
     -------
     Outcome
     """
-    body = machine.actual_body(plan.payload)
+    body = machine.actual_body(plan)
     clock = Clock.of(machine.drive.rate_hz, plan.rate_hz)
     command = _Command.of(machine, plan, clock)
     mass = _mean_inertia(body, plan.q)
@@ -106,7 +106,9 @@ def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
 def _first_guess(machine: Machine, plan: Plan, body: Body, command: _Command) -> _Path:
     """Path of motors that follow without delay and friction, pushed aside by the load that nothing feeds forward."""
     desired, load = command.desired, _load(body, command.desired)
-    unmet = load.total + machine.drive.motor_inertia * desired.acceleration - command.feedforward[:: command.clock.stride]
+    unmet = (
+        load.total + machine.drive.motor_inertia * desired.acceleration - command.feedforward[:: command.clock.stride]
+    )
     position = desired.q - unmet / machine.drive.kp
     servo = ServoPath(position, desired.velocity, unmet, np.zeros(position.shape))
     q = joint_path(machine.effects, _motion(body.joints, plan, servo, load))
@@ -158,8 +160,7 @@ def _feedforward(machine: Machine, plan: Plan, desired: _Path) -> FloatArray:
     kind = machine.drive.feedforward
     if kind == "none":
         return np.zeros(desired.q.shape)
-    nominal = replace(machine.body, links=machine.body.links.carrying(plan.payload))
-    load = _load(nominal, desired)
+    load = _load(machine.nominal_body(plan), desired)
     if kind == "gravity":
         return load.gravity
     return load.total + machine.drive.motor_inertia * desired.acceleration

@@ -64,7 +64,7 @@ def _log(
         tracker = _signal(T, position_only)
         if machine.faults != TrackerFaults():
             extra = {"fault": code.astype(np.float64)}
-    payload = plan.payload[rows[1]]
+    payload = machine.payload(plan)[rows[1]]
     return CalibrationLog(
         time=_log_time(plan)[rows],
         trajectory=plan.trajectory[rows],
@@ -80,7 +80,11 @@ def _log(
         payload=payload if payload.any() else None,
         extra=extra,
         meta=LogMeta(
-            robot="simulated", arm=machine.arm, joint_types=machine.body.types, tracker="simulated", source="gpcorrect.sim"
+            robot="simulated",
+            arm=machine.arm,
+            joint_types=machine.body.types,
+            tracker="simulated",
+            source="gpcorrect.sim",
         ),
         name=f"simulated {machine.arm}",
     )

@@ -14,6 +14,7 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["Noise", "ar_noise", "noisy"]
 
+
 class Noise(Settings):
     """Standard deviations of the sensors' noise; zero, or nothing, is none.
 

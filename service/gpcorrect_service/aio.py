@@ -68,7 +68,7 @@ class AsyncCorrectionClient(ClientBase):
         await self._await_server(line)
         failure = self._desk.silence()
         for querier in line.attempts:
-            answer = await self._attempt(querier, line.attempt_seconds, call)
+            answer = await self._attempt(querier, call)
             if not isinstance(answer, ServiceError):
                 return answer
             failure = answer
@@ -82,18 +82,9 @@ class AsyncCorrectionClient(ClientBase):
                 raise self._desk.silence()
             await asyncio.sleep(POLL_SECONDS)
 
-    async def _attempt(self, querier: zenoh.Querier, seconds: float, call: Call[R]) -> R | ServiceError:
-        """Return an answer; a query that ends at once without one found no route, and is asked again."""
-        loop = asyncio.get_running_loop()
-        until, pause = loop.time() + seconds, POLL_SECONDS
-        while (answer := await self._first_answer(querier, call)) is None and loop.time() + pause < until:
-            await asyncio.sleep(pause)
-            pause *= 2
-        return self._desk.silence() if answer is None else answer
-
-    async def _first_answer(self, querier: zenoh.Querier, call: Call[R]) -> R | ServiceError | None:
-        """Return the first answer without waiting for others, a failure, or None when nobody replied."""
-        failure = None
+    async def _attempt(self, querier: zenoh.Querier, call: Call[R]) -> R | ServiceError:
+        """Return the first answer without waiting for others."""
+        failure = self._desk.silence()
         inbox = self._send(querier, call)
         while (reply := await inbox.get()) is not None:
             answer = call.hear(reply)

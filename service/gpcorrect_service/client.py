@@ -17,7 +17,9 @@ from gpcorrect_service.wire import HealthAnswer, ModelAnswer
 __all__ = ["POLL_SECONDS", "REPLIES_KEPT", "CorrectionClient"]
 
 POLL_SECONDS = 0.002  # between looks at whether a server has appeared
-REPLIES_KEPT = 16  # of one query; more replicas than that overwrite the oldest
+# Replies of one query that may wait to be read: more than there are replicas, so that zenoh's thread never
+# waits. A RingChannel would not do: it is gone, with what it holds, when the last reply overtakes the reader.
+REPLIES_KEPT = 64
 
 R = TypeVar("R")
 
@@ -105,7 +107,7 @@ class CorrectionClient(ClientBase):
         self._await_server(line)
         failure = self._desk.silence()
         for querier in line.attempts:
-            answer = self._attempt(querier, line.attempt_seconds, call)
+            answer = self._attempt(querier, call)
             if not isinstance(answer, ServiceError):
                 return answer
             failure = answer
@@ -118,17 +120,9 @@ class CorrectionClient(ClientBase):
                 raise self._desk.silence()
             time.sleep(POLL_SECONDS)
 
-    def _attempt(self, querier: zenoh.Querier, seconds: float, call: Call[R]) -> R | ServiceError:
-        """Return an answer; a query that ends at once without one found no route, and is asked again."""
-        until, pause = time.monotonic() + seconds, POLL_SECONDS
-        while (answer := self._first_answer(querier, call)) is None and time.monotonic() + pause < until:
-            time.sleep(pause)
-            pause *= 2
-        return self._desk.silence() if answer is None else answer
-
-    def _first_answer(self, querier: zenoh.Querier, call: Call[R]) -> R | ServiceError | None:
-        """Return the first answer without waiting for others, a failure, or None when nobody replied."""
-        failure = None
+    def _attempt(self, querier: zenoh.Querier, call: Call[R]) -> R | ServiceError:
+        """Return the first answer without waiting for others; the channel closes when the time is over."""
+        failure = self._desk.silence()
         for reply in self._send(querier, call):
             answer = call.hear(reply)
             if not isinstance(answer, ServiceError):
@@ -140,7 +134,7 @@ class CorrectionClient(ClientBase):
         message = call.message
         try:
             return querier.get(
-                zenoh.handlers.RingChannel(REPLIES_KEPT),
+                zenoh.handlers.FifoChannel(REPLIES_KEPT),
                 payload=message.payload,
                 encoding=message.encoding,
                 attachment=message.attachment,

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import ipaddress
-import os
 import re
-import socket
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -67,7 +65,7 @@ class ServerSettings:
     workers: int = 1
     queue_capacity: int = 64
     drain_seconds: float = 1.5
-    replica: str = field(default_factory=lambda: f"{socket.gethostname()}-{os.getpid()}")
+    replica: str = ""
     allow_remote: bool = False
     config_file: Path | None = None
 

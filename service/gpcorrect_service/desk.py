@@ -50,14 +50,12 @@ class Line:
 
         self.attempts = (declare(zenoh.QueryTarget.BEST_MATCHING), declare(zenoh.QueryTarget.ALL))
         self.timeout = timeout
-        self.attempt_seconds = timeout / 2
-        self.met = False
+        self.fresh = True
 
     @property
     def matched(self) -> bool:
         """Whether some server declares this key now."""
         status: Any = self.attempts[0].matching_status  # zenoh's stubs say bool; it is a MatchingStatus
-        self.met = self.met or status.matching
         return bool(status.matching)
 
 
@@ -165,8 +163,9 @@ class Desk:
             self._stack.close()
 
     def patience(self, line: Line) -> float:
-        """Return how long, s, to wait for a server to appear: longer before the first one ever seen."""
-        return line.timeout if line.met else max(self.settings.connect_timeout, line.timeout)
+        """Return how long, s, to wait for a server to appear: only the first question may wait longer."""
+        first, line.fresh = line.fresh, False
+        return self.settings.connect_timeout if first else min(self.settings.connect_timeout, line.timeout)
 
     def silence(self) -> ServiceError:
         """Return the error of a query that nobody answered."""
@@ -233,7 +232,7 @@ class ClientBase:
         "raise", or "identity": hand the desired pose back uncorrected, with `fallback="identity"` and the
         failure as status. Bad input raises either way.
     path_timeout, connect_timeout : float
-        Seconds for a path, and for a server to appear before the first answer.
+        Seconds for a path, and for a server to appear before the first question.
     config_file : path, optional
         A zenoh JSON5 configuration instead of `endpoint`.
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Self
@@ -59,7 +62,9 @@ class Server:
         journal: Journal | None = None,
         clock: Clock | None = None,
     ) -> None:
-        self.settings = settings or ServerSettings()
+        given = settings or ServerSettings()
+        # Named here and not with the settings, which may have been written in another process.
+        self.settings = replace(given, replica=given.replica or f"{socket.gethostname()}-{os.getpid()}")
         self.model = corrector if isinstance(corrector, Model) or corrector is None else Model(corrector)
         self._clock = clock or Clock()
         self._journal = journal or open_journal(arm=self.settings.arm, replica=self.settings.replica)

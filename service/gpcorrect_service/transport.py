@@ -12,7 +12,7 @@ from gpcorrect.errors import DataError
 from gpcorrect_service.config import MAX_MESSAGE_BYTES, ClientSettings, ServerSettings, check_loopback
 from gpcorrect_service.errors import EndpointError, ServiceError
 
-__all__ = ["open_client", "open_server", "server_config"]
+__all__ = ["client_config", "open_client", "open_server", "server_config"]
 
 COMMON: dict[str, Any] = {
     "mode": "peer",
@@ -83,11 +83,7 @@ def open_client(settings: ClientSettings) -> zenoh.Session:
     DataError
         The configuration file cannot be read.
     """
-    if settings.config_file is None:
-        config = _config({**COMMON, **CLIENT, "connect/endpoints": list(settings.endpoints)})
-    else:
-        config = _read_config(settings.config_file)
-    _default_namespace(config, settings.namespace)
+    config = client_config(settings)
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
@@ -96,6 +92,22 @@ def open_client(settings: ClientSettings) -> zenoh.Session:
             f"zenoh cannot connect ({_first_sentence(error)}).",
             hint="Start the router or server that the configuration names.",
         ) from error
+
+
+def client_config(settings: ClientSettings) -> zenoh.Config:
+    """Return the zenoh configuration of a client.
+
+    Raises
+    ------
+    DataError
+        The configuration file cannot be read.
+    """
+    if settings.config_file is None:
+        config = _config({**COMMON, **CLIENT, "connect/endpoints": list(settings.endpoints)})
+    else:
+        config = _read_config(settings.config_file)
+    _default_namespace(config, settings.namespace)
+    return config
 
 
 def _config(values: dict[str, Any]) -> zenoh.Config:

@@ -214,7 +214,8 @@ def encoding_name(codec: Codec, schema: str) -> str:
 
 KNOWN_ENCODINGS = {encoding_name(codec, kind): (codec, kind) for codec in CODECS.values() for kind in KINDS}
 ERROR_ENCODINGS = {encoding_name(codec, "error"): codec for codec in CODECS.values()}
-PLAIN_ENCODINGS = {codec.media_type: codec for codec in CODECS.values()}
+# zenoh/bytes is what zenoh writes where nothing was said, as people do who ask by hand.
+PLAIN_ENCODINGS = {**{codec.media_type: codec for codec in CODECS.values()}, "zenoh/bytes": JSON}
 
 
 def error_codec(encoding: str) -> Codec | None:

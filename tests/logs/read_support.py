@@ -109,9 +109,7 @@ def transform_stamped(
     def make(types: Any) -> Any:
         w, x, y, z = wxyz
         moved = types["geometry_msgs/msg/Vector3"](*position)
-        transform = types["geometry_msgs/msg/Transform"](
-            moved, types["geometry_msgs/msg/Quaternion"](x, y, z, w)
-        )
+        transform = types["geometry_msgs/msg/Transform"](moved, types["geometry_msgs/msg/Quaternion"](x, y, z, w))
         return types["geometry_msgs/msg/TransformStamped"](header(types, stamp), "marker", transform)
 
     return Post(topic, "geometry_msgs/msg/TransformStamped", stamp if receive is None else receive, make)
@@ -131,9 +129,7 @@ def joint_state(
     return Post(topic, "sensor_msgs/msg/JointState", stamp, make)
 
 
-def write_bag(
-    path: Path, posts: Sequence[Post], kind: str, definitions: Sequence[tuple[str, str]] = ()
-) -> Path:
+def write_bag(path: Path, posts: Sequence[Post], kind: str, definitions: Sequence[tuple[str, str]] = ()) -> Path:
     """Write a recording and give the path to read: kind "bag", "mcap", "db3", or "folder"."""
     from rosbags.rosbag1 import Writer as Ros1Writer
     from rosbags.rosbag2 import StoragePlugin

@@ -32,9 +32,7 @@ def table(path: Path, columns: dict[str, np.ndarray]) -> Path:
 def test_every_form_of_orientation_is_the_same_rotation(tmp_path: Path, form: str):
     values = FORMS[form]
     names = [f"o{k}" for k in range(values.shape[1])]
-    data = table(
-        tmp_path / "a.csv", {"t": np.arange(6), "p": np.zeros(6)} | dict(zip(names, values.T, strict=True))
-    )
+    data = table(tmp_path / "a.csv", {"t": np.arange(6), "p": np.zeros(6)} | dict(zip(names, values.T, strict=True)))
     mapping = f'time = "t"\n[tracker_cp]\nposition = ["p", "p", "p"]\n{form} = {names}\n'
     pose = read_log(data, columns=write(tmp_path / "m.toml", mapping)).tracker_cp
     back = Rotation.from_quat(pose.quaternion, scalar_first=True)
@@ -92,15 +90,11 @@ def test_a_headerless_table_is_read_by_names_that_the_mapping_gives(tmp_path: Pa
 def test_what_the_mapping_says_of_the_form_of_a_table_comes_first(tmp_path: Path):
     data = write(tmp_path / "a.csv", "time|payload\n0|1,5\n1|2\n")
     mapping = '[csv]\ndelimiter = "|"\ndecimal = ","\n'
-    np.testing.assert_array_equal(
-        read_log(data, columns=write(tmp_path / "m.toml", mapping)).payload, [1.5, 2]
-    )
+    np.testing.assert_array_equal(read_log(data, columns=write(tmp_path / "m.toml", mapping)).payload, [1.5, 2])
 
 
 def test_signals_that_the_mapping_does_not_name_are_read_by_their_native_names(tmp_path: Path):
-    data = table(
-        tmp_path / "a.csv", {k: np.arange(2.0) for k in ("time", "u", "setpoint_jp_1", "measured_jp_1")}
-    )
+    data = table(tmp_path / "a.csv", {k: np.arange(2.0) for k in ("time", "u", "setpoint_jp_1", "measured_jp_1")})
     mapping = '[setpoint_jp]\ncolumns = ["u"]\n'
     log = read_log(data, columns=write(tmp_path / "m.toml", mapping))
     assert log.signals == ("setpoint_jp", "measured_jp")

@@ -61,21 +61,15 @@ def test_a_pose_without_its_whole_quaternion_is_a_position(tmp_path: Path):
     text = NATIVE.strip() + ",tracker_cp_qw\n0,0,1,2,3,1\n"
     log = read_log(write(tmp_path / "a.csv", text))
     assert log.tracker_cp.quaternion is None
-    assert (
-        "positions only: its quaternion lacks tracker_cp_qx, tracker_cp_qy, tracker_cp_qz" in log.remarks[0]
-    )
+    assert "positions only: its quaternion lacks tracker_cp_qx, tracker_cp_qy, tracker_cp_qz" in log.remarks[0]
 
 
 def test_a_quaternion_far_from_unit_is_a_missing_rotation_and_counted(tmp_path: Path):
-    names = (
-        ",".join(["time", *(f"tracker_cp_{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz"))]) + "\n"
-    )
+    names = ",".join(["time", *(f"tracker_cp_{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz"))]) + "\n"
     rows = "0,0,0,0,1.0009,0,0,0\n1,0,0,0,1.0011,0,0,0\n2,0,0,0,0,0,0,0\n3,0,0,0,,,,\n4,0,0,0,0,0,-1,0\n"
     log = read_log(write(tmp_path / "a.csv", names + rows))
     nothing = [np.nan] * 4
-    np.testing.assert_allclose(
-        log.tracker_cp.quaternion, [[1, 0, 0, 0], nothing, nothing, nothing, [0, 0, -1, 0]]
-    )
+    np.testing.assert_allclose(log.tracker_cp.quaternion, [[1, 0, 0, 0], nothing, nothing, nothing, [0, 0, -1, 0]])
     assert np.isfinite(log.tracker_cp.position).all()
     assert log.remarks == ("2 samples of tracker_cp have no valid rotation; it counts as missing.",)
 
@@ -113,6 +107,8 @@ def test_absent_trajectory_and_session_are_one(tmp_path: Path):
             NATIVE + ROWS + "1,0.5,1,2,3\n",
             "trajectory must be a whole number for every sample, got 0.5 at line 4",
         ),
+        (NATIVE + ROWS + "1,inf,1,2,3\n", "trajectory must be a whole number .* got inf at line 4"),
+        (NATIVE + ROWS + "1,1e300,1,2,3\n", r"trajectory must be a whole number .* got 1e\+300 at line 4"),
         (
             NATIVE + ROWS + "1,,1,2,3\n",
             "trajectory must be a whole number for every sample, got nothing at line 4",
@@ -136,9 +132,7 @@ def test_disordered_time_can_be_dropped_or_kept(tmp_path: Path):
     )
     dropped = read_log(path, disorder="drop")
     assert dropped.tracker_cp.position[:, 0].tolist() == [1, 3, 4, 7]
-    assert dropped.remarks == (
-        "time at line 3 (9 s) is out of order inside trajectory 0 (3 such samples); left out.",
-    )
+    assert dropped.remarks == ("time at line 3 (9 s) is out of order inside trajectory 0 (3 such samples); left out.",)
     assert len(read_log(path, disorder="keep")) == 7
 
 
@@ -158,9 +152,7 @@ def test_the_size_limit_is_the_callers(tmp_path: Path):
 
 
 def test_numbers_are_read_to_the_last_bit(tmp_path: Path):
-    values = np.random.default_rng(0).normal(size=500) * 10.0 ** np.random.default_rng(1).integers(
-        -300, 300, 500
-    )
+    values = np.random.default_rng(0).normal(size=500) * 10.0 ** np.random.default_rng(1).integers(-300, 300, 500)
     text = "time,payload\n" + "".join(f"{k},{v!r}\n" for k, v in enumerate(values.tolist()))
     np.testing.assert_array_equal(read_log(write(tmp_path / "a.csv", text)).payload, values)
 

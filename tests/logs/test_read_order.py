@@ -1,14 +1,14 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpcorrect.logs.order import rising
 
-TIMES = st.lists(
-    st.one_of(st.integers(0, 6).map(float), st.just(float("nan")), st.just(float("inf"))), max_size=8
-)
+TIMES = st.lists(st.one_of(st.integers(0, 6).map(float), st.just(float("nan")), st.just(float("inf"))), max_size=8)
 
 
 @settings(max_examples=200, deadline=None)
@@ -19,9 +19,7 @@ def test_as_many_samples_are_kept_as_any_choice_could_keep(times: list[float]):
     assert np.all(np.diff(time[mask]) > 0)
     assert np.isfinite(time[mask]).all()
     chosen = ([t for k, t in enumerate(times) if bits >> k & 1] for bits in range(2 ** len(times)))
-    best = max(
-        len(c) for c in chosen if np.isfinite(c).all() and all(a < b for a, b in zip(c, c[1:], strict=False))
-    )
+    best = max(len(c) for c in chosen if np.isfinite(c).all() and all(a < b for a, b in pairwise(c)))
     assert mask.sum() == best
 
 

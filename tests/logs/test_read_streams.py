@@ -9,7 +9,7 @@ from read_support import random_log, random_pose
 from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import DataError, LogError
-from gpcorrect.logs import Stream, combine, interpolate, streams_of
+from gpcorrect.logs import Stream, combine, interpolate
 from gpcorrect.types import PoseSignal
 
 
@@ -66,9 +66,7 @@ def test_nothing_is_invented_outside_the_recording_or_inside_a_gap():
     t = np.concatenate([np.arange(0, 1, 0.01), np.arange(2, 3, 0.01)])
     at = np.array([-0.001, 0.005, 0.99, 0.995, 1.5, 1.999, 2.0, 2.985, 2.991])
     values = interpolate(Stream("setpoint_jp", t, line(t)), at)
-    np.testing.assert_array_equal(
-        np.isnan(values[:, 0]), [True, False, False, True, True, True, False, False, True]
-    )
+    np.testing.assert_array_equal(np.isnan(values[:, 0]), [True, False, False, True, True, True, False, False, True])
     assert np.isfinite(interpolate(Stream("setpoint_jp", t, line(t)), at[1:-1], max_gap=2.0)).all()
 
 
@@ -189,11 +187,17 @@ def test_backward_stamps_are_refused_or_dropped_with_a_remark():
     np.testing.assert_array_equal(combine(streams, disorder="keep").time, t)
 
 
+def test_a_stamp_that_jumps_costs_a_partner_one_sample():
+    t = np.arange(0, 1, 0.01)
+    jumping, values = t.copy(), line(t)
+    jumping[50], values[50] = 0.2051, 99.0
+    streams = [Stream("tracker_cp", t, spin(t)), Stream("setpoint_jp", jumping, values)]
+    np.testing.assert_allclose(combine(streams, disorder="drop").setpoint_jp, line(t), atol=1e-12)
+
+
 def test_a_repeated_stamp_counts_once_and_is_said():
     t = np.array([0.0, 0.1, 0.1, 0.2])
-    log = combine(
-        [Stream("tracker_cp", t, spin(t)), Stream("setpoint_jp", np.arange(0, 0.3, 0.1), np.zeros((3, 2)))]
-    )
+    log = combine([Stream("tracker_cp", t, spin(t)), Stream("setpoint_jp", np.arange(0, 0.3, 0.1), np.zeros((3, 2)))])
     np.testing.assert_array_equal(log.time, [0.0, 0.1, 0.2])
     assert "1 samples of tracker_cp repeat the stamp" in log.remarks[0]
 
@@ -215,7 +219,7 @@ def test_what_cannot_be_combined_is_refused(names: list[str], options: dict, mes
 
 def test_a_log_taken_apart_combines_to_itself():
     log = random_log(4)
-    again = combine(streams_of(log), base="setpoint_cp")
+    again = combine([Stream(name, log.time, getattr(log, name)) for name in log.signals], base="setpoint_cp")
     np.testing.assert_array_equal(again.time, log.time)
     for name in ("setpoint_jp", "payload"):
         np.testing.assert_array_equal(getattr(again, name), getattr(log, name))

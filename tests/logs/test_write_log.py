@@ -85,9 +85,7 @@ TEXT = st.text(st.characters(codec="utf-8"), max_size=30)
 
 @settings(max_examples=100, deadline=None)
 @given(TEXT, TEXT, st.one_of(st.none(), st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 6)))
-def test_every_sidecar_reads_back_as_written(
-    tmp_path_factory: pytest.TempPathFactory, a: str, b: str, frame: tuple
-):
+def test_every_sidecar_reads_back_as_written(tmp_path_factory: pytest.TempPathFactory, a: str, b: str, frame: tuple):
     meta = LogMeta(robot=a, notes=b, tracker_base=frame)
     folder = tmp_path_factory.mktemp("sidecar")
     (folder / "a.toml").write_text(format_sidecar(meta), encoding="utf-8", newline="")

@@ -73,15 +73,13 @@ def with_outliers(poses: PoseSignal, rows: FloatArray, rng: np.random.Generator)
 
 
 def moved(poses: PoseSignal, T: FloatArray) -> PoseSignal:
-    """The same poses seen from another frame: `T X`."""
+    """Return the same poses seen from another frame: `T X`."""
     return PoseSignal(*se3.to_parts(T @ se3.from_parts(poses.position, poses.quaternion)))
 
 
 def differences(model: RigidModel, truth: RigidModel) -> dict[str, float]:
     """How far a model is from the truth: largest angle of its rotations (rad), t and offset (m)."""
-    turns = [
-        getattr(model, n) @ getattr(truth, n).T for n in ("R_position", "R_left", "R_right")
-    ]
+    turns = [getattr(model, n) @ getattr(truth, n).T for n in ("R_position", "R_left", "R_right")]
     return {
         "angle": float(se3.angle(np.array(turns)).max()),
         "t": float(np.linalg.norm(model.t - truth.t)),

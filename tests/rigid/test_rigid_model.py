@@ -16,7 +16,7 @@ KINDS = ["identity", "pose", "marker", "separate", "position"]
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_apply_is_the_stated_law(kind: str, rng: np.random.Generator) -> None:
-    """Each pose maps to `R_position (p + R_obs offset) + t` and `R_left R_obs R_right`, written out a sample at a time."""
+    """Poses map to `R_position (p + R_obs offset) + t` and `R_left R_obs R_right`, a sample at a time."""
     model, observed = random_model(kind, rng), motion(7, rng)
     mapped = model.apply(observed)
     for k in range(7):

@@ -101,7 +101,10 @@ def test_weight_zero_is_absence_and_weight_two_is_repetition(rng: np.random.Gene
     command = noisy(world.command, rng, 0.01, 0.2)
     weights = np.repeat([0.0, 1.0, 2.0], [5, 10, 5])
     rows = np.repeat(np.arange(20), weights.astype(int))
-    weighted, counted = fit_pose(world.observed, command, weights=weights), fit_pose(world.observed[rows], command[rows])
+    weighted, counted = (
+        fit_pose(world.observed, command, weights=weights),
+        fit_pose(world.observed[rows], command[rows]),
+    )
     assert max(differences(weighted, counted).values()) < 1e-12
 
 
@@ -110,7 +113,10 @@ def test_sign_of_quaternions_does_not_matter_to_registration(rng: np.random.Gene
     world = planted("pose", 20, rng)
     command = noisy(world.command, rng, 0.01, 0.2)
     flipped = PoseSignal(command.position, command.quaternion * np.where(np.arange(20) % 2, 1, -1)[:, None])
-    assert max(differences(fit_pose(world.observed, flipped), fit_pose(world.observed, command)).values()) < 1e-12
+    assert (
+        max(differences(fit_pose(world.observed, flipped), fit_pose(world.observed, command)).values())
+        < 1e-12
+    )
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])

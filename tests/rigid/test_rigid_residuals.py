@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from rigid_planted import motion, signal
+from rigid_planted import motion, moved, signal
 from scipy.spatial.transform import Rotation
 
 from gpcorrect import se3
@@ -48,30 +48,31 @@ def test_round_trip_holds_around_half_turns(short_of_pi: float, rng: np.random.G
 def test_residual_is_read_back(rng: np.random.Generator) -> None:
     """Residuals of turns below half a turn are recovered from the poses they lead to."""
     reference, residual = motion(50, rng), rng.uniform(-1, 1, size=(50, 6))
-    np.testing.assert_allclose(pose_residual(reference, apply_residual(reference, residual)), residual, atol=1e-13)
+    np.testing.assert_allclose(
+        pose_residual(reference, apply_residual(reference, residual)), residual, atol=1e-13
+    )
 
 
 def test_residual_turns_with_the_common_frame(rng: np.random.Generator) -> None:
-    """Seen from another frame both parts of the residual turn as vectors: they are expressed in the common frame."""
+    """Seen from another frame both parts of the residual turn as vectors: they are in the common frame."""
     reference, command = motion(10, rng), motion(10, rng)
-    R, t = Rotation.random(random_state=1), rng.normal(size=3)
-    turned = [
-        signal(R.apply(s.position) + t, R * Rotation.from_quat(s.quaternion, scalar_first=True))
-        for s in (reference, command)
-    ]
-    expected = pose_residual(reference, command).reshape(-1, 2, 3) @ R.as_matrix().T
+    T = se3.exp(rng.normal(size=6))
+    turned = [moved(s, T) for s in (reference, command)]
+    expected = pose_residual(reference, command).reshape(-1, 2, 3) @ T[:3, :3].T
     np.testing.assert_allclose(pose_residual(*turned).reshape(-1, 2, 3), expected, atol=1e-12)
 
 
 def test_sign_of_quaternions_does_not_matter(rng: np.random.Generator) -> None:
-    """q and -q have the same residual."""
+    """Quaternions q and -q have the same residual."""
     reference, command = motion(10, rng), motion(10, rng)
     flipped = PoseSignal(command.position, -command.quaternion)
-    np.testing.assert_allclose(pose_residual(reference, flipped), pose_residual(reference, command), atol=1e-15)
+    np.testing.assert_allclose(
+        pose_residual(reference, flipped), pose_residual(reference, command), atol=1e-15
+    )
 
 
 def test_position_only_signals_have_no_rotation_residual(rng: np.random.Generator) -> None:
-    """Without orientations on either side the rotation part is NaN, and applying it leaves the orientation as it is."""
+    """Without orientations the rotation part is NaN, and applying it leaves the orientation as it is."""
     reference, command = motion(5, rng), motion(5, rng)
     residual = pose_residual(reference, PoseSignal(command.position))
     assert np.isnan(residual[:, 3:]).all()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from gpcorrect.logs.checks.clock import Gaps, Jitter, Stamps, TimeUnit
-from gpcorrect.logs.checks.finding import Check, Evidence, Finding, Severity
+from gpcorrect.logs.checks.evidence import Check, Evidence
+from gpcorrect.logs.checks.finding import Finding, Severity
 from gpcorrect.logs.checks.geometry import Handedness, Kinematics, Unrelated
 from gpcorrect.logs.checks.limits import JointLimits
 from gpcorrect.logs.checks.motion import Frozen, Speed
-from gpcorrect.logs.checks.orientation import QuaternionNorm, QuaternionOrder, QuaternionSign
+from gpcorrect.logs.checks.orientation import Inverted, QuaternionNorm, QuaternionSign
 from gpcorrect.logs.checks.presence import Constant, Loopback, Missing, Purpose
 from gpcorrect.logs.checks.timing import ClockOffset
 from gpcorrect.logs.checks.trajectories import Trajectories
@@ -30,7 +31,7 @@ CHECKS: tuple[Check, ...] = (
     JointLimits(),
     QuaternionNorm(),
     QuaternionSign(),
-    QuaternionOrder(),
+    Inverted(),
     Frozen(),
     Speed(),
     Handedness(),

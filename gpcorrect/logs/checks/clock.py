@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.logs.checks.finding import Evidence, Finding, examples
+from gpcorrect.logs.checks.evidence import Evidence
+from gpcorrect.logs.checks.finding import Finding, examples
 from gpcorrect.logs.checks.measure import extent, step_lengths
 from gpcorrect.logs.streams import GAP_STEPS
 from gpcorrect.types import IntArray
@@ -64,7 +65,7 @@ class Gaps:
                 "warning",
                 "gap",
                 "time",
-                f"{rows.size} pauses are longer than {self.factor:g} median steps, the longest {longest:.3g} s.",
+                f"{rows.size} pauses of more than {self.factor:g} median steps, the longest {longest:.3g} s.",
                 "No velocity or interpolation is taken across them.",
                 int(rows.size),
                 examples(rows),
@@ -94,8 +95,8 @@ class Jitter:
                 "warning",
                 "irregular",
                 "time",
-                f"sampling is irregular: steps of {low:.3g} to {high:.3g} s (5 to 95 %), median {middle:.3g} s.",
-                "Stamps are used as they are; check that they say when a sample was taken, not when it arrived.",
+                f"it is irregular: 9 of 10 steps take {low:.3g} to {high:.3g} s, median {middle:.3g} s.",
+                "They are used as they are: stamps should tell when a sample was taken, not when it came.",
                 int(forward.size),
             )
 
@@ -133,7 +134,7 @@ def _by_size(stamp: float, step: float) -> tuple[str, float] | None:
 
 
 def _milliseconds(evidence: Evidence, step: float) -> tuple[str, float] | None:
-    """Steps of seconds between which the robot creeps, though it covers a distance."""
+    """Guess milliseconds where the robot creeps between steps of seconds, though it covers a distance."""
     moving = [n for n in evidence.log.POSES if evidence.has(n) and extent(evidence.position(n)) > MIN_TRAVEL]
     if step < SLOWEST_MILLISECOND or not moving:
         return None

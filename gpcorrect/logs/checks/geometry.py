@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.arms import Arm, arm_named
-from gpcorrect.logs.checks.finding import Evidence, Finding
-from gpcorrect.logs.checks.measure import MIN_PAIRED, rigid_misfit
+from gpcorrect.logs.checks.evidence import Evidence
+from gpcorrect.logs.checks.finding import Finding
+from gpcorrect.logs.checks.measure import mirrored, rigid_misfit
 from gpcorrect.types import FloatArray
 
 __all__ = ["Handedness", "Kinematics", "Unrelated"]
@@ -17,9 +18,11 @@ __all__ = ["Handedness", "Kinematics", "Unrelated"]
 PAIRS = (("setpoint_cp", "setpoint_jp"), ("measured_cp", "measured_jp"), ("tracker_cp", "external_jp"))
 ARM_NAMES = ("raven2_left", "raven2_right", "dvrk_psm")
 MIN_MISFIT = 5e-3  # m; another tool on the same arm shifts the tip by less over a workspace
-BETTER = 0.3  # another arm, or another point, must fit this much better
-MIN_EXPLAINED = 0.9  # of the spread; below it the handedness is not clear
-MIN_THICKNESS = 0.05  # of the widest direction: flat motions have no handedness
+BETTER = 0.3  # another arm must fit this much better
+WRIST_MISFIT, CLEARLY = (
+    5e-4,
+    0.1,
+)  # m; the wrist point must fit ten times better than a tip half a millimetre off
 
 
 @dataclass(frozen=True)
@@ -36,8 +39,10 @@ class Kinematics:
                 continue
             position, q = evidence.position(pose), evidence.table(joints)[:, : arm.dof]
             misfit = rigid_misfit(_tip(arm, q), position)
-            if np.isfinite(misfit) and misfit > MIN_MISFIT:
-                yield _misfit(arm, pose, joints, misfit, position, q)
+            if misfit > WRIST_MISFIT and rigid_misfit(_wrist(arm, q), position) < CLEARLY * misfit:
+                yield _wrist_point(pose, misfit)
+            elif misfit > MIN_MISFIT:
+                yield _other_arm(arm, pose, joints, misfit, position, q)
 
 
 def _tip(arm: Arm, q: FloatArray) -> FloatArray:
@@ -54,12 +59,17 @@ def _wrist(arm: Arm, q: FloatArray) -> FloatArray:
     return wrist
 
 
-def _misfit(arm: Arm, pose: str, joints: str, misfit: float, position: FloatArray, q: FloatArray) -> Finding:
-    """Say what fits better than the tip of the named arm."""
+def _wrist_point(pose: str, misfit: float) -> Finding:
     size = f"{1e3 * misfit:.1f} mm"
-    if rigid_misfit(_wrist(arm, q), position) < BETTER * misfit:
-        what = f"its positions are the wrist point, not the tip ({size} off): not one rigid body with its orientations."
-        return Finding("warning", "wrist_point", pose, what, "Register position and orientation separately.")
+    what = f"it holds the wrist point, {size} off the tip: no one rigid body with its orientations."
+    return Finding("warning", "wrist_point", pose, what, "Register position and orientation separately.")
+
+
+def _other_arm(
+    arm: Arm, pose: str, joints: str, misfit: float, position: FloatArray, q: FloatArray
+) -> Finding:
+    """Say which arm fits better than the named one."""
+    size = f"{1e3 * misfit:.1f} mm"
     for other in (arm_named(n) for n in ARM_NAMES if n != arm.name):
         if other.dof == arm.dof and rigid_misfit(_tip(other, q), position) < BETTER * misfit:
             what = (
@@ -85,27 +95,12 @@ class Handedness:
         for reference in ("setpoint_cp", "measured_cp"):
             if not (evidence.has("tracker_cp") and evidence.has(reference)):
                 continue
-            if _mirrored(evidence.position(reference), evidence.position("tracker_cp")):
+            if mirrored(evidence.position(reference), evidence.position("tracker_cp")):
                 what = f"it is a mirror image of {reference}: an axis is reversed, or two are exchanged."
                 yield Finding(
                     "error", "mirrored", "tracker_cp", what, "Use a right-handed frame for the tracker."
                 )
             return
-
-
-def _mirrored(reference: FloatArray, observed: FloatArray) -> bool:
-    """Whether the best affine map between two motions in space turns them inside out."""
-    known = np.isfinite(reference).all(axis=1) & np.isfinite(observed).all(axis=1)
-    if known.sum() < MIN_PAIRED:
-        return False
-    x, y = reference[known], observed[known]
-    x, y = x - np.median(x, axis=0), y - np.median(y, axis=0)
-    extents = np.linalg.svd(x, compute_uv=False)
-    if extents[2] < MIN_THICKNESS * extents[0]:
-        return False
-    matrix = np.linalg.lstsq(x, y, rcond=None)[0]
-    left, total = np.median(np.sum((y - x @ matrix) ** 2, axis=1)), np.median(np.sum(y**2, axis=1))
-    return bool(left < (1 - MIN_EXPLAINED) * total and np.linalg.det(matrix) < 0)
 
 
 @dataclass(frozen=True)

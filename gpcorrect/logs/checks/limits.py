@@ -7,8 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.logs.checks.finding import Evidence, Finding, Severity, examples
+from gpcorrect.arms import Arm
+from gpcorrect.logs.checks.evidence import Evidence
+from gpcorrect.logs.checks.finding import Finding, Severity, examples
 from gpcorrect.logs.checks.units import POSITIONS_OF_JOINTS, misread_joints
+from gpcorrect.types import FloatArray
 
 __all__ = ["JointLimits"]
 
@@ -30,24 +33,22 @@ class JointLimits:
                 continue
             for joint in range(min(evidence.arm.dof, evidence.table(name).shape[1])):
                 if (name, joint) not in misread:
-                    yield from self._joint(evidence, name, joint)
+                    yield from _joint(evidence.arm, evidence.table(name)[:, joint], name, joint)
 
-    def _joint(self, evidence: Evidence, name: str, joint: int) -> Iterator[Finding]:
-        arm = evidence.arm
-        assert arm is not None
-        kind = arm.joint_types[joint]
-        low, high = arm.limits[joint]
-        q = evidence.table(name)[:, joint]
-        beyond = np.maximum(np.maximum(low - q, q - high), 0.0)
-        rows = np.flatnonzero(beyond > TOLERANCE[kind])
-        if not rows.size:
-            return
-        share = rows.size / max(int(np.isfinite(q).sum()), 1)
-        severity: Severity = "error" if share > 0.5 else "warning"
-        scale, unit = UNIT[kind]
-        what = (
-            f"joint {joint + 1} leaves the limits of {arm.name} ({scale * low:.4g} to {scale * high:.4g} {unit}) "
-            f"in {rows.size} samples ({share:.1%}), by up to {scale * float(np.nanmax(beyond)):.3g} {unit}."
-        )
-        hint = "Check the arm's name in the sidecar, the joint order and the joint offsets."
-        yield Finding(severity, "joint_limit", name, what, hint, int(rows.size), examples(rows))
+
+def _joint(arm: Arm, q: FloatArray, name: str, joint: int) -> Iterator[Finding]:
+    kind = arm.joint_types[joint]
+    low, high = arm.limits[joint]
+    beyond = np.maximum(np.maximum(low - q, q - high), 0.0)
+    rows = np.flatnonzero(beyond > TOLERANCE[kind])
+    if not rows.size:
+        return
+    share = rows.size / max(int(np.isfinite(q).sum()), 1)
+    severity: Severity = "error" if share > 0.5 else "warning"
+    scale, unit = UNIT[kind]
+    what = (
+        f"joint {joint + 1} leaves {scale * low:.4g} to {scale * high:.4g} {unit}, the limits of {arm.name}, "
+        f"in {rows.size} samples ({share:.2%}), by up to {scale * float(np.nanmax(beyond)):.3g} {unit}."
+    )
+    hint = "Check the arm's name in the sidecar, the joint order and the joint offsets."
+    yield Finding(severity, "joint_limit", name, what, hint, int(rows.size), examples(rows))

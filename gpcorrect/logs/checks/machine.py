@@ -14,9 +14,9 @@ __all__ = ["arm_of"]
 def arm_of(meta: LogMeta) -> Arm | None:
     """Return the arm that robot and arm name together, such as RAVEN-II and left; None when none is known."""
     words = set(re.findall(r"[a-z]+", f"{meta.robot} {meta.arm}".lower()))
-    robot = "".join(sorted(words))
-    if "raven" in robot and len(words & {"left", "right"}) == 1:
-        return arm_named(f"raven2_{(words & {'left', 'right'}).pop()}")
+    side = words & {"left", "right"}
+    if "raven" in words and len(side) == 1:
+        return arm_named(f"raven2_{side.pop()}")
     if "psm" in words and "si" not in words:  # the Si arm has other links than the classic one
         return arm_named("dvrk_psm")
     return _exactly(meta.arm) or _exactly(meta.robot)

@@ -8,14 +8,16 @@ from scipy.stats import spearmanr
 from gpcorrect import se3
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
-__all__ = ["extent", "repeats", "rigid_misfit", "runs", "spread", "spread_ratio", "step_lengths"]
+__all__ = ["extent", "mirrored", "repeats", "rigid_misfit", "runs", "spread", "spread_ratio", "step_lengths"]
 
 MIN_CORRELATION = 0.8  # of ranks: two signals of one joint agree at least so well, whatever their units
 MIN_PAIRED = 20
+MIN_EXPLAINED = 0.9  # of the spread; below it the handedness is not clear
+MIN_THICKNESS = 0.05  # of the widest direction: flat motions have no handedness
 
 
 def extent(positions: FloatArray) -> float:
-    """Diagonal of the box that holds positions `(n, 3)` between the 1st and 99th percentile; 0 without samples."""
+    """Diagonal of the box around positions `(n, 3)`, 1st to 99th percentile; 0 without samples."""
     known = positions[np.isfinite(positions).all(axis=1)]
     if not len(known):
         return 0.0
@@ -32,7 +34,7 @@ def spread(values: FloatArray) -> float:
 
 
 def spread_ratio(values: FloatArray, reference: FloatArray) -> float:
-    """How many times wider `(n,)` values vary than a reference that they follow; NaN where they do not follow."""
+    """How many times wider `(n,)` values vary than a reference that they follow; NaN if they do not."""
     known = np.isfinite(values) & np.isfinite(reference)
     a, b = values[known], reference[known]
     if len(a) < MIN_PAIRED or np.ptp(a) == 0 or np.ptp(b) == 0:
@@ -44,7 +46,7 @@ def spread_ratio(values: FloatArray, reference: FloatArray) -> float:
 
 
 def step_lengths(log: CalibrationLog, positions: FloatArray) -> FloatArray:
-    """Distance `(n,)` from the row before in the same trajectory; NaN for its first row and at missing samples."""
+    """Distance `(n,)` from the row before in the same trajectory; NaN where either is missing."""
     move = np.full(len(log), np.nan)
     for _, rows in log.trajectories():
         move[rows[1:]] = np.linalg.norm(np.diff(positions[rows], axis=0), axis=1)
@@ -66,7 +68,7 @@ def runs(mask: BoolArray) -> IntArray:
 
 
 def rigid_misfit(points: FloatArray, target: FloatArray) -> float:
-    """Median distance left, m, after the best rigid motion of points `(n, 3)` onto their targets; NaN for too few."""
+    """Median distance, m, left by the best rigid motion of points `(n, 3)` onto targets; NaN for too few."""
     known = np.isfinite(points).all(axis=1) & np.isfinite(target).all(axis=1)
     if known.sum() < MIN_PAIRED:
         return float("nan")
@@ -74,3 +76,18 @@ def rigid_misfit(points: FloatArray, target: FloatArray) -> float:
     b = target[known] - np.median(target[known], axis=0)
     left = b - a @ se3.nearest_rotation(b.T @ a).T
     return float(np.median(np.linalg.norm(left - np.median(left, axis=0), axis=1)))
+
+
+def mirrored(reference: FloatArray, observed: FloatArray) -> bool:
+    """Whether the best affine map of points `(n, 3)` onto others reverses space; no where it is unclear."""
+    known = np.isfinite(reference).all(axis=1) & np.isfinite(observed).all(axis=1)
+    if known.sum() < MIN_PAIRED:
+        return False
+    x, y = reference[known], observed[known]
+    x, y = x - np.median(x, axis=0), y - np.median(y, axis=0)
+    extents = np.linalg.svd(x, compute_uv=False)
+    if extents[2] < MIN_THICKNESS * extents[0]:
+        return False
+    matrix = np.linalg.lstsq(x, y, rcond=None)[0]
+    left, total = np.median(np.sum((y - x @ matrix) ** 2, axis=1)), np.median(np.sum(y**2, axis=1))
+    return bool(left < (1 - MIN_EXPLAINED) * total and np.linalg.det(matrix) < 0)

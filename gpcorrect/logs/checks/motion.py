@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.logs.checks.finding import Evidence, Finding, Severity, examples
+from gpcorrect.logs.checks.evidence import Evidence
+from gpcorrect.logs.checks.finding import Finding, Severity, examples
 from gpcorrect.logs.checks.measure import repeats, runs, step_lengths
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
@@ -23,10 +24,14 @@ FROZEN_SAMPLES = 5  # repeats in a row; noise alone makes a living sensor differ
 MOVED_POSE = 1e-3  # m that the reference must have moved meanwhile: five times a good tracker's noise
 MOVED_JOINT = np.deg2rad(1.0)  # rad, and m times ten
 HELD_SHARE = 0.3  # of samples that repeat the one before while the robot moves: the rule, not the exception
+HELD_RUNS, HELD_SPREAD = (
+    10,
+    2.0,
+)  # a held signal repeats often, and nine runs in ten are up to twice the usual one
 HELD_FACTOR = 4.0  # a run this many times longer than the usual one is frozen even so
 FASTEST_TIP = 2.0  # m/s; surgical arms stay below one
 FASTEST_JOINT = {"R": 20.0, "P": 2.0}  # rad/s and m/s
-MANY_JUMPS = 0.01  # of the samples
+MANY_JUMPS = 0.2  # of the samples; fewer are outliers, which cleaning is for
 
 
 @dataclass(frozen=True)
@@ -43,14 +48,13 @@ class Frozen:
                 continue
             same = repeats(evidence.log, evidence.table(name))
             moves = _moves(evidence, reference)
-            held = bool(moves.any()) and float(same[moves].mean()) > HELD_SHARE
             stretches = runs(same)
-            usual = float(np.median(np.diff(stretches, axis=1))) if held else 0.0
+            usual = _usual_hold(stretches) if moves.any() and same[moves].mean() > HELD_SHARE else 0.0
             least = max(self.samples, HELD_FACTOR * usual)
             stuck = [r for r in stretches if r[1] - r[0] >= least and _displaced(evidence, reference, r)]
             if stuck:
                 yield _frozen(name, reference, np.array(stuck))
-            elif held and usual <= FROZEN_SAMPLES * HELD_FACTOR:
+            if usual:
                 yield _held(name, same[moves])
 
 
@@ -62,6 +66,14 @@ def _moves(evidence: Evidence, reference: str) -> BoolArray:
     return moves
 
 
+def _usual_hold(stretches: IntArray) -> float:
+    """Usual number of repeats where they come regularly, 0 where they do not."""
+    lengths = np.diff(stretches, axis=1)[:, 0]
+    usual = float(np.median(lengths))
+    regular = len(lengths) >= HELD_RUNS and np.percentile(lengths, 90) <= HELD_SPREAD * usual
+    return usual if regular else 0.0
+
+
 def _displaced(evidence: Evidence, reference: str, run: IntArray) -> bool:
     """Whether the reference moved clearly from the sample that is repeated to the last repetition."""
     part = evidence.table(reference)[run[0] - 1 : run[1]]
@@ -69,18 +81,18 @@ def _displaced(evidence: Evidence, reference: str, run: IntArray) -> bool:
     if len(part) < 2:
         return False
     if reference in evidence.log.POSES:
-        return float(np.linalg.norm(part[:, :3] - part[0, :3], axis=1).max()) > MOVED_POSE
+        return bool(np.linalg.norm(part[:, :3] - part[0, :3], axis=1).max() > MOVED_POSE)
     scale = np.ones(part.shape[1])
     for j, kind in enumerate(evidence.joint_types[: part.shape[1]]):
         scale[j] = 10.0 if kind == "P" else 1.0
-    return float((scale * np.abs(part - part[0])).max()) > MOVED_JOINT
+    return bool((scale * np.abs(part - part[0])).max() > MOVED_JOINT)
 
 
 def _frozen(name: str, reference: str, stretches: IntArray) -> Finding:
     lengths = np.diff(stretches, axis=1)[:, 0]
     what = (
-        f"it is frozen {len(stretches)} times while {reference} moves, for {int(lengths.max())} samples at most "
-        f"and {int(lengths.sum())} in all."
+        f"it is frozen {len(stretches)} times while {reference} moves, "
+        f"for {int(lengths.max())} samples at most and {int(lengths.sum())} in all."
     )
     hint = "The tracker lost its target and repeated the last value: leave these samples out."
     return Finding("warning", "frozen", name, what, hint, int(lengths.sum()), examples(stretches[:, 0]))
@@ -122,6 +134,7 @@ def _fast(name: str, where: str, speed: FloatArray, limit: float, unit: str) -> 
     severity: Severity = "error" if share > MANY_JUMPS else "warning"
     kind = "jumps" if severity == "warning" else "moves"
     top = float(speed[rows].max())
-    what = f"{where}it {kind} faster than {limit:g} {unit} in {rows.size} samples ({share:.2%}), up to {top:.3g}."
+    count = f"{rows.size} samples ({share:.2%})"
+    what = f"{where}it {kind} faster than {limit:g} {unit} in {count}, up to {top:.3g}."
     hint = "Cleaning drops lone jumps; many of them mean a wrong unit or bad stamps."
     yield Finding(severity, "speed", name, what, hint, int(rows.size), examples(rows))

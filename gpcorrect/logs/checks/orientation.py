@@ -1,4 +1,4 @@
-"""Checks of quaternions: norm, sign, order of the components."""
+"""Checks of orientations: norm, sign, direction of turning."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.logs.checks.finding import Evidence, Finding, Severity, examples
-from gpcorrect.types import FloatArray
+from gpcorrect.logs.checks.evidence import Evidence
+from gpcorrect.logs.checks.finding import Finding, Severity, examples
+from gpcorrect.logs.checks.measure import mirrored
+from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["QuaternionNorm", "QuaternionOrder", "QuaternionSign"]
+__all__ = ["Inverted", "QuaternionNorm", "QuaternionSign"]
 
 NORM_TOLERANCE = 1e-3  # the log format calls a sample bad beyond it
 MANY_BAD = 0.01  # of the samples
-MIN_TURN = np.deg2rad(10.0)  # an orientation that varies less does not show the order of its components
-MIN_MISFIT = np.deg2rad(5.0)  # trackers and wrists differ by less between two poses, or by an outlier
-BETTER = 0.3  # a swapped order must agree this much better
-COMPARED = 400  # pairs of poses
+MIN_TURN = np.deg2rad(5.0)  # an orientation that varies less may be all noise
+COMPARED = 2000  # poses; more say nothing new
 
 
 def _with_quaternions(evidence: Evidence) -> Iterator[tuple[str, FloatArray]]:
@@ -50,7 +50,7 @@ class QuaternionNorm:
 
 @dataclass(frozen=True)
 class QuaternionSign:
-    """A quaternion and its negative are one rotation; a jump between them is harmless here but not everywhere."""
+    """A quaternion and its negative are one rotation: jumps between them are harmless, but not everywhere."""
 
     def findings(self, evidence: Evidence) -> Iterator[Finding]:
         """Yield how often the sign flips."""
@@ -60,55 +60,44 @@ class QuaternionSign:
                 flips[rows[1:]] = np.einsum("ij,ij->i", quaternion[rows[1:]], quaternion[rows[:-1]]) < 0
             rows = np.flatnonzero(flips)
             if rows.size:
-                what = f"the sign of the quaternion flips {rows.size} times; rotations are continuous all the same."
+                what = f"the sign of the quaternion flips {rows.size} times; as rotations these are no jumps."
                 yield Finding("info", "quaternion_sign", name, what, "", int(rows.size), examples(rows))
 
 
 @dataclass(frozen=True)
-class QuaternionOrder:
-    """Two records of one rotation turn by the same angle between any two samples, in whatever frames.
+class Inverted:
+    """Two records of one rotation turn the same way.
 
-    A quaternion read in the wrong order (xyzw for wxyz) turns by another angle.
+    Seen from one sample, the rotation vectors of all others differ between two frames by a rotation. Those of
+    inverse rotations differ by a reflection as well; so do those of quaternions whose components were read in
+    cyclic order (xyzw for wxyz), for that is a reflection of the four numbers.
     """
 
     def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield a finding where another order of components agrees far better."""
+        """Yield a finding where one record turns the other way."""
         signals = {n: q for n, q in _with_quaternions(evidence) if evidence.has(n)}
         reference = next((n for n in ("setpoint_cp", "measured_cp") if n in signals), None)
         for name in ("tracker_cp", "measured_cp"):
             if reference is None or name not in signals or name == reference:
                 continue
-            swapped = _swapped(signals[name], signals[reference])
-            if swapped:
-                what = f"its rotations match those of {reference} only with {swapped} components in another order."
-                hint = "Quaternions are qw, qx, qy, qz; read the source with quat_xyzw or quat_wxyz as it is."
-                yield Finding("error", "quaternion_order", name, what, hint, len(evidence.log))
+            if _inverted(signals[reference], signals[name]):
+                what = f"it turns the other way than {reference}."
+                hint = "Are the quaternions xyzw, not wxyz? Or the poses of the frame seen by the tool?"
+                yield Finding("error", "orientation_inverted", name, what, hint, len(evidence.log))
 
 
-def _swapped(quaternion: FloatArray, reference: FloatArray) -> str:
-    """Whose components are swapped, empty for neither."""
-    norms = np.linalg.norm(np.hstack([quaternion, reference]), axis=1)
-    rows = np.flatnonzero(
-        np.isfinite(norms) & (np.abs(quaternion).max(axis=1) > 0) & (np.abs(reference).max(axis=1) > 0)
-    )
+def _inverted(reference: FloatArray, observed: FloatArray) -> bool:
+    rows = np.flatnonzero(_usable(reference) & _usable(observed))
     if rows.size < 2:
-        return ""
+        return False
     rows = rows[np.linspace(0, rows.size - 1, min(rows.size, COMPARED)).astype(int)]
-    a, b = quaternion[rows], reference[rows]
-    plain = _misfit(a, b)
-    if max(np.median(_turns(a)), np.median(_turns(b))) < MIN_TURN or plain < MIN_MISFIT:
-        return ""
-    if _misfit(np.roll(a, 1, axis=1), b) < BETTER * plain:
-        return "its"
-    return "the other's" if _misfit(a, np.roll(b, 1, axis=1)) < BETTER * plain else ""
+    R, S = se3.matrix_from_quaternion(reference[rows]), se3.matrix_from_quaternion(observed[rows])
+    middle = int(np.argmin(se3.angle(se3.rotation_mean(R).T @ R)))
+    turn, seen = (se3.rotvec_from_matrix(X[middle].T @ X) for X in (R, S))
+    return bool(np.median(np.linalg.norm(turn, axis=1)) > MIN_TURN) and mirrored(turn, seen)
 
 
-def _turns(quaternion: FloatArray) -> FloatArray:
-    """Angles, rad, between samples half the selection apart."""
-    R = se3.matrix_from_quaternion(quaternion)
-    far = np.roll(R, len(R) // 2, axis=0)
-    return se3.angle(np.swapaxes(far, 1, 2) @ R)
-
-
-def _misfit(quaternion: FloatArray, reference: FloatArray) -> float:
-    return float(np.median(np.abs(_turns(quaternion) - _turns(reference))))
+def _usable(quaternion: FloatArray) -> BoolArray:
+    norm = np.linalg.norm(quaternion, axis=1)
+    usable: BoolArray = (norm > 0.5) & (norm < 2.0)
+    return usable

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.logs.checks.finding import Evidence, Finding, Severity, examples
+from gpcorrect.logs.checks.evidence import Evidence
+from gpcorrect.logs.checks.finding import Finding, Severity, examples
 from gpcorrect.logs.checks.measure import runs
 
 __all__ = ["Constant", "Loopback", "Missing", "Purpose"]
@@ -38,7 +39,7 @@ class Purpose:
             )
         if not any(evidence.has(name) for name in OUTSIDE):
             what = "there is no outside measurement (tracker_cp or external_jp)."
-            hint = "What the robot reports of itself goes through the same wrong model; record a tracker as well."
+            hint = "What the robot reports goes through the same wrong model; record a tracker as well."
             yield Finding("warning", "no_observation", "", what, hint)
 
 

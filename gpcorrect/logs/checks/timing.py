@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.logs.checks.finding import Evidence, Finding, Severity
+from gpcorrect.logs.checks.evidence import Evidence
+from gpcorrect.logs.checks.finding import Finding, Severity
 from gpcorrect.logs.sync import TimeOffset
 
 __all__ = ["ClockOffset"]
@@ -23,7 +24,7 @@ class ClockOffset:
     most: float = MAX_SAMPLES
 
     def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield the offset of every observed signal; a warning where an outside clock is off by more than a sample."""
+        """Yield the offset of every observed signal; a warning where an outside clock is off by a sample."""
         for offset in evidence.offsets:
             if offset.observable:
                 yield self._found(evidence, offset)
@@ -40,8 +41,9 @@ class ClockOffset:
         forward = evidence.steps[evidence.steps > 0]
         step = float(np.median(forward)) if forward.size else np.inf
         half = 500 * (offset.ci95[1] - offset.ci95[0])
+        side = "behind" if offset.offset >= 0 else "ahead of"
         what = (
-            f"it is {1e3 * offset.offset:+.1f} ms behind {offset.reference} (95 % interval +-{half:.1g} ms, "
+            f"it is {1e3 * abs(offset.offset):.1f} ms {side} {offset.reference} (95 %: +-{half:.2g} ms, "
             f"{abs(offset.offset) / step:.2g} samples)"
         )
         if offset.observed in SAME_CLOCK:

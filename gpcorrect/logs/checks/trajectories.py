@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.logs.checks.finding import Evidence, Finding, examples
+from gpcorrect.logs.checks.evidence import Evidence
+from gpcorrect.logs.checks.finding import Finding, examples
 
 __all__ = ["Trajectories"]
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.logs.checks.finding import Evidence, Finding
+from gpcorrect.logs.checks.evidence import Evidence
+from gpcorrect.logs.checks.finding import Finding
 from gpcorrect.logs.checks.measure import extent, spread, spread_ratio
 from gpcorrect.types import FloatArray
 
@@ -29,7 +30,7 @@ POSITIONS_OF_JOINTS = ("setpoint_jp", "measured_jp", "external_jp")
 
 
 def _factor(ratio: float, factors: Sequence[tuple[float, float]]) -> float | None:
-    """The unit's factor that a ratio stands for, None for none."""
+    """Return the unit's factor that a ratio stands for, None for none."""
     for factor, tolerance in factors:
         for exact in (factor, 1 / factor):
             if exact / tolerance < ratio < exact * tolerance:
@@ -65,9 +66,9 @@ class JointUnit:
     """Joint positions should be in radians and metres."""
 
     def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield a guess for each joint that is too wide, or wider than another signal of it by a unit's factor."""
+        """Yield a guess for each joint that moves too far, by itself or against another signal of it."""
         for (name, joint), what in misread_joints(evidence).items():
-            hint = "Set scale for this column in the mapping file (0.0174533 for degrees, 0.001 for millimetres)."
+            hint = "Set scale for its column in the mapping file: 0.0174533 for degrees, 0.001 for mm."
             yield Finding("error", "joint_unit", name, f"joint {joint + 1} {what}", hint, len(evidence.log))
 
 
@@ -96,7 +97,7 @@ def _too_wide(evidence: Evidence, name: str) -> Iterator[tuple[int, str]]:
 
 
 def _length_unit(evidence: Evidence, joint: int, column: FloatArray) -> str:
-    """Millimetres, or metres times 180/pi as RAVEN-II messages have them: what puts most samples within limits."""
+    """Millimetres, or the 180/pi times metres of RAVEN-II messages: what puts most samples within limits."""
     if evidence.arm is None or joint >= evidence.arm.dof:
         return "millimetres, or metres multiplied by 180/pi"
     low, high = evidence.arm.limits[joint]

@@ -139,6 +139,8 @@ def _estimate(pairs: Sequence[MotionPair], max_lag: float | None, names: tuple[s
     slow = max(typical_step([p.reference for p in pairs]), typical_step([p.observed for p in pairs]))
     if not np.isfinite(slow):
         return _nothing(("too_few", "there are too few samples to compare."))
+    if not any(p.reference.values.size for p in pairs):
+        return _nothing(("still", f"{names[1]} does not move."))
     reach = max(MAX_LAG, MAX_LAG_STEPS * slow) if max_lag is None else max_lag
     silence = max(SILENCE * reach, 2 * slow)
     pieces = [s for p in pairs for s in stretches(p, silence, reach) if len(s.observed) > 1]
@@ -171,10 +173,11 @@ def _coarse_finding(curve: LagCurve, names: tuple[str, str]) -> Finding:
 def _refined(
     pieces: Sequence[MotionPair], curve: LagCurve, slow: float, reach: float, names: tuple[str, str]
 ) -> TimeOffset:
-    stamps = np.concatenate([p.observed.time for p in pieces])
-    timing = Timing(pieces, epoch=float((stamps.min() + stamps.max()) / 2))
     bracket = max(PEAK_WIDTH, PEAK_STEPS * slow)
     starts = peaks(curve, PEAK_SHARE)[: MAX_RIVALS + 1]
+    timing = _regression(pieces, starts)
+    if timing is None:
+        return _nothing(("too_few", "there are too few samples to tell offset from registration."), curve)
     fits = [fit for s in starts if (fit := timing.refine(np.array([s]), bracket)) is not None]
     if not fits:
         return _nothing(("unrelated", f"no shift of {names[1]} fits {names[0]}."), curve)
@@ -194,6 +197,17 @@ def _refined(
         best.explained,
         int(best.valid.sum()),
     )
+
+
+def _regression(pieces: Sequence[MotionPair], starts: FloatArray) -> Timing | None:
+    """Set up the regression, without lever arms where samples are few, not at all where they are fewer."""
+    stamps = np.concatenate([p.observed.time for p in pieces])
+    epoch = float((stamps.min() + stamps.max()) / 2)
+    plain = [replace(p, reference=replace(p.reference, lever=None)) for p in pieces]
+    for timing in (Timing(pieces, epoch), Timing(plain, epoch)):
+        if any(timing.enough(timing.sample(np.array([s])).valid) for s in starts):
+            return timing
+    return None
 
 
 def _fine_finding(

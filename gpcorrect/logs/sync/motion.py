@@ -160,7 +160,8 @@ def _lever(signal: PoseSignal) -> FloatArray | None:
     if signal.quaternion is None:
         return None
     entries = np.full((len(signal), 9), np.nan)
-    usable = np.isfinite(signal.quaternion).all(axis=1) & (np.abs(signal.quaternion).max(axis=1) > 0)
+    norm = np.linalg.norm(signal.quaternion, axis=1)
+    usable = (norm > 0.5) & (norm < 2.0)
     if not usable.any():
         return None
     entries[usable] = se3.matrix_from_quaternion(signal.quaternion[usable]).reshape(-1, 9)

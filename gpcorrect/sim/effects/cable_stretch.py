@@ -47,7 +47,9 @@ class CableStretch(PathEffect):
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
         neighbours=(
             Neighbour("transmission_ratio", "change the load at one pose"),
-            Neighbour("gravity_sag", "accelerate, or load the joint by friction: the cable feels it, the link's sag does not"),
+            Neighbour(
+                "gravity_sag", "accelerate, or load the joint by friction: the cable feels it, the link's sag does not"
+            ),
         ),
         separating_runs=(Run.LOAD_SWAP, Run.POSE_SPREAD, Run.SPEED_LADDER),
     )

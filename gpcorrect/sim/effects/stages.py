@@ -96,6 +96,7 @@ class PathEffect(Effect):
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:
         """Return the `(n, N, dof)` path behind the effect, given the path before it (rad or m)."""
 
+
 class TipEffect(Effect):
     """Changes the tool's pose where no joint encoder sees it: stage TIP or BASE."""
 

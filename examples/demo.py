@@ -1,0 +1,102 @@
+"""The whole job on simulated data: record, look, fit, serve, ask. Every step is a command that you could type yourself.
+
+Run it with `make demo`, or: python examples/demo.py --output demo_output
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+GPCORRECT = [sys.executable, "-m", "gpcorrect"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder for everything the demo makes")
+    parser.add_argument("--reaches", type=int, default=120, help="simulated debridement reaches (the paper has 303)")
+    arguments = parser.parse_args()
+    demo(arguments.output, arguments.reaches)
+
+
+def demo(folder: Path, reaches: int) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    log, model, report = folder / "reaches.csv", folder / "model.gpc", folder / "report"
+    say("1. A simulated RAVEN-II reaches for foam fragments; motion capture watches, with occlusions.")
+    run("simulate", "debridement", "--reaches", str(reaches), "--output", log)
+    say("2. Look at the recording before using it.")
+    run("validate", log)
+    say("3. Clean it, register the frames, learn the rest; measure on the last fifth of the reaches.")
+    run("fit", log, "--output", model, "--report", report)
+    say("4. Serve the model and ask it, as a planner in another process would.")
+    ask(model)
+    print(f"\nThe report, with pictures: {report / 'report.html'}")
+
+
+def ask(model: Path) -> None:
+    info = json.loads(run("correct", model, *example_pose(model), "--json", quiet=True))
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with service(model, endpoint):
+        answer = run(
+            "query",
+            "correct",
+            "--endpoint",
+            endpoint,
+            *example_pose(model),
+            "--twist",
+            *["0.05", "0", "0", "0", "0", "0"],
+        )
+    assert answer
+    print(f"(without a service and at rest the same model file says {[round(v, 6) for v in info['position']]})")
+
+
+def example_pose(model: Path) -> list[str]:
+    """Return a pose in the middle of the training region, from the model file itself."""
+    from gpcorrect import artifact
+
+    corrector = artifact.load(model)
+    query = corrector.check_queries[len(corrector.check_queries) // 2]
+    return ["--pose", *(f"{v:.5f}" for v in query[:7])]
+
+
+@contextmanager
+def service(model: Path, endpoint: str) -> Iterator[None]:
+    command = [*GPCORRECT, "serve", str(model), "--endpoint", endpoint]
+    print("$ " + shlex.join(["gpcorrect", *command[3:]]) + " &")
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(timeout=10)
+
+
+def run(*words: object, quiet: bool = False) -> str:
+    command = [str(word) for word in words]
+    if not quiet:
+        print("$ " + shlex.join(["gpcorrect", *command]), flush=True)
+    done = subprocess.run([*GPCORRECT, *command], check=True, stdout=subprocess.PIPE, text=True)
+    if not quiet:
+        print(done.stdout, flush=True)
+    return done.stdout
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def say(sentence: str) -> None:
+    print(f"\n{sentence}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

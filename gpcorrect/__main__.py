@@ -1,0 +1,5 @@
+"""`python -m gpcorrect` is the `gpcorrect` command."""
+
+from gpcorrect.cli import main
+
+main()

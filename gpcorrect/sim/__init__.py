@@ -1,0 +1,41 @@
+"""A cable-driven arm that misses: arm, transmission, controller and sensors simulated into a calibration log."""
+
+from gpcorrect.sim.debridement import debridement_log
+from gpcorrect.sim.effects import EFFECTS, Effect, effect_from_dict
+from gpcorrect.sim.faults import Fault, TrackerFaults
+from gpcorrect.sim.joint_motion import joint_motion_log
+from gpcorrect.sim.machine import Machine
+from gpcorrect.sim.model import Model, model_from_dict, read_model, write_model
+from gpcorrect.sim.plan import Plan, Segment, plan_of
+from gpcorrect.sim.plant import Outcome, run
+from gpcorrect.sim.presets import preset, preset_names
+from gpcorrect.sim.reaches import random_reaches_log
+from gpcorrect.sim.record import simulate
+from gpcorrect.sim.resolve import machine_of
+from gpcorrect.sim.sensors import Noise
+
+__all__ = [
+    "EFFECTS",
+    "Effect",
+    "Fault",
+    "Machine",
+    "Model",
+    "Noise",
+    "Outcome",
+    "Plan",
+    "Segment",
+    "TrackerFaults",
+    "debridement_log",
+    "effect_from_dict",
+    "joint_motion_log",
+    "machine_of",
+    "model_from_dict",
+    "plan_of",
+    "preset",
+    "preset_names",
+    "random_reaches_log",
+    "read_model",
+    "run",
+    "simulate",
+    "write_model",
+]

@@ -1,0 +1,250 @@
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from read_support import (
+    START,
+    Post,
+    joint_state,
+    pose_stamped,
+    random_pose,
+    transform_stamped,
+    write,
+    write_bag,
+)
+from scipy.spatial.transform import Rotation
+
+from gpcorrect.errors import LogError, MissingExtraError
+from gpcorrect.logs import read_log
+
+KINDS = ("bag", "mcap", "db3", "folder")
+STEP = 10_000_000  # ns
+N = 12
+POSE = random_pose(np.random.default_rng(0), N)
+JOINTS = np.random.default_rng(1).normal(size=(N, 6))
+SPEEDS = np.random.default_rng(2).normal(size=(N, 6))
+TICKS = [START + k * STEP for k in range(N)]
+
+
+def poses(make: Callable[..., Post], topic: str, late: int = 0) -> list[Post]:
+    return [make(topic, POSE.position[k], POSE.quaternion[k], t + late) for k, t in enumerate(TICKS)]
+
+
+def robot(space: str = "/PSM1", make: Callable[..., Post] = pose_stamped) -> list[Post]:
+    measured = [joint_state(f"{space}/measured_js", JOINTS[k], t, velocity=SPEEDS[k]) for k, t in enumerate(TICKS)]
+    setpoint = [joint_state(f"{space}/setpoint_js", -JOINTS[k], t) for k, t in enumerate(TICKS)]
+    return [*measured, *setpoint, *poses(make, f"{space}/setpoint_cp"), *poses(make, f"{space}/measured_cp")]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("make", [pose_stamped, transform_stamped])
+def test_planted_values_are_read_back_bit_for_bit(tmp_path: Path, kind: str, make: Callable[..., Post]):
+    log = read_log(write_bag(tmp_path / "r", robot(make=make) + poses(make, "/ndi/tool"), kind))
+    assert log.signals == (
+        "setpoint_cp",
+        "measured_cp",
+        "tracker_cp",
+        "setpoint_jp",
+        "measured_jp",
+        "measured_jv",
+        "measured_jf",
+    )
+    np.testing.assert_array_equal(log.time, np.arange(N) * STEP / 1e9)
+    for name in log.POSES:
+        np.testing.assert_array_equal(getattr(log, name).position, POSE.position)
+        np.testing.assert_array_equal(getattr(log, name).quaternion, POSE.quaternion)
+    np.testing.assert_array_equal(log.measured_jp, JOINTS)
+    np.testing.assert_array_equal(log.setpoint_jp, -JOINTS)
+    np.testing.assert_array_equal(log.measured_jv, SPEEDS)
+    np.testing.assert_array_equal(log.measured_jf, 10 * SPEEDS)
+    assert log.remarks == ("/ndi/tool was taken for the tracker.",)
+    assert len(log.digest) == 64
+
+
+def test_a_topic_between_two_others_is_interpolated_and_never_rounded_to_the_nearest(tmp_path: Path):
+    turn = Rotation.from_rotvec([[0, 0, 0.1 * k] for k in range(N)]).as_quat(scalar_first=True)
+    moving = [pose_stamped("/p/setpoint_cp", [k, 0, 0], turn[k], t) for k, t in enumerate(TICKS)]
+    seen = [pose_stamped("/tracker", [0, 0, k], [1, 0, 0, 0], t + STEP // 4) for k, t in enumerate(TICKS[:-1])]
+    log = read_log(write_bag(tmp_path / "r", moving + seen, "bag"))
+    np.testing.assert_array_equal(log.tracker_cp.position[:, 2], np.arange(N - 1))
+    np.testing.assert_allclose(log.setpoint_cp.position[:, 0], np.arange(N - 1) + 0.25, atol=1e-9)
+    angle = Rotation.from_quat(log.setpoint_cp.quaternion, scalar_first=True).magnitude()
+    np.testing.assert_allclose(angle, 0.1 * (np.arange(N - 1) + 0.25), atol=1e-7)
+
+
+def test_header_stamps_are_taken_unless_the_recorders_clock_is_asked_for(tmp_path: Path):
+    late = 4_000_000
+    posts = [pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], t, t + late) for k, t in enumerate(TICKS)]
+    bag = write_bag(tmp_path / "r", posts, "mcap")
+    np.testing.assert_allclose(read_log(bag).time, (np.arange(N) * STEP - late) / 1e9)
+    mapping = write(tmp_path / "m.toml", '[bag]\nclock = "receive"\n')
+    np.testing.assert_array_equal(read_log(bag, columns=mapping).time, np.arange(N) * STEP / 1e9)
+
+
+def test_times_of_reception_stand_in_for_stamps_of_zero_and_that_is_said(tmp_path: Path):
+    posts = [pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], 0, t) for k, t in enumerate(TICKS)]
+    log = read_log(write_bag(tmp_path / "r", posts, "bag"))
+    np.testing.assert_array_equal(log.time, np.arange(N) * STEP / 1e9)
+    assert log.remarks == ("/p/setpoint_cp has no header stamps; the times of reception were taken.",)
+
+
+def test_single_messages_without_a_stamp_are_left_out_and_counted(tmp_path: Path):
+    posts = [pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], t * (k != 3), t) for k, t in enumerate(TICKS)]
+    log = read_log(write_bag(tmp_path / "r", posts, "bag"))
+    assert log.setpoint_cp.position[:, 0].tolist() == [k for k in range(N) if k != 3]
+    assert log.remarks == ("1 messages of /p/setpoint_cp without a stamp were left out.",)
+
+
+def test_clocks_that_share_no_time_are_refused_and_a_shift_in_the_mapping_joins_them(tmp_path: Path):
+    ahead = 10**12
+    posts = robot() + [
+        pose_stamped("/tracker", POSE.position[k], POSE.quaternion[k], t + ahead, t) for k, t in enumerate(TICKS)
+    ]
+    bag = write_bag(tmp_path / "r", posts, "mcap")
+    with pytest.raises(LogError, match=r"share no time.*bag\.clock.*bag\.shifts"):
+        read_log(bag)
+    mapping = write(tmp_path / "m.toml", "[bag.shifts]\ntracker_cp = -1000.0\n")
+    log = read_log(bag, columns=mapping)
+    assert len(log) >= N - 1  # rounding may put the last stamp just outside
+    np.testing.assert_allclose(log.setpoint_jp, -JOINTS[: len(log)], atol=1e-6)
+
+
+def test_the_base_and_the_longest_gap_can_be_set_in_the_mapping(tmp_path: Path):
+    slow = [pose_stamped("/tracker", [k, 0, 0], [1, 0, 0, 0], t) for k, t in enumerate(TICKS) if k % 4 == 0]
+    bag = write_bag(tmp_path / "r", robot() + slow, "bag")
+    assert len(read_log(bag)) == 3
+    mapping = write(tmp_path / "m.toml", '[bag]\nbase = "setpoint_jp"\nmax_gap = 0.04\n')
+    whole = read_log(bag, columns=mapping)
+    np.testing.assert_allclose(whole.tracker_cp.position[:9, 0], np.arange(9), atol=1e-9)
+    mapping = write(tmp_path / "m.toml", '[bag]\nbase = "setpoint_jp"\nmax_gap = 0.03\n')
+    assert np.isfinite(read_log(bag, columns=mapping).tracker_cp.position[:, 0]).sum() == 3
+
+
+def test_several_robots_must_be_chosen_from_by_namespace(tmp_path: Path):
+    other = [joint_state("/PSM2/measured_js", JOINTS[k, :3], t) for k, t in enumerate(TICKS)]
+    bag = write_bag(tmp_path / "r", robot() + other, "bag")
+    with pytest.raises(LogError, match="several robots: /PSM1, /PSM2"):
+        read_log(bag)
+    assert read_log(bag, namespace="PSM2/").measured_jp.shape == (N, 3)
+    mapping = write(tmp_path / "m.toml", '[bag]\nnamespace = "/PSM2"\n')
+    assert read_log(bag, columns=mapping).measured_jp.shape == (N, 3)
+    assert read_log(bag, columns=mapping, namespace="/PSM1").measured_jp.shape == (N, 6)
+    with pytest.raises(LogError, match=r"no robot /PSM3\. Namespaces here: /PSM1, /PSM2"):
+        read_log(bag, namespace="/PSM3")
+
+
+def test_parts_of_a_robot_are_left_out_with_a_remark(tmp_path: Path):
+    jaw = [joint_state("/PSM1/jaw/measured_js", JOINTS[k, :1], t) for k, t in enumerate(TICKS)]
+    log = read_log(write_bag(tmp_path / "r", robot() + jaw, "bag"))
+    np.testing.assert_array_equal(log.measured_jp, JOINTS)
+    assert log.remarks == ("read /PSM1; its parts /PSM1/jaw were left out.",)
+
+
+def test_topics_without_a_namespace_are_a_robot_too(tmp_path: Path):
+    log = read_log(write_bag(tmp_path / "r", robot(space=""), "bag"))
+    np.testing.assert_array_equal(log.measured_jp, JOINTS)
+
+
+def test_a_tracker_is_found_by_its_name_chosen_or_left_out(tmp_path: Path):
+    other = [pose_stamped("/goal", [k, 0, 0], [1, 0, 0, 0], t) for k, t in enumerate(TICKS)]
+    bag = write_bag(tmp_path / "r", robot() + other + poses(transform_stamped, "/vicon/tool"), "bag")
+    np.testing.assert_array_equal(read_log(bag).tracker_cp.position, POSE.position)
+    np.testing.assert_array_equal(read_log(bag, tracker_topic="goal").tracker_cp.position[:, 0], np.arange(N))
+    assert read_log(bag, tracker_topic="").tracker_cp is None
+    with pytest.raises(LogError, match=r"no pose topic /none. Pose topics here: .*/vicon/tool"):
+        read_log(bag, tracker_topic="/none")
+
+
+def test_two_trackers_must_be_chosen_from(tmp_path: Path):
+    both = poses(pose_stamped, "/vicon/a") + poses(pose_stamped, "/vicon/b")
+    bag = write_bag(tmp_path / "r", robot() + both, "bag")
+    with pytest.raises(LogError, match="more than one topic that may be the tracker: /vicon/a, /vicon/b"):
+        read_log(bag)
+
+
+def test_a_tracker_that_speaks_crtk_is_no_robot(tmp_path: Path):
+    bag = write_bag(tmp_path / "r", robot() + poses(pose_stamped, "/atracsys/tool/measured_cp"), "bag")
+    log = read_log(bag)
+    np.testing.assert_array_equal(log.tracker_cp.position, POSE.position)
+    np.testing.assert_array_equal(log.measured_jp, JOINTS)
+
+
+def test_a_quaternion_far_from_unit_is_a_missing_rotation_and_counted(tmp_path: Path):
+    posts = [pose_stamped("/p/measured_cp", [0, 0, 0], [float(k != 2), 0, 0, 0], t) for k, t in enumerate(TICKS)]
+    log = read_log(write_bag(tmp_path / "r", posts, "bag"))
+    assert np.flatnonzero(np.isnan(log.measured_cp.quaternion).any(axis=1)).tolist() == [2]
+    assert "1 samples of measured_cp have no valid rotation" in log.remarks[0]
+
+
+def test_joints_that_change_their_names_are_refused(tmp_path: Path):
+    posts = [
+        joint_state("/p/measured_js", JOINTS[k], t, names="abcdef" if k else "bacdef") for k, t in enumerate(TICKS)
+    ]
+    with pytest.raises(LogError, match="joints of /p/measured_js change"):
+        read_log(write_bag(tmp_path / "r", posts, "bag"))
+
+
+def test_velocities_that_come_and_go_are_left_out_and_said(tmp_path: Path):
+    posts = [
+        joint_state("/p/measured_js", JOINTS[k], t, velocity=SPEEDS[k] if k else None) for k, t in enumerate(TICKS)
+    ]
+    log = read_log(write_bag(tmp_path / "r", posts, "bag"))
+    assert log.signals == ("measured_jp",)
+    assert "measured_jv is left out" in log.remarks[0]
+
+
+def test_a_recording_of_other_things_is_refused_with_its_topics(tmp_path: Path):
+    posts = [joint_state("/joint_states", JOINTS[k], t) for k, t in enumerate(TICKS)]
+    with pytest.raises(LogError, match=r"no CRTK, RAVEN-II or tracker topic.*/joint_states \(sensor_msgs"):
+        read_log(write_bag(tmp_path / "r", posts, "bag"))
+
+
+def test_backward_header_stamps_are_refused_or_dropped(tmp_path: Path):
+    stamps = [*TICKS[:6], TICKS[2], *TICKS[7:]]
+    posts = [pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], s, TICKS[k]) for k, s in enumerate(stamps)]
+    bag = write_bag(tmp_path / "r", posts, "bag")
+    with pytest.raises(LogError, match="/p/setpoint_cp run backwards, the first at sample 7"):
+        read_log(bag)
+    assert read_log(bag, disorder="drop").setpoint_cp.position[:, 0].tolist() == [k for k in range(N) if k != 6]
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap", "db3"])
+def test_a_recording_cut_off_anywhere_is_refused(tmp_path: Path, kind: str):
+    whole = write_bag(tmp_path / "r", robot(), kind).read_bytes()
+    cut = tmp_path / f"cut.{kind}"
+    for size in np.linspace(1, len(whole) - 1, 40).astype(int):
+        write(cut, whole[:size])
+        with pytest.raises(LogError) as caught:
+            read_log(cut)
+        assert str(caught.value).startswith(str(cut))
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap", "db3"])
+def test_damaged_bytes_give_a_log_or_a_log_error(tmp_path: Path, kind: str):
+    rng = np.random.default_rng(5)
+    whole = write_bag(tmp_path / "r", robot(), kind).read_bytes()
+    for _ in range(25):
+        damaged = bytearray(whole)
+        for place in rng.integers(20, len(whole), 6):
+            damaged[place] = rng.integers(256)
+        try:
+            read_log(write(tmp_path / f"bad.{kind}", bytes(damaged)), disorder="keep")
+        except LogError:
+            continue
+
+
+def test_a_bag_without_its_index_says_how_to_repair_it(tmp_path: Path):
+    whole = write_bag(tmp_path / "r", robot(), "bag").read_bytes()
+    with pytest.raises(LogError, match=r"may be cut off or still being written.*rosbag reindex"):
+        read_log(write(tmp_path / "cut.bag", whole[: len(whole) * 3 // 4]))
+
+
+def test_a_missing_library_names_the_extra_that_brings_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    bag = write_bag(tmp_path / "r", robot(), "bag")
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(MissingExtraError, match=r"rosbags, which is not installed.*gpcorrect\[ros\]"):
+        read_log(bag)

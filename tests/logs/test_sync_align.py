@@ -1,0 +1,142 @@
+"""Laws of alignment: shifting forth and back, slerp, and no value invented in a gap."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sync_support import Recording, sines, wandering
+
+from gpcorrect import se3
+from gpcorrect.errors import DegenerateError, LogError
+from gpcorrect.logs.sync import align, estimate_offset, log_offset
+from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+
+
+def moving_log(delay: float, seed: int = 0, trajectories: int = 3) -> CalibrationLog:
+    """Return a log whose tracker is `delay` s late on the robot's clock."""
+    rng = np.random.default_rng(seed)
+    path, turn = wandering(rng), wandering(rng, 0.4)
+    time = np.concatenate([20.0 * k + np.arange(0, 10, 0.02) for k in range(trajectories)])
+    number = np.repeat(np.arange(trajectories), len(time) // trajectories)
+
+    def poses(t: FloatArray) -> PoseSignal:
+        return PoseSignal(path(t), se3.quaternion_from_matrix(se3.matrix_from_rotvec(turn(t))))
+
+    return CalibrationLog(
+        time, number, np.zeros(len(time)), setpoint_cp=poses(time), tracker_cp=poses(time - delay)
+    )
+
+
+def errors(log: CalibrationLog) -> tuple[FloatArray, FloatArray]:
+    """Distances (m) and angles (rad) between command and tracker, where both are known."""
+    rows = log.tracker_cp.finite
+    move = np.linalg.norm((log.setpoint_cp.position - log.tracker_cp.position)[rows], axis=1)
+    a = se3.matrix_from_quaternion(log.setpoint_cp.quaternion[rows])
+    b = se3.matrix_from_quaternion(log.tracker_cp.quaternion[rows])
+    return move, se3.angle(np.swapaxes(a, 1, 2) @ b)
+
+
+def test_aligned_tracker_is_the_command():
+    """Alignment by the estimated offset leaves only interpolation error, in position and orientation."""
+    log = moving_log(0.137)
+    before = errors(log)
+    after = errors(align(log, log_offset(log)))
+    assert np.median(before[0]) > 3e-3
+    assert after[0].max() < 1e-4
+    assert after[1].max() < 2e-3
+    assert np.isclose(log_offset(align(log, log_offset(log))).offset, 0.0, atol=1e-3)
+
+
+def test_alignment_interpolates_rotations_on_the_shortest_arc():
+    """Half a step into a spin of 1 rad a step the rotation is half a radian on, whatever the signs."""
+    time = np.arange(6.0)
+    quaternion = se3.quaternion_from_matrix(se3.matrix_from_rotvec(np.outer(time, [0, 0, 1.0])))
+    quaternion[::2] *= -1
+    log = CalibrationLog(
+        time, np.zeros(6), np.zeros(6), tracker_cp=PoseSignal(np.outer(time, [1.0, 0, 0]), quaternion)
+    )
+    moved = align(log, 0.5).tracker_cp
+    turned = se3.matrix_from_quaternion(moved.quaternion[:5])
+    np.testing.assert_allclose(
+        se3.angle(turned @ np.swapaxes(se3.matrix_from_rotvec(np.outer(time[:5] + 0.5, [0, 0, 1.0])), 1, 2)),
+        0,
+        atol=1e-7,
+    )
+    np.testing.assert_allclose(moved.position[:5, 0], time[:5] + 0.5)
+
+
+def test_nothing_is_invented_at_ends_and_in_gaps():
+    """Rows whose shifted time is outside the trajectory or in a gap have no value, all others have one."""
+    log = moving_log(0.0)
+    keep = ~((log.time > 4.0) & (log.time < 6.0))
+    log = log.select(keep)
+    moved = align(log, 0.3)
+    for _, rows in log.trajectories():
+        at, time = log.time[rows] + 0.3, log.time[rows]
+        inside = at <= time[-1]
+        if time[0] < 4.0:
+            inside &= ~((at > 4.0) & (at < 6.0))
+        np.testing.assert_array_equal(moved.tracker_cp.finite[rows], inside)
+
+
+def test_alignment_keeps_everything_else_and_the_input():
+    """Only the named signals change; the log that was given does not."""
+    log = moving_log(0.1)
+    before = log.tracker_cp.position.copy()
+    moved = align(log, 0.1)
+    np.testing.assert_array_equal(log.tracker_cp.position, before)
+    np.testing.assert_array_equal(moved.setpoint_cp.position, log.setpoint_cp.position)
+    np.testing.assert_array_equal(moved.time, log.time)
+    assert moved.name == log.name
+
+
+def test_zero_offset_is_the_identity():
+    """Alignment by zero returns the same samples to the last bit."""
+    log = moving_log(0.1)
+    np.testing.assert_array_equal(align(log, 0.0).tracker_cp.position, log.tracker_cp.position)
+    np.testing.assert_array_equal(align(log, 0.0).tracker_cp.quaternion, log.tracker_cp.quaternion)
+
+
+def test_joints_of_an_outside_encoder_can_be_aligned():
+    """external_jp moves when it is named, and linear motion is interpolated exactly."""
+    time = np.arange(0, 5, 0.1)
+    joints = np.outer(time, [1.0, -2.0])
+    log = CalibrationLog(
+        time, np.zeros(50), np.zeros(50), setpoint_jp=joints, external_jp=joints - [0.05, -0.1]
+    )
+    moved = align(log, 0.05, signals=["external_jp"])
+    np.testing.assert_allclose(moved.external_jp[:-1], joints[:-1], atol=1e-12)
+
+
+def test_drift_is_followed():
+    """A tracker clock that runs fast is followed through the recording."""
+    rng = np.random.default_rng(3)
+    path, time = wandering(rng), np.arange(0, 120, 0.02)
+    tracker = PoseSignal(path((time - 0.1) * (1 - 2e-4)) + 5e-5 * rng.normal(size=(len(time), 3)))
+    log = CalibrationLog(
+        time, np.zeros(len(time)), np.zeros(len(time)), setpoint_cp=PoseSignal(path(time)), tracker_cp=tracker
+    )
+    found = log_offset(log)
+    assert found.drift is not None
+    left = align(log, found).tracker_cp.position - log.setpoint_cp.position
+    constant = align(log, replace(found, drift=None)).tracker_cp.position - log.setpoint_cp.position
+    assert np.sqrt(np.nanmean(left**2)) < 1e-4
+    assert np.sqrt(np.nanmean(constant**2)) > 2e-4
+
+
+def test_an_unobservable_offset_is_not_applied():
+    """Alignment refuses an offset that the motion does not determine, and takes the number a person gives."""
+    rng = np.random.default_rng(4)
+    unknown = estimate_offset([Recording().pair(sines((0.05, 0, 0), (6, 0, 0)), 0.2, rng)])
+    log = moving_log(0.1)
+    with pytest.raises(DegenerateError, match="not observable"):
+        align(log, unknown)
+    assert align(log, 0.1).tracker_cp is not None
+
+
+def test_absent_signals_are_refused():
+    """Aligning a signal that the log lacks says which there are."""
+    with pytest.raises(LogError, match="cannot align external_jp"):
+        align(moving_log(0.1), 0.1, signals=["external_jp"])

@@ -1,0 +1,284 @@
+"""Each check of the signals speaks up for its planted fault, and names the signal."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from validate_support import clean_log, codes, findings
+
+from gpcorrect import se3
+from gpcorrect.arms import arm_named
+from gpcorrect.logs.validate import validate_log
+from gpcorrect.types import LogMeta, PoseSignal
+
+
+def pose(signal, change_position=lambda p: p, change_quaternion=lambda q: q):
+    """Return a pose signal with copies of its parts put through functions."""
+    return PoseSignal(change_position(signal.position.copy()), change_quaternion(signal.quaternion.copy()))
+
+
+def scaled_joint(name, joint, factor):
+    """Return the clean log with one joint of one signal multiplied."""
+    table = getattr(clean_log(), name).copy()
+    table[:, joint] *= factor
+    return replace(clean_log(), **{name: table})
+
+
+def test_missing_samples_grade_from_information_to_error():
+    """One lost sample is information, a fifth is a warning, all is an error; rows and runs are named."""
+    for lost, severity in ((slice(40, 41), "info"), (slice(0, 320), "warning"), (slice(None), "error")):
+
+        def blank(p, lost=lost):
+            p[lost] = np.nan
+            return p
+
+        log = replace(clean_log(), tracker_cp=pose(clean_log().tracker_cp, blank))
+        (finding,) = findings(log, "missing")
+        assert finding.severity == severity
+        assert finding.signal == "tracker_cp"
+        count = len(range(*lost.indices(1600)))
+        assert finding.count == count
+        assert f"at most {count} in a row" in finding.message
+
+
+def test_a_log_without_command_or_truth_says_so():
+    """No setpoint, and no outside measurement, are each warned about."""
+    log = clean_log()
+    assert findings(replace(log, setpoint_cp=None, setpoint_jp=None), "no_command")
+    assert findings(replace(log, tracker_cp=None, external_jp=None), "no_observation")
+
+
+def test_a_constant_signal_is_an_error_while_others_move():
+    """A tracker that shows one pose for ever is an error, and frozen throughout."""
+    log = replace(clean_log(), tracker_cp=clean_log().tracker_cp[np.zeros(1600, dtype=int)])
+    (constant,) = findings(log, "constant")
+    assert (constant.severity, constant.signal) == ("error", "tracker_cp")
+    assert findings(log, "frozen")
+
+
+def test_a_copy_of_the_command_is_no_measurement():
+    """Measured equal to setpoint is a warning, a tracker equal to setpoint an error."""
+    log = clean_log()
+    (robot,) = findings(replace(log, measured_jp=log.setpoint_jp), "loopback")
+    assert (robot.severity, robot.signal) == ("warning", "measured_jp")
+    (outside, *_) = findings(replace(log, tracker_cp=log.setpoint_cp), "loopback")
+    assert (outside.severity, outside.signal) == ("error", "tracker_cp")
+
+
+def test_a_frozen_tracker_is_found_with_its_rows():
+    """Forty repeats while the robot moves are one frozen stretch from its first repeat on."""
+
+    def hold(p):
+        p[200:240] = p[199]
+        return p
+
+    frozen = pose(clean_log().tracker_cp, hold, hold)
+    (finding,) = findings(replace(clean_log(), tracker_cp=frozen), "frozen")
+    assert finding.rows == (200,)
+    assert finding.count == 40
+
+
+def test_a_still_robot_does_not_freeze_its_tracker():
+    """Repeats while the command rests are not called frozen."""
+    log = clean_log()
+    rows = np.concatenate([np.zeros(60, dtype=int), np.arange(1540)])
+    rest = log.select(rows)
+    rest = replace(rest, time=log.time, trajectory=log.trajectory)
+    assert not findings(rest, "frozen")
+
+
+def test_a_tracker_held_between_slower_samples_is_recognised():
+    """Each value three times over is a held signal, not a frozen one."""
+    rows = 3 * (np.arange(1600) // 3)
+    rows = np.where(clean_log().trajectory[rows] == clean_log().trajectory, rows, np.arange(1600))
+    log = replace(clean_log(), tracker_cp=clean_log().tracker_cp[rows])
+    (held,) = findings(log, "held")
+    assert "about 3 times" in held.message
+    assert not findings(log, "frozen")
+
+
+def test_bad_quaternion_norms_are_counted():
+    """Quaternions of norm 1.01 are counted; half of the samples make an error."""
+
+    def stretch(q, rows):
+        q[rows] *= 1.01
+        return q
+
+    tracker = clean_log().tracker_cp
+    few = replace(
+        clean_log(), tracker_cp=pose(tracker, change_quaternion=lambda q: stretch(q, slice(10, 15)))
+    )
+    (finding,) = findings(few, "quaternion_norm")
+    assert (finding.severity, finding.count, finding.rows) == ("info", 5, (10, 11, 12, 13, 14))
+    many = replace(clean_log(), tracker_cp=pose(tracker, change_quaternion=lambda q: stretch(q, slice(None))))
+    assert findings(many, "quaternion_norm")[0].severity == "error"
+
+
+def test_sign_flips_are_information():
+    """Negating every quaternion after row 800 adds a flip there and no alarm."""
+
+    def flip(q):
+        q = se3.quaternion_from_matrix(np.broadcast_to(np.eye(3), (1600, 3, 3))).copy()
+        q[900:] *= -1
+        return q
+
+    log = replace(clean_log(), tracker_cp=pose(clean_log().tracker_cp, change_quaternion=flip))
+    (finding,) = [f for f in findings(log, "quaternion_sign") if f.signal == "tracker_cp"]
+    assert (finding.severity, finding.rows) == ("info", (900,))
+
+
+@pytest.mark.parametrize("name", ["tracker_cp", "setpoint_cp"])
+@pytest.mark.parametrize(
+    "wrong",
+    [lambda q: np.roll(q, -1, axis=1), lambda q: np.roll(q, 1, axis=1), lambda q: q * [1, -1, -1, -1]],
+    ids=["xyzw for wxyz", "wxyz for xyzw", "inverse"],
+)
+def test_quaternions_in_another_order_turn_the_other_way(name, wrong):
+    """Components in cyclic order, or inverse poses, in the tracker or in the command, are an error."""
+    log = replace(clean_log(), **{name: pose(getattr(clean_log(), name), change_quaternion=wrong)})
+    assert findings(log, "orientation_inverted")
+
+
+def test_no_change_of_frame_inverts_an_orientation():
+    """Another tracker frame, another marker mounting and other signs leave the turning as it is."""
+    R = se3.matrix_from_quaternion(clean_log().tracker_cp.quaternion)
+    for k in range(4):
+        left, right = se3.matrix_from_rotvec(np.random.default_rng(k).uniform(-1.8, 1.8, (2, 3)))
+        tracker = PoseSignal(clean_log().tracker_cp.position, se3.quaternion_from_matrix(left @ R @ right))
+        assert not findings(replace(clean_log(), tracker_cp=tracker), "orientation_inverted")
+
+
+@pytest.mark.parametrize(
+    "names", [("tracker_cp",), ("setpoint_cp",), ("tracker_cp", "setpoint_cp", "measured_cp")]
+)
+def test_millimetres_for_metres_are_recognised(names):
+    """Positions times a thousand are an error, in one signal or in all of them."""
+    log = clean_log()
+    changes = {n: pose(getattr(log, n), lambda p: 1e3 * p) for n in names}
+    found = findings(replace(log, **changes), "position_unit")
+    assert {f.severity for f in found} == {"error"}
+    assert {f.signal for f in found} == set(names)
+
+
+def test_a_thousandth_is_recognised():
+    """A tracker in kilometres, as from a scale applied twice, is an error."""
+    tracker = pose(clean_log().tracker_cp, lambda p: 1e-3 * p)
+    assert findings(replace(clean_log(), tracker_cp=tracker), "position_unit")
+
+
+@pytest.mark.parametrize("joint", [0, 1, 3, 5])
+@pytest.mark.parametrize("name", ["setpoint_jp", "measured_jp", "external_jp"])
+def test_degrees_for_radians_are_recognised(name, joint):
+    """One joint of one signal in degrees is named, in that signal and no other."""
+    found = findings(scaled_joint(name, joint, np.rad2deg(1.0)), "joint_unit")
+    assert [f.signal for f in found] == [name]
+    assert f"joint {joint + 1} " in found[0].message
+
+
+def test_all_joints_in_degrees_are_recognised():
+    """A whole log in degrees is recognised without a signal in radians beside it."""
+    log = clean_log()
+    degrees = {
+        n: getattr(log, n) * np.where(np.arange(6) == 2, 1.0, np.rad2deg(1.0))
+        for n in ("setpoint_jp", "measured_jp")
+    }
+    log = replace(log, external_jp=None, tracker_cp=None, **degrees)
+    assert len(findings(log, "joint_unit")) == 10
+    assert not findings(log, "joint_limit")
+
+
+def test_insertion_in_millimetres_and_times_180_over_pi_are_told_apart():
+    """An insertion in mm, and one in the 180/pi metres of RAVEN-II messages, are named as what they are."""
+    (mm,) = findings(scaled_joint("measured_jp", 2, 1e3), "joint_unit")
+    (scaled,) = findings(scaled_joint("measured_jp", 2, np.rad2deg(1.0)), "joint_unit")
+    assert "millimetres" in mm.message
+    assert "180/pi" in scaled.message
+
+
+def test_ratios_are_seen_without_joint_types():
+    """Without a word on joint kinds, measured in degrees beside setpoints in radians is still seen."""
+    log = scaled_joint("measured_jp", 0, np.rad2deg(1.0))
+    found = findings(replace(log, meta=LogMeta(), external_jp=None), "joint_unit")
+    assert [f.signal for f in found] == ["measured_jp"]
+
+
+def test_wrong_gains_and_offsets_are_not_units():
+    """A joint 30 % off in gain and 10 degrees off in zero is a badly calibrated one, in the right unit."""
+    log = clean_log()
+    table = log.external_jp * np.array([1.3, 0.7, 1.0, 1.0, 1.0, 1.0]) + 0.17
+    assert not findings(replace(log, external_jp=table), "joint_unit")
+
+
+def test_joints_beyond_the_limits_are_named():
+    """Three samples 5 degrees past the shoulder's limit are named with joint, rows and size."""
+    table = clean_log().setpoint_jp.copy()
+    table[500:503, 0] = np.deg2rad(95.0)
+    (finding,) = findings(replace(clean_log(), setpoint_jp=table), "joint_limit")
+    assert finding.severity == "warning"
+    assert finding.rows == (500, 501, 502)
+    assert "joint 1 leaves 0 to 90 deg" in finding.message
+    assert "by up to 5 deg" in finding.message
+
+
+def test_impossible_speeds_are_counted():
+    """A jump of 20 cm between two samples at 50 Hz is 10 m/s: there and back, two samples."""
+
+    def jump(p):
+        p[700] += 0.2
+        return p
+
+    log = replace(clean_log(), tracker_cp=pose(clean_log().tracker_cp, jump))
+    (finding,) = findings(log, "speed")
+    assert (finding.severity, finding.count) == ("warning", 2)
+    assert finding.rows == (700, 701)
+
+
+def test_a_mirrored_tracker_is_an_error():
+    """A left-handed tracker frame is an error; any rotated one is not."""
+    for reflect, expected in (
+        (np.diag([1.0, 1.0, -1.0]), 1),
+        (np.eye(3)[[1, 0, 2]], 1),
+        (np.eye(3)[[1, 2, 0]], 0),
+    ):
+        tracker = PoseSignal(clean_log().tracker_cp.position @ reflect.T)
+        assert len(findings(replace(clean_log(), tracker_cp=tracker), "mirrored")) == expected
+
+
+def test_the_other_arm_in_the_sidecar_is_recognised():
+    """The left arm's log under the right arm's name: poses follow from joints by the left arm only."""
+    log = replace(clean_log(), meta=LogMeta(robot="RAVEN-II", arm="right", joint_types="RRPRRR"))
+    found = findings(log, "swapped_arm")
+    assert {f.signal for f in found} == {"setpoint_cp", "measured_cp", "tracker_cp"}
+    assert all("raven2_left" in f.message for f in found)
+
+
+def test_the_other_arms_tracker_is_unrelated():
+    """A tracker that saw another motion follows the command at no shift."""
+    log = replace(clean_log(), tracker_cp=clean_log(7).tracker_cp)
+    assert {f.signal for f in findings(log, "unrelated")} == {"tracker_cp"}
+
+
+def test_the_wrist_point_is_told_from_the_tip():
+    """Positions of the wrist point beside orientations of the tip are no one rigid body."""
+    arm, log = arm_named("raven2_left"), clean_log()
+    wrist = PoseSignal(arm.wrist(log.setpoint_jp), log.setpoint_cp.quaternion)
+    (finding,) = findings(replace(log, setpoint_cp=wrist), "wrist_point")
+    assert finding.signal == "setpoint_cp"
+
+
+def test_poses_that_do_not_follow_from_the_joints_are_warned_about():
+    """Setpoint poses of another motion than the setpoint joints are not this arm's kinematics."""
+    log = replace(clean_log(), setpoint_cp=clean_log(3).setpoint_cp)
+    assert "setpoint_cp" in {f.signal for f in findings(log, "kinematics")}
+
+
+def test_another_base_frame_is_no_misfit():
+    """Poses in a base frame of their own, and a tool 3 mm longer, raise no alarm."""
+    log = clean_log()
+    T = se3.pose(se3.matrix_from_rotvec(np.array([2.0, 0.1, -0.4])), np.array([0.5, 1.0, 2.0]))
+    tool = se3.pose(np.eye(3), np.array([3e-3, 0.0, 0.0]))
+    arm = arm_named("raven2_left")
+    moved = PoseSignal(*se3.to_parts(se3.compose(T, arm.forward(log.setpoint_jp), tool)))
+    assert not codes(validate_log(replace(log, setpoint_cp=moved)), "error", "warning")

@@ -1,0 +1,189 @@
+"""What the service's tests share: small honest correctors, and servers in other processes, always killed."""
+
+from __future__ import annotations
+
+import multiprocessing
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.context import SpawnProcess
+from multiprocessing.synchronize import Event
+from typing import Any
+
+import numpy as np
+import zenoh
+
+from gpcorrect.types import Correction, FloatArray
+from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
+from gpcorrect_service.model import Model
+from gpcorrect_service.server import run
+from gpcorrect_service.transport import client_config
+
+SHIFT = np.array([0.001, -0.002, 0.003])
+POSE = [0.1, 0.02, -0.11, 1.0, 0.0, 0.0, 0.0]
+PATIENT = 30.0  # s: only a test that fails waits this long
+REGION = {"position_min": [-0.1, -0.1, -0.2], "position_max": [0.1, 0.1, 0.0]}
+
+spawn = multiprocessing.get_context("spawn")
+
+
+@dataclass(frozen=True)
+class Path:
+    """A corrected path, as the real corrector returns it."""
+
+    positions: FloatArray
+    quaternions: FloatArray | None
+    std: FloatArray
+    interval95: FloatArray
+    in_domain: FloatArray
+    status: tuple[str, ...]
+    reason: tuple[str, ...]
+
+
+class ShiftCorrector:
+    """Moves a pose by SHIFT and leaves its orientation; unsure by 1 mm; x > 0.5 m is extrapolation."""
+
+    def correct(self, pose: FloatArray, twist: FloatArray | None = None) -> Correction:
+        """Return the command for one pose."""
+        path = self.correct_path(pose[None], np.zeros(1))
+        quaternion = None if path.quaternions is None else path.quaternions[0]
+        return Correction(
+            path.positions[0],
+            quaternion,
+            path.std[0],
+            path.interval95[0],
+            bool(path.in_domain[0]),
+            path.status[0],
+            path.reason[0],
+        )
+
+    def correct_path(self, poses: FloatArray, times: FloatArray) -> Path:
+        """Return the commands for a path."""
+        n, inside = len(poses), poses[:, 0] <= 0.5
+        std = np.full((n, 6), 1e-3)
+        std[:, 3:] = np.nan
+        return Path(
+            positions=poses[:, :3] + SHIFT,
+            quaternions=poses[:, 3:] if poses.shape[1] == 7 else None,
+            std=std,
+            interval95=2 * std,
+            in_domain=inside,
+            status=tuple("OK" if i else "EXTRAPOLATING" for i in inside),
+            reason=tuple("" if i else "outside the training region" for i in inside),
+        )
+
+    def info(self) -> dict[str, Any]:
+        """Return frames and training region, as a fitted model does."""
+        return {"frames": {"input": "tracker", "output": "base"}, "training_region": REGION}
+
+
+class GatedCorrector(ShiftCorrector):
+    """Answers single poses only while its gate is open, and tells when one has entered; paths pass always."""
+
+    def __init__(self, gate: Event, entered: Event) -> None:
+        self._gate = gate
+        self._entered = entered
+
+    def correct(self, pose: FloatArray, twist: FloatArray | None = None) -> Correction:
+        """Return the command for one pose."""
+        self._entered.set()
+        self._gate.wait()
+        return super().correct(pose, twist)
+
+
+class FaultyCorrector(ShiftCorrector):
+    """Fails on x < 0, and answers NaN on x = 0."""
+
+    def correct(self, pose: FloatArray, twist: FloatArray | None = None) -> Correction:
+        """Return the command for one pose."""
+        if pose[0] < 0:
+            raise ZeroDivisionError("a fault inside the model")
+        answer = super().correct(pose, twist)
+        if pose[0] > 0:
+            return answer
+        return Correction(np.full(3, np.nan), answer.quaternion, answer.std, answer.interval95, True)
+
+
+def free_port() -> int:
+    """Return a port that was free a moment ago."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def endpoint_of(port: int) -> str:
+    return f"tcp/127.0.0.1:{port}"
+
+
+def serve_in_child(kind: str, gate: Event, entered: Event, ready: Event, settings: ServerSettings) -> None:
+    """Run in the child process: serve a small corrector until SIGTERM."""
+    kinds = {
+        "shift": ShiftCorrector,
+        "gated": lambda: GatedCorrector(gate, entered),
+        "faulty": FaultyCorrector,
+    }
+    corrector = kinds[kind]()
+    run(Model(corrector, id=f"{kind}-model", hash="0123abcd"), settings, on_ready=lambda _: ready.set())
+
+
+@dataclass(frozen=True)
+class ServerProcess:
+    """A server in another process."""
+
+    process: SpawnProcess
+    endpoint: str
+    gate: Event
+    entered: Event
+
+    def client(self, **options: Any) -> CorrectionClient:
+        """Return a client with a patience that a loaded machine needs."""
+        return CorrectionClient(self.endpoint, **{"timeout": PATIENT, "connect_timeout": PATIENT, **options})
+
+    def terminate(self) -> int | None:
+        """Send SIGTERM and return the exit status."""
+        self.process.terminate()
+        self.process.join(PATIENT)
+        return self.process.exitcode
+
+
+@contextmanager
+def server_process(
+    kind: str = "shift", *, port: int | None = None, **settings: Any
+) -> Iterator[ServerProcess]:
+    """Start a server in another process, wait until it answers, and kill it whatever happens."""
+    endpoint = endpoint_of(port or free_port())
+    gate, entered, ready = spawn.Event(), spawn.Event(), spawn.Event()
+    arguments = (kind, gate, entered, ready, ServerSettings(endpoint=endpoint, **settings))
+    process = spawn.Process(target=serve_in_child, args=arguments, daemon=True)
+    process.start()
+    try:
+        assert ready.wait(PATIENT), "the server did not start"
+        yield ServerProcess(process, endpoint, gate, entered)
+    finally:
+        process.kill()
+        process.join(PATIENT)
+
+
+@contextmanager
+def stranger(endpoint: str) -> Iterator[zenoh.Session]:
+    """Open a bare zenoh session without a namespace, as somebody else's program would."""
+    config = client_config(ClientSettings((endpoint,)))
+    config.insert_json5("namespace", "null")
+    with zenoh.open(config) as session:
+        yield session
+
+
+def ask_bare(
+    session: zenoh.Session, key: str, payload: bytes, encoding: str | None = None, attachment: bytes = b""
+) -> list[zenoh.Reply]:
+    """Return all replies to one bare query, asked when a server is in sight."""
+    until = time.monotonic() + PATIENT
+    querier = session.declare_querier(key, timeout=PATIENT)
+    replies: list[zenoh.Reply] = []
+    while not replies and time.monotonic() < until:
+        time.sleep(0.01)
+        replies = list(querier.get(payload=payload, encoding=encoding, attachment=attachment))
+    return replies

@@ -1,0 +1,123 @@
+"""Settings are checked once, and the files in service/deploy say what the built-in defaults say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from service_support import endpoint_of, free_port
+
+from gpcorrect.errors import DataError, GpCorrectError
+from gpcorrect_service import ClientSettings, CorrectionClient, EndpointError, ServerSettings
+from gpcorrect_service.server import Server
+from gpcorrect_service.transport import client_config, server_config
+
+DEPLOY = Path(__file__).resolve().parents[2] / "service" / "deploy" / "single_host"
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]", "127.8.9.1"])
+def test_loopback_needs_no_leave(host: str) -> None:
+    """An address that only this machine reaches is accepted."""
+    assert ServerSettings(endpoint=f"tcp/{host}:7447").endpoint == f"tcp/{host}:7447"
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.5", "[::]", "robot.example"])
+def test_remote_needs_leave(host: str) -> None:
+    """An address that others reach is refused unless asked for."""
+    endpoint = f"tcp/{host}:7447"
+    with pytest.raises(EndpointError, match="other machines"):
+        ServerSettings(endpoint=endpoint)
+    assert ServerSettings(endpoint=endpoint, allow_remote=True).endpoint == endpoint
+
+
+@pytest.mark.parametrize(
+    "endpoint", ["", "7447", "127.0.0.1:7447", "tcp/127.0.0.1", "tcp/127.0.0.1:99999", "tcp/:1"]
+)
+def test_malformed_endpoint(endpoint: str) -> None:
+    """What is not protocol/host:port is refused by server and client alike, and the form is told."""
+    with pytest.raises(EndpointError, match="protocol/host:port"):
+        ServerSettings(endpoint=endpoint)
+    with pytest.raises(EndpointError, match="protocol/host:port"):
+        CorrectionClient(endpoint)
+
+
+@given(name=st.text(max_size=8))
+def test_names_are_literal_key_chunks(name: str) -> None:
+    """A name is accepted exactly when it is made of letters, digits, dot, underscore and hyphen."""
+    allowed = bool(name) and all(c.isascii() and (c.isalnum() or c in "._-") for c in name)
+    if allowed:
+        assert ServerSettings(arm=name).arm == name
+    else:
+        with pytest.raises(DataError, match="part of a key"):
+            ServerSettings(arm=name)
+
+
+@pytest.mark.parametrize("change", [{"workers": 0}, {"queue_capacity": 0}, {"drain_seconds": -1.0}])
+def test_bounds_of_server_settings(change: dict[str, float]) -> None:
+    """A server without a worker or a queue is refused."""
+    with pytest.raises(DataError, match="at least"):
+        replace(ServerSettings(), **change)
+
+
+@pytest.mark.parametrize("options", [{"timeout": 0.0}, {"encoding": "xml"}, {"on_failure": "ignore"}])
+def test_bounds_of_client_settings(options: dict[str, object]) -> None:
+    """A client with no time, an unknown encoding or an unknown fallback is refused."""
+    with pytest.raises(DataError):
+        CorrectionClient(**options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("key", ["scouting/multicast/enabled", "scouting/gossip/enabled"])
+def test_nobody_is_scouted(key: str) -> None:
+    """By default neither side looks for others, and messages are small."""
+    for config in (server_config(ServerSettings()), client_config(ClientSettings())):
+        assert json.loads(config.get_json(key)) is False
+        assert json.loads(config.get_json("transport/link/rx/max_message_size")) <= 4 * 2**20
+
+
+def test_deploy_files_say_what_the_defaults_say() -> None:
+    """The ready configurations equal the built-in ones, value by value."""
+    server = server_config(ServerSettings(config_file=DEPLOY / "server.json5"))
+    client = client_config(ClientSettings(config_file=DEPLOY / "client.json5"))
+    assert json.loads(str(server)) == json.loads(str(server_config(ServerSettings())))
+    assert json.loads(str(client)) == json.loads(str(client_config(ClientSettings())))
+
+
+def test_config_file_namespace_wins_and_address_is_checked(tmp_path: Path) -> None:
+    """A configuration's own namespace is honoured, and its address is held to the same rule as a setting."""
+    path = tmp_path / "mine.json5"
+    path.write_text('{mode: "peer", namespace: "lab2", listen: {endpoints: ["tcp/0.0.0.0:7447"]}}')
+    with pytest.raises(EndpointError, match="other machines"):
+        server_config(ServerSettings(config_file=path))
+    config = server_config(ServerSettings(config_file=path, allow_remote=True))
+    assert json.loads(config.get_json("namespace")) == "lab2"
+
+
+def test_config_file_without_address_is_remote(tmp_path: Path) -> None:
+    """A configuration that names no address would listen everywhere, and is refused."""
+    path = tmp_path / "empty.json5"
+    path.write_text("{}")
+    with pytest.raises(EndpointError, match="other machines"):
+        server_config(ServerSettings(config_file=path))
+
+
+def test_unreadable_config_file(tmp_path: Path) -> None:
+    """A missing or broken configuration is one clear error."""
+    broken = tmp_path / "broken.json5"
+    broken.write_text("{mode: ")
+    for path in (broken, tmp_path / "missing.json5"):
+        with pytest.raises(DataError, match="cannot be read"):
+            server_config(ServerSettings(config_file=path))
+
+
+def test_busy_port_is_a_clear_error() -> None:
+    """A second server on the same address is refused with the address and what to do; the first goes on."""
+    settings = ServerSettings(endpoint=endpoint_of(free_port()))
+    with Server(None, settings), pytest.raises(EndpointError, match="cannot listen here") as caught:
+        Server(None, settings).start()
+    assert caught.value.endpoint == settings.endpoint
+    assert isinstance(caught.value, GpCorrectError)
+    assert "another endpoint" in caught.value.hint

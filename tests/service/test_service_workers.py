@@ -1,0 +1,99 @@
+"""The bounded queue: nobody who offers waits, everything offered is handled once."""
+
+from __future__ import annotations
+
+import io
+import json
+import threading
+import time
+
+import pytest
+from service_support import PATIENT
+
+from gpcorrect_service.journal import open_journal
+from gpcorrect_service.workers import Lane
+
+
+class Works:
+    """Notes what was worked on and what overflowed; works only while its gate is open."""
+
+    def __init__(self, *, workers: int = 1, capacity: int = 3) -> None:
+        self.gate, self.began = threading.Event(), threading.Semaphore(0)
+        self.done: list[int] = []
+        self.refused: list[int] = []
+        self.log = io.StringIO()
+        self.lane: Lane[int] = Lane(
+            "test",
+            self.work,
+            self.refused.append,
+            workers=workers,
+            capacity=capacity,
+            journal=open_journal(self.log),
+        )
+        self.lane.start()
+
+    def work(self, item: int) -> None:
+        """Note an item once the gate is open; fail on negative ones."""
+        self.began.release()
+        if item < 0:
+            raise ValueError("a bad item")
+        self.gate.wait(PATIENT)
+        self.done.append(item)
+
+    def end(self, seconds: float = PATIENT) -> bool:
+        """Seal the lane and wait; whether it emptied in time."""
+        self.lane.seal()
+        ended = self.lane.join(time.monotonic() + seconds)
+        self.lane.hurry()
+        return ended
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_every_item_is_handled_exactly_once(workers: int) -> None:
+    """What is offered is worked on or refused, once; capacity plus one item a worker are taken at most."""
+    works = Works(workers=workers, capacity=4)
+    for item in range(workers):
+        works.lane.offer(item)
+        assert works.began.acquire(timeout=PATIENT)
+    for item in range(workers, 50):
+        works.lane.offer(item)
+    assert works.refused == list(range(workers + 4, 50))
+    works.gate.set()
+    assert works.end()
+    assert sorted(works.done + works.refused) == list(range(50))
+
+
+def test_a_failing_item_leaves_the_worker_alive() -> None:
+    """An exception in the work is logged, and the next item is worked on."""
+    works = Works()
+    works.gate.set()
+    works.lane.offer(-1)
+    works.lane.offer(7)
+    assert works.end()
+    assert works.done == [7]
+    assert json.loads(works.log.getvalue())["exception"][0]["exc_value"] == "a bad item"
+
+
+def test_sealed_lane_takes_nothing_and_finishes() -> None:
+    """After sealing, offers are refused and what waited is still worked on."""
+    works = Works()
+    for item in range(3):
+        works.lane.offer(item)
+    works.lane.seal()
+    works.lane.offer(99)
+    works.gate.set()
+    assert works.lane.join(time.monotonic() + PATIENT)
+    assert (works.done, works.refused) == ([0, 1, 2], [99])
+
+
+def test_hurry_refuses_what_waits() -> None:
+    """A lane that is hurried hands over what waits instead of working on it."""
+    works = Works()
+    works.lane.offer(0)
+    assert works.began.acquire(timeout=PATIENT)
+    works.lane.offer(1)
+    works.lane.offer(2)
+    assert not works.end(seconds=0.0)
+    works.gate.set()
+    assert works.lane.join(time.monotonic() + PATIENT)
+    assert (works.done, works.refused) == ([0], [1, 2])
