@@ -19,7 +19,7 @@ import numpy as np
 from gpcorrect import __version__
 from gpcorrect.atomic import atomic_path
 from gpcorrect.corrector import CommandCorrector
-from gpcorrect.errors import ArtifactError, GpCorrectError
+from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray
 
 __all__ = ["KIND", "SCHEMA", "load", "model_hash", "read_parts", "save"]
@@ -100,27 +100,15 @@ def model_hash(path: str | Path) -> str:
 
 
 def _read_archive(path: str | Path) -> dict[str, Any]:
+    if not Path(path).is_file():
+        raise ArtifactError(f"there is no model file {path}.", hint="Fit one with: gpcorrect fit LOG --output MODEL")
     try:
+        if not zipfile.is_zipfile(path):
+            raise _refused(path, "it is truncated, or no model file at all")
         with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise _refused(path, "it is a single array, not a model")
             return {name: archive[name] for name in archive.files}
-    except FileNotFoundError as error:
-        raise ArtifactError(
-            f"there is no model file {path}.", hint="Fit one with: gpcorrect fit LOG --output MODEL"
-        ) from error
-    except (
-        OSError,
-        ValueError,
-        EOFError,
-        KeyError,
-        zipfile.BadZipFile,
-        zlib.error,
-        NotImplementedError,
-    ) as error:
-        if isinstance(error, GpCorrectError):
-            raise
-        raise _refused(path, "it is truncated, altered, or no model file at all") from error
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+        raise _refused(path, "it is truncated or altered") from error
 
 
 def _check_header(path: str | Path, header: Any) -> None:

@@ -10,7 +10,20 @@ from pathlib import Path
 
 from gpcorrect.errors import GpCorrectError
 
-__all__ = ["atomic_path"]
+__all__ = ["atomic_path", "require_folder"]
+
+
+def require_folder(path: str | Path) -> None:
+    """Check, before the work, that a file can be put at `path`.
+
+    Raises
+    ------
+    GpCorrectError
+        Its folder does not exist.
+    """
+    folder = Path(path).parent
+    if not folder.is_dir():
+        raise GpCorrectError(f"cannot write {path}: the folder {folder} does not exist.", hint="Create the folder first.")
 
 
 @contextmanager
@@ -25,11 +38,12 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         The folder does not exist or cannot be written.
     """
     target = Path(path)
+    require_folder(target)
     try:
         handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=target.suffix, dir=target.parent)
     except OSError as error:
         raise GpCorrectError(
-            f"cannot write {target}: {error.strerror}.", hint="Create the folder, or name another output."
+            f"cannot write {target}: {error.strerror}.", hint="Name another output, or make room."
         ) from error
     os.close(handle)
     temporary = Path(name)

@@ -32,5 +32,5 @@ def test_a_finished_file_replaces_the_old_one(tmp_path: Path) -> None:
 
 def test_a_folder_that_does_not_exist_is_named(tmp_path: Path) -> None:
     """The message names the output and what to do."""
-    with pytest.raises(GpCorrectError, match="Create the folder"), atomic_path(tmp_path / "no" / "model.bin"):
+    with pytest.raises(GpCorrectError, match="Create the folder first"), atomic_path(tmp_path / "no" / "model.bin"):
         pass

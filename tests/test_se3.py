@@ -51,9 +51,7 @@ def test_inverse_and_identity(T):
 @given(poses, poses)
 def test_inverse_of_a_product(A, B):
     """(A B)^-1 = B^-1 A^-1."""
-    np.testing.assert_allclose(
-        se3.invert(se3.compose(A, B)), se3.compose(se3.invert(B), se3.invert(A)), atol=1e-13
-    )
+    np.testing.assert_allclose(se3.invert(se3.compose(A, B)), se3.compose(se3.invert(B), se3.invert(A)), atol=1e-13)
 
 
 @given(tangents(st.one_of(tiny_angles, st.just(0.0))))
@@ -104,9 +102,7 @@ def test_left_jacobian_inverse_is_the_rate_of_the_rotation_vector(phi, omega):
     np.testing.assert_allclose(se3.left_jacobian_inverse(phi) @ omega, rate, atol=1e-5)
 
 
-@given(
-    arrays(np.float64, 4, elements=unit_range).filter(lambda q: np.linalg.norm(q) > 0.1), st.floats(0.1, 9.0)
-)
+@given(arrays(np.float64, 4, elements=unit_range).filter(lambda q: np.linalg.norm(q) > 0.1), st.floats(0.1, 9.0))
 def test_quaternion_sign_and_scale_do_not_matter(q, scale):
     """q, -q and s q are one rotation, and the returned quaternion has w >= 0 and length 1."""
     R = se3.matrix_from_quaternion(q)
@@ -161,9 +157,7 @@ def test_rotation_mean_moves_with_the_rotations(T, seed):
 def test_weights_count_as_repetition():
     """A weight of 3 equals three copies, in position and rotation."""
     T = se3.pose(random_rotations(3, seed=4), np.random.default_rng(4).normal(size=(3, 3)))
-    np.testing.assert_allclose(
-        se3.mean(T, weights=np.array([3.0, 1.0, 1.0])), se3.mean(T[[0, 0, 0, 1, 2]]), atol=1e-12
-    )
+    np.testing.assert_allclose(se3.mean(T, weights=np.array([3.0, 1.0, 1.0])), se3.mean(T[[0, 0, 0, 1, 2]]), atol=1e-12)
 
 
 def test_mean_of_nothing_is_refused():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -14,7 +14,7 @@ from gpcorrect.cleaning.prepare import pose_pair, recorded_order, samples_of, un
 from gpcorrect.cleaning.reasons import Reason
 from gpcorrect.cleaning.report import CleaningReport
 from gpcorrect.cleaning.robust_rigid import fit_rigid_robustly
-from gpcorrect.cleaning.samples import Register, RigidMap, Samples
+from gpcorrect.cleaning.samples import fresh_samples, Register, RigidMap, Samples, small_sample_factor
 from gpcorrect.cleaning.segments import segment_mask
 from gpcorrect.cleaning.settings import CleaningSettings
 from gpcorrect.cleaning.smooth import SecondLook, SmoothModel
@@ -27,7 +27,7 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, fro
 __all__ = ["FittedCleaner", "clean", "clean_with", "fit_cleaner"]
 
 FEWEST_SAMPLES = 4
-FEWEST_FOR_FIELD = 40
+FEWEST_FOR_FIELD = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +70,15 @@ def fit_cleaner(
     observed, command = pose_pair(log)
     found = fit_rigid_robustly(observed[rows], command[rows], register, settings.resolution, rng)
     samples = samples_of(log, rows, found.model)
-    ruler = Ruler(found.scales, Workspace.around(samples.command, settings.workspace_margin), StepRuler.learn(samples, settings))
+    look = SecondLook.none(samples.error)
+    workspace = Workspace.around(samples.command, settings.workspace_margin)
+    ruler = Ruler(found.scales*small_sample_factor(samples), workspace, StepRuler.learn(samples, look, settings))
     physical = judge_samples(samples, ruler, settings)
-    smooth, look = None, SecondLook.none(samples.error)
+    smooth = None
     trusted = judge_motion(samples, physical, look, ruler, settings).keep
-    if trusted.sum() >= FEWEST_FOR_FIELD:
+    if fresh_samples(samples[trusted]) >= FEWEST_FOR_FIELD:
         smooth, look = learn_smooth_model(samples, trusted, settings, rng)
+        ruler = replace(ruler, steps=StepRuler.learn(samples, look, settings))
     final = judge_motion(samples, physical, look, ruler, settings)
     cleaner = FittedCleaner(found.model, ruler, smooth, settings)
     return cleaner, _report(log, rows, verdicts, final, cleaner)

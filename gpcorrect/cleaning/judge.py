@@ -21,7 +21,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["Ruler", "judge_motion", "judge_samples"]
 
-SMOOTH_LEEWAY = 1.5  # a piece that leaves the model smoothly and comes back is more likely a gap of the model
+SMOOTH_LEEWAY = 1.25  # a piece that leaves the model smoothly and comes back is more likely a gap of the model
 FEW = 8  # samples: fewer are no motion of their own, however slow the recording
 
 
@@ -73,14 +73,15 @@ def judge_motion(
     left = np.flatnonzero(verdicts.keep)
     if len(left) == 0:
         return verdicts
-    path, limits = Path.of(samples[left], settings.response_time), ruler.steps.limits
+    path, limits = Path.of(samples[left], look.along[left], settings.response_time), ruler.steps.limits
     pieces = split_pieces(path, limits)
     from_rigid = _piece_medians(pieces, (part_norms(path.samples.error) / ruler.scales).max(axis=1))
     from_smooth = _piece_medians(pieces, look.distance[left])
     badness = np.maximum(from_rigid / settings.outlier_factor, from_smooth / settings.offset_factor)
     occlusion = _occlusion_samples(path, settings)
-    kept = largest_chain(pieces, pieces.counts * (1 - badness**2), path, limits, occlusion)
-    kept &= ~excursions(pieces, kept, path, ruler.steps, look.remainder[left], occlusion)
+    scores = pieces.counts * (1 - badness**2)
+    away = excursions(pieces, (scores > 0) & (pieces.counts >= FEW), path, ruler.steps, look.remainder[left], occlusion)
+    kept = largest_chain(pieces, np.where(away, 0.0, scores), path, limits, occlusion)
     verdicts = _reject_pieces(verdicts, left, pieces, from_rigid, Reason.OUTLIER, settings.outlier_factor)
     verdicts = _reject_pieces(verdicts, left, pieces, from_smooth, Reason.OFFSET, settings.offset_factor)
     verdicts = _reject_unconnected(verdicts, left, pieces, ~kept, limits)

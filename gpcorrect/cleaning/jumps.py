@@ -112,17 +112,17 @@ def _best_chain(
 
 
 def excursions(
-    pieces: Pieces, kept: BoolArray, path: Path, ruler: StepRuler, remainder: FloatArray, occlusion: float
+    pieces: Pieces, candidates: BoolArray, path: Path, ruler: StepRuler, remainder: FloatArray, occlusion: float
 ) -> BoolArray:
-    """Mask (m,) of kept pieces that lie between two impossible steps which cancel, found shortest first.
+    """Mask (m,) of the candidate pieces that lie between two impossible steps which cancel, found shortest first.
 
     Two independent steps do not cancel in three or six numbers; a marker that is lost and found again does that.
     Longer than an occlusion, it must also stand out: by half of the step or more from what the smooth model expects.
 
     Parameters
     ----------
-    pieces, kept : Pieces, (m,) bool array
-        All pieces, and those of the chain.
+    pieces, candidates : Pieces, (m,) bool array
+        All pieces, and those that may be motions.
     path, ruler : Path, StepRuler
         Samples and what they can do.
     remainder : (n, k) array
@@ -131,35 +131,36 @@ def excursions(
         Samples of the longest occlusion.
     """
     dropped = np.zeros(len(pieces), dtype=bool)
-    for members in np.split(np.arange(len(pieces)), np.flatnonzero(np.diff(pieces.run)) + 1):
-        stretches = _stretches(pieces, members[kept[members]], path, ruler.limits)
-        while (k := _shortest_excursion(stretches, path, ruler, remainder, occlusion)) is not None:
-            dropped[stretches[k].pieces] = True
-            stretches[k - 1 : k + 2] = [stretches[k - 1].joined(stretches[k + 1])]
+    stretches = _stretches(pieces, np.flatnonzero(candidates), path, ruler.limits)
+    while (inside := _shortest_excursion(stretches, path, ruler, remainder, occlusion)) is not None:
+        dropped[[piece for stretch in stretches[inside] for piece in stretch.pieces]] = True
+        del stretches[inside]
     return dropped
 
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Pieces that are one motion: from sample `first` to sample `last`, `count` samples in all."""
+    """Pieces of one run that are one motion: from sample `first` to sample `last`, `count` samples in all."""
 
     first: int
     last: int
     count: int
     pieces: list[int]
+    run: int
 
     def joined(self, later: _Stretch) -> _Stretch:
-        return _Stretch(self.first, later.last, self.count + later.count, self.pieces + later.pieces)
+        return _Stretch(self.first, later.last, self.count + later.count, self.pieces + later.pieces, self.run)
 
 
-def _stretches(pieces: Pieces, chain: IntArray, path: Path, limits: Sequence[StepLimit]) -> list[_Stretch]:
-    """Join neighbours of a chain where the step between them is possible."""
+def _stretches(pieces: Pieces, chosen: IntArray, path: Path, limits: Sequence[StepLimit]) -> list[_Stretch]:
+    """Join neighbours where the step between them is possible."""
     stretches: list[_Stretch] = []
-    for k in chain:
-        first, last = int(pieces.first[k]), int(pieces.last[k])
-        new = _Stretch(first, last, last - first + 1, [int(k)])
-        if stretches and _possible(path, limits, np.array([stretches[-1].last]), np.array([first]))[0]:
-            stretches[-1] = stretches[-1].joined(new)
+    for k in chosen:
+        first, last, run = int(pieces.first[k]), int(pieces.last[k]), int(pieces.run[k])
+        new = _Stretch(first, last, last - first + 1, [int(k)], run)
+        before = stretches[-1] if stretches else None
+        if before and before.run == run and _possible(path, limits, np.array([before.last]), np.array([first]))[0]:
+            stretches[-1] = before.joined(new)
         else:
             stretches.append(new)
     return stretches
@@ -167,28 +168,34 @@ def _stretches(pieces: Pieces, chain: IntArray, path: Path, limits: Sequence[Ste
 
 def _shortest_excursion(
     stretches: list[_Stretch], path: Path, ruler: StepRuler, remainder: FloatArray, occlusion: float
-) -> int | None:
-    """Position of the shortest stretch, shorter than its neighbours together, that is left as it was entered."""
-    if len(stretches) < 3:
-        return None
-    scaled = path.samples.error / np.repeat(ruler.noise, 3)
-    step = np.array([scaled[b.first] - scaled[a.last] for a, b in pairwise(stretches)])
-    height = np.linalg.norm(step, axis=1)
-    back = np.linalg.norm(step[:-1] + step[1:], axis=1) <= 0.5 + RETURN_SHARE * np.minimum(height[:-1], height[1:])
-    count = np.array([s.count for s in stretches])
-    found = np.flatnonzero(back & (count[1:-1] < count[:-2] + count[2:])) + 1
-    for k in found[np.argsort(count[found], kind="stable")]:
-        if count[k] <= occlusion or _stands_out(*stretches[k - 1 : k + 2], remainder):
-            return int(k)
-    return None
+) -> slice | None:
+    """Positions of the fewest samples that are left as they were entered, with pauses but no other steps between."""
+    scaled = path.error / np.repeat(ruler.noise, 3)
+    inner = [k for k, (a, b) in enumerate(pairwise(stretches)) if a.run == b.run]
+    found = []
+    for a, b in pairwise(inner):
+        step_in, step_out = (scaled[stretches[k + 1].first] - scaled[stretches[k].last] for k in (a, b))
+        height = min(np.linalg.norm(step_in), np.linalg.norm(step_out))
+        inside = slice(a + 1, b + 1)
+        count = sum(stretch.count for stretch in stretches[inside])
+        if (
+            np.linalg.norm(step_in + step_out) <= 0.5 + RETURN_SHARE * height
+            and count < len(remainder) / 2
+            and (count <= occlusion or _stands_out(stretches[a : b + 2], remainder))
+        ):
+            found.append((count, inside))
+    return min(found, key=lambda excursion: excursion[0])[1] if found else None
 
 
-def _stands_out(before: _Stretch, stretch: _Stretch, after: _Stretch, remainder: FloatArray) -> bool:
-    """Whether the smooth model misses the stretch by half of the steps that bound it, or more."""
-    step = (remainder[stretch.first] - remainder[before.last] + remainder[stretch.last] - remainder[after.first]) / 2
-    inside = np.median(remainder[stretch.first : stretch.last + 1], axis=0)
-    outside = np.median(np.vstack([remainder[before.first : before.last + 1], remainder[after.first : after.last + 1]]), axis=0)
-    return bool((inside - outside) @ step >= 0.5 * (step @ step))
+def _stands_out(stretches: list[_Stretch], remainder: FloatArray) -> bool:
+    """Whether the smooth model misses all but the outer stretches by half of the steps that bound them, or more."""
+    before, *inner, after = stretches
+    step_in = remainder[inner[0].first] - remainder[before.last]
+    step_out = remainder[after.first] - remainder[inner[-1].last]
+    step = (step_in - step_out) / 2
+    inside = np.vstack([remainder[s.first : s.last + 1] for s in inner])
+    outside = np.vstack([remainder[s.first : s.last + 1] for s in (before, after)])
+    return bool((np.median(inside, axis=0) - np.median(outside, axis=0)) @ step >= 0.5 * (step @ step))
 
 
 def _possible(path: Path, limits: Sequence[StepLimit], i: IntArray, j: IntArray) -> BoolArray:

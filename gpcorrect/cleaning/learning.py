@@ -15,9 +15,9 @@ from gpcorrect.cleaning.field import ErrorField, Kernel
 from gpcorrect.cleaning.inputs import FieldInputs, commanded_twists
 from gpcorrect.cleaning.lmeds import robust_scale
 from gpcorrect.cleaning.regressor import LeastMedianOfSquares
-from gpcorrect.cleaning.samples import Samples, part_norms
+from gpcorrect.cleaning.samples import Samples, part_norms, small_sample_factor
 from gpcorrect.cleaning.settings import CleaningSettings
-from gpcorrect.cleaning.smooth import SecondLook, SmoothModel, judged_rows, scaled_remainder, second_look
+from gpcorrect.cleaning.smooth import SecondLook, SmoothModel, judged_rows, scaled_remainder
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
 __all__ = ["evenly_spaced", "learn_smooth_model"]
@@ -26,7 +26,7 @@ FOLDS = 10
 SEARCH_SAMPLES = 300
 ROUNDS = 2
 TINY = 1e-12
-GRID = {"length": (1.0, 2.0, 4.0, 8.0), "noise": (1e-3, 1e-2, 1e-1), "velocity": (0.3, 1.0, 3.0)}
+GRID = {"length": (0.5, 1.0, 2.0, 4.0, 8.0), "noise": (1e-3, 1e-2, 1e-1), "velocity": (0.3, 1.0, 3.0)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +67,12 @@ def learn_smooth_model(
     mean, deviation = _cross_predict(train, data[rows], kernel)
     chosen = np.isin(rows, np.flatnonzero(trusted))
     lengths = part_norms(data.left[rows] - mean) / deviation[:, None]
-    scale = np.maximum(robust_scale(lengths[chosen], 3), settings.resolution[: len(unit)] / unit)
+    scale = robust_scale(lengths[chosen], 3) * small_sample_factor(samples)
+    scale = np.maximum(scale, settings.resolution[: len(unit)] / unit)
     field = ErrorField(kernel.inputs(train.pose, train.velocity), train.left, kernel)
     model = SmoothModel(scaling, trend, unit, field, frozen_array(scale))
-    return model, second_look(data.left, rows, mean, deviation, model.scale)
+    others = model.beside(data.left, rows, mean, deviation)
+    return model, replace(others, along=model.look(samples).remainder)
 
 
 def evenly_spaced(rows: IntArray, most: int) -> IntArray:

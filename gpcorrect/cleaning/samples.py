@@ -10,7 +10,9 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal
 
-__all__ = ["Register", "RigidMap", "Samples", "part_norms", "pose_error", "rotation_angles"]
+RIGID_FREEDOMS = 6
+
+__all__ = ["fresh_samples", "Register", "RigidMap", "Samples", "part_norms", "pose_error", "rotation_angles", "small_sample_factor"]
 
 
 class RigidMap(Protocol):
@@ -89,3 +91,28 @@ def rotation_angles(first: FloatArray, second: FloatArray) -> FloatArray:
     aligned = np.where(np.einsum("nk,nk->n", q, r) < 0, -1.0, 1.0)[:, None] * r
     angles: FloatArray = 4 * np.arcsin(np.minimum(np.linalg.norm(aligned - q, axis=1) / 2, 1.0))
     return angles
+
+
+def fresh_samples(samples: Samples) -> float:
+    """How many of n samples say something new: neighbours in time repeat each other.
+
+    A recording says something new each time the command has travelled the spread of its positions, or turned by the
+    spread of its orientations.
+    """
+    count = _traverses(samples.command.position, samples.run)
+    if samples.command.quaternion is not None:
+        entries = se3.matrix_from_quaternion(samples.command.quaternion).reshape(-1, 9)
+        count += _traverses(entries, samples.run)
+    return min(float(len(samples)), count)
+
+
+def small_sample_factor(samples: Samples) -> float:
+    """Factor `1 + 5/(n - p)` on robust scales (Rousseeuw & Leroy 1987): n fresh samples, p freedoms of a rigid motion."""
+    return 1.0 + 5.0 / max(1.0, fresh_samples(samples) - RIGID_FREEDOMS)
+
+
+def _traverses(coordinates: FloatArray, run: IntArray) -> float:
+    """Length of a path (n, d), not counted across runs, over its spread; one more for each run."""
+    spread = float(np.median(np.linalg.norm(coordinates - np.median(coordinates, axis=0), axis=1)))
+    steps = np.linalg.norm(np.diff(coordinates, axis=0), axis=1)[run[1:] == run[:-1]]
+    return len(np.unique(run)) + (float(steps.sum()) / spread if spread > 0 else 0.0)

@@ -17,7 +17,7 @@ from gpcorrect.cleaning.inputs import FieldInputs, commanded_twists
 from gpcorrect.cleaning.samples import Samples, part_norms
 from gpcorrect.types import FloatArray, IntArray, frozen_array
 
-__all__ = ["SecondLook", "SmoothModel", "judged_rows", "scaled_remainder", "second_look"]
+__all__ = ["SecondLook", "SmoothModel", "judged_rows", "scaled_remainder"]
 
 JUDGED_SAMPLES = 4000  # the field is smooth along a path: between these it is interpolated
 
@@ -29,18 +29,24 @@ class SecondLook:
     Parameters
     ----------
     remainder : (n, k) array
-        What the model leaves of the error, in units of the spread about the trend.
+        What the model leaves of the error, m and rad; in training, the model of the other folds.
+    along : (n, k) array
+        The same by one model throughout, so that steps in it are steps of the error.
     distance : (n,) array
         Robust scales between error and model, of the worse part.
+    scale : (parts,) array
+        Typical robust standard deviation of a component about the model, m and rad.
     """
 
     remainder: FloatArray
+    along: FloatArray
     distance: FloatArray
+    scale: FloatArray
 
     @classmethod
     def none(cls, error: FloatArray) -> Self:
         """Nothing is expected, so nothing is far: the look of a recording without a model."""
-        return cls(error, np.zeros(len(error)))
+        return cls(error, error, np.zeros(len(error)), np.full(error.shape[1] // 3, np.inf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +79,17 @@ class SmoothModel:
         x = self.field.kernel.inputs(*self.scaling.transform(samples, commanded_twists(samples)))
         mean, deviation = self.field.predict(x[rows])
         left = scaled_remainder(samples, self.trend, self.unit)
-        return second_look(left, rows, mean, deviation, self.scale)
+        return self.beside(left, rows, mean, deviation)
+
+    def beside(self, left: FloatArray, rows: IntArray, mean: FloatArray, deviation: FloatArray) -> SecondLook:
+        """Hold scaled errors `left` (n, k) against a mean (m, k) and deviation (m,) that are known at `rows`."""
+        index = np.arange(len(left))
+        expected = np.stack([np.interp(index, rows, column) for column in mean.T], axis=1)
+        spread = np.interp(index, rows, deviation)[:, None]
+        distance = (part_norms(left - expected) / (spread * self.scale)).max(axis=1)
+        remainder = (left - expected) * np.repeat(self.unit, 3)
+        typical = self.unit * self.scale * np.median(spread)
+        return SecondLook(remainder, remainder, distance, typical)
 
     def to_parts(self) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         """Return JSON-able values and arrays, from which :meth:`from_parts` rebuilds the model."""
@@ -104,17 +120,6 @@ def scaled_remainder(samples: Samples, trend: FloatArray, unit: FloatArray) -> F
     position = samples.command.position
     left: FloatArray = (samples.error - position @ trend[:-1] - trend[-1]) / np.repeat(unit, 3)
     return left
-
-
-def second_look(
-    left: FloatArray, rows: IntArray, mean: FloatArray, deviation: FloatArray, scale: FloatArray
-) -> SecondLook:
-    """Hold scaled errors (n, k) against a mean (m, k) and deviation (m,) that are known at `rows`."""
-    index = np.arange(len(left))
-    expected = np.stack([np.interp(index, rows, column) for column in mean.T], axis=1)
-    remainder = left - expected
-    distance = part_norms(remainder) / np.interp(index, rows, deviation)[:, None] / scale
-    return SecondLook(remainder, distance.max(axis=1))
 
 
 def judged_rows(samples: Samples) -> IntArray:

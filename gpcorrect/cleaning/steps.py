@@ -12,6 +12,7 @@ from gpcorrect.cleaning.lmeds import robust_scale
 from gpcorrect.cleaning.reasons import Reason
 from gpcorrect.cleaning.samples import Samples, part_norms, rotation_angles
 from gpcorrect.cleaning.settings import CleaningSettings
+from gpcorrect.cleaning.smooth import SecondLook
 from gpcorrect.types import FloatArray, IntArray, frozen_array
 
 __all__ = ["ErrorStepLimit", "Path", "SpeedLimit", "StepLimit", "StepRuler", "commanded_speeds"]
@@ -29,23 +30,26 @@ class Path:
     ----------
     samples : Samples
         n samples.
+    error : (n, k) array
+        Their error, or what a smooth model leaves of it, m and rad.
     travel : (n, parts) array
         Commanded travel since the first sample, m and rad, at the largest speed of each sample's neighbourhood: what
         an arm that follows late can have moved.
     """
 
     samples: Samples
+    error: FloatArray
     travel: FloatArray
 
     @classmethod
-    def of(cls, samples: Samples, response_time: float) -> Self:
+    def of(cls, samples: Samples, error: FloatArray, response_time: float) -> Self:
         """Path of samples whose arm follows within `response_time` seconds."""
         speed, dt = commanded_speeds(samples)
         if not len(dt):
-            return cls(samples, np.zeros((len(samples), speed.shape[1])))
+            return cls(samples, error, np.zeros((len(samples), speed.shape[1])))
         width = 2 * int(np.clip(np.ceil(response_time / np.median(dt)), 1, len(dt))) + 1
         steps = maximum_filter1d(speed, width, axis=0, mode="nearest") * dt[:, None]
-        return cls(samples, np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)]))
+        return cls(samples, error, np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)]))
 
 
 class StepLimit(Protocol):
@@ -94,22 +98,24 @@ class SpeedLimit:
 class ErrorStepLimit:
     """The error changes by at most `noise` plus `follow` times the commanded travel (m for part 0, rad for part 1).
 
-    An arm that sticks while commanded to move, or springs back, changes its error no faster than that; a
+    However far the travel, two errors differ by no more than `cap`. An arm that sticks while commanded to move, or springs back, changes its error no faster than that; a
     marker that is lost, occluded or mistaken for another does.
     """
 
     part: int
     noise: float
     follow: float
+    cap: float
     reason: ClassVar[Reason] = Reason.JUMP
     limit: ClassVar[float] = 1.0
 
     def ratio(self, path: Path, i: IntArray, j: IntArray) -> FloatArray:
         """Step of the error over the largest that noise and travel explain."""
         columns = slice(3 * self.part, 3 * self.part + 3)
-        step = np.linalg.norm(path.samples.error[j, columns] - path.samples.error[i, columns], axis=1)
+        step = np.linalg.norm(path.error[j, columns] - path.error[i, columns], axis=1)
         travel = np.abs(path.travel[j, self.part] - path.travel[i, self.part])
-        ratio: FloatArray = step / (self.noise + self.follow * travel)
+        plausible = np.maximum(np.minimum(self.noise + self.follow * travel, self.cap), self.noise)
+        ratio: FloatArray = step / plausible
         return ratio
 
 
@@ -137,17 +143,30 @@ class StepRuler:
         Largest observed speed, m/s and rad/s.
     follow : float
         Times the commanded travel that the error may step besides.
+    cap : (parts,) array
+        Largest difference of any two errors, m and rad.
     """
 
     noise: FloatArray
     speeds: FloatArray
     follow: float
+    cap: FloatArray
 
     @classmethod
-    def learn(cls, samples: Samples, settings: CleaningSettings) -> Self:
-        """Noise from the median step of the error, speeds from the settings or the fastest commands."""
+    def learn(cls, samples: Samples, look: SecondLook, settings: CleaningSettings) -> Self:
+        """Noise from the median step of the error, speeds from the settings or the fastest commands.
+
+        Parameters
+        ----------
+        samples : Samples
+            Training samples, faults among them.
+        look : SecondLook
+            How they look beside the smooth model.
+        settings : CleaningSettings
+            Factors, floors, and speeds if given.
+        """
         inside = samples.run[1:] == samples.run[:-1]
-        steps = part_norms(np.diff(samples.error, axis=0)[inside])
+        steps = part_norms(np.diff(look.remainder, axis=0)[inside])
         parts = steps.shape[1]
         noise = settings.resolution[:parts]
         fastest = np.zeros(parts)
@@ -157,7 +176,12 @@ class StepRuler:
         given = (settings.max_speed, settings.max_angular_speed)
         derived = np.maximum(settings.speed_factor * fastest, SLOWEST[:parts])
         speeds = [derived[part] if given[part] is None else given[part] for part in range(parts)]
-        return cls(frozen_array(settings.step_factor * noise), frozen_array(speeds), settings.follow_factor)
+        return cls(
+            noise=frozen_array(settings.step_factor * noise),
+            speeds=frozen_array(speeds),
+            follow=settings.follow_factor,
+            cap=frozen_array(settings.step_factor * np.sqrt(2.0) * look.scale),
+        )
 
     @property
     def limits(self) -> list[StepLimit]:
@@ -165,14 +189,18 @@ class StepRuler:
         parts = range(len(self.noise))
         return [
             *(SpeedLimit(part, float(self.speeds[part]), float(self.noise[part])) for part in parts),
-            *(ErrorStepLimit(part, float(self.noise[part]), self.follow) for part in parts),
+            *(ErrorStepLimit(part, float(self.noise[part]), self.follow, float(self.cap[part])) for part in parts),
         ]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the ruler as JSON-able values."""
-        return {"noise": self.noise.tolist(), "speeds": self.speeds.tolist(), "follow": self.follow}
+        cap = [value if np.isfinite(value) else None for value in self.cap.tolist()]
+        return {"noise": self.noise.tolist(), "speeds": self.speeds.tolist(), "follow": self.follow, "cap": cap}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
         """Rebuild the ruler from :meth:`to_dict`."""
-        return cls(frozen_array(values["noise"]), frozen_array(values["speeds"]), float(values["follow"]))
+        cap = [np.inf if value is None else value for value in values["cap"]]
+        return cls(
+            frozen_array(values["noise"]), frozen_array(values["speeds"]), float(values["follow"]), frozen_array(cap)
+        )

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from gpcorrect import artifact
-from gpcorrect.atomic import atomic_path
+from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.cleaning import CleaningReport, CleaningSettings, Segment
 from gpcorrect.cli.console import err, out, print_json, progress_bar, show_errors, split_names
 from gpcorrect.cli.options import Arm, Columns, Json, Logs, Namespace, Tracker, read_logs
@@ -68,6 +68,7 @@ def fit(
 
     gpcorrect fit optitrack.csv --columns map.toml --output model.gpc --json
     """
+    require_folder(output)
     log = read_logs(logs, columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm)
     settings = FitSettings(
         features=split_names(features),

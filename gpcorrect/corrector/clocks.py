@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from gpcorrect.errors import DataError
-from gpcorrect.logs import TimeOffset, align, log_offset
+from gpcorrect.logs.sync import TimeOffset, align, log_offset
 from gpcorrect.types import CalibrationLog
 
 __all__ = ["PLAUSIBLE_LAG", "Clocks", "on_one_clock"]
@@ -63,9 +65,16 @@ def on_one_clock(log: CalibrationLog, mode: str) -> tuple[CalibrationLog, Clocks
         return log, Clocks(found, 0.0, f"the time offset of the tracker is not observable: {found.reason}")
     middle, low, high = (1e3 * seconds for seconds in (found.offset, *found.ci95))
     size = f"the tracker runs {middle:.1f} ms behind the commands (95 %: {low:.1f} to {high:.1f})"
-    if PLAUSIBLE_LAG[0] <= found.ci95[1] and found.ci95[0] <= PLAUSIBLE_LAG[1]:
-        return log, Clocks(found, 0.0, f"{size}, as a servo does: left to the velocity features")
+    step = _sample_step(log)
+    if PLAUSIBLE_LAG[0] - step <= found.ci95[1] and found.ci95[0] <= PLAUSIBLE_LAG[1] + step:
+        return log, Clocks(found, 0.0, f"{size}, as a servo may: left to the velocity features")
     return align(log, found), Clocks(found, found.offset, f"{size}, more than a servo does: the tracker was shifted")
+
+
+def _sample_step(log: CalibrationLog) -> float:
+    """Median time between samples of a trajectory, s: an offset below it is not worth an interpolation."""
+    inside = np.diff(log.trajectory) == 0
+    return float(np.median(np.diff(log.time)[inside])) if inside.any() else 0.0
 
 
 def _seconds(text: str) -> float:

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpcorrect import se3
+from gpcorrect import se3_single
 from gpcorrect.cleaning import CleaningReport
 from gpcorrect.corrector.bounds import Bounds
 from gpcorrect.corrector.queries import checked_pose, checked_poses, checked_times, checked_twist
@@ -233,7 +233,7 @@ class CommandCorrector:
         rigid = self.rigid
         if len(query) == 3:
             return rigid.R_position @ query + rigid.t, None, reference_twists(rigid, None, twist)
-        R_obs = se3.single_matrix(query[3:])
+        R_obs = se3_single.matrix_from_quaternion(query[3:])
         position = rigid.R_position @ (query[:3] + R_obs @ rigid.offset) + rigid.t
         return position, rigid.R_left @ R_obs @ rigid.R_right, reference_twists(rigid, R_obs, twist)
 
@@ -241,8 +241,8 @@ class CommandCorrector:
         if rotation is None:
             return None
         if len(residual) > 3:
-            rotation = se3.single_matrix_from_rotvec(residual[3:]) @ rotation
-        return se3.single_quaternion(rotation)
+            rotation = se3_single.matrix_from_rotvec(residual[3:]) @ rotation
+        return se3_single.quaternion_from_matrix(rotation)
 
 
 def _six(values: FloatArray) -> FloatArray:

@@ -65,7 +65,7 @@ def solve(gram: FloatArray, moment: FloatArray, ridge: float = 1e-6) -> FloatArr
     return solution
 
 
-def held_out_nats(data: Grams, fold: IntArray, prior_precision: float = 0.0) -> FloatArray:
+def held_out_nats(data: Grams, fold: IntArray, prior_precision: float | FloatArray = 0.0) -> FloatArray:
     """Gain in nats of each block `(b,)` (or `(b, r)`), its coefficients fitted to the other folds' blocks.
 
     Parameters
@@ -74,7 +74,7 @@ def held_out_nats(data: Grams, fold: IntArray, prior_precision: float = 0.0) -> 
         Of every block.
     fold : (b,) int array
         Fold of each block.
-    prior_precision : float
+    prior_precision : float or (p,) array
         Added to the normal equations' diagonal: shrinks coefficients that few samples speak of.
     """
     gains = np.zeros((len(fold), *data.moment.shape[2:]))
@@ -82,7 +82,7 @@ def held_out_nats(data: Grams, fold: IntArray, prior_precision: float = 0.0) -> 
     for k in np.unique(fold):
         out = np.flatnonzero(fold == k)
         gram = total_gram - data.gram[out].sum(axis=0)
-        gram = gram + prior_precision * np.eye(len(gram))
+        gram = gram + np.diag(np.broadcast_to(prior_precision, len(gram)))
         beta = solve(gram, total_moment - data.moment[out].sum(axis=0))
         for b in out:
             gains[b] = (beta * data.moment[b]).sum(axis=0) - 0.5 * (beta * (data.gram[b] @ beta)).sum(axis=0)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import c3d_file, csv_file, npy_file, parquet_file, rosbag
@@ -50,7 +49,7 @@ def read_log(
     columns: str | Path | None = None,
     namespace: str | None = None,
     tracker_topic: str | None = None,
-    arm: Literal["left", "right"] | None = None,
+    arm: str | None = None,
     max_bytes: int = DEFAULT_MAX_BYTES,
     disorder: Disorder = "refuse",
 ) -> CalibrationLog:

@@ -74,11 +74,8 @@ def validate_log(log: CalibrationLog, checks: Sequence[Check] = CHECKS) -> Valid
     if len(log) == 0:
         empty = Finding("error", "empty", "", "the log has no samples.")
         return ValidationReport(facts_of(log), (empty,))
-    evidence = Evidence(log)
-    with np.errstate(
-        over="ignore", invalid="ignore"
-    ):  # numbers that overflow are what checks are there to find
+    with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers are what checks are there to find
+        evidence = Evidence(log)
         findings = [finding for check in checks for finding in check.findings(evidence)]
-        offsets = evidence.offsets
-    findings.sort(key=lambda f: ORDER.index(f.severity))
-    return ValidationReport(facts_of(log), tuple(findings), offsets)
+        findings.sort(key=lambda f: ORDER.index(f.severity))
+        return ValidationReport(facts_of(log), tuple(findings), evidence.offsets)

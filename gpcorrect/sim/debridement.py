@@ -1,4 +1,4 @@
-"""The debridement recording of Mahler et al. 2014, Sec. V, made again: 303 reaches of a RAVEN-II to random fragments."""
+"""The debridement recording of Mahler et al. 2014, Sec. V, made again: 303 reaches of a RAVEN-II to fragments."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ REACHES = 303
 REACHES_PER_RUN = 25  # then the arm goes home and rests
 WORKSPACE_SIZE = (0.08, 0.08, 0.02)  # m, the last one vertical
 TILT = np.deg2rad(25.0)
-CROWDING = 2.1  # with it 303 reaches at 5 cm/s last the study's 24,000 samples
+CROWDING = 1.9  # with it 303 reaches at 5 cm/s last the study's 24,000 samples
 PACE = Pace(speed=0.05, acceleration=0.5, turn_rate=1.5)
 REST_BETWEEN_RUNS = 10.0  # s
 
@@ -33,7 +33,7 @@ def debridement_log(
     seed: int = 0,
     *,
     reaches: int = REACHES,
-    clean: bool = False,
+    faults: bool = True,
     position_only: bool = False,
     model: Model | None = None,
 ) -> CalibrationLog:
@@ -45,8 +45,8 @@ def debridement_log(
         Of fragments, noise and faults.
     reaches : int
         How many; the study had 303.
-    clean : bool
-        Leave the tracker's faults out.
+    faults : bool
+        Whether the tracker fails now and then.
     position_only : bool
         Leave the tracker's orientations out.
     model : Model, optional
@@ -59,7 +59,7 @@ def debridement_log(
         between `tracker_cp` and `setpoint_cp` means something. The column `fault` holds the truth about tracker faults.
     """
     machine = machine_of(preset(PRESET) if model is None else model)
-    if clean:
+    if not faults:
         machine = replace(machine, faults=TrackerFaults())
     plan = debridement_plan(arm_named(machine.arm), reaches, machine.log_rate_hz, np.random.default_rng([seed, 1]))
     return simulate(machine, plan, seed, position_only=position_only)

@@ -1,8 +1,8 @@
 """What motion and weight ask of the joints: inverse dynamics in base coordinates.
 
-Twists and wrenches are taken about the base origin, so that one recursion serves every Denavit-Hartenberg convention: a joint is a
-screw, the twist of a link is the sum of the screws before it, and a joint's load is its screw times the wrenches behind it
-(Featherstone 2008, Rigid Body Dynamics Algorithms, Sec. 5.3, in a fixed frame).
+Twists and wrenches are taken about the base origin, so that one recursion serves every Denavit-Hartenberg convention:
+a joint is a screw, the twist of a link is the sum of the screws before it, and a joint's load is its screw times the
+wrenches behind it (Featherstone 2008, Rigid Body Dynamics Algorithms, Sec. 5.3, in a fixed frame).
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from gpcorrect.sim.body import Body
 from gpcorrect.types import FloatArray
 
 __all__ = ["Posture", "posture_at"]
+
+Twist = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # omega, v, alpha, a
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +88,11 @@ class Posture:
     def _lead(self) -> tuple[int, ...]:
         return self.angular[0].shape[:-1]
 
-    def _twists(self, velocity: FloatArray, acceleration: FloatArray) -> list[tuple[FloatArray, ...]]:
-        """Angular and linear velocity and acceleration behind 0, 1, ... joints; a screw moves with the links before it."""
+    def _twists(self, velocity: FloatArray, acceleration: FloatArray) -> list[Twist]:
+        """Angular and linear velocity and acceleration behind 0, 1, ... joints; screws move with the links before."""
         rest = np.zeros((*self._lead, 3))
         omega, v, alpha, a = rest, rest, rest, rest
-        twists = [(omega, v, alpha, a)]
+        twists: list[Twist] = [(omega, v, alpha, a)]
         for j, (w_j, v_j) in enumerate(zip(self.angular, self.linear, strict=True)):
             rate, change = velocity[..., j, None], acceleration[..., j, None]
             alpha = alpha + w_j * change + np.cross(omega, w_j) * rate

@@ -1,4 +1,4 @@
-"""Recordings of joint motion: any model, also three joints of an arm or bare joints, and the runs that tell effects apart."""
+"""Recordings of joint motion, for any model: also three joints of an arm, or bare joints."""
 
 from __future__ import annotations
 

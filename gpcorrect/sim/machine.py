@@ -117,3 +117,8 @@ class Machine:
         for change in of_kind(self.effects, ChainEffect):
             chain = chain if chain is None else change.act(chain)
         return replace(self.body, links=links, chain=chain).compact()
+
+    @property
+    def has_nominal_body(self) -> bool:
+        """Whether no effect touches masses or geometry."""
+        return not any(isinstance(effect, LoadEffect | ChainEffect) for effect in self.effects)

@@ -2,8 +2,8 @@
 
 Feedback is on the motors, so that what lies behind them acts on the loop only through the load. The load depends on
 where the arm is, and the arm's place a little on the load: the path is computed for the load of the path before,
-starting from a quasi-static guess, until both agree (waveform relaxation). Between the load's samples, at the log's rate,
-it is interpolated.
+starting from a quasi-static guess, until both agree (waveform relaxation). The load is computed
+at the log's samples and interpolated between them.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.sim.body import Body
-from gpcorrect.sim.dynamics import posture_at
 from gpcorrect.sim.effects import Effect, PathEffect, TipEffect, of_kind
-from gpcorrect.sim.machine import Machine
+from gpcorrect.sim.loads import JointPath, LinkLoad, link_load, mean_inertia
+from gpcorrect.sim.machine import Drive, Machine
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
@@ -25,8 +25,6 @@ from gpcorrect.types import FloatArray
 __all__ = ["PASSES", "Outcome", "joint_path", "run", "tip_path"]
 
 PASSES = 2  # after the first guess; each shrinks an error of the load to a few per cent of it (load stiffness / kp)
-
-INERTIA_STRIDE = 20  # samples; only splits the load between two terms, so any mean will do
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,27 +49,6 @@ class Outcome:
     T_base_tip: FloatArray | None
 
 
-@dataclass(frozen=True, eq=False)
-class _Load:
-    """Load of the links at the log's samples, `(n, N, dof)` each."""
-
-    gravity: FloatArray
-    inertial: FloatArray
-
-    @property
-    def total(self) -> FloatArray:
-        return self.gravity + self.inertial
-
-
-@dataclass(frozen=True, eq=False)
-class _Path:
-    """Joint values with rate and acceleration, `(n, N, dof)` each."""
-
-    q: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-
-
 def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
     """Let the machine follow a plan.
 
@@ -91,32 +68,32 @@ def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
     body = machine.actual_body(plan)
     clock = Clock.of(machine.drive.rate_hz, plan.rate_hz)
     command = _Command.of(machine, plan, clock)
-    mass = _mean_inertia(body, plan.q)
+    mass = mean_inertia(body, plan.q)
     path = _first_guess(machine, plan, body, command)
     for _ in range(passes):
-        load = _load(body, path)
+        load = link_load(body, path)
         reference = command.reference(load.total - mass * path.acceleration, machine.drive.motor_inertia + mass)
         servo = follow(machine.drive, reference, clock, body.joints, machine.effects)
         motion = _motion(body.joints, plan, servo, load)
         q = joint_path(machine.effects, motion)
-        path = _Path(q, servo.velocity, np.gradient(servo.velocity, 1.0 / plan.rate_hz, axis=0))
+        path = JointPath(q, servo.velocity, np.gradient(servo.velocity, 1.0 / plan.rate_hz, axis=0))
     return Outcome(motion, servo.torque, q, tip_path(machine.effects, body.forward(q), motion))
 
 
-def _first_guess(machine: Machine, plan: Plan, body: Body, command: _Command) -> _Path:
+def _first_guess(machine: Machine, plan: Plan, body: Body, command: _Command) -> JointPath:
     """Path of motors that follow without delay and friction, pushed aside by the load that nothing feeds forward."""
-    desired, load = command.desired, _load(body, command.desired)
-    unmet = (
-        load.total + machine.drive.motor_inertia * desired.acceleration - command.feedforward[:: command.clock.stride]
-    )
+    desired = command.desired
+    load = command.nominal_load if machine.has_nominal_body else link_load(body, desired)
+    fed = command.feedforward[:: command.clock.stride]
+    unmet = load.total + machine.drive.motor_inertia * desired.acceleration - fed
     position = desired.q - unmet / machine.drive.kp
     servo = ServoPath(position, desired.velocity, unmet, np.zeros(position.shape))
     q = joint_path(machine.effects, _motion(body.joints, plan, servo, load))
-    return _Path(q, desired.velocity, desired.acceleration)
+    return JointPath(q, desired.velocity, desired.acceleration)
 
 
 def joint_path(effects: Sequence[Effect], motion: Motion) -> FloatArray:
-    """True joint path `(n, N, dof)`: the reported motor path through every effect from the encoder to the link."""
+    """Return the true joint path `(n, N, dof)`: the reported motor path through every effect up to the link."""
     q = motion.position
     for effect in of_kind(effects, PathEffect):
         q = effect.act(q, motion)
@@ -124,7 +101,7 @@ def joint_path(effects: Sequence[Effect], motion: Motion) -> FloatArray:
 
 
 def tip_path(effects: Sequence[Effect], T_base_tip: FloatArray | None, motion: Motion) -> FloatArray | None:
-    """True tool poses `(n, N, 4, 4)`: the kinematics' poses through the effects at tool and base."""
+    """Return the true tool poses `(n, N, 4, 4)`: the kinematics' poses through the effects at tool and base."""
     if T_base_tip is None:
         return None
     for effect in of_kind(effects, TipEffect):
@@ -136,7 +113,8 @@ def tip_path(effects: Sequence[Effect], T_base_tip: FloatArray | None, motion: M
 class _Command:
     """Desired motion at the log's samples, and at the servo's steps with the torque fed forward."""
 
-    desired: _Path
+    desired: JointPath
+    nominal_load: LinkLoad
     position: FloatArray
     velocity: FloatArray
     feedforward: FloatArray
@@ -147,42 +125,27 @@ class _Command:
         spline = plan.spline()
         samples = np.arange(len(plan.q)) / plan.rate_hz
         steps = np.arange((len(plan.q) - 1) * clock.stride + 1) * clock.step
-        desired = _Path(plan.q, spline(samples, 1), spline(samples, 2))
-        feedforward = _interpolated(_feedforward(machine, plan, desired), clock.stride)
-        return cls(desired, spline(steps), spline(steps, 1), feedforward, clock)
+        desired = JointPath(plan.q, spline(samples, 1), spline(samples, 2))
+        load = link_load(machine.nominal_body(plan), desired)
+        feedforward = _interpolated(_feedforward(machine.drive, desired, load), clock.stride)
+        return cls(desired, load, spline(steps), spline(steps, 1), feedforward, clock)
 
     def reference(self, load: FloatArray, inertia: FloatArray) -> Reference:
         beyond = _interpolated(load, self.clock.stride)
         return Reference(self.position, self.velocity, self.feedforward, beyond, inertia)
 
 
-def _feedforward(machine: Machine, plan: Plan, desired: _Path) -> FloatArray:
-    kind = machine.drive.feedforward
-    if kind == "none":
-        return np.zeros(desired.q.shape)
-    load = _load(machine.nominal_body(plan), desired)
-    if kind == "gravity":
-        return load.gravity
-    return load.total + machine.drive.motor_inertia * desired.acceleration
+def _feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> FloatArray:
+    match drive.feedforward:
+        case "none":
+            return np.zeros(desired.q.shape)
+        case "gravity":
+            return nominal_load.gravity
+        case "rigid-body":
+            return nominal_load.total + drive.motor_inertia * desired.acceleration
 
 
-def _load(body: Body, path: _Path) -> _Load:
-    posture = posture_at(body, path.q)
-    if posture is None:
-        return _Load(np.zeros(path.q.shape), np.zeros(path.q.shape))
-    return _Load(posture.gravity_load(), posture.inertial_load(path.velocity, path.acceleration))
-
-
-def _mean_inertia(body: Body, q: FloatArray) -> FloatArray:
-    """Mean inertia `(dof,)` of the links at each joint: the loop moves it, the rest of the load is passed to it."""
-    posture = posture_at(body, q[::INERTIA_STRIDE])
-    if posture is None:
-        return np.zeros(q.shape[-1])
-    mean: FloatArray = posture.inertia_diagonal().mean(axis=(0, 1))
-    return mean
-
-
-def _motion(joints: tuple[int, ...], plan: Plan, servo: ServoPath, load: _Load) -> Motion:
+def _motion(joints: tuple[int, ...], plan: Plan, servo: ServoPath, load: LinkLoad) -> Motion:
     return Motion(
         joints=joints,
         time=plan.session_time,

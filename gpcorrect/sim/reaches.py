@@ -39,7 +39,7 @@ def random_reaches_log(
     sessions: int = 1,
     payloads: Sequence[float] = (),
     position_only: bool = False,
-    clean: bool = False,
+    faults: bool = True,
     model: Model | None = None,
 ) -> CalibrationLog:
     """Simulate minimum-jerk reaches to random poses, with pauses, reversals and different speeds.
@@ -58,8 +58,8 @@ def random_reaches_log(
         Payloads at the tip, kg, taken in turn by runs of ten reaches; the model's own when empty.
     position_only : bool
         Leave the tracker's orientations out.
-    clean : bool
-        Leave the tracker's faults out.
+    faults : bool
+        Whether the tracker fails now and then.
     model : Model, optional
         Another machine, of all six joints of an arm; `arm` is then not used.
 
@@ -76,7 +76,7 @@ def random_reaches_log(
         raise DataError(f"{n_trajectories} reaches cannot fill {sessions} sessions.")
     rng = np.random.default_rng([seed, 2])
     machine = machine_of(rehomed(preset(arm) if model is None else model, sessions, rng))
-    if clean:
+    if not faults:
         machine = replace(machine, faults=TrackerFaults())
     plan = random_reaches_plan(
         arm_named(machine.arm), n_trajectories, machine.log_rate_hz, rng, sessions=sessions, payloads=payloads
@@ -93,7 +93,7 @@ def random_reaches_plan(
     sessions: int = 1,
     payloads: Sequence[float] = (),
 ) -> Plan:
-    """Runs of ten reaches around the arm's working posture, one run after the other, shared evenly among the sessions."""
+    """Plan runs of ten reaches around the arm's working posture, one after the other, shared among the sessions."""
     workspace = _workspace(arm)
     segments: list[Segment] = []
     for session, numbers in enumerate(np.array_split(np.arange(n_trajectories), sessions)):

@@ -167,8 +167,8 @@ def joint_tour(arm: Arm, path: Tour) -> FloatArray:
 
 
 def working_posture(arm: Arm) -> FloatArray:
-    """Joint values `(dof,)` of the arm at home but with its wrist well inside the body: 13 cm from the remote centre."""
-    depths = np.linspace(*arm.limits[2], DEPTH_GRID)
+    """Joint values `(dof,)` of the arm at home, but with its wrist well inside: 13 cm from the remote centre."""
+    depths = np.linspace(arm.limits[2, 0], arm.limits[2, 1], DEPTH_GRID)
     postures = np.repeat(arm.home[None], DEPTH_GRID, axis=0)
     postures[:, 2] = depths
     reach = np.linalg.norm(arm.wrist(postures), axis=1)

@@ -7,14 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import FrictionEffect
+from gpcorrect.sim.effects.stages import SIDES
 from gpcorrect.sim.motion import DriveState
 from gpcorrect.types import FloatArray
 
 __all__ = ["Resistance", "Sides", "Slowing"]
-
-SIDES = ("motor", "joint")
 
 
 class Slowing(NamedTuple):
@@ -49,9 +47,7 @@ class Resistance:
     """
 
     def __init__(self, effects: Sequence[FrictionEffect], joints: tuple[int, ...], gain: FloatArray) -> None:
-        unknown = [e.side for e in effects if e.side not in SIDES]
-        if unknown:
-            raise DataError(f"friction acts on the side {' or '.join(SIDES)}, got {unknown[0]!r}.")
+        self.present = bool(effects)
         self.varies = any(e.varies for e in effects)
         self._behind = any(e.side == "joint" for e in effects)
         self._changing = [e for e in effects if e.varies]
@@ -75,8 +71,8 @@ class Resistance:
         total = limit.sum(axis=0)
         share = limit[1] / np.where(total > 0, total, 1.0)
         factor = 1.0 / (1.0 + self._gain * damping.sum(axis=0))
-        dry: FloatArray = share * taken / (self._gain * factor)
-        return dry + damping[1] * velocity
+        torque: FloatArray = share * taken / (self._gain * factor) + damping[1] * velocity
+        return torque
 
     def _slowing(self, sides: Sides) -> Slowing:
         factor = 1.0 / (1.0 + self._gain * sides.damping.sum(axis=0))

@@ -75,7 +75,7 @@ class ServoPath(NamedTuple):
 def follow(
     drive: Drive, reference: Reference, clock: Clock, joints: tuple[int, ...], effects: Sequence[Effect]
 ) -> ServoPath:
-    """Run the loop over a reference, from a state that follows it in balance, with the torque and friction effects among `effects`.
+    """Run the loop over a reference, from a state that follows it in balance, with the effects that act in the loop.
 
     Raises
     ------
@@ -83,47 +83,73 @@ def follow(
         The gains make the sampled loop unstable.
     """
     _check_stable(drive, reference.inertia, clock.step)
-    shape = reference.position.shape[1:]
-    kp, kd = np.broadcast_to(drive.kp, shape).copy(), np.broadcast_to(drive.kd, shape).copy()
-    gain = clock.step / np.broadcast_to(reference.inertia, shape)
-    resistance = Resistance(of_kind(effects, FrictionEffect), joints, gain)
-    torques = of_kind(effects, TorqueEffect)
-    watched = bool(torques) or resistance.varies
-    wanted = kp * reference.position + kd * reference.velocity + reference.feedforward
-    load = np.ascontiguousarray(reference.load)
+    gain = clock.step / np.broadcast_to(reference.inertia, reference.position.shape[1:])
+    wanted = drive.kp * reference.position + drive.kd * reference.velocity + reference.feedforward
+    loop = _Loop(
+        thrust=gain * (wanted - reference.load),
+        spring=gain * drive.kp,
+        damper=gain * drive.kd,
+        gain=gain,
+        load=reference.load,
+        resistance=Resistance(of_kind(effects, FrictionEffect), joints, gain),
+        torques=of_kind(effects, TorqueEffect),
+        joints=joints,
+    )
+    balance = (reference.feedforward[0] - reference.load[0]) / drive.kp
+    return loop.advance(reference.position[0] + balance, np.array(reference.velocity[0]), clock)
 
-    position = reference.position[0] + (reference.feedforward[0] - load[0]) / drive.kp
-    velocity = np.array(reference.velocity[0])
-    torque, work, taken = (np.empty(shape) for _ in range(3))
-    samples = np.empty((4, 1 + (len(wanted) - 1) // clock.stride, *shape))
-    # The hot loop works in place: a dozen array operations a step, 20,000 steps for 20 s (style rule 16).
-    for i in range(len(wanted)):
-        np.multiply(kp, position, out=work)
-        np.subtract(wanted[i], work, out=torque)
-        np.multiply(kd, velocity, out=work)
-        np.subtract(torque, work, out=torque)
-        state = DriveState(joints, position, velocity, load[i]) if watched else None
-        acting = torque
-        for effect in torques:
-            assert state is not None
-            acting = effect.act(acting, state)
-        np.subtract(acting, load[i], out=work)
-        np.multiply(work, gain, out=work)
-        slowing = resistance.at(state)
-        is_sample = i % clock.stride == 0
-        if is_sample:
-            samples[:3, i // clock.stride] = position, velocity, torque
-        np.add(velocity, work, out=velocity)
-        np.multiply(velocity, slowing.factor, out=velocity)
-        np.minimum(velocity, slowing.ceiling, out=taken)
-        np.maximum(taken, slowing.floor, out=taken)
-        np.subtract(velocity, taken, out=velocity)
-        if is_sample:
-            before = DriveState(joints, samples[0, i // clock.stride], samples[1, i // clock.stride], load[i])
-            samples[3, i // clock.stride] = resistance.behind(before, velocity, taken)
-        np.multiply(velocity, clock.step, out=work)
-        np.add(position, work, out=position)
-    return ServoPath(*samples)
+
+@dataclass(frozen=True, eq=False)
+class _Loop:
+    """The loop's constants, torques turned into the speed that they give in one step (`gain` times them)."""
+
+    thrust: FloatArray
+    spring: FloatArray
+    damper: FloatArray
+    gain: FloatArray
+    load: FloatArray
+    resistance: Resistance
+    torques: tuple[TorqueEffect, ...]
+    joints: tuple[int, ...]
+
+    def advance(self, position: FloatArray, velocity: FloatArray, clock: Clock) -> ServoPath:
+        """Step through the reference. The hot loop: in place, a dozen array operations a step (style rule 16)."""
+        spring, damper, resistance = self.spring, self.damper, self.resistance
+        watched = bool(self.torques) or resistance.varies
+        push, work, taken = np.empty(velocity.shape), np.empty(velocity.shape), np.zeros(velocity.shape)
+        samples = np.empty((4, 1 + (len(self.thrust) - 1) // clock.stride, *velocity.shape))
+        for i in range(len(self.thrust)):
+            np.multiply(spring, position, out=work)
+            np.subtract(self.thrust[i], work, out=push)
+            np.multiply(damper, velocity, out=work)
+            np.subtract(push, work, out=push)
+            state = DriveState(self.joints, position, velocity, self.load[i]) if watched else None
+            k, past_sample = divmod(i, clock.stride)
+            if not past_sample:
+                samples[:3, k] = position, velocity, push / self.gain + self.load[i]
+            if state is not None and self.torques:
+                push = self._altered(push, state)
+            np.add(velocity, push, out=velocity)
+            if resistance.present:
+                slowing = resistance.at(state)
+                np.multiply(velocity, slowing.factor, out=velocity)
+                np.minimum(velocity, slowing.ceiling, out=taken)
+                np.maximum(taken, slowing.floor, out=taken)
+                np.subtract(velocity, taken, out=velocity)
+            if not past_sample:
+                before = DriveState(self.joints, samples[0, k], samples[1, k], self.load[i])
+                samples[3, k] = resistance.behind(before, velocity, taken)
+            np.multiply(velocity, clock.step, out=work)
+            np.add(position, work, out=position)
+        return ServoPath(*samples)
+
+    def _altered(self, push: FloatArray, state: DriveState) -> FloatArray:
+        """Push `(N, dof)` once the torque effects have changed the commanded torque."""
+        torque = push / self.gain + state.load
+        for effect in self.torques:
+            torque = effect.act(torque, state)
+        altered: FloatArray = self.gain * (torque - state.load)
+        return altered
 
 
 def _check_stable(drive: Drive, inertia: FloatArray, step: float) -> None:

@@ -41,7 +41,8 @@ def trapezoid(distance: float, speed: float, acceleration: float, rate_hz: float
     """
     if not (speed > 0 and acceleration > 0 and distance >= 0):
         raise DataError(
-            f"a trapezoid needs distance >= 0, speed > 0 and acceleration > 0, got {distance}, {speed} and {acceleration}."
+            f"a trapezoid needs distance >= 0, speed > 0 and acceleration > 0, got {distance}, {speed} and "
+            f"{acceleration}."
         )
     if distance == 0:
         return np.array([0.0, 1.0])
@@ -54,5 +55,6 @@ def trapezoid(distance: float, speed: float, acceleration: float, rate_hz: float
     cruising = top * (np.clip(t, ramp, duration - ramp) - ramp)
     left = np.minimum(duration - t, ramp)
     falling = 0.5 * acceleration * (ramp**2 - left**2)
-    progress: FloatArray = (rising + cruising + falling) / distance
+    progress: FloatArray = np.clip((rising + cruising + falling) / distance, 0.0, 1.0)
+    progress[0], progress[-1] = 0.0, 1.0
     return progress

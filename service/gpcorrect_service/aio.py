@@ -65,14 +65,15 @@ class AsyncCorrectionClient(ClientBase):
         line = self._desk.open_line(call.kind)
         if line is None:
             line = await asyncio.to_thread(self._desk.line, call.kind)
-        await self._await_server(line)
-        failure = self._desk.silence()
-        for querier in line.attempts:
-            answer = await self._attempt(querier, call)
-            if not isinstance(answer, ServiceError):
-                return answer
-            failure = answer
-        raise failure
+        if not line.matched:
+            await self._await_server(line)
+        nearest, everyone = line.attempts
+        answer = await self._attempt(nearest, call)
+        if isinstance(answer, ServiceError):
+            answer = await self._attempt(everyone, call)
+        if isinstance(answer, ServiceError):
+            raise answer
+        return answer
 
     async def _await_server(self, line: Line) -> None:
         loop = asyncio.get_running_loop()
@@ -84,14 +85,14 @@ class AsyncCorrectionClient(ClientBase):
 
     async def _attempt(self, querier: zenoh.Querier, call: Call[R]) -> R | ServiceError:
         """Return the first answer without waiting for others."""
-        failure = self._desk.silence()
+        failure = None
         inbox = self._send(querier, call)
         while (reply := await inbox.get()) is not None:
             answer = call.hear(reply)
             if not isinstance(answer, ServiceError):
                 return answer
             failure = answer
-        return failure
+        return failure or self._desk.silence()
 
     def _send(self, querier: zenoh.Querier, call: Call[R]) -> asyncio.Queue[zenoh.Reply | None]:
         """Return where replies arrive; None comes after the last, at the latest when time is over."""

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import msgspec
+
 from gpcorrect_service import wire
 from gpcorrect_service.errors import ServiceError
 
@@ -30,8 +32,7 @@ class Clock:
     wall: Callable[[], float] = time.time
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(msgspec.Struct, frozen=True):
     """A query as it came: bytes, zenoh encoding, attachment, and when it arrived (s, monotonic)."""
 
     payload: bytes
@@ -40,8 +41,7 @@ class Request:
     arrived: float
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(msgspec.Struct, frozen=True):
     """A reply as it goes: bytes, zenoh encoding, attachment, and the status that the counts keep."""
 
     payload: bytes
@@ -98,9 +98,7 @@ def check_age(meta: wire.RequestMeta, age: float) -> None:
 
 def error_answer(codec: wire.Codec, error: ServiceError, replica: str, request_id: str = "") -> Answer:
     """Return the reply that tells a refusal, in the service's own error encoding."""
-    message = wire.ErrorAnswer(
-        error.status, error.message, error.hint, error.request_id or request_id, replica
-    )
+    message = wire.ErrorAnswer(error.status, error.message, error.hint, error.request_id or request_id, replica)
     return Answer(codec.encode(message), wire.encoding_name(codec, "error"), b"", error.status, is_error=True)
 
 

@@ -63,16 +63,12 @@ def checked_pose(pose: Sequence[float], limit: float) -> FloatArray:
         BAD_INPUT: wrong length, not finite, no unit quaternion, or too far away.
     """
     if len(pose) not in (POSE, POSITION):
-        raise _bad(
-            f"a pose is 7 numbers (x y z qw qx qy qz) or 3 (x y z), got {len(pose)}.", "Send metres and wxyz."
-        )
+        raise _bad(f"a pose is 7 numbers (x y z qw qx qy qz) or 3 (x y z), got {len(pose)}.", "Send metres and wxyz.")
     _check_finite("pose", pose)
     if len(pose) == POSE:
         norm = math.hypot(*pose[POSITION:])
         if abs(norm - 1) > QUATERNION_TOLERANCE:
-            raise _bad(
-                f"the quaternion has norm {norm:.6g}, not 1.", "Normalise it; the order is qw qx qy qz."
-            )
+            raise _bad(f"the quaternion has norm {norm:.6g}, not 1.", "Normalise it; the order is qw qx qy qz.")
     distance = math.hypot(*pose[:POSITION])
     if distance > limit:
         raise _too_far(distance, limit)
@@ -122,9 +118,7 @@ def checked_path(
     if len(times) != len(poses):
         raise _bad(f"{len(poses)} poses came with {len(times)} times.", "Send one time (s) a pose.")
     if len({len(pose) for pose in poses}) != 1:
-        raise _bad(
-            "the poses of the path differ in length.", "Send 7 numbers in every pose, or 3 in every pose."
-        )
+        raise _bad("the poses of the path differ in length.", "Send 7 numbers in every pose, or 3 in every pose.")
     for row, pose in enumerate(poses):
         try:
             checked_pose(pose, limit)
@@ -161,9 +155,7 @@ def _check_finite(what: str, numbers: Iterable[float]) -> None:
 
 def _too_far(distance: float, limit: float) -> ServiceError:
     if distance / 1000 <= limit:
-        return _bad(
-            f"the position is {distance:.4g} m from the origin.", "This looks like millimetres: send metres."
-        )
+        return _bad(f"the position is {distance:.4g} m from the origin.", "This looks like millimetres: send metres.")
     return _bad(
         f"the position is {distance:.4g} m from the origin, beyond {limit:.3g} m.",
         "Check frame and unit (metres).",

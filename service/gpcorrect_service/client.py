@@ -103,15 +103,16 @@ class CorrectionClient(ClientBase):
             return call.rescue(error)
 
     def _ask_servers(self, call: Call[R]) -> R:
-        line = self._desk.line(call.kind)
-        self._await_server(line)
-        failure = self._desk.silence()
-        for querier in line.attempts:
-            answer = self._attempt(querier, call)
-            if not isinstance(answer, ServiceError):
-                return answer
-            failure = answer
-        raise failure
+        line = self._desk.open_line(call.kind) or self._desk.line(call.kind)
+        if not line.matched:
+            self._await_server(line)
+        nearest, everyone = line.attempts
+        answer = self._attempt(nearest, call)
+        if isinstance(answer, ServiceError):
+            answer = self._attempt(everyone, call)
+        if isinstance(answer, ServiceError):
+            raise answer
+        return answer
 
     def _await_server(self, line: Line) -> None:
         until = time.monotonic() + self._desk.patience(line)
@@ -122,13 +123,13 @@ class CorrectionClient(ClientBase):
 
     def _attempt(self, querier: zenoh.Querier, call: Call[R]) -> R | ServiceError:
         """Return the first answer without waiting for others; the channel closes when the time is over."""
-        failure = self._desk.silence()
+        failure = None
         for reply in self._send(querier, call):
             answer = call.hear(reply)
             if not isinstance(answer, ServiceError):
                 return answer
             failure = answer
-        return failure
+        return failure or self._desk.silence()
 
     def _send(self, querier: zenoh.Querier, call: Call[R]) -> zenoh.Handler[zenoh.Reply]:
         message = call.message

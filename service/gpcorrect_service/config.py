@@ -117,13 +117,15 @@ class ClientSettings:
 
 
 def check_loopback(endpoint: str, *, allow_remote: bool) -> None:
-    """Refuse an address that other machines can reach, unless that was asked for.
+    """Refuse an address that other machines can reach, unless that was asked for; pipes and Unix sockets stay at home.
 
     Raises
     ------
     EndpointError
         The address is not loopback and `allow_remote` is false.
     """
+    if endpoint.startswith(("unixsock-stream/", "unixpipe/")):
+        return
     host = _parse_endpoint(endpoint)["host"].strip("[]")
     if allow_remote or host == "localhost":
         return

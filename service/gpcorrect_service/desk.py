@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
@@ -59,8 +58,7 @@ class Line:
         return bool(status.matching)
 
 
-@dataclass(frozen=True)
-class Call(Generic[R]):
+class Call(msgspec.Struct, Generic[R], frozen=True, eq=False):
     """One question.
 
     Parameters
@@ -256,7 +254,5 @@ class ClientBase:
         config_file: Path | None = None,
     ) -> None:
         endpoints = (endpoint,) if isinstance(endpoint, str) else tuple(endpoint)
-        settings = ClientSettings(
-            endpoints, arm, namespace, timeout, path_timeout, connect_timeout, config_file
-        )
+        settings = ClientSettings(endpoints, arm, namespace, timeout, path_timeout, connect_timeout, config_file)
         self._desk = Desk(settings, encoding, on_failure)

@@ -6,7 +6,6 @@ import itertools
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
 import msgspec
@@ -24,8 +23,7 @@ __all__ = ["Exchange", "Message", "no_service", "numbers"]
 S = TypeVar("S", bound=msgspec.Struct)
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
+class Message(msgspec.Struct, frozen=True):
     """A request ready to send."""
 
     payload: bytes
@@ -44,9 +42,7 @@ class Exchange:
 
     def __init__(self, encoding: str) -> None:
         if encoding not in wire.CODECS:
-            raise DataError(
-                f"encoding {encoding!r} is not known.", hint=f"Use one of: {', '.join(wire.CODECS)}."
-            )
+            raise DataError(f"encoding {encoding!r} is not known.", hint=f"Use one of: {', '.join(wire.CODECS)}.")
         self._codec = wire.CODECS[encoding]
         self._prefix = os.urandom(4).hex()
         self._numbers = itertools.count(1)

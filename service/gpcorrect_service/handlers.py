@@ -46,9 +46,7 @@ class Handlers:
         Where the time comes from.
     """
 
-    def __init__(
-        self, model: Model | None, *, arm: str, replica: str, journal: Journal, clock: Clock
-    ) -> None:
+    def __init__(self, model: Model | None, *, arm: str, replica: str, journal: Journal, clock: Clock) -> None:
         self._model = model
         self._limit = position_limit(model.corrector.info()) if model else math.inf
         self._arm = arm

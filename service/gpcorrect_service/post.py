@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
+import msgspec
 import zenoh
 
 from gpcorrect_service import wire
@@ -18,8 +18,7 @@ __all__ = ["Handler", "Parcel", "Post"]
 Handler = Callable[[Request], Answer]
 
 
-@dataclass(frozen=True, slots=True)
-class Parcel:
+class Parcel(msgspec.Struct, frozen=True, eq=False):
     """A query on its way through a queue: on which key, who answers it, when it arrived (s, monotonic)."""
 
     query: zenoh.Query
@@ -74,9 +73,7 @@ class Post:
             if answer.is_error:
                 query.reply_err(answer.payload, encoding=answer.encoding)
             else:
-                query.reply(
-                    self.key(kind), answer.payload, encoding=answer.encoding, attachment=answer.attachment
-                )
+                query.reply(self.key(kind), answer.payload, encoding=answer.encoding, attachment=answer.attachment)
         except zenoh.ZError as error:
             self._journal.warning("reply not sent", kind=kind, status=answer.status, cause=str(error))
 

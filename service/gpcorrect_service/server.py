@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import socket
@@ -32,7 +33,6 @@ __all__ = ["Server", "run", "serve"]
 
 REFUSALS = 4096  # BUSY answers that may wait to be sent; beyond it queries end without one
 LAST_MOMENT = 0.2  # s: handing a full queue to the refusals takes a millisecond
-KINDS: tuple[wire.Kind, ...] = ("correct", "correct_path", "model", "health")
 
 
 class Server:
@@ -40,7 +40,7 @@ class Server:
 
     Queries enter through zenoh's callbacks, which only queue them. Every key has its own queue and thread,
     so a long path does not delay a single pose and `health` answers while the others are flooded; refusals
-    are sent by a thread of their own.
+    are sent by a thread of their own. A stopped server is not started again.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class Server:
 
     def _open_lanes(self) -> None:
         s, full = self.settings, self._refusals.offer
-        for name in KINDS:
+        for name in wire.KINDS:
             workers = s.workers if name == "correct" else 1
             self._lanes[name] = Lane(
                 name,
@@ -151,9 +151,7 @@ class Server:
         s = self.settings
         names = {"arm": s.arm, "replica": s.replica}
         handlers = Handlers(self.model, journal=self._journal, clock=self._clock, **names)
-        health = Health(
-            self.model, tally=self._tally, lanes=self._lanes, monotonic=self._clock.monotonic, **names
-        )
+        health = Health(self.model, tally=self._tally, lanes=self._lanes, monotonic=self._clock.monotonic, **names)
         answers: dict[wire.Kind, Handler] = {
             "correct": handlers.correct,
             "correct_path": handlers.correct_path,
@@ -163,9 +161,7 @@ class Server:
         for kind, handler in answers.items():
             # A direct callback runs on zenoh's thread: it only queues, and saves a change of threads.
             callback = zenoh.handlers.Callback(self._receiver(kind, handler), indirect=False)
-            self._queryables.enter_context(
-                session.declare_queryable(self._post.key(kind), callback, complete=True)
-            )
+            self._queryables.enter_context(session.declare_queryable(self._post.key(kind), callback, complete=True))
 
     def _receiver(self, kind: wire.Kind, handler: Handler) -> Callable[[zenoh.Query], None]:
         offer, monotonic = self._lanes[kind].offer, self._clock.monotonic
@@ -212,6 +208,9 @@ def run(
     on_ready: Callable[[Server], None] | None = None,
 ) -> None:
     """Serve a corrector that is already loaded; see :func:`serve`."""
+    # What the process has loaded by now it keeps: the collector need not walk through it while a planner waits.
+    gc.collect()
+    gc.freeze()
     with _stop_signal(stop_event) as stop, Server(corrector, settings) as server:
         if on_ready is not None:
             on_ready(server)

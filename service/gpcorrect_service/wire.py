@@ -18,6 +18,7 @@ from gpcorrect_service.errors import ServiceError
 __all__ = [
     "CODECS",
     "JSON",
+    "KINDS",
     "MSGPACK",
     "SCHEMA_VERSION",
     "Codec",

@@ -53,9 +53,7 @@ class Lane(Generic[T]):
         self._queue: SimpleQueue[T | None] = SimpleQueue()
         self._closing = threading.Event()
         self._hurry = threading.Event()
-        self._threads = [
-            threading.Thread(target=self._run, name=f"{name}-{i}", daemon=True) for i in range(workers)
-        ]
+        self._threads = [threading.Thread(target=self._run, name=f"{name}-{i}", daemon=True) for i in range(workers)]
 
     def start(self) -> None:
         """Start the threads."""

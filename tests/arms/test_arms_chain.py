@@ -29,9 +29,7 @@ def test_planar_arm_has_its_textbook_tip():
     expected = 0.3 * np.exp(1j * total[:, 0]) + 0.2 * np.exp(1j * total[:, 1])
     tip = Chain(links, "standard").forward(q)
     np.testing.assert_allclose(tip[:, 0, 3] + 1j * tip[:, 1, 3], expected, atol=1e-15)
-    np.testing.assert_allclose(
-        se3.rotvec_from_matrix(tip[:, :3, :3])[:, 2] % (2 * np.pi), total[:, 1] % (2 * np.pi)
-    )
+    np.testing.assert_allclose(se3.rotvec_from_matrix(tip[:, :3, :3])[:, 2] % (2 * np.pi), total[:, 1] % (2 * np.pi))
 
 
 def test_the_two_conventions_describe_the_same_arm():
@@ -46,9 +44,7 @@ def test_the_two_conventions_describe_the_same_arm():
         ),
         "modified",
         standard.base,
-        se3.compose(
-            Chain((Joint("R", *shifted[-1], 0.0, 0.0, -1, 1),), "standard").forward([0.0]), standard.tool
-        ),
+        se3.compose(Chain((Joint("R", *shifted[-1], 0.0, 0.0, -1, 1),), "standard").forward([0.0]), standard.tool),
     )
     q = random_joints(standard.limits, 30)
     np.testing.assert_allclose(modified.forward(q), standard.forward(q), atol=1e-13)
@@ -103,9 +99,7 @@ def test_stacks_equal_loops(lead):
         stacked, tail = function(q), function(np.zeros(chain.dof)).shape
         assert stacked.shape == (*lead, *tail)
         single = [function(row) for row in q.reshape(-1, chain.dof)]
-        np.testing.assert_allclose(
-            stacked.reshape(-1, *tail), np.array(single).reshape(-1, *tail), atol=1e-15
-        )
+        np.testing.assert_allclose(stacked.reshape(-1, *tail), np.array(single).reshape(-1, *tail), atol=1e-15)
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -49,9 +49,7 @@ def test_torque_is_linear_in_mass_and_gravity():
     arm = arm_named("raven2_left")
     q = random_joints(arm, 10)
     base = arm.gravity_torque(q, payload=0.2)
-    heavy = gravity_torque(
-        arm.chain, [Link(2 * x.mass, x.com) for x in arm.links], q, arm.gravity, payload=0.4
-    )
+    heavy = gravity_torque(arm.chain, [Link(2 * x.mass, x.com) for x in arm.links], q, arm.gravity, payload=0.4)
     np.testing.assert_allclose(heavy, 2 * base, atol=1e-12)
     np.testing.assert_allclose(arm.gravity_torque(q, 2 * arm.gravity, 0.2), 2 * base, atol=1e-12)
     np.testing.assert_array_equal(arm.gravity_torque(q, np.zeros(3), 0.2), 0.0)
@@ -74,9 +72,7 @@ def test_torque_agrees_with_the_robot_own_compensation(name):
         holding = []
         for i, T_base_link in enumerate(frames):
             g = T_base_link[:3, :3].T @ arm.gravity
-            centres = [
-                (se3.invert(T_base_link) @ frames[k] @ [*arm.links[k].com, 1.0])[:3] for k in range(i, 3)
-            ]
+            centres = [(se3.invert(T_base_link) @ frames[k] @ [*arm.links[k].com, 1.0])[:3] for k in range(i, 3)]
             masses = [arm.links[k].mass for k in range(i, 3)]
             moment = sum(np.cross(c, m * g) for c, m in zip(centres, masses, strict=True))
             holding.append(-(sum(masses) * g if i == 2 else moment)[2])

@@ -18,9 +18,7 @@ def random_joints(arm, n, seed=0):
 def software_transform(alpha, a, theta, d):
     """Return the link transform entry by entry, as the robot's control software writes it."""
     ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
-    return np.array(
-        [[ct, -st, 0, a], [st * ca, ct * ca, -sa, -sa * d], [st * sa, ct * sa, ca, ca * d], [0, 0, 0, 1]]
-    )
+    return np.array([[ct, -st, 0, a], [st * ca, ct * ca, -sa, -sa * d], [st * sa, ct * sa, ca, ca * d], [0, 0, 0, 1]])
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -62,9 +60,7 @@ def test_raven2_instruments_and_tools_move_the_tip():
         reach = np.linalg.norm(arm.forward(q)[:, :3, 3] - arm.wrist(q), axis=1)
         np.testing.assert_allclose(reach, length, atol=1e-15)
     tool = se3.exp(np.array([0.0, 0.0, 0.01, 0.1, 0.2, 0.3]))
-    np.testing.assert_allclose(
-        raven2("left", tool=tool).forward(q), raven2("left").forward(q) @ tool, atol=1e-15
-    )
+    np.testing.assert_allclose(raven2("left", tool=tool).forward(q), raven2("left").forward(q) @ tool, atol=1e-15)
 
 
 def test_raven2_numbers_are_si():

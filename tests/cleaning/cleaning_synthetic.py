@@ -194,7 +194,7 @@ def small_offset_block(log: CalibrationLog, rng: np.random.Generator, share: flo
 def whole_trajectories(log: CalibrationLog, rng: np.random.Generator, count: int = 2) -> Faulty:
     """Consecutive whole trajectories are shifted by 1 to 5 cm and turned by 5 to 40 degrees."""
     ids = log.trajectory_ids
-    first = int(rng.integers(0, len(ids) - count))
+    first = int(rng.integers(0, len(ids) - count + 1))
     rows = np.flatnonzero(np.isin(log.trajectory, ids[first : first + count]))
     shift = random_directions(1, rng) * rng.uniform(0.01, 0.05)
     turn = random_directions(1, rng) * rng.uniform(np.radians(5), np.radians(40))

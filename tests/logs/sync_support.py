@@ -52,11 +52,7 @@ class Recording:
     def pair(self, path: Path, offset: float, rng: np.random.Generator, start: float = 0.0) -> MotionPair:
         """Record a path; the observer's stamps run `offset` s ahead, its frame is random."""
         t = start + np.arange(0.0, self.seconds, 1 / self.reference_rate)
-        s = (
-            start
-            + np.arange(0.0, self.seconds, 1 / self.observed_rate)
-            + rng.uniform(0, 1 / self.observed_rate)
-        )
+        s = start + np.arange(0.0, self.seconds, 1 / self.observed_rate) + rng.uniform(0, 1 / self.observed_rate)
         s = np.sort(s + self.jitter * rng.uniform(-1, 1, len(s)) / self.observed_rate)
         rotation, shift = se3.matrix_from_rotvec(rng.uniform(-1.8, 1.8, 3)), rng.normal(size=3)
         seen = self.scale * (path(s - offset) @ rotation.T + shift) + self._noise(len(s), rng)

@@ -80,6 +80,12 @@ def test_a_headerless_table_is_read_by_column_numbers(tmp_path: Path):
     assert log.trajectory.tolist() == [4, 4, 5]
 
 
+def test_a_headerless_table_has_the_width_of_its_first_line(tmp_path: Path):
+    data = write(tmp_path / "a.csv", "0,1,2\n1,2,3\n2,3\n")
+    with pytest.raises(LogError, match=r"line 3 has 2 cells, expected 3.*cut off"):
+        read_log(data, columns=write(tmp_path / "m.toml", "time = 0\n[payload]\ncolumns = [1]\n"))
+
+
 def test_a_headerless_table_is_read_by_names_that_the_mapping_gives(tmp_path: Path):
     data = write(tmp_path / "a.txt", "# lab 3\n0;1,5\n1;2,5\n")
     mapping = '[csv]\nskip = 1\nheader = false\nnames = ["time", "payload"]\n'

@@ -24,9 +24,7 @@ def moving_log(delay: float, seed: int = 0, trajectories: int = 3) -> Calibratio
     def poses(t: FloatArray) -> PoseSignal:
         return PoseSignal(path(t), se3.quaternion_from_matrix(se3.matrix_from_rotvec(turn(t))))
 
-    return CalibrationLog(
-        time, number, np.zeros(len(time)), setpoint_cp=poses(time), tracker_cp=poses(time - delay)
-    )
+    return CalibrationLog(time, number, np.zeros(len(time)), setpoint_cp=poses(time), tracker_cp=poses(time - delay))
 
 
 def errors(log: CalibrationLog) -> tuple[FloatArray, FloatArray]:
@@ -54,9 +52,7 @@ def test_alignment_interpolates_rotations_on_the_shortest_arc():
     time = np.arange(6.0)
     quaternion = se3.quaternion_from_matrix(se3.matrix_from_rotvec(np.outer(time, [0, 0, 1.0])))
     quaternion[::2] *= -1
-    log = CalibrationLog(
-        time, np.zeros(6), np.zeros(6), tracker_cp=PoseSignal(np.outer(time, [1.0, 0, 0]), quaternion)
-    )
+    log = CalibrationLog(time, np.zeros(6), np.zeros(6), tracker_cp=PoseSignal(np.outer(time, [1.0, 0, 0]), quaternion))
     moved = align(log, 0.5).tracker_cp
     turned = se3.matrix_from_quaternion(moved.quaternion[:5])
     np.testing.assert_allclose(
@@ -81,6 +77,16 @@ def test_nothing_is_invented_at_ends_and_in_gaps():
         np.testing.assert_array_equal(moved.tracker_cp.finite[rows], inside)
 
 
+def test_trajectories_of_one_clock_are_aligned_together():
+    """Where the clock runs on, a sample late in one trajectory serves the next; where it starts anew, it does not."""
+    log = moving_log(0.0, trajectories=1)
+    cut = replace(log, trajectory=np.arange(len(log)) // 50)
+    whole, parts = align(log, 0.3).tracker_cp, align(cut, 0.3).tracker_cp
+    np.testing.assert_array_equal(parts.position, whole.position)
+    anew = align(replace(cut, time=log.time % 1.0), 0.3).tracker_cp
+    assert anew.finite.sum() == pytest.approx(10 * 35, abs=10)  # a sample at the end of each may round either way
+
+
 def test_alignment_keeps_everything_else_and_the_input():
     """Only the named signals change; the log that was given does not."""
     log = moving_log(0.1)
@@ -103,9 +109,7 @@ def test_joints_of_an_outside_encoder_can_be_aligned():
     """external_jp moves when it is named, and linear motion is interpolated exactly."""
     time = np.arange(0, 5, 0.1)
     joints = np.outer(time, [1.0, -2.0])
-    log = CalibrationLog(
-        time, np.zeros(50), np.zeros(50), setpoint_jp=joints, external_jp=joints - [0.05, -0.1]
-    )
+    log = CalibrationLog(time, np.zeros(50), np.zeros(50), setpoint_jp=joints, external_jp=joints - [0.05, -0.1])
     moved = align(log, 0.05, signals=["external_jp"])
     np.testing.assert_allclose(moved.external_jp[:-1], joints[:-1], atol=1e-12)
 

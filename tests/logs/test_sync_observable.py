@@ -61,9 +61,7 @@ def test_a_start_ends_the_ambiguity():
         return np.where(t[:, None] < 5.0, stroke(np.full_like(t, 5.0)), stroke(t))
 
     rng = np.random.default_rng(2)
-    assert estimate_offset([Recording(seconds=12.0).pair(path, 0.23, rng)]).offset == pytest.approx(
-        0.23, abs=2e-3
-    )
+    assert estimate_offset([Recording(seconds=12.0).pair(path, 0.23, rng)]).offset == pytest.approx(0.23, abs=2e-3)
 
 
 def test_another_motion_is_not_matched():
@@ -89,9 +87,7 @@ def test_nothing_in_common_is_said():
     rng = np.random.default_rng(4)
     pair = Recording().pair(wandering(rng), 0.0, rng)
     apart = MotionPair(pair.reference, Motion(pair.observed.time + 1e6, pair.observed.values))
-    few = MotionPair(
-        pair.reference.rows(pair.reference.time < 0.05), pair.observed.rows(pair.observed.time < 0.05)
-    )
+    few = MotionPair(pair.reference.rows(pair.reference.time < 0.05), pair.observed.rows(pair.observed.time < 0.05))
     empty = Motion(np.empty(0), np.empty((0, 3)))
     for pairs in ([], [apart], [few], [MotionPair(empty, empty)], [MotionPair(pair.reference, empty)]):
         found = estimate_offset(pairs)

@@ -8,7 +8,8 @@ from sync_support import Recording, sines, wandering
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError, LogError
-from gpcorrect.logs.sync import Motion, MotionPair, estimate_offset, log_offset
+from gpcorrect.logs.streams import Stream, interpolate
+from gpcorrect.logs.sync import Motion, MotionPair, estimate_offset, log_offset, stream_offset
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 TWO_MS = 2e-3
@@ -69,9 +70,7 @@ def test_shifting_the_observers_clock_shifts_the_offset():
     first = estimate_offset([pair])
     later = MotionPair(pair.reference, Motion(pair.observed.time + 0.25, pair.observed.values))
     second = estimate_offset([later])
-    np.testing.assert_allclose(
-        [second.offset, *second.ci95], np.array([first.offset, *first.ci95]) + 0.25, atol=2e-6
-    )
+    np.testing.assert_allclose([second.offset, *second.ci95], np.array([first.offset, *first.ci95]) + 0.25, atol=2e-6)
 
 
 def test_clocks_with_other_origins_need_a_rough_offset():
@@ -96,8 +95,44 @@ def test_trajectories_are_pooled():
     pairs = [MotionPair(cut(whole.reference, a), cut(whole.observed, a)) for a in range(0, 60, 6)]
     many = estimate_offset(pairs)
     assert np.ptp(many.ci95) < np.ptp(estimate_offset(pairs[:1]).ci95)
-    assert many.per_piece.shape == (10,)
-    np.testing.assert_allclose(many.per_piece, 0.15, atol=2e-3)
+    assert many.per_trajectory.shape == (10,)
+    np.testing.assert_allclose(many.per_trajectory, 0.15, atol=2e-3)
+
+
+def reaching_log(offset, restart):
+    """Return forty reaches of 0.8 s on a clock that runs on or starts anew, the tracker `offset` s ahead."""
+    rng = np.random.default_rng(14)
+    way = rng.uniform(-0.04, 0.04, (42, 3))
+
+    def path(t):
+        k = np.clip(np.floor(t / 0.8 + 1e-9).astype(int), 0, 40)
+        u = np.clip(t / 0.8 - k, 0, 1)[:, None]
+        return way[k] + (way[k + 1] - way[k]) * u**3 * (10 - 15 * u + 6 * u**2)
+
+    time = np.arange(3200) / 100
+    seen = path(time - offset) @ se3.matrix_from_rotvec(np.array([1.0, 0.3, -2.0])).T
+    return CalibrationLog(
+        time - 0.8 * (np.arange(3200) // 80) * restart,
+        np.arange(3200) // 80,
+        np.zeros(3200),
+        setpoint_cp=PoseSignal(path(time)),
+        tracker_cp=PoseSignal(seen + 1e-4 * rng.normal(size=seen.shape)),
+    )
+
+
+@pytest.mark.parametrize("offset", [-0.7, 0.047, 1.2])
+def test_offsets_longer_than_a_trajectory_are_found_where_the_clock_runs_on(offset):
+    """A recording cut into short reaches is searched as one, and each reach has its own estimate."""
+    found = log_offset(reaching_log(offset, restart=0))
+    assert found.offset == pytest.approx(offset, abs=5e-4)
+    assert found.trajectories.tolist() == list(range(40))
+    np.testing.assert_allclose(found.per_trajectory[2:-2], offset, atol=5e-3)
+
+
+def test_a_clock_that_starts_anew_limits_the_search():
+    """Reaches that each start at time zero show an offset within a reach, and say so beyond."""
+    assert log_offset(reaching_log(0.3, restart=1)).offset == pytest.approx(0.3, abs=5e-4)
+    assert not log_offset(reaching_log(1.2, restart=1)).observable
 
 
 def test_a_marker_off_the_tip_does_not_bias_the_offset():
@@ -185,6 +220,21 @@ def test_an_offset_beyond_the_search_is_not_invented():
     pair = Recording(seconds=60.0).pair(wandering(rng), 5.0, rng)
     assert not estimate_offset([pair]).observable
     assert estimate_offset([pair], max_lag=8.0).offset == pytest.approx(5.0, abs=TWO_MS)
+
+
+def test_streams_meet_on_one_clock():
+    """Two streams at 100 and 60 Hz, 0.3 s apart: shifted back by the offset, one interpolates to the other."""
+    rng = np.random.default_rng(13)
+    path = wandering(rng)
+    t, s = np.arange(0, 30, 0.01), np.arange(0, 30, 1 / 60)
+    robot = Stream("setpoint_cp", t, PoseSignal(path(t)))
+    tracker = Stream("tracker_cp", s, PoseSignal(path(s - 0.3) + 1e-4 * rng.normal(size=(len(s), 3))))
+    found = stream_offset(tracker, robot)
+    assert (found.observed, found.reference) == ("tracker_cp", "setpoint_cp")
+    left = interpolate(tracker.shifted(-found.offset), t).position - path(t)
+    assert np.sqrt(np.nanmean(left**2)) < 1.5e-4
+    with pytest.raises(LogError, match="one is a pose"):
+        stream_offset(tracker, Stream("setpoint_jp", t, path(t)))
 
 
 def test_bad_requests_are_refused():

@@ -7,6 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from support import real_data
 from validate_support import clean_log, codes
 
@@ -36,9 +39,7 @@ def test_facts_are_those_of_the_log():
     assert facts["seconds"] == pytest.approx(4 * 399 / 50)
     assert set(facts["signals"]) == set(clean_log().signals)
     low, high = facts["signals"]["setpoint_jp"]["min"], facts["signals"]["setpoint_jp"]["max"]
-    np.testing.assert_allclose(
-        [low, high], [clean_log().setpoint_jp.min(axis=0), clean_log().setpoint_jp.max(axis=0)]
-    )
+    np.testing.assert_allclose([low, high], [clean_log().setpoint_jp.min(axis=0), clean_log().setpoint_jp.max(axis=0)])
 
 
 def test_reports_are_plain_json():
@@ -74,6 +75,30 @@ def test_hopeless_logs_are_looked_at_without_an_exception():
         assert not validate_log(broken).ok
     for time in (np.full(n, np.nan), np.zeros(n), -log.time, rng.permutation(log.time)):
         assert not validate_log(replace(log, time=time)).ok
+
+
+numbers = st.floats(width=32) | st.sampled_from([0.0, 1.0, np.nan])
+
+
+@given(data=st.data(), rows=st.integers(1, 40))
+@settings(max_examples=60, deadline=None)
+def test_garbage_is_looked_at_without_an_exception(data, rows):
+    """Any numbers in any signals, any stamps and trajectory numbers: a report that is strict JSON."""
+
+    def table(columns):
+        return data.draw(arrays(np.float64, (rows, columns), elements=numbers))
+
+    log = CalibrationLog(
+        data.draw(arrays(np.float64, rows, elements=numbers)),
+        data.draw(arrays(np.int64, rows, elements=st.integers(-1, 2))),
+        np.zeros(rows),
+        setpoint_cp=PoseSignal(table(3), table(4)),
+        tracker_cp=PoseSignal(table(3), table(4)),
+        setpoint_jp=table(6),
+        measured_jp=table(6),
+        meta=data.draw(st.sampled_from([LogMeta(), LogMeta(arm="dvrk_psm"), LogMeta(joint_types="RP")])),
+    )
+    json.dumps(validate_log(log).to_dict(), allow_nan=False)
 
 
 def test_every_check_is_asked():
@@ -145,9 +170,7 @@ def _tiny(rows: int) -> CalibrationLog:
 def _holed(log: CalibrationLog) -> CalibrationLog:
     position = log.tracker_cp.position.copy()
     position[:300] = np.nan
-    return replace(
-        log, tracker_cp=PoseSignal(position), time=np.where(np.arange(len(log)) == 7, np.nan, log.time)
-    )
+    return replace(log, tracker_cp=PoseSignal(position), time=np.where(np.arange(len(log)) == 7, np.nan, log.time))
 
 
 def test_a_log_of_unequal_signals_cannot_exist():

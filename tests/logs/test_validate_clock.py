@@ -133,6 +133,12 @@ def test_a_robot_at_rest_hides_its_clock():
     assert "does not move" in finding.message or "correlate" in finding.message
 
 
+def test_an_offset_beyond_the_search_is_not_passed_over():
+    """A tracker four seconds late is an alarm of one kind or the other, never silence."""
+    report = validate_log(delayed(4.0))
+    assert codes(report, "error", "warning") & {"unrelated", "time_offset_unknown"}
+
+
 def test_a_fast_clock_is_warned_about():
     """A tracker clock that is 300 ppm fast over minutes is a drift."""
     from sync_support import wandering

@@ -107,9 +107,7 @@ def test_bad_quaternion_norms_are_counted():
         return q
 
     tracker = clean_log().tracker_cp
-    few = replace(
-        clean_log(), tracker_cp=pose(tracker, change_quaternion=lambda q: stretch(q, slice(10, 15)))
-    )
+    few = replace(clean_log(), tracker_cp=pose(tracker, change_quaternion=lambda q: stretch(q, slice(10, 15))))
     (finding,) = findings(few, "quaternion_norm")
     assert (finding.severity, finding.count, finding.rows) == ("info", 5, (10, 11, 12, 13, 14))
     many = replace(clean_log(), tracker_cp=pose(tracker, change_quaternion=lambda q: stretch(q, slice(None))))
@@ -150,9 +148,7 @@ def test_no_change_of_frame_inverts_an_orientation():
         assert not findings(replace(clean_log(), tracker_cp=tracker), "orientation_inverted")
 
 
-@pytest.mark.parametrize(
-    "names", [("tracker_cp",), ("setpoint_cp",), ("tracker_cp", "setpoint_cp", "measured_cp")]
-)
+@pytest.mark.parametrize("names", [("tracker_cp",), ("setpoint_cp",), ("tracker_cp", "setpoint_cp", "measured_cp")])
 def test_millimetres_for_metres_are_recognised(names):
     """Positions times a thousand are an error, in one signal or in all of them."""
     log = clean_log()
@@ -181,8 +177,7 @@ def test_all_joints_in_degrees_are_recognised():
     """A whole log in degrees is recognised without a signal in radians beside it."""
     log = clean_log()
     degrees = {
-        n: getattr(log, n) * np.where(np.arange(6) == 2, 1.0, np.rad2deg(1.0))
-        for n in ("setpoint_jp", "measured_jp")
+        n: getattr(log, n) * np.where(np.arange(6) == 2, 1.0, np.rad2deg(1.0)) for n in ("setpoint_jp", "measured_jp")
     }
     log = replace(log, external_jp=None, tracker_cp=None, **degrees)
     assert len(findings(log, "joint_unit")) == 10

@@ -45,9 +45,7 @@ def test_lever_arm_from_positions_alone(rng: np.random.Generator) -> None:
     """Without commanded orientations frames and lever arm follow from positions; the turn stays open."""
     world = planted("marker", 60, rng)
     model = fit_marker(world.observed, PoseSignal(world.command.position))
-    unturned = RigidModel(
-        "marker", model.R_position, model.t, model.offset, model.R_left, world.truth.R_right
-    )
+    unturned = RigidModel("marker", model.R_position, model.t, model.offset, model.R_left, world.truth.R_right)
     assert max(differences(unturned, world.truth).values()) < 1e-9
     np.testing.assert_array_equal(model.R_right, np.eye(3))
 
@@ -149,9 +147,7 @@ def test_same_data_same_answer(rng: np.random.Generator) -> None:
 def tilted(world: Planted, rng: np.random.Generator) -> Planted:
     """Turn the marker on the tool, so that its axis of rotation is no axis of coordinates."""
     turn = Rotation.random(random_state=rng)
-    observed = signal(
-        world.observed.position, Rotation.from_quat(world.observed.quaternion, scalar_first=True) * turn
-    )
+    observed = signal(world.observed.position, Rotation.from_quat(world.observed.quaternion, scalar_first=True) * turn)
     return Planted(observed, world.truth.apply(observed), world.truth)
 
 

@@ -113,10 +113,7 @@ def test_sign_of_quaternions_does_not_matter_to_registration(rng: np.random.Gene
     world = planted("pose", 20, rng)
     command = noisy(world.command, rng, 0.01, 0.2)
     flipped = PoseSignal(command.position, command.quaternion * np.where(np.arange(20) % 2, 1, -1)[:, None])
-    assert (
-        max(differences(fit_pose(world.observed, flipped), fit_pose(world.observed, command)).values())
-        < 1e-12
-    )
+    assert max(differences(fit_pose(world.observed, flipped), fit_pose(world.observed, command)).values()) < 1e-12
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])

@@ -48,9 +48,7 @@ def test_round_trip_holds_around_half_turns(short_of_pi: float, rng: np.random.G
 def test_residual_is_read_back(rng: np.random.Generator) -> None:
     """Residuals of turns below half a turn are recovered from the poses they lead to."""
     reference, residual = motion(50, rng), rng.uniform(-1, 1, size=(50, 6))
-    np.testing.assert_allclose(
-        pose_residual(reference, apply_residual(reference, residual)), residual, atol=1e-13
-    )
+    np.testing.assert_allclose(pose_residual(reference, apply_residual(reference, residual)), residual, atol=1e-13)
 
 
 def test_residual_turns_with_the_common_frame(rng: np.random.Generator) -> None:
@@ -66,9 +64,7 @@ def test_sign_of_quaternions_does_not_matter(rng: np.random.Generator) -> None:
     """Quaternions q and -q have the same residual."""
     reference, command = motion(10, rng), motion(10, rng)
     flipped = PoseSignal(command.position, -command.quaternion)
-    np.testing.assert_allclose(
-        pose_residual(reference, flipped), pose_residual(reference, command), atol=1e-15
-    )
+    np.testing.assert_allclose(pose_residual(reference, flipped), pose_residual(reference, command), atol=1e-15)
 
 
 def test_position_only_signals_have_no_rotation_residual(rng: np.random.Generator) -> None:

@@ -121,9 +121,7 @@ def test_one_trajectory_is_held_out_in_contiguous_blocks() -> None:
 def test_auto_chooses_from_one_trajectory(rng: np.random.Generator) -> None:
     """A single long motion is enough to tell a marker from a plain registration."""
     world, _ = world_of("marker", rng)
-    assert (
-        register(world.observed, world.command, np.zeros(400, dtype=np.int64), "auto").model.kind == "marker"
-    )
+    assert register(world.observed, world.command, np.zeros(400, dtype=np.int64), "auto").model.kind == "marker"
 
 
 def test_too_few_samples_to_leave_some_out_are_refused(rng: np.random.Generator) -> None:

@@ -150,9 +150,7 @@ class ServerProcess:
 
 
 @contextmanager
-def server_process(
-    kind: str = "shift", *, port: int | None = None, **settings: Any
-) -> Iterator[ServerProcess]:
+def server_process(kind: str = "shift", *, port: int | None = None, **settings: Any) -> Iterator[ServerProcess]:
     """Start a server in another process, wait until it answers, and kill it whatever happens."""
     endpoint = endpoint_of(port or free_port())
     gate, entered, ready = spawn.Event(), spawn.Event(), spawn.Event()

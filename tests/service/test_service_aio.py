@@ -94,9 +94,7 @@ def test_nobody_there() -> None:
 
     async def ask() -> int:
         ticks = 0
-        async with AsyncCorrectionClient(
-            endpoint_of(free_port()), timeout=0.5, connect_timeout=0.5
-        ) as client:
+        async with AsyncCorrectionClient(endpoint_of(free_port()), timeout=0.5, connect_timeout=0.5) as client:
             question = asyncio.create_task(client.correct(POSE))
             while not question.done():
                 await asyncio.sleep(0.01)

@@ -28,9 +28,7 @@ component = st.floats(-1, 1)
 
 
 @given(position=st.tuples(metre, metre, metre), quaternion=st.tuples(*[component] * 4))
-def test_any_unit_quaternion_and_its_negative_pass(
-    position: tuple[float, ...], quaternion: tuple[float, ...]
-) -> None:
+def test_any_unit_quaternion_and_its_negative_pass(position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
     """Q and -q are the same rotation: both are accepted and neither is changed."""
     norm = math.hypot(*quaternion)
     assume(norm > 1e-3)
@@ -89,9 +87,7 @@ def test_limit_without_region() -> None:
     assert position_limit({}) == 5.0
 
 
-@pytest.mark.parametrize(
-    "twist", [(0.0,) * 5, (math.nan, *(0.0,) * 5), (50.0, *(0.0,) * 5), (*(0.0,) * 5, 500.0)]
-)
+@pytest.mark.parametrize("twist", [(0.0,) * 5, (math.nan, *(0.0,) * 5), (50.0, *(0.0,) * 5), (*(0.0,) * 5, 500.0)])
 def test_bad_twist(twist: tuple[float, ...]) -> None:
     """Wrong length, not finite, mm/s or deg/s of a fast move: refused."""
     with pytest.raises(ServiceError, match="BAD_INPUT"):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +13,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 from service_support import endpoint_of, free_port
 
+import gpcorrect_service
 from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect_service import ClientSettings, CorrectionClient, EndpointError, ServerSettings
 from gpcorrect_service.server import Server
 from gpcorrect_service.transport import client_config, server_config
 
 DEPLOY = Path(__file__).resolve().parents[2] / "service" / "deploy" / "single_host"
+
+
+def test_public_names_exist() -> None:
+    """Every name that the package promises is there."""
+    assert all(hasattr(gpcorrect_service, name) for name in gpcorrect_service.__all__)
+
+
+def test_a_missing_library_is_named() -> None:
+    """Without zenoh the import says which extra brings it."""
+    program = "import sys; sys.modules['zenoh'] = None; import gpcorrect_service"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert "MissingExtraError" in done.stderr
+    assert "gpcorrect[service]" in done.stderr
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]", "127.8.9.1"])
@@ -34,9 +50,7 @@ def test_remote_needs_leave(host: str) -> None:
     assert ServerSettings(endpoint=endpoint, allow_remote=True).endpoint == endpoint
 
 
-@pytest.mark.parametrize(
-    "endpoint", ["", "7447", "127.0.0.1:7447", "tcp/127.0.0.1", "tcp/127.0.0.1:99999", "tcp/:1"]
-)
+@pytest.mark.parametrize("endpoint", ["", "7447", "127.0.0.1:7447", "tcp/127.0.0.1", "tcp/127.0.0.1:99999", "tcp/:1"])
 def test_malformed_endpoint(endpoint: str) -> None:
     """What is not protocol/host:port is refused by server and client alike, and the form is told."""
     with pytest.raises(EndpointError, match="protocol/host:port"):
@@ -94,6 +108,13 @@ def test_config_file_namespace_wins_and_address_is_checked(tmp_path: Path) -> No
         server_config(ServerSettings(config_file=path))
     config = server_config(ServerSettings(config_file=path, allow_remote=True))
     assert json.loads(config.get_json("namespace")) == "lab2"
+
+
+def test_a_unix_socket_stays_at_home(tmp_path: Path) -> None:
+    """A configuration that listens on a Unix socket needs no leave."""
+    path = tmp_path / "socket.json5"
+    path.write_text('{mode: "peer", listen: {endpoints: ["unixsock-stream//run/gpcorrect.sock"]}}')
+    assert json.loads(server_config(ServerSettings(config_file=path)).get_json("namespace")) == "gpcorrect"
 
 
 def test_config_file_without_address_is_remote(tmp_path: Path) -> None:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from service_support import POSE, SHIFT, FaultyCorrector, ShiftCorrector
 
 from gpcorrect.errors import DataError
@@ -19,6 +21,7 @@ from gpcorrect_service.model import Corrector, Model
 
 NOW = 100.0
 JSON, MSGPACK = wire.JSON, wire.MSGPACK
+ENCODINGS = ["application/json", "application/msgpack", "zenoh/bytes", "text/plain"]
 
 
 def handlers(corrector: Corrector | None, log: io.StringIO | None = None) -> Handlers:
@@ -99,9 +102,7 @@ def test_no_model() -> None:
         assert "gpcorrect serve" in refusal(answer).next_step
 
 
-@pytest.mark.parametrize(
-    "body", [b"", b"{", b"\x00\xff\xfe", b"[]", b'{"pose": [1, 2]}', b'{"pose": "here"}']
-)
+@pytest.mark.parametrize("body", [b"", b"{", b"\x00\xff\xfe", b"[]", b'{"pose": [1, 2]}', b'{"pose": "here"}'])
 @pytest.mark.parametrize("codec", [JSON, MSGPACK], ids=["json", "msgpack"])
 def test_bad_payload(codec: wire.Codec, body: bytes) -> None:
     """Bytes that are no request are BAD_INPUT in the request's encoding, with its id and a next step."""
@@ -124,9 +125,7 @@ def test_deadline(age: float) -> None:
 def test_deadline_is_a_time_span(deadline: float) -> None:
     """A deadline of nothing is a mistake, not an expired request."""
     body = wire.CorrectRequest(tuple(POSE))
-    assert (
-        handlers(ShiftCorrector()).correct(request("correct", body, deadline=deadline)).status == "BAD_INPUT"
-    )
+    assert handlers(ShiftCorrector()).correct(request("correct", body, deadline=deadline)).status == "BAD_INPUT"
 
 
 @pytest.mark.parametrize("client_time", [0.0, -5.0, 4e9])
@@ -140,9 +139,7 @@ def test_clocks_of_clients_do_not_matter(client_time: float) -> None:
 def test_newer_schema() -> None:
     """A request of a newer schema is refused with both versions, even with fields that are not known yet."""
     attachment = json.dumps({"schema_version": 2, "request_id": "q9", "priority": "high"}).encode()
-    asked = Request(
-        JSON.encode(wire.CorrectRequest(tuple(POSE))), wire.encoding_name(JSON, "correct"), attachment, NOW
-    )
+    asked = Request(JSON.encode(wire.CorrectRequest(tuple(POSE))), wire.encoding_name(JSON, "correct"), attachment, NOW)
     told = refusal(handlers(ShiftCorrector()).correct(asked))
     assert (told.status, told.request_id) == ("BAD_INPUT", "q9")
     assert "schema 2" in told.cause
@@ -168,6 +165,15 @@ def test_unsafe_command_is_internal_and_logged() -> None:
     told = refusal(handlers(FaultyCorrector(), log).correct(asked))
     assert (told.status, told.request_id) == ("INTERNAL", "q11")
     assert json.loads(log.getvalue())["request_id"] == "q11"
+
+
+@given(payload=st.binary(max_size=300), attachment=st.binary(max_size=60), encoding=st.sampled_from(ENCODINGS))
+def test_no_bytes_bring_the_server_down(payload: bytes, attachment: bytes, encoding: str) -> None:
+    """Whatever bytes come as payload and attachment, every key answers, and never INTERNAL."""
+    serve = handlers(ShiftCorrector())
+    asked = Request(payload, encoding, attachment, NOW)
+    for answer in (serve.correct(asked), serve.correct_path(asked), serve.model(asked)):
+        assert answer.status in {"OK", "EXTRAPOLATING", "BAD_INPUT"}
 
 
 def test_the_models_own_objection_is_bad_input() -> None:

@@ -56,9 +56,7 @@ class Gaps:
 
     def findings(self, evidence: Evidence) -> Iterator[Finding]:
         """Yield one finding for all gaps."""
-        rows = np.array(
-            [r for _, part in evidence.log.trajectories() for r in self._gaps(evidence, part)], int
-        )
+        rows = np.array([r for _, part in evidence.log.trajectories() for r in self._gaps(evidence, part)], int)
         if rows.size:
             longest = float(evidence.steps[rows].max())
             yield Finding(
@@ -144,8 +142,6 @@ def _milliseconds(evidence: Evidence, step: float) -> tuple[str, float] | None:
 
 def _fastest(evidence: Evidence, name: str) -> float:
     """99th percentile of the speed of a pose signal, m/s as time stands."""
-    speed = step_lengths(evidence.log, evidence.position(name)) / np.where(
-        evidence.steps > 0, evidence.steps, np.nan
-    )
+    speed = step_lengths(evidence.log, evidence.position(name)) / np.where(evidence.steps > 0, evidence.steps, np.nan)
     known = speed[np.isfinite(speed)]
     return float(np.percentile(known, 99)) if known.size else np.inf

@@ -65,25 +65,15 @@ def _wrist_point(pose: str, misfit: float) -> Finding:
     return Finding("warning", "wrist_point", pose, what, "Register position and orientation separately.")
 
 
-def _other_arm(
-    arm: Arm, pose: str, joints: str, misfit: float, position: FloatArray, q: FloatArray
-) -> Finding:
+def _other_arm(arm: Arm, pose: str, joints: str, misfit: float, position: FloatArray, q: FloatArray) -> Finding:
     """Say which arm fits better than the named one."""
     size = f"{1e3 * misfit:.1f} mm"
     for other in (arm_named(n) for n in ARM_NAMES if n != arm.name):
         if other.dof == arm.dof and rigid_misfit(_tip(other, q), position) < BETTER * misfit:
-            what = (
-                f"it follows from {joints} by the kinematics of {other.name}, not of {arm.name} ({size} off)."
-            )
-            return Finding(
-                "error", "swapped_arm", pose, what, "Correct the arm in the sidecar, or the log's source."
-            )
-    what = (
-        f"it is {size} off from where {joints} puts the tip of {arm.name}, after the best base registration."
-    )
-    return Finding(
-        "warning", "kinematics", pose, what, "Another tool, joint offsets, or signals of two arms."
-    )
+            what = f"it follows from {joints} by the kinematics of {other.name}, not of {arm.name} ({size} off)."
+            return Finding("error", "swapped_arm", pose, what, "Correct the arm in the sidecar, or the log's source.")
+    what = f"it is {size} off from where {joints} puts the tip of {arm.name}, after the best base registration."
+    return Finding("warning", "kinematics", pose, what, "Another tool, joint offsets, or signals of two arms.")
 
 
 @dataclass(frozen=True)
@@ -97,9 +87,7 @@ class Handedness:
                 continue
             if mirrored(evidence.position(reference), evidence.position("tracker_cp")):
                 what = f"it is a mirror image of {reference}: an axis is reversed, or two are exchanged."
-                yield Finding(
-                    "error", "mirrored", "tracker_cp", what, "Use a right-handed frame for the tracker."
-                )
+                yield Finding("error", "mirrored", "tracker_cp", what, "Use a right-handed frame for the tracker.")
             return
 
 

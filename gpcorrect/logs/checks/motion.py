@@ -24,10 +24,8 @@ FROZEN_SAMPLES = 5  # repeats in a row; noise alone makes a living sensor differ
 MOVED_POSE = 1e-3  # m that the reference must have moved meanwhile: five times a good tracker's noise
 MOVED_JOINT = np.deg2rad(1.0)  # rad, and m times ten
 HELD_SHARE = 0.3  # of samples that repeat the one before while the robot moves: the rule, not the exception
-HELD_RUNS, HELD_SPREAD = (
-    10,
-    2.0,
-)  # a held signal repeats often, and nine runs in ten are up to twice the usual one
+HELD_RUNS = 10  # a held signal repeats often,
+HELD_SPREAD = 2.0  # and nine runs in ten are at most so many times the usual one
 HELD_FACTOR = 4.0  # a run this many times longer than the usual one is frozen even so
 FASTEST_TIP = 2.0  # m/s; surgical arms stay below one
 FASTEST_JOINT = {"R": 20.0, "P": 2.0}  # rad/s and m/s
@@ -101,9 +99,7 @@ def _frozen(name: str, reference: str, stretches: IntArray) -> Finding:
 def _held(name: str, same: BoolArray) -> Finding:
     times = 1.0 / max(1.0 - float(same.mean()), 1.0 / len(same))
     what = f"each value is repeated about {times:.2g} times: it was held between slower samples."
-    hint = (
-        "Record it with its own stamps and let the reader interpolate: holding delays it by half its period."
-    )
+    hint = "Record it with its own stamps and let the reader interpolate: holding delays it by half its period."
     return Finding("warning", "held", name, what, hint, int(same.sum()))
 
 

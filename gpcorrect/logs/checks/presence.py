@@ -34,9 +34,7 @@ class Purpose:
         """Yield which of the two is absent."""
         if not any(evidence.has(name) for name in ("setpoint_cp", "setpoint_jp")):
             what = "there is no command (setpoint_cp or setpoint_jp)."
-            yield Finding(
-                "warning", "no_command", "", what, "A correction of the command cannot be learned from it."
-            )
+            yield Finding("warning", "no_command", "", what, "A correction of the command cannot be learned from it.")
         if not any(evidence.has(name) for name in OUTSIDE):
             what = "there is no outside measurement (tracker_cp or external_jp)."
             hint = "What the robot reports goes through the same wrong model; record a tracker as well."
@@ -59,9 +57,7 @@ class Missing:
             share = rows.size / len(lost)
             severity: Severity = "error" if share == 1.0 else "warning" if share > self.many else "info"
             longest = int(np.diff(runs(lost), axis=1).max())
-            what = (
-                f"{rows.size} of {len(lost)} samples ({share:.1%}) are missing, at most {longest} in a row."
-            )
+            what = f"{rows.size} of {len(lost)} samples ({share:.1%}) are missing, at most {longest} in a row."
             yield Finding(severity, "missing", name, what, "", int(rows.size), examples(rows))
 
 

@@ -30,12 +30,11 @@ class ClockOffset:
                 yield self._found(evidence, offset)
             elif offset.verdict != "unrelated":
                 what = f"its time offset is not observable: {offset.reason}"
-                yield Finding("info", "time_offset_unknown", offset.observed, what)
+                severity: Severity = "warning" if offset.verdict == "edge" else "info"
+                yield Finding(severity, "time_offset_unknown", offset.observed, what)
             if offset.drift is not None:
                 what = f"its clock runs {offset.drift.ppm:+.1f} ppm against that of {offset.reference}."
-                yield Finding(
-                    "warning", "clock_drift", offset.observed, what, "Align the log before learning."
-                )
+                yield Finding("warning", "clock_drift", offset.observed, what, "Align the log before learning.")
 
     def _found(self, evidence: Evidence, offset: TimeOffset) -> Finding:
         forward = evidence.steps[evidence.steps > 0]
@@ -47,11 +46,7 @@ class ClockOffset:
             f"{abs(offset.offset) / step:.2g} samples)"
         )
         if offset.observed in SAME_CLOCK:
-            return Finding(
-                "info", "servo_lag", offset.observed, f"{what}: the lag of the robot, on one clock."
-            )
+            return Finding("info", "servo_lag", offset.observed, f"{what}: the lag of the robot, on one clock.")
         severity: Severity = "warning" if abs(offset.offset) > self.most * step else "info"
-        hint = (
-            "Align it if this is the clocks; a lag of the robot or backlash looks the same from motion alone."
-        )
+        hint = "Align it if this is the clocks; a lag of the robot or backlash looks the same from motion alone."
         return Finding(severity, "time_offset", offset.observed, f"{what}.", hint)

@@ -31,9 +31,7 @@ class Trajectories:
         short = numbers[sizes < self.short]
         if short.size:
             what = f"{short.size} of {len(numbers)} trajectories have fewer than {self.short} samples."
-            yield Finding(
-                "warning", "short_trajectory", "trajectory", what, "", int(short.size), examples(short)
-            )
+            yield Finding("warning", "short_trajectory", "trajectory", what, "", int(short.size), examples(short))
         starts = log.trajectory[np.flatnonzero(np.diff(log.trajectory)) + 1]
         torn = np.array([n for n in numbers if (starts == n).sum() + (log.trajectory[0] == n) > 1])
         if torn.size:

@@ -55,9 +55,7 @@ class PositionUnit:
             sizes = spread(evidence.position(name)), spread(evidence.position(other))
             if max(sizes) < MIN_SPREAD or min(sizes) == 0 or _factor(sizes[0] / sizes[1], RATIOS[:1]) is None:
                 continue
-            what = (
-                f"it varies {sizes[0] / sizes[1]:.3g} times as much as {other}: one of them is not in metres."
-            )
+            what = f"it varies {sizes[0] / sizes[1]:.3g} times as much as {other}: one of them is not in metres."
             yield Finding("error", "position_unit", name, what, "Check position_scale.", len(evidence.log))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gpcorrect.logs.sync.align import align
-from gpcorrect.logs.sync.estimate import estimate_offset, log_offset
+from gpcorrect.logs.sync.estimate import estimate_offset, log_offset, stream_offset
 from gpcorrect.logs.sync.motion import Motion, MotionPair, pairs_of
 from gpcorrect.logs.sync.offset import ClockDrift, TimeOffset
 
@@ -16,4 +16,5 @@ __all__ = [
     "estimate_offset",
     "log_offset",
     "pairs_of",
+    "stream_offset",
 ]

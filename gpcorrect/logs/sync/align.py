@@ -10,6 +10,7 @@ import numpy as np
 
 from gpcorrect.errors import DegenerateError, LogError
 from gpcorrect.logs.streams import Stream, interpolate
+from gpcorrect.logs.sync.motion import clock_runs
 from gpcorrect.logs.sync.offset import TimeOffset
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
@@ -25,8 +26,8 @@ def align(
 ) -> CalibrationLog:
     """Return the log with signal(t + d) in place of signal(t), for the signals of the other clock.
 
-    Positions and joints are interpolated linearly, rotations along the shortest arc, inside a trajectory
-    and never across a gap.
+    Positions and joints are interpolated linearly, rotations along the shortest arc, as far as
+    the clock ran on and never across a gap.
 
     Parameters
     ----------
@@ -37,14 +38,13 @@ def align(
     signals : sequence of str
         Those that the other clock stamped; add external_jp where its joints come from the same tracker.
     max_gap : float, optional
-        Longest time between two samples to interpolate across, s; five median steps of the trajectory by
-        default.
+        Longest time between two samples to interpolate across, s; five median steps by default.
 
     Returns
     -------
     CalibrationLog
-        Same rows; NaN where no sample of the other clock is near enough in time, as at one end of each
-        trajectory.
+        Same rows; NaN where no sample of the other clock is near enough in time, as at one end of the
+        recording.
 
     Raises
     ------
@@ -56,9 +56,7 @@ def align(
     shift = _shift(offset, log.time)
     for name in signals:
         if name not in (*log.POSES, *log.JOINTS) or name not in log.signals:
-            raise LogError(
-                f"cannot align {name}: the log has {', '.join(log.signals)}.", hint="Name a motion signal."
-            )
+            raise LogError(f"cannot align {name}: the log has {', '.join(log.signals)}.", hint="Name a motion signal.")
     moved: dict[str, Any] = {name: _resampled(log, name, log.time + shift, max_gap) for name in signals}
     return replace(log, **moved)
 
@@ -74,13 +72,11 @@ def _shift(offset: TimeOffset | float, time: FloatArray) -> FloatArray:
     return offset.at(time)
 
 
-def _resampled(
-    log: CalibrationLog, name: str, at: FloatArray, max_gap: float | None
-) -> PoseSignal | FloatArray:
+def _resampled(log: CalibrationLog, name: str, at: FloatArray, max_gap: float | None) -> PoseSignal | FloatArray:
     values: PoseSignal | FloatArray = getattr(log, name)
     columns = _table(values)
     moved = np.full(columns.shape, np.nan)
-    for _, rows in log.trajectories():
+    for rows in clock_runs(log):
         piece = interpolate(Stream(name, log.time[rows], values[rows]), at[rows], max_gap)
         moved[rows] = _table(piece)
     if not isinstance(values, PoseSignal):

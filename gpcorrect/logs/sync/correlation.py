@@ -24,13 +24,10 @@ MIN_STEP = 0.005  # s; finer grids cost time and add nothing: a parabola and the
 MIN_WIDTH = 0.03  # s; the standard deviation of the low pass, 5 Hz: arms under control move slower than that
 MAX_CELLS = 2_000_000  # of a grid; beyond that it is coarsened
 SPIKE_WINDOW = 7  # samples; their median stands up to three outliers in a row
-SPIKE_SCALE = (
-    6.0  # times farther from that median than its neighbours, and than four in five samples: a spike
-)
+SPIKE_SCALE = 6.0  # times farther from that median than its neighbours, and than four in five samples: a spike
 CLIP = 2.0  # speeds count up to this many times the fast ones: a jump of the tracker is a huge speed
-MIN_SUPPORT = (
-    0.5  # a smoothed speed needs this share of its window, a lag this share of the most samples in common
-)
+MIN_SUPPORT = 0.5  # a smoothed speed needs this share of its window
+MIN_COMMON = 0.25  # a lag needs this share of the most samples in common at any lag
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,11 +179,9 @@ def _shifted(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
     return part
 
 
-def _coefficient(
-    count: FloatArray, covariance: FloatArray, var_a: FloatArray, var_b: FloatArray
-) -> FloatArray:
+def _coefficient(count: FloatArray, covariance: FloatArray, var_a: FloatArray, var_b: FloatArray) -> FloatArray:
     floor = 1e-12 * max(float(np.max(var_a * var_b)), np.finfo(float).tiny)
-    usable = (count >= max(MIN_SUPPORT * float(np.max(count)), 3.0)) & (var_a * var_b > floor)
+    usable = (count >= max(MIN_COMMON * float(np.max(count)), 3.0)) & (var_a * var_b > floor)
     result: FloatArray = np.full(len(count), np.nan)
     result[usable] = np.clip(covariance[usable] / np.sqrt(var_a[usable] * var_b[usable]), -1.0, 1.0)
     return result
@@ -195,9 +190,7 @@ def _coefficient(
 def peaks(curve: LagCurve, share: float) -> FloatArray:
     """Lags of the maxima of at least `share` of the highest, highest first, placed by a parabola each."""
     r = np.where(np.isfinite(curve.correlation), curve.correlation, -np.inf)
-    inner: IntArray = (
-        np.flatnonzero((r[1:-1] >= r[:-2]) & (r[1:-1] > r[2:]) & np.isfinite(r[:-2] + r[2:])) + 1
-    )
+    inner: IntArray = np.flatnonzero((r[1:-1] >= r[:-2]) & (r[1:-1] > r[2:]) & np.isfinite(r[:-2] + r[2:])) + 1
     if inner.size == 0:
         return np.empty(0)
     inner = inner[np.argsort(-r[inner], kind="stable")]

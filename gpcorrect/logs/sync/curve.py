@@ -49,9 +49,7 @@ class ReferenceCurve:
         self._sound = [_sound_intervals(p.time) for p in pieces]
         unit = np.where(moving, spread, 1.0)
         self._splines = [
-            Akima1DInterpolator(p.time, ((p.regressors - centre) / unit)[:, moving])
-            if len(p) >= MIN_KNOTS
-            else None
+            Akima1DInterpolator(p.time, ((p.regressors - centre) / unit)[:, moving]) if len(p) >= MIN_KNOTS else None
             for p in pieces
         ]
 

@@ -6,17 +6,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import t as student_t
 
 from gpcorrect.errors import DataError
-from gpcorrect.logs.sync.blocks import block_sums
+from gpcorrect.logs.streams import Stream
 from gpcorrect.logs.sync.correlation import LagCurve, lag_curve, peaks, typical_step
-from gpcorrect.logs.sync.motion import Motion, MotionPair, default_pair, pairs_of, stretches
-from gpcorrect.logs.sync.offset import ClockDrift, TimeOffset, Verdict
+from gpcorrect.logs.sync.drift import with_drift
+from gpcorrect.logs.sync.motion import Motion, MotionPair, default_pair, pairs_of, stream_pair, stretches
+from gpcorrect.logs.sync.offset import TimeOffset, Verdict
 from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing
-from gpcorrect.types import CalibrationLog, FloatArray, frozen_array
+from gpcorrect.logs.sync.rivals import distinct, equals
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, frozen_array
 
-__all__ = ["estimate_offset", "log_offset"]
+__all__ = ["estimate_offset", "log_offset", "stream_offset"]
 
 Finding = tuple[Verdict, str]
 FOUND: Finding = ("found", "")
@@ -29,15 +30,11 @@ MIN_CORRELATION = 0.3  # two unrelated speeds of some tens of strokes stay below
 MIN_EXPLAINED = 0.5  # a reference that explains less than half of the spread is not the same motion
 PEAK_SHARE = 0.5  # lesser peaks than this share of the highest are no rivals
 MAX_RIVALS = 8
+MIN_SHARE = 1e-3  # of the usual information: a trajectory with less says nothing by itself
 PEAK_WIDTH = 0.2  # s; a peak, blurred by noise and by strokes of a second, lies this close to the offset
 PEAK_STEPS = 3.0  # or this many samples of the slower signal, if that is more
-RIVAL_LEVEL = 3.0  # standard errors by which the best fit must beat a rival
-RIVAL_RATIO = 1.10  # and its loss must be better by this factor: a model error can be significant as well
 DISTINCT_STEPS = 1.0  # optima within a slow sample step of each other are the same
 MAX_HALF_WIDTH = 0.1  # of the searched lag: a wider interval is no answer
-MIN_DRIFT_SPAN = 60.0  # s; a shorter recording cannot show a drift of parts in a million
-DRIFT_LEVEL = 0.999  # confidence at which a drift is reported: asked of every log, so rarely wrong
-MIN_DRIFT_SHIFT = 1e-3  # s over the recording; less does not matter at any sample rate here
 
 
 def log_offset(
@@ -72,6 +69,29 @@ def log_offset(
     return estimate_offset(pairs, max_lag=max_lag, centre=centre, names=(observed, reference))
 
 
+def stream_offset(
+    observed: Stream, reference: Stream, *, max_lag: float | None = None, centre: float = 0.0
+) -> TimeOffset:
+    """Time offset between two streams, each on its own clock and at its own rate.
+
+    What is found is how far `observed` runs ahead: `observed.shifted(-offset)` is on the reference's clock.
+
+    Parameters
+    ----------
+    observed, reference : Stream
+        Both poses or both joints.
+    max_lag, centre : float, optional
+        See :func:`estimate_offset`.
+
+    Raises
+    ------
+    LogError
+        One is a pose and the other joints.
+    """
+    pairs = [stream_pair(observed, reference)]
+    return estimate_offset(pairs, max_lag=max_lag, centre=centre, names=(observed.name, reference.name))
+
+
 def estimate_offset(
     pairs: Sequence[MotionPair],
     *,
@@ -89,7 +109,7 @@ def estimate_offset(
     Parameters
     ----------
     pairs : sequence of MotionPair
-        One a trajectory, or one of whole recordings.
+        One for each run of the clocks, or one a trajectory where each starts its clocks anew.
     max_lag : float, optional
         Largest distance from `centre` searched, s; 2 s, or five samples of the slower signal if that is more.
     centre : float
@@ -123,7 +143,7 @@ def _later(found: TimeOffset, centre: float, names: tuple[str, str]) -> TimeOffs
         correlation=frozen_array(found.correlation),
         rivals=tuple(r + centre for r in found.rivals),
         drift=found.drift and replace(found.drift, epoch=found.drift.epoch + centre),
-        per_piece=frozen_array(found.per_piece + centre),
+        per_trajectory=frozen_array(found.per_trajectory + centre),
         observed=names[0],
         reference=names[1],
     )
@@ -143,7 +163,7 @@ def _estimate(pairs: Sequence[MotionPair], max_lag: float | None, names: tuple[s
         return _nothing(("still", f"{names[1]} does not move."))
     reach = max(MAX_LAG, MAX_LAG_STEPS * slow) if max_lag is None else max_lag
     silence = max(SILENCE * reach, 2 * slow)
-    pieces = [s for p in pairs for s in stretches(p, silence, reach) if len(s.observed) > 1]
+    pieces = [s for p in pairs for s in stretches(p, silence, reach) if min(len(s.observed), len(s.reference)) > 1]
     if not pieces:
         return _nothing(("too_few", "the two signals share no time."))
     curve = lag_curve(pieces, reach)
@@ -162,12 +182,18 @@ def _coarse_finding(curve: LagCurve, names: tuple[str, str]) -> Finding:
         return "steady", f"{reference} moves at constant speed: a shift in time looks like a shift in space."
     best = float(np.nanmax(curve.correlation)) if np.isfinite(curve.correlation).any() else 0.0
     if best < MIN_CORRELATION:
-        how = f"their speeds correlate by {best:.2f} at best"
+        how = f"their speeds correlate by {best:.2f} at best{_searched(curve)}"
         return "unrelated", f"{observed} does not move as {reference} does: {how}."
     at = int(np.nanargmax(curve.correlation))
     if at in (0, len(curve.lags) - 1):
         return "edge", f"the correlation still rises at {curve.lags[at]:+.3g} s, where the search ends."
     return FOUND
+
+
+def _searched(curve: LagCurve) -> str:
+    """Say where the speeds could be compared: short trajectories shorten the search."""
+    lags = curve.lags[np.isfinite(curve.correlation)]
+    return f" between {lags[0]:+.2g} and {lags[-1]:+.2g} s" if lags.size else ""
 
 
 def _refined(
@@ -180,10 +206,10 @@ def _refined(
         return _nothing(("too_few", "there are too few samples to tell offset from registration."), curve)
     fits = [fit for s in starts if (fit := timing.refine(np.array([s]), bracket)) is not None]
     if not fits:
-        return _nothing(("unrelated", f"no shift of {names[1]} fits {names[0]}."), curve)
-    best, *others = _equals(_distinct(fits, DISTINCT_STEPS * slow))
+        return _nothing(("unrelated", f"no shift of {names[1]}{_searched(curve)} fits {names[0]}."), curve)
+    best, *others = equals(distinct(fits, DISTINCT_STEPS * slow))
     rivals = tuple(float(f.timing[0]) for f in others)
-    drift, best = _with_drift(timing, best, pieces, reach)
+    drift, best = with_drift(timing, best, pieces, reach)
     offset, width = float(best.timing[0]), float(best.half_width()[0])
     return TimeOffset(
         offset,
@@ -193,7 +219,7 @@ def _refined(
         curve.correlation,
         rivals,
         drift,
-        _per_piece(timing, best, len(pieces)),
+        *_per_trajectory(timing, best),
         best.explained,
         int(best.valid.sum()),
     )
@@ -230,64 +256,12 @@ def _fine_finding(
     return FOUND
 
 
-def _distinct(fits: Sequence[Refinement], apart: float) -> list[Refinement]:
-    """Fits in order of what they explain, without those that settled beside a better one."""
-    kept: list[Refinement] = []
-    for fit in sorted(fits, key=lambda f: -f.explained):
-        if all(abs(fit.timing[0] - k.timing[0]) > apart for k in kept):
-            kept.append(fit)
-    return kept
-
-
-def _equals(fits: Sequence[Refinement]) -> list[Refinement]:
-    """Return the best fit and those that are as good, the smallest shift first."""
-    equals = [fits[0], *(f for f in fits[1:] if _as_good(f, fits[0]))]
-    return sorted(equals, key=lambda f: abs(float(f.timing[0])))
-
-
-def _as_good(rival: Refinement, best: Refinement) -> bool:
-    """Whether the best fit does not beat the rival clearly and significantly, on the samples of both."""
-    both = rival.valid & best.valid
-    if not both.any():
-        return True
-    a, b = rival.loss(best.scale)[both], best.loss(best.scale)[both]
-    sums = block_sums((a - b)[:, None])[:, 0]
-    error = float(np.sqrt(len(sums)) * sums.std(ddof=1))
-    return float(sums.sum()) < RIVAL_LEVEL * error or float(a.sum()) < RIVAL_RATIO * float(b.sum())
-
-
-def _with_drift(
-    timing: Timing, fit: Refinement, pieces: Sequence[MotionPair], reach: float
-) -> tuple[ClockDrift | None, Refinement]:
-    """Fit a drift too where one clock runs throughout; keep it when it is significant and matters."""
-    span = _running_span(pieces)
-    if span < MIN_DRIFT_SPAN:
-        return None, fit
-    both = timing.refine(np.array([fit.timing[0], 0.0]), bracket=reach)
-    if both is None:
-        return None, fit
-    rate, error = float(both.timing[1]), float(np.sqrt(both.covariance[1, 1]))
-    level = float(student_t.ppf(0.5 + DRIFT_LEVEL / 2, max(both.dof, 1)))
-    if abs(rate) <= level * error or abs(rate) * span < MIN_DRIFT_SHIFT:
-        return None, fit
-    width = float(both.half_width()[1])
-    return ClockDrift(1e6 * rate, (1e6 * (rate - width), 1e6 * (rate + width)), timing.epoch), both
-
-
-def _running_span(pieces: Sequence[MotionPair]) -> float:
-    """Seconds from the first to the last observed stamp; 0 when the clock starts anew between pieces."""
-    starts = np.array([p.observed.time[0] for p in pieces])
-    stops = np.array([p.observed.time[-1] for p in pieces])
-    if (np.diff(starts) <= 0).any():
-        return 0.0
-    return float(stops[-1] - starts[0])
-
-
-def _per_piece(timing: Timing, fit: Refinement, count: int) -> FloatArray:
-    """One Gauss-Newton step of each piece by itself from the common offset."""
-    score = np.bincount(timing.piece, weights=fit.score[:, 0], minlength=count)
-    hessian = np.bincount(timing.piece, weights=fit.hessian[:, 0, 0], minlength=count)
-    enough = hessian > 1e-3 * hessian.mean()
-    offsets: FloatArray = np.full(count, np.nan)
+def _per_trajectory(timing: Timing, fit: Refinement) -> tuple[IntArray, FloatArray]:
+    """One Gauss-Newton step of each trajectory by itself from the common offset."""
+    numbers, place = np.unique(timing.label, return_inverse=True)
+    score = np.bincount(place, weights=fit.score[:, 0])
+    hessian = np.bincount(place, weights=fit.hessian[:, 0, 0])
+    enough = hessian > MIN_SHARE * hessian.mean()
+    offsets = np.full(len(numbers), np.nan)
     offsets[enough] = fit.timing[0] + score[enough] / hessian[enough]
-    return offsets
+    return numbers, offsets

@@ -10,15 +10,23 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs.order import rising
+from gpcorrect.logs.streams import Stream
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
 
-__all__ = ["PREFERRED_PAIRS", "Motion", "MotionPair", "default_pair", "pairs_of", "stretches"]
+__all__ = [
+    "PREFERRED_PAIRS",
+    "Motion",
+    "MotionPair",
+    "clock_runs",
+    "default_pair",
+    "pairs_of",
+    "stream_pair",
+    "stretches",
+]
 
+# What the robot reports moves with the robot: such a pair holds least servo lag, and comes first.
 PREFERRED_PAIRS = (
-    (
-        "tracker_cp",
-        "measured_cp",
-    ),  # what the robot reports moves with the robot: the pair holds least servo lag
+    ("tracker_cp", "measured_cp"),
     ("tracker_cp", "setpoint_cp"),
     ("external_jp", "measured_jp"),
     ("external_jp", "setpoint_jp"),
@@ -41,11 +49,14 @@ class Motion:
     lever : (n, m) array or None
         Further columns that a constant matrix may mix into what the other clock saw: the nine entries of
         the rotation matrix stand for an unknown lever arm between the two points.
+    label : (n,) int array or None
+        Trajectory of each sample, for offsets trajectory by trajectory.
     """
 
     time: FloatArray
     values: FloatArray
     lever: FloatArray | None = None
+    label: IntArray | None = None
 
     def __post_init__(self) -> None:
         time, values = np.asarray(self.time, dtype=np.float64), np.asarray(self.values, dtype=np.float64)
@@ -57,6 +68,8 @@ class Motion:
         for name, array in (("time", time), ("values", values)):
             object.__setattr__(self, name, frozen_array(array[rows]))
         object.__setattr__(self, "lever", frozen_array(lever[rows]) if lever.shape[1] else None)
+        if self.label is not None:
+            object.__setattr__(self, "label", frozen_array(np.asarray(self.label)[rows], np.int64))
 
     def __len__(self) -> int:
         return len(self.time)
@@ -68,7 +81,9 @@ class Motion:
 
     def rows(self, keep: BoolArray) -> Motion:
         """Return the motion of these rows only."""
-        return Motion(self.time[keep], self.values[keep], None if self.lever is None else self.lever[keep])
+        lever = None if self.lever is None else self.lever[keep]
+        label = None if self.label is None else self.label[keep]
+        return Motion(self.time[keep], self.values[keep], lever, label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +112,7 @@ def stretches(pair: MotionPair, gap: float, margin: float) -> Iterator[MotionPai
         keep = np.zeros(len(reference), dtype=np.bool_)
         keep[rows] = True
         start, stop = reference.time[rows[0]] - margin, reference.time[rows[-1]] + margin
-        yield MotionPair(
-            reference.rows(keep), observed.rows((observed.time >= start) & (observed.time <= stop))
-        )
+        yield MotionPair(reference.rows(keep), observed.rows((observed.time >= start) & (observed.time <= stop)))
 
 
 def default_pair(log: CalibrationLog) -> tuple[str, str]:
@@ -120,22 +133,47 @@ def default_pair(log: CalibrationLog) -> tuple[str, str]:
 
 
 def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionPair]:
-    """One pair a trajectory of two signals of a log, both poses or both joints.
+    """Two signals of a log, both poses or both joints, as a pair for each run of the clock.
+
+    With an offset, the end of one motion is among the observed samples of the next: trajectories of one run stay
+    together.
 
     Raises
     ------
     LogError
         A signal is absent, or one is a pose and the other joints.
     """
-    first, second = _signal(log, reference), _signal(log, observed)
-    if isinstance(first, PoseSignal) and isinstance(second, PoseSignal):
-        tables = (first.position, _lever(first), second.position)
-    elif not isinstance(first, PoseSignal) and not isinstance(second, PoseSignal):
-        a, b = _comparable_joints(first, second)
-        tables = (a, None, b)
-    else:
-        raise LogError(f"cannot compare {observed} with {reference}: one is a pose, the other joints.")
-    return [_pair(log.time, tables, rows) for _, rows in log.trajectories()]
+    columns = _columns(_signal(log, reference), _signal(log, observed), (reference, observed))
+    return [_pair(log, columns, rows) for rows in clock_runs(log)]
+
+
+def clock_runs(log: CalibrationLog) -> Iterator[IntArray]:
+    """Yield the rows through which one clock ran on: it stops where a trajectory starts no later, or a session ends."""
+    parts: list[IntArray] = []
+    for _, rows in log.trajectories():
+        if parts and not _runs_on(log, parts[-1], rows):
+            yield np.concatenate(parts)
+            parts = []
+        parts.append(rows)
+    if parts:
+        yield np.concatenate(parts)
+
+
+def _runs_on(log: CalibrationLog, before: IntArray, after: IntArray) -> bool:
+    same = log.session[before[-1]] == log.session[after[0]]
+    return bool(same and log.time[after].min() > log.time[before].max())
+
+
+def stream_pair(observed: Stream, reference: Stream) -> MotionPair:
+    """Two streams as one pair, each on its own clock, both poses or both joints.
+
+    Raises
+    ------
+    LogError
+        One is a pose and the other joints.
+    """
+    columns = _columns(reference.values, observed.values, (reference.name, observed.name))
+    return MotionPair(Motion(reference.stamp, columns.values, columns.lever), Motion(observed.stamp, columns.seen))
 
 
 def _signal(log: CalibrationLog, name: str) -> PoseSignal | FloatArray:
@@ -145,24 +183,39 @@ def _signal(log: CalibrationLog, name: str) -> PoseSignal | FloatArray:
     return value
 
 
-def _pair(
-    time: FloatArray, tables: tuple[FloatArray, FloatArray | None, FloatArray], rows: IntArray
-) -> MotionPair:
-    values, lever, seen = tables
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """What is compared: reference values and lever columns, observed values."""
+
+    values: FloatArray
+    lever: FloatArray | None
+    seen: FloatArray
+
+
+def _columns(reference: PoseSignal | FloatArray, observed: PoseSignal | FloatArray, names: tuple[str, str]) -> _Columns:
+    if isinstance(reference, PoseSignal) and isinstance(observed, PoseSignal):
+        return _Columns(reference.position, _lever(reference), observed.position)
+    if isinstance(reference, PoseSignal) or isinstance(observed, PoseSignal):
+        raise LogError(f"cannot compare {names[1]} with {names[0]}: one is a pose, the other joints.")
+    values, seen = _comparable_joints(reference, observed)
+    return _Columns(values, None, seen)
+
+
+def _pair(log: CalibrationLog, columns: _Columns, rows: IntArray) -> MotionPair:
+    time, lever = log.time[rows], None if columns.lever is None else columns.lever[rows]
     return MotionPair(
-        Motion(time[rows], values[rows], None if lever is None else lever[rows]),
-        Motion(time[rows], seen[rows]),
+        Motion(time, columns.values[rows], lever), Motion(time, columns.seen[rows], label=log.trajectory[rows])
     )
 
 
 def _lever(signal: PoseSignal) -> FloatArray | None:
-    """Entries of the rotation matrices `(n, 9)`, None where there are no orientations at all."""
+    """Entries of the rotation matrices `(n, 9)`, None where most orientations are unknown."""
     if signal.quaternion is None:
         return None
     entries = np.full((len(signal), 9), np.nan)
     norm = np.linalg.norm(signal.quaternion, axis=1)
     usable = (norm > 0.5) & (norm < 2.0)
-    if not usable.any():
+    if 2 * usable.sum() <= len(usable):
         return None
     entries[usable] = se3.matrix_from_quaternion(signal.quaternion[usable]).reshape(-1, 9)
     return entries

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gpcorrect.types import FloatArray
+from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["ClockDrift", "TimeOffset", "Verdict"]
 
@@ -55,8 +55,10 @@ class TimeOffset:
         Other offsets that explain the recording as well, s.
     drift : ClockDrift or None
         Only where it is significant.
-    per_piece : (k,) array
-        Offset of each trajectory (or stretch between long silences) by itself, s; NaN where it says nothing.
+    trajectories : (k,) int array
+        Numbers of the trajectories compared.
+    per_trajectory : (k,) array
+        Offset of each of them by itself, s; NaN where it says nothing.
     explained : float
         Share of the observed spread that the shifted reference explains; NaN when there is no offset.
     samples : int
@@ -73,7 +75,8 @@ class TimeOffset:
     correlation: FloatArray
     rivals: tuple[float, ...] = ()
     drift: ClockDrift | None = None
-    per_piece: FloatArray = field(default_factory=lambda: np.empty(0))
+    trajectories: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    per_trajectory: FloatArray = field(default_factory=lambda: np.empty(0))
     explained: float = float("nan")
     samples: int = 0
     observed: str = ""

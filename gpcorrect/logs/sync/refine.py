@@ -100,7 +100,7 @@ class Timing:
     Parameters
     ----------
     pairs : sequence of MotionPair
-        One a trajectory.
+        One for each run of the clocks.
     epoch : float
         Observer's time at which the shift is quoted, s; a drift turns about it.
     """
@@ -109,7 +109,7 @@ class Timing:
         self.curve = ReferenceCurve([p.reference for p in pairs])
         self.stamps = [np.asarray(p.observed.time) for p in pairs]
         self.elapsed = np.concatenate(self.stamps) - epoch
-        self.piece: IntArray = np.repeat(np.arange(len(pairs)), [len(s) for s in self.stamps])
+        self.label: IntArray = np.concatenate([_labels(p, i) for i, p in enumerate(pairs)])
         target = np.concatenate([p.observed.values for p in pairs])
         spread = target.std(axis=0) if len(target) else np.zeros(target.shape[1])
         moving = spread > 0
@@ -154,9 +154,7 @@ class Timing:
                 return self._result(timing, weight)
         return None
 
-    def _linearise(
-        self, sampled: Sampled, weight: FloatArray, parameters: int, scale: FloatArray | None
-    ) -> _Linear:
+    def _linearise(self, sampled: Sampled, weight: FloatArray, parameters: int, scale: FloatArray | None) -> _Linear:
         valid = sampled.valid
         y, elapsed = self.target[valid], self.elapsed[valid]
         x = np.column_stack([sampled.values[valid], np.ones(len(y))])
@@ -189,9 +187,7 @@ class Timing:
         residual = np.zeros(self.target.shape)
         residual[valid] = linear.residual
         covariance, dof = sandwich(score_rows, hessian_rows.sum(axis=0))
-        covariance *= lost_freedom(
-            np.clip(linear.residual / linear.scale, -HUBER, HUBER), self.curve.columns + 1
-        )
+        covariance *= lost_freedom(np.clip(linear.residual / linear.scale, -HUBER, HUBER), self.curve.columns + 1)
         explained = _explained(linear, self.target[valid])
         return Refinement(
             timing,
@@ -205,6 +201,12 @@ class Timing:
             score,
             hessian,
         )
+
+
+def _labels(pair: MotionPair, number: int) -> IntArray:
+    """Trajectory of each observed sample, the pair's number where it does not say."""
+    label = pair.observed.label
+    return np.full(len(pair.observed), number) if label is None else label
 
 
 def _size(residual: FloatArray, scale: FloatArray) -> FloatArray:

@@ -1,16 +1,15 @@
-"""What every effect is: a frozen value that acts at one stage of the simulated machine, and can be written down and read back."""
+"""What every effect is: a frozen value that acts at one stage of the machine and can be written down and read back."""
 
 from __future__ import annotations
 
 from abc import ABC
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from math import isnan
 from typing import Any, ClassVar
 
-import numpy as np
-
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.description import Description
+from gpcorrect.sim.effects.description import Description, Parameter
 
 __all__ = ["WHOLE_ARM", "Effect", "Stage"]
 
@@ -56,13 +55,7 @@ class Effect(ABC):
                 f"got {self.joint!r}."
             )
         for parameter in self.about.parameters:
-            values = np.atleast_1d(getattr(self, parameter.name))
-            if np.isnan(values).any() or (parameter.positive and (values < 0).any()):
-                wanted = "a number >= 0" if parameter.positive else "a number"
-                raise DataError(
-                    f"effect {self.about.name}: {parameter.name} ({parameter.meaning}) must be {wanted}, "
-                    f"got {getattr(self, parameter.name)!r}."
-                )
+            _check(self.about.name, parameter, getattr(self, parameter.name))
 
     def column(self, joints: tuple[int, ...], number: int | str | None = None) -> int:
         """Column of this effect's joint (or of joint `number`) in arrays whose columns are these joint numbers.
@@ -75,10 +68,10 @@ class Effect(ABC):
         wanted = self.joint if number is None else number
         if wanted not in joints:
             raise DataError(
-                f"effect {self.about.name} acts on joint {wanted!r}, the model has joints {', '.join(map(str, joints))}.",
+                f"effect {self.about.name} acts on joint {wanted!r}, the model has {', '.join(map(str, joints))}.",
                 hint="Name one of the model's joints, or add the joint to the model's `joints`.",
             )
-        return joints.index(wanted)  # type: ignore[arg-type]  # membership was just checked
+        return joints.index(wanted)
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -89,3 +82,14 @@ class Effect(ABC):
         """Return name, joint and parameters as plain values; `effect_from_dict` reads them back."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return {"name": self.about.name} | {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+
+
+def _check(effect: str, parameter: Parameter, value: Any) -> None:
+    numbers = value if parameter.per_session and isinstance(value, tuple) and value else (value,)
+    real = all(isinstance(v, float | int) and not isinstance(v, bool) and not isnan(v) for v in numbers)
+    if not real or (parameter.positive and min(numbers) < 0):
+        wanted = "a number >= 0" if parameter.positive else "a number"
+        raise DataError(
+            f"effect {effect}: {parameter.name} ({parameter.meaning}) must be {wanted}"
+            f"{', or one a session' if parameter.per_session else ''}, got {value!r}."
+        )

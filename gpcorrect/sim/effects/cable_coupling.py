@@ -56,7 +56,8 @@ class CableCoupling(PathEffect):
         super().__post_init__()
         if not (isinstance(self.source, int) and self.source >= 1) or self.source == self.joint:
             raise DataError(
-                f"effect cable_coupling: source must be the number of a joint other than {self.joint}, got {self.source!r}."
+                f"effect cable_coupling: source must be the number of a joint other than {self.joint}, "
+                f"got {self.source!r}."
             )
 
     @property

@@ -13,7 +13,7 @@ __all__ = ["CoulombFriction"]
 
 @dataclass(frozen=True)
 class CoulombFriction(FrictionEffect):
-    """Dry friction of fixed size; through a proportional gain it becomes an error of Fc / kp that changes sign at reversals.
+    """Dry friction of fixed size; through a proportional gain it is an error of Fc / kp that changes sign at reversals.
 
     Parameters
     ----------

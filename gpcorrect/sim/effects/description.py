@@ -1,4 +1,4 @@
-"""What a catalogue effect says of itself: parameters with unit, range and prior, look-alikes, and the runs that separate them."""
+"""What an effect says of itself: parameters with unit, range and prior, look-alikes, runs that separate them."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Parameter:
     revolute, prismatic : Range
         Unit, range and prior on a joint of either type.
     positive : bool
-        Whether negative values have no meaning; the prior is then log-normal, a factor of about three wide, else normal.
+        Whether negative values have no meaning; the prior is then log-normal, a factor of three wide, else normal.
     identity : float
         The value at which the effect does nothing.
     per_session : bool

@@ -13,8 +13,8 @@ __all__ = ["play"]
 def play(path: FloatArray, radius: float) -> FloatArray:
     """Play (backlash) of half width `radius`: the output moves only when the input pushes an edge of the gap.
 
-    `w_i = min(max(w_{i-1}, u_i - r), u_i + r)`, exact for any input that is monotone between samples; it starts in the middle of
-    the gap (Krasnosel'skii and Pokrovskii 1989, Sec. 2).
+    `w_i = min(max(w_{i-1}, u_i - r), u_i + r)`, exact for any input that is monotone between samples; it starts in the
+    middle of the gap (Krasnosel'skii and Pokrovskii 1989, Sec. 2).
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields
 from typing import Any, TypeVar
 
@@ -42,10 +42,10 @@ def effect_from_dict(values: Mapping[str, Any]) -> Effect:
     Raises
     ------
     DataError
-        The name is not in the catalogue, a parameter is missing or not a number, or there is a key the effect does not know.
+        The name is not in the catalogue, a parameter is missing or no number, or the effect does not know a key.
     """
     name = values.get("name")
-    if name not in EFFECTS:
+    if not isinstance(name, str) or name not in EFFECTS:
         raise DataError(f"no effect is called {name!r}.", hint=f"Known effects: {', '.join(EFFECTS)}.")
     kind = EFFECTS[name]
     given = {key: value for key, value in values.items() if key != "name"}
@@ -64,9 +64,11 @@ def in_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     return tuple(sorted(effects, key=lambda e: (e.stage, position.get(type(e), len(CATALOGUE)), str(e.joint))))
 
 
-def of_kind(effects: Iterable[Effect], kind: type[E]) -> tuple[E, ...]:
+def of_kind(effects: Iterable[Effect], kind: Callable[..., E]) -> tuple[E, ...]:
     """Return the effects of one interface, such as :class:`~gpcorrect.sim.effects.PathEffect`, in their order."""
-    return tuple(e for e in effects if isinstance(e, kind))
+    assert isinstance(kind, type)  # typed as a callable because mypy takes no abstract class for a type[E]
+    found: list[Any] = [e for e in effects if isinstance(e, kind)]
+    return tuple(found)
 
 
 def _keys(kind: type[Effect]) -> list[str]:

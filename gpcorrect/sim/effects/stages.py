@@ -1,6 +1,7 @@
 """The interfaces of the stages: one method `act` each, with what it is given and what it must return.
 
-Arrays are time first: `(n, N, dof)` for n samples of N parallel runs. An effect returns new arrays, and knows nothing of the others.
+Arrays are time first: `(n, N, dof)` for n samples of N parallel runs. An effect returns new arrays, and knows nothing
+of the others.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from gpcorrect.arms import Chain
+from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Links
 from gpcorrect.sim.effects.base import Effect, Stage
 from gpcorrect.sim.motion import DriveState, Motion, Readings
@@ -30,8 +32,11 @@ __all__ = [
 ]
 
 
+SIDES = ("motor", "joint")
+
+
 class Friction(NamedTuple):
-    """Friction of one joint: dry `limit` (N m or N) and `damping` (N m s/rad or N s/m); numbers or arrays of the state's shape."""
+    """Friction of one joint: dry `limit` (N m or N) and `damping` (N m s/rad or N s/m); numbers or arrays."""
 
     limit: float | FloatArray
     damping: float | FloatArray
@@ -83,6 +88,11 @@ class FrictionEffect(Effect):
 
     stage = Stage.FRICTION
     varies: ClassVar[bool] = False  # whether `act` must be asked anew at every step of the loop
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.side not in SIDES:
+            raise DataError(f"effect {self.about.name}: side must be {' or '.join(SIDES)}, got {self.side!r}.")
 
     @abstractmethod
     def act(self, state: DriveState) -> Friction:

@@ -1,0 +1,140 @@
+"""Bad input of every kind through the command line: exit status 2, one clear message, nothing lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_support import CommandLine, assert_refused, written
+from support import real_data, small_log
+
+from gpcorrect.types import CalibrationLog, PoseSignal
+
+
+def moved(log: CalibrationLog, positions: np.ndarray) -> CalibrationLog:
+    """Return the log with other observed positions."""
+    assert log.tracker_cp is not None
+    return replace(log, tracker_cp=PoseSignal(positions, log.tracker_cp.quaternion))
+
+
+def test_a_missing_file_is_named(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """The message names the file."""
+    assert_refused(gpcorrect("fit", tmp_path / "no.csv", "--output", tmp_path / "m.gpc"), "no.csv")
+
+
+def test_an_empty_file_is_refused(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """Zero bytes are no recording."""
+    (tmp_path / "empty.csv").write_text("")
+    assert_refused(gpcorrect("fit", tmp_path / "empty.csv", "--output", tmp_path / "m.gpc"), "empty")
+
+
+def test_a_truncated_bag_is_refused(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """Half a bag has no index: said so, without a traceback."""
+    whole = real_data("dvrk_motion_1.bag").read_bytes()
+    (tmp_path / "half.bag").write_bytes(whole[: len(whole) // 2])
+    assert_refused(gpcorrect("validate", tmp_path / "half.bag"), "half.bag")
+
+
+def test_decimal_commas_are_understood_or_refused_with_the_way_out(gpcorrect: CommandLine, log_file: Path) -> None:
+    """A German spreadsheet's CSV gives the same recording, never other numbers."""
+    german = log_file.with_name("german.csv")
+    german.write_text(log_file.read_text().replace(",", ";").replace(".", ","))
+    first, second = (gpcorrect("validate", path, "--json") for path in (log_file, german))
+    if second.code == 2 and not second.out:
+        assert_refused(second, "decimal")
+    else:
+        assert first.json["facts"] == second.json["facts"]
+
+
+def test_a_byte_order_mark_changes_nothing(gpcorrect: CommandLine, log_file: Path) -> None:
+    """A BOM before the header is not part of the first column's name."""
+    marked = log_file.with_name("marked.csv")
+    marked.write_bytes(b"\xef\xbb\xbf" + log_file.read_bytes())
+    assert (
+        gpcorrect("validate", marked, "--json").json["facts"] == gpcorrect("validate", log_file, "--json").json["facts"]
+    )
+
+
+def test_rows_of_nan_are_dropped_and_counted(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """Missing observations do not stop a fit; they are counted as dropped."""
+    log = small_log()
+    assert log.tracker_cp is not None
+    positions = log.tracker_cp.position.copy()
+    positions[100:110] = np.nan
+    path = written(moved(log, positions), tmp_path / "holes.csv")
+    result = gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--json").json
+    assert result["dropped"]["invalid"] == 10
+
+
+def test_one_trajectory_cannot_be_held_out(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """The message says what to do; with --holdout 0 the fit goes through."""
+    path = written(small_log(trajectories=1, samples=200), tmp_path / "one.csv")
+    assert_refused(gpcorrect("fit", path, "--output", tmp_path / "m.gpc"), "one trajectory", "--holdout 0")
+    assert not (tmp_path / "m.gpc").exists()
+    assert gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--holdout", 0).code == 0
+
+
+def test_collinear_positions_are_refused(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """A line of positions without orientations does not fix a rotation about itself."""
+    log = small_log()
+    line = np.outer(np.linspace(0, 0.1, len(log)), [1.0, 2.0, 2.0])
+    assert log.setpoint_cp is not None
+    bad = replace(log, setpoint_cp=PoseSignal(line), tracker_cp=PoseSignal(line + 0.01))
+    assert_refused(gpcorrect("fit", written(bad, tmp_path / "line.csv"), "--output", tmp_path / "m.gpc"), "line")
+
+
+def test_millimetres_for_metres_are_found(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """A tracker that logs millimetres is an error of the dry run, with the scale named."""
+    log = small_log()
+    assert log.tracker_cp is not None
+    outcome = gpcorrect("validate", written(moved(log, 1e3 * log.tracker_cp.position), tmp_path / "mm.csv"))
+    assert outcome.code == 2
+    assert "mm" in outcome.out or "millimetre" in outcome.out
+
+
+def test_a_file_of_five_gigabytes_is_refused_before_it_is_read(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """The size is looked at first, and the way out is named."""
+    with (tmp_path / "huge.csv").open("wb") as file:
+        file.truncate(5 * 1024**3)
+    assert_refused(gpcorrect("fit", tmp_path / "huge.csv", "--output", tmp_path / "m.gpc"), "huge.csv", "Parquet")
+
+
+def test_a_log_without_a_tracker_says_what_is_missing(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """The missing signal and those that are there are named."""
+    path = written(replace(small_log(), tracker_cp=None), tmp_path / "blind.csv")
+    assert_refused(gpcorrect("fit", path, "--output", tmp_path / "m.gpc"), "tracker_cp", "setpoint_cp", "--columns")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--features", "pose,torque"), "torque"),
+        (("--marker", "maybe"), "maybe"),
+        (("--holdout", "1.5"), "1.5"),
+        (("--drop", "a:b"), "TRAJECTORY:START:STOP"),
+        (("--time-offset", "soon"), "soon"),
+    ],
+)
+def test_wrong_options_are_named(
+    gpcorrect: CommandLine, log_file: Path, tmp_path: Path, words: tuple[str, str], said: str
+) -> None:
+    """An option out of range is refused, and the model file is not written."""
+    assert_refused(gpcorrect("fit", log_file, "--output", tmp_path / "m.gpc", *words), said)
+    assert not (tmp_path / "m.gpc").exists()
+
+
+def test_a_failed_fit_keeps_the_old_model(gpcorrect: CommandLine, log_file: Path, tmp_path: Path) -> None:
+    """Whatever stops a fit, the model file of yesterday is still there."""
+    model = tmp_path / "m.gpc"
+    model.write_bytes(b"yesterday")
+    assert gpcorrect("fit", log_file, "--output", model, "--marker", "maybe").code == 2
+    assert model.read_bytes() == b"yesterday"
+
+
+def test_an_output_folder_that_is_missing_is_named_before_the_work(
+    gpcorrect: CommandLine, log_file: Path, tmp_path: Path
+) -> None:
+    """Nobody waits for a fit that cannot be saved."""
+    assert_refused(gpcorrect("fit", log_file, "--output", tmp_path / "no" / "m.gpc"), "folder")

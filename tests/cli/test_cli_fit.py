@@ -1,0 +1,106 @@
+"""`gpcorrect fit`, `evaluate`, `correct` through the front door."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_support import CommandLine, written
+from support import real_data, small_log
+
+from gpcorrect.types import PoseSignal
+
+POSE = ("--pose", 0.1, 0.0, -0.1, 1, 0, 0, 0)
+
+
+def test_fit_corrects_held_out_trajectories_and_says_so_in_json(
+    gpcorrect: CommandLine, log_file: Path, tmp_path: Path
+) -> None:
+    """The fields that other programs rely on are there, and the corrected error is far below the raw one."""
+    result = gpcorrect("fit", log_file, "--output", tmp_path / "m.gpc", "--json").json
+    assert {"n_train", "n_test", "dropped", "seconds", "errors", "errors_dirty", "coverage95"} <= set(result)
+    raw, corrected = (result["errors"][m]["position_mm"]["norm"]["mean"] for m in ("raw", "corrected"))
+    assert set(result["errors"]["raw"]["rotation_deg"]) == {"x", "y", "z", "norm"}
+    assert set(result["errors"]["raw"]["rotation_deg"]["norm"]) == {"mean", "sd", "rmse", "p95", "max"}
+    assert corrected < 0.1 * raw
+    assert result["n_train"] + result["n_test"] == 960
+
+
+def test_evaluate_repeats_what_fit_measured(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """A saved model measured on the held-out trajectories gives the errors that fit printed."""
+    log = small_log()
+    fitted = gpcorrect(
+        "fit", written(log, tmp_path / "all.csv"), "--output", tmp_path / "m.gpc", "--time-offset", "none", "--json"
+    ).json
+    last = written(log.select(log.trajectory >= 13), tmp_path / "last.csv")
+    again = gpcorrect("evaluate", tmp_path / "m.gpc", last, "--time-offset", "none", "--json").json
+    assert again["errors"]["corrected"]["position_mm"]["norm"]["rmse"] == pytest.approx(
+        fitted["errors"]["corrected"]["position_mm"]["norm"]["rmse"], rel=1e-9
+    )
+
+
+def test_the_same_seed_gives_the_same_model(gpcorrect: CommandLine, log_file: Path, tmp_path: Path) -> None:
+    """Two fits of one log agree in every figure but the seconds."""
+    first, second = (gpcorrect("fit", log_file, "--output", tmp_path / f"{i}.gpc", "--json").json for i in (1, 2))
+    assert first["errors"] == second["errors"]
+    assert first["dropped"] == second["dropped"]
+
+
+def test_correct_asks_the_model_file(gpcorrect: CommandLine, log_file: Path, tmp_path: Path) -> None:
+    """The command for a desired pose lies where the planted miss says, within its interval."""
+    gpcorrect("fit", log_file, "--output", tmp_path / "m.gpc")
+    log = small_log(noise=0.0)
+    assert log.tracker_cp is not None
+    assert log.tracker_cp.quaternion is not None
+    assert log.setpoint_cp is not None
+    row = 30
+    velocity = (log.tracker_cp.position[row + 1] - log.tracker_cp.position[row - 1]) / 0.04
+    pose = [*log.tracker_cp.position[row], *log.tracker_cp.quaternion[row]]
+    answer = gpcorrect("correct", tmp_path / "m.gpc", "--pose", *pose, "--twist", *velocity, 0, 0, 0, "--json").json
+    assert np.linalg.norm(np.array(answer["position"]) - log.setpoint_cp.position[row]) < 1e-3
+    assert answer["status"] == "OK"
+    assert answer["in_domain"]
+
+
+def test_far_outside_is_said_to_be_outside(gpcorrect: CommandLine, log_file: Path, tmp_path: Path) -> None:
+    """A pose half a metre away is answered, and flagged as extrapolation."""
+    gpcorrect("fit", log_file, "--output", tmp_path / "m.gpc")
+    answer = gpcorrect("correct", tmp_path / "m.gpc", "--pose", 0.6, 0, -0.1, 1, 0, 0, 0, "--json").json
+    assert not answer["in_domain"]
+    assert answer["status"] == "EXTRAPOLATING"
+    assert "outside the training region" in answer["reason"]
+
+
+def test_a_position_only_log_gives_position_errors_only(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """Without a tracker's orientation no rotation error is invented, and the fit says what it leaves alone."""
+    log = small_log()
+    assert log.tracker_cp is not None
+    bare = written(replace(log, tracker_cp=PoseSignal(log.tracker_cp.position)), tmp_path / "bare.csv")
+    done = gpcorrect("fit", bare, "--output", tmp_path / "m.gpc", "--json").json
+    assert set(done["errors"]["corrected"]) == {"position_mm"}
+    answer = gpcorrect("correct", tmp_path / "m.gpc", "--position", 0.1, 0, -0.1, "--json").json
+    assert answer["quaternion"] is None
+
+
+def test_report_and_dropped_samples_are_written(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """A block dropped by hand is listed sample by sample, and the page is whole and needs no other file."""
+    log = written(small_log(), tmp_path / "log.csv")
+    gpcorrect("fit", log, "--output", tmp_path / "m.gpc", "--drop", "1:10.1:10.3", "--report", tmp_path / "report")
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert page.count("data:image/png;base64,") >= 6
+    assert "http" not in page.replace("http-equiv", "")
+    rows = list(csv.DictReader((tmp_path / "report" / "cleaning.csv").open()))
+    dropped = [row for row in rows if row["reason"] == "manual"]
+    assert len(dropped) == 11
+    assert all(10.09 < float(row["time"]) < 10.31 for row in dropped)
+
+
+def test_the_real_recording_works_as_it_is(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """`gpcorrect fit dvrk_random.csv` lessens position and rotation error on the last trajectories."""
+    result = gpcorrect("fit", real_data("dvrk_random.csv"), "--output", tmp_path / "m.gpc", "--json").json
+    for part in ("position_mm", "rotation_deg"):
+        raw, corrected = (result["errors"][m][part]["norm"]["rmse"] for m in ("raw", "corrected"))
+        assert corrected < 0.85 * raw

@@ -1,0 +1,134 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sim_machines import raven
+
+from gpcorrect.arms import Chain, arm_named, gravity_torque, potential_energy
+from gpcorrect.sim.body import Body, Links
+from gpcorrect.sim.dynamics import posture_at
+
+ARMS = ["raven2_left", "raven2_right", "dvrk_psm"]
+
+
+def body_of(name, payload=0.3):
+    """All six joints of an arm, every link with mass and inertia."""
+    arm, rng = arm_named(name), np.random.default_rng(1)
+    links = Links(
+        rng.uniform(0.1, 1.0, 6), rng.uniform(-0.1, 0.1, (6, 3)), rng.uniform(1e-4, 1e-2, (6, 3)), np.array([payload])
+    )
+    return Body(tuple(range(1, 7)), arm.joint_types, arm.chain, np.zeros(0), links, np.array([1.0, -2.0, -9.0]))
+
+
+def states(count=20, seed=0):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform([0, 0.8, 0.25, -1, -1, -1], [1.5, 2.3, 0.5, 1, 1, 1], (count, 6))
+    return q[:, None], rng.standard_normal((count, 1, 6)), rng.standard_normal((count, 1, 6))
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_gravity_load_balances_the_arm_module(name):
+    """What holds the arm up is the opposite of what the arms' own module says gravity does."""
+    arm, (q, _, _) = arm_named(name), states()
+    links = arm.links
+    body = Body(
+        tuple(range(1, 7)),
+        arm.joint_types,
+        arm.chain,
+        np.zeros(0),
+        Links(
+            np.array([link.mass for link in links]),
+            np.array([link.com for link in links]).reshape(-1, 3),
+            np.zeros((len(links), 3)),
+            np.array([0.4]),
+        ),
+        arm.gravity,
+    )
+    expected = -gravity_torque(arm.chain, links, q, arm.gravity, 0.4)
+    np.testing.assert_allclose(posture_at(body, q).gravity_load(), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_load_is_the_euler_lagrange_derivative(name):
+    """Inertial load equals d/dt dK/dq' - dK/dq, with the kinetic energy taken from differentiated frames."""
+    body = body_of(name, payload=0.0)
+    q, velocity, acceleration = (a[0, 0] for a in states(1, seed=3))
+    h = 1e-4
+
+    def kinetic(q, velocity):
+        frames = [body.chain.frames(q + s * velocity) for s in (-h, h)]
+        energy = 0.0
+        for i, (mass, com, moments) in enumerate(
+            zip(body.links.mass, body.links.com, body.links.inertia_diagonal, strict=True)
+        ):
+            before, after = (f[i] for f in frames)
+            v = ((after[:3, :3] - before[:3, :3]) @ com + after[:3, 3] - before[:3, 3]) / (2 * h)
+            spin = body.chain.frames(q)[i, :3, :3].T @ (after[:3, :3] - before[:3, :3]) / (2 * h)
+            omega = np.array([spin[2, 1] - spin[1, 2], spin[0, 2] - spin[2, 0], spin[1, 0] - spin[0, 1]]) / 2
+            energy += 0.5 * mass * v @ v + 0.5 * moments @ omega**2
+        return energy
+
+    def momentum(q, velocity):
+        return np.array([(kinetic(q, velocity + e) - kinetic(q, velocity - e)) / 2 for e in np.eye(6)])
+
+    d = 1e-3
+    rate = (
+        momentum(q + d * velocity, velocity + d * acceleration)
+        - momentum(q - d * velocity, velocity - d * acceleration)
+    ) / (2 * d)
+    slope = np.array([(kinetic(q + d * e, velocity) - kinetic(q - d * e, velocity)) / (2 * d) for e in np.eye(6)])
+    load = posture_at(body, q[None, None]).inertial_load(velocity[None, None], acceleration[None, None])[0, 0]
+    np.testing.assert_allclose(load, rate - slope, atol=2e-4 * np.abs(load).max())
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_gravity_load_is_the_slope_of_potential_energy(name):
+    """The load that holds an arm is the gradient of its potential energy."""
+    body = body_of(name)
+    q, h = states(1, seed=4)[0][0, 0], 1e-6
+    arm_links = [type("L", (), {"mass": m, "com": c})() for m, c in zip(body.links.mass, body.links.com, strict=True)]
+
+    def energy(q):
+        return potential_energy(body.chain, arm_links, q, body.gravity, 0.3)
+
+    slope = [(energy(q + h * e) - energy(q - h * e)) / (2 * h) for e in np.eye(6)]
+    np.testing.assert_allclose(posture_at(body, q[None, None]).gravity_load()[0, 0], slope, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_inertia_diagonal_is_the_load_of_unit_acceleration(name):
+    """Accelerating one joint alone from rest takes its diagonal inertia."""
+    posture = posture_at(body_of(name), states(5)[0])
+    for j in range(6):
+        unit = np.zeros((5, 1, 6))
+        unit[..., j] = 1.0
+        load = posture.inertial_load(np.zeros((5, 1, 6)), unit)
+        np.testing.assert_allclose(load[..., j], posture.inertia_diagonal()[..., j], atol=1e-12)
+
+
+def test_mass_matrix_is_symmetric():
+    """Joint j's load for accelerating k is joint k's for accelerating j."""
+    posture = posture_at(body_of("raven2_left"), states(1)[0])
+    columns = [posture.inertial_load(np.zeros((1, 1, 6)), e[None, None])[0, 0] for e in np.eye(6)]
+    np.testing.assert_allclose(np.array(columns), np.array(columns).T, atol=1e-12)
+    assert np.linalg.eigvalsh(np.array(columns)).min() > 0
+
+
+def test_held_joints_can_be_folded_into_the_tool():
+    """A compact body carries the same loads and reaches the same poses."""
+    body = replace(raven().body, held=np.array([0.3, -0.2, 0.5]))
+    q = states()[0][..., :3]
+    small = body.compact()
+    assert small.chain.dof == 3
+    np.testing.assert_allclose(small.forward(q), body.forward(q), atol=1e-12)
+    loaded = replace(body, links=replace(body.links, payload=np.array([0.5])))
+    np.testing.assert_allclose(
+        posture_at(loaded.compact(), q).gravity_load(), posture_at(loaded, q).gravity_load(), atol=1e-12
+    )
+
+
+def test_weightless_arms_have_no_posture():
+    """Nothing to carry, nothing to compute."""
+    body = replace(raven().body, links=Links.none())
+    assert posture_at(body, np.zeros((2, 1, 3))) is None
+    assert isinstance(body.chain, Chain)

@@ -1,0 +1,75 @@
+import numpy as np
+import pytest
+from sim_machines import motion
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects import CableCoupling, CableStretch, Drift, GravitySag, HomingOffset, TransmissionRatio
+
+
+def test_homing_offset_is_reported_minus_true():
+    """The reported position is the true one plus the offset."""
+    state = motion()
+    q = HomingOffset(2, 0.05).act(state.position, state)
+    np.testing.assert_allclose(state.position[..., 1] - q[..., 1], 0.05)
+
+
+def test_every_session_has_its_own_offset():
+    """With one offset a session, runs of a session share it and others do not."""
+    state = motion(runs=4, sessions=2)
+    q = HomingOffset(1, (0.01, -0.02)).act(state.position, state)
+    np.testing.assert_allclose((state.position - q)[0, :, 0], [0.01, -0.02, 0.01, -0.02])
+
+
+def test_too_few_offsets_are_refused():
+    state = motion(runs=3, sessions=3)
+    with pytest.raises(DataError, match=r"2 offsets.*3 sessions"):
+        HomingOffset(1, (0.0, 0.0)).act(state.position, state)
+
+
+def test_ratio_is_linear():
+    """The reported position is (1 + s) times the true one, everywhere."""
+    state = motion()
+    q = TransmissionRatio(1, 0.04).act(state.position, state)
+    np.testing.assert_allclose(1.04 * q[..., 0], state.position[..., 0])
+
+
+def test_coupling_follows_its_source_alone():
+    """Joint j is wrong by the coefficient times joint k, and not at all while k rests."""
+    state = motion()
+    q = CableCoupling(3, 1, 0.2).act(state.position, state)
+    np.testing.assert_allclose((state.position - q)[..., 2], 0.2 * state.position[..., 0])
+    still = np.array(state.position)
+    still[..., 0] = 0.0
+    np.testing.assert_array_equal(CableCoupling(3, 1, 0.2).act(still, state), still)
+
+
+def test_stretch_is_torque_over_stiffness():
+    """The joint gives way against the torque that the cable carries; twice the stiffness, half the stretch."""
+    state = motion()
+    stretch = state.position - CableStretch(2, 100.0).act(state.position, state)
+    np.testing.assert_allclose(stretch[..., 1], state.load[..., 1] / 100.0)
+    softer = state.position - CableStretch(2, 50.0).act(state.position, state)
+    np.testing.assert_allclose(softer, 2 * stretch)
+
+
+def test_sag_knows_gravity_only():
+    """The sag is the gravity torque over the stiffness, whatever else the joint carries."""
+    state = motion()
+    sag = state.position - GravitySag(1, 80.0).act(state.position, state)
+    np.testing.assert_allclose(sag[..., 0], state.gravity_load[..., 0] / 80.0)
+
+
+def test_drift_counts_session_time():
+    """A steady drift is rate times session time, also in runs that begin late."""
+    state = motion(runs=3)
+    q = Drift(1, 1e-4).act(state.position, state)
+    np.testing.assert_allclose((state.position - q)[..., 0], 1e-4 * state.time, atol=1e-15)
+
+
+def test_drift_settles():
+    """With a time constant the drift starts at its rate and ends at rate times constant; a long one is steady."""
+    times = np.array([0.0, 1e-3, 1e9])
+    settled = Drift(1, 2e-5, time_constant=600.0).offset(times)
+    np.testing.assert_allclose(settled, [0.0, 2e-8, 2e-5 * 600.0], rtol=1e-5)
+    long = Drift(1, 2e-5, time_constant=1e12).offset(np.linspace(0, 1e4, 5))
+    np.testing.assert_allclose(long, Drift(1, 2e-5).offset(np.linspace(0, 1e4, 5)), rtol=1e-7)

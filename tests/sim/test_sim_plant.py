@@ -1,0 +1,221 @@
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from sim_machines import RATE_HZ, constant_speed, drive, hold, moves, raven, weightless
+
+from gpcorrect.arms import arm_named
+from gpcorrect.sim import run, simulate
+from gpcorrect.sim.effects import (
+    Backlash,
+    CableStretch,
+    ChainEffect,
+    CoulombFriction,
+    Description,
+    Family,
+    Friction,
+    FrictionEffect,
+    GravitySag,
+    HomingOffset,
+    LoadEffect,
+    ReadingEffect,
+    Stage,
+    TipEffect,
+    TorqueEffect,
+    ViscousFriction,
+)
+
+
+def about(name):
+    return Description(name, "T", Family.LIMIT, "", "", (), (), (), ())
+
+
+def test_a_perfect_machine_goes_where_it_is_told():
+    """No effect, no noise, whole feedforward: measured, true and desired joints agree, and so do the poses."""
+    plan = moves()
+    log = simulate(raven(drive=drive("rigid-body")), plan)
+    scale = np.ptp(log.setpoint_jp, axis=0)
+    assert (np.abs(log.measured_jp - log.setpoint_jp).max(axis=0) < 5e-4 * scale).all()
+    np.testing.assert_array_equal(log.external_jp, log.measured_jp)
+    np.testing.assert_allclose(log.tracker_cp.position, log.measured_cp.position, atol=1e-12)
+    np.testing.assert_allclose(np.abs((log.tracker_cp.quaternion * log.measured_cp.quaternion).sum(1)), 1.0)
+    arm = arm_named("raven2_left")
+    q = np.concatenate([log.setpoint_jp, np.zeros((len(log), 3))], axis=1)
+    np.testing.assert_allclose(log.setpoint_cp.position, arm.forward(q)[:, :3, 3], atol=1e-12)
+
+
+def test_feedforward_takes_the_load_off_the_gains():
+    """The more of the load is fed forward, the smaller the tracking error."""
+    plan = moves()
+    errors = [
+        np.abs(run(raven(drive=drive(kind)), plan).motion.position - plan.q).max()
+        for kind in ("none", "gravity", "rigid-body")
+    ]
+    assert errors[0] > 1.5 * errors[1]
+    assert errors[1] > 3 * errors[2]
+
+
+def test_stretch_at_rest_is_load_over_stiffness():
+    """A held joint hangs tau / k behind its motor, tau being the gravity torque where it hangs."""
+    q, k = np.array([0.6, 1.5, 0.36]), 60.0
+    machine = raven(CableStretch(2, k), drive=drive("gravity"))
+    outcome = run(machine, hold(q), passes=8)
+    body = machine.body
+    whole = np.concatenate([outcome.q[-1, 0], np.zeros(3)])
+    arm = arm_named("raven2_left")
+    tau = -arm.gravity_torque(whole, gravity=body.gravity)[1]
+    np.testing.assert_allclose(outcome.motion.position[-1, 0, 1] - outcome.q[-1, 0, 1], tau / k, rtol=1e-8)
+
+
+def test_motion_and_load_converge():
+    """Every further pass changes the path by a fraction of what the one before did, down to rounding."""
+    effects = (CableStretch(2, 120.0), CoulombFriction(1, torque=1.0), ViscousFriction(2, damping=1.0))
+    machine, plan = raven(*effects), moves()
+    paths = [run(machine, plan, passes=p).q for p in (1, 2, 3, 4)]
+    changes = [np.sqrt(((b - a) ** 2).mean()) for a, b in pairwise(paths)]
+    assert changes[1] < 0.2 * changes[0]
+    assert changes[2] < 0.2 * changes[1]
+    assert changes[1] < 1e-5
+
+
+def test_runs_do_not_disturb_each_other():
+    """A run comes out the same alone and beside others."""
+    plan = moves(runs=3)
+    alone = replace(
+        plan,
+        q=plan.q[:, :1],
+        trajectory=plan.trajectory[:, :1],
+        session=plan.session[:1],
+        start=plan.start[:1],
+        payload=plan.payload[:1],
+    )
+    machine = raven(CoulombFriction(1, torque=1.0), Backlash(3, 0.001))
+    np.testing.assert_allclose(run(machine, alone).q[:, 0], run(machine, plan).q[:, 0], atol=2e-6)
+
+
+def test_payload_pulls_a_soft_arm_down():
+    """More payload, more sag, in proportion at a fixed pose."""
+    q = np.array([0.6, 1.5, 0.33])
+    sags = []
+    for payload in (0.0, 0.2, 0.4):
+        outcome = run(raven(GravitySag(2, 200.0), drive=drive("gravity")), hold(q, payload=payload), passes=8)
+        sags.append(outcome.motion.position[-1, 0, 1] - outcome.q[-1, 0, 1])
+    np.testing.assert_allclose(sags[2] - sags[1], sags[1] - sags[0], rtol=0.02)
+    assert abs(sags[1] - sags[0]) > 1e-4
+
+
+def test_homing_offset_shows_outside_only():
+    """The controller works on what it reports: a homing offset leaves measured joints right and true ones wrong."""
+    plan = constant_speed(np.array([0.05, 0.05, 0.0]))
+    log = simulate(weightless(HomingOffset(1, 0.1)), plan)
+    np.testing.assert_allclose(log.measured_jp, log.setpoint_jp, atol=1e-9)
+    np.testing.assert_allclose((log.measured_jp - log.external_jp)[:, 0], 0.1, atol=1e-12)
+
+
+# One effect for each stage, as a further file of the catalogue would define it.
+
+
+@dataclass(frozen=True)
+class Saturation(TorqueEffect):
+    limit: float
+    about = about("torque_saturation")
+
+    def act(self, torque, state):
+        return np.clip(torque, -self.limit, self.limit)
+
+
+@dataclass(frozen=True)
+class Stribeck(FrictionEffect):
+    about = about("stribeck_friction")
+    varies = True
+
+    def act(self, state):
+        speed = state.velocity[..., self.column(state.joints)]
+        return Friction(0.2 + 0.3 * np.exp(-((speed / 0.05) ** 2)), 0.0)
+
+
+@dataclass(frozen=True)
+class ExtraPayload(LoadEffect):
+    mass: float
+    about = about("payload")
+
+    def act(self, links):
+        return replace(links, payload=links.payload + self.mass)
+
+
+@dataclass(frozen=True)
+class LongerTool(ChainEffect):
+    about = about("dh_error")
+
+    def act(self, chain):
+        tool = np.array(chain.tool)
+        tool[:3, 3] += [0.0, 0.0, 0.01]
+        return replace(chain, tool=tool)
+
+
+@dataclass(frozen=True)
+class BentShaft(TipEffect):
+    stage = Stage.TIP
+    about = about("shaft_bending")
+
+    def act(self, T_base_tip, motion):
+        T = np.array(T_base_tip)
+        T[..., 2, 3] -= 0.001
+        return T
+
+
+@dataclass(frozen=True)
+class CoarseEncoder(ReadingEffect):
+    about = about("encoder_quantisation")
+
+    def act(self, readings, motion, rng):
+        return replace(readings, measured_jp=np.round(readings.measured_jp, 2))
+
+
+def test_a_torque_effect_acts_inside_the_loop():
+    """A motor that cannot give more than its limit falls behind when more is asked."""
+    q = np.array([0.6, 1.5, 0.36])
+    held = run(raven(drive=drive("gravity")), hold(q))
+    needed = np.abs(held.torque[-1, 0]).max()
+    weak = run(raven(Saturation("all", 0.5 * needed), drive=drive("gravity")), hold(q))
+    strong = run(raven(Saturation("all", 2.0 * needed), drive=drive("gravity")), hold(q))
+    np.testing.assert_allclose(strong.q, held.q, atol=1e-9)
+    assert np.abs(weak.q - held.q).max() > 0.02
+
+
+def test_a_friction_that_varies_is_asked_at_every_step():
+    """A falling friction curve costs its static value slowly and its kinetic one fast."""
+    for speed, expected in ((0.005, 0.5), (0.5, 0.2)):
+        outcome = run(weightless(Stribeck(1)), constant_speed(np.array([speed, 0.0, 0.0])))
+        error = speed * (len(outcome.q) - 1) / RATE_HZ - outcome.q[-1, 0, 0]
+        assert error * drive().kp[0] == pytest.approx(expected, rel=0.02)
+
+
+def test_a_load_effect_is_unknown_to_the_controller():
+    """Payload as an effect loads the arm but not the feedforward; known payload loads both."""
+    q = np.array([0.6, 1.5, 0.33])
+    hidden = run(raven(ExtraPayload("all", 0.3), drive=drive("gravity")), hold(q), passes=6)
+    known = run(raven(drive=drive("gravity")), hold(q, payload=0.3), passes=6)
+    np.testing.assert_allclose(known.motion.position[-1, 0], q, atol=1e-6)
+    sag = q - hidden.motion.position[-1, 0]
+    expected = (hidden.motion.gravity_load[-1, 0] - run(raven(), hold(q)).motion.gravity_load[-1, 0]) / drive().kp
+    np.testing.assert_allclose(sag, expected, atol=2e-5)
+    assert np.abs(sag).max() > 1e-4
+
+
+def test_tip_chain_and_reading_effects_leave_the_joints_alone():
+    """What happens at the tool is seen by the tracker only, and what happens to a sensor by that sensor only."""
+    plan = moves(runs=1, seconds=1.0)
+    machine = raven(drive=drive("gravity"))
+    plain = simulate(machine, plan)
+    bent = simulate(machine.with_effects(BentShaft("tool")), plan)
+    np.testing.assert_array_equal(bent.external_jp, plain.external_jp)
+    np.testing.assert_allclose(bent.tracker_cp.position - plain.tracker_cp.position, [[0, 0, -0.001]] * len(plain))
+    longer = simulate(machine.with_effects(LongerTool("tool")), plan)
+    np.testing.assert_array_equal(longer.setpoint_cp.position, plain.setpoint_cp.position)
+    gap = np.linalg.norm(longer.tracker_cp.position - plain.tracker_cp.position, axis=1)
+    np.testing.assert_allclose(gap, 0.01, rtol=1e-3)
+    coarse = simulate(machine.with_effects(CoarseEncoder("all")), plan)
+    np.testing.assert_array_equal(coarse.external_jp, plain.external_jp)
+    assert len(np.unique(coarse.measured_jp[:, 0])) < 30

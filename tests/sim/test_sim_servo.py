@@ -1,0 +1,173 @@
+import numpy as np
+import pytest
+from scipy.signal import StateSpace, lsim
+from sim_machines import INERTIA, RATE_HZ, constant_speed, drive, hold, moves, raven, weightless
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim import Segment, plan_of, run
+from gpcorrect.sim.effects import CableStretch, CoulombFriction, ViscousFriction
+from gpcorrect.sim.machine import Drive
+from gpcorrect.sim.servo import Clock, Reference, follow
+from gpcorrect.sim.time_laws import minimum_jerk
+
+SPEED = np.array([0.1, -0.2, 0.01])
+ALL = (1, 2, 3)
+
+
+def released(*effects, kd=0.0, seconds=4.0, rate_hz=1000.0, amplitude=0.1):
+    """One joint (column 0 of three alike) let go from rest, `amplitude` away from where its spring holds it."""
+    spring = Drive(np.full(3, 10.0), np.full(3, kd), np.full(3, 0.1), rate_hz)
+    clock = Clock.of(rate_hz, RATE_HZ)
+    zero = np.zeros((round(seconds * RATE_HZ) * clock.stride + 1, 1, 3))
+    pull = zero.copy()
+    pull[0] = -10.0 * amplitude  # balanced at the start, gone at the first step
+    return follow(spring, Reference(zero, zero, zero, pull, np.full(3, 0.1)), clock, ALL, effects)
+
+
+def test_linear_loop_agrees_with_an_exact_solver():
+    """Without friction the loop is a linear system: scipy's matrix-exponential solver gives the same path."""
+    plan, machine = moves(runs=1), weightless(drive=drive(rate_hz=4000.0))
+    outcome, d = run(machine, plan), machine.drive
+    spline = plan.spline()
+    t = np.arange(len(plan.q) * 40) / (RATE_HZ * 40)
+    t = t[t <= (len(plan.q) - 1) / RATE_HZ]
+    for j in range(3):
+        system = StateSpace(
+            [[0, 1], [-d.kp[j] / INERTIA[j], -d.kd[j] / INERTIA[j]]],
+            [[0], [1 / INERTIA[j]]],
+            np.eye(2),
+            np.zeros((2, 1)),
+        )
+        force = d.kp[j] * spline(t)[:, 0, j] + d.kd[j] * spline(t, 1)[:, 0, j]
+        _, exact, _ = lsim(system, force, t, X0=[plan.q[0, 0, j], spline(0.0, 1)[0, j]])
+        scale = np.ptp(plan.q[..., j])
+        np.testing.assert_allclose(outcome.q[:, 0, j], exact[::40, 0][: len(plan.q)], atol=2e-4 * scale)
+
+
+def test_without_friction_a_constant_speed_is_followed():
+    """With velocity feedforward in the derivative term there is no lag at constant speed."""
+    plan = constant_speed(SPEED)
+    np.testing.assert_allclose(run(weightless(), plan).q[-1], plan.q[-1], atol=1e-9)
+
+
+@pytest.mark.parametrize("joint", ALL)
+def test_coulomb_friction_through_the_gain_is_fc_over_kp(joint):
+    """Moving steadily, the joint stays Fc / kp behind, whatever the speed."""
+    torque = 0.02 * drive().kp[joint - 1] * abs(SPEED[joint - 1])
+    for factor in (1.0, 3.0):
+        plan = constant_speed(factor * SPEED)
+        error = (plan.q - run(weightless(CoulombFriction(joint, torque=torque)), plan).q)[-1, 0]
+        expected = np.zeros(3)
+        expected[joint - 1] = np.sign(SPEED[joint - 1]) * torque / drive().kp[joint - 1]
+        np.testing.assert_allclose(error, expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("joint", ALL)
+def test_viscous_friction_through_the_gain_is_a_lag_of_b_over_kp(joint):
+    """Moving steadily, the joint stays b v / kp behind: proportional to speed."""
+    damping = 0.02 * drive().kp[joint - 1]
+    for factor in (1.0, 3.0):
+        plan = constant_speed(factor * SPEED)
+        error = (plan.q - run(weightless(ViscousFriction(joint, damping=damping)), plan).q)[-1, 0]
+        np.testing.assert_allclose(error[joint - 1], 0.02 * factor * SPEED[joint - 1], rtol=1e-6)
+
+
+def test_friction_behind_the_cable_stretches_it_too():
+    """On the joint's side the same friction costs Fc / kp at the motor and Fc / k more at the joint."""
+    plan, k, torque = constant_speed(SPEED), 120.0, 0.5
+    outcome = run(weightless(CoulombFriction(1, torque=torque, side="joint"), CableStretch(1, k)), plan)
+    motor_error = plan.q[-1, 0, 0] - outcome.motion.position[-1, 0, 0]
+    np.testing.assert_allclose(motor_error, torque / drive().kp[0], rtol=1e-5)
+    np.testing.assert_allclose(outcome.motion.position[-1, 0, 0] - outcome.q[-1, 0, 0], torque / k, rtol=1e-5)
+    before = run(weightless(CoulombFriction(1, torque=torque), CableStretch(1, k)), plan)
+    np.testing.assert_allclose(before.q[-1, 0, 0], before.motion.position[-1, 0, 0], atol=1e-12)
+
+
+def test_torque_behind_the_cable_is_shared_out():
+    """With friction on both sides the cable feels only its own part."""
+    both = (CoulombFriction(1, torque=0.4, side="joint"), CoulombFriction(1, torque=0.2, side="motor"))
+    viscous = (ViscousFriction(1, damping=2.0, side="joint"), ViscousFriction(1, damping=3.0, side="motor"))
+    outcome = run(weightless(*both, *viscous), constant_speed(SPEED))
+    np.testing.assert_allclose(outcome.motion.load[-1, 0, 0], 0.4 + 2.0 * SPEED[0], rtol=1e-6)
+
+
+def test_a_push_below_the_limit_does_not_move_a_stuck_joint():
+    """Under dry friction a command whose spring force stays below Fc moves nothing at all, not even slowly."""
+    ramp = 0.9 * 1.0 / drive().kp[0] * minimum_jerk(1.0, RATE_HZ)
+    q = np.zeros((400, 3))
+    q[:, 0] = np.pad(ramp, (50, 400 - 50 - len(ramp)), mode="edge")
+    plan = plan_of([Segment(q, np.zeros(400, dtype=np.int64))], RATE_HZ)
+    stuck = run(weightless(CoulombFriction(1, torque=1.0)), plan)
+    assert np.ptp(stuck.q[..., 0]) == 0.0
+    assert np.ptp(run(weightless(CoulombFriction(1, torque=0.8)), plan).q[..., 0]) > 0.0
+
+
+def test_coulomb_oscillator_loses_two_fc_over_kp_each_half_swing():
+    """A spring and mass under dry friction swing ever less, by 2 Fc / k a half period, and stop within Fc / k."""
+    torque, stiffness = 0.05, 10.0
+    path = released(CoulombFriction(1, torque=torque), rate_hz=20000.0).position[:, 0, 0]
+    half = np.pi * np.sqrt(0.1 / stiffness) * RATE_HZ
+    peaks = np.abs([path[round(i * half)] for i in range(5)])
+    np.testing.assert_allclose(np.diff(peaks), -2 * torque / stiffness, atol=4e-4)
+    assert abs(path[-1]) <= torque / stiffness + 1e-12
+    assert np.ptp(path[-50:]) == 0.0
+
+
+@pytest.mark.parametrize(
+    "friction", [CoulombFriction(1, torque=0.05), ViscousFriction(1, damping=0.05)], ids=["coulomb", "viscous"]
+)
+def test_friction_is_passive(friction):
+    """Friction never feeds energy: what spring and mass hold together only falls, and without it stays."""
+    energy = {}
+    for name, effects in (("free", ()), ("slowed", (friction,))):
+        path = released(*effects, rate_hz=20000.0)
+        energy[name] = 0.5 * 10.0 * path.position[:, 0, 0] ** 2 + 0.5 * 0.1 * path.velocity[:, 0, 0] ** 2
+    ripple = 0.01 * energy["free"][0]
+    np.testing.assert_allclose(energy["free"], energy["free"][0], atol=ripple)
+    assert (np.diff(energy["slowed"]) < ripple).all()
+    assert energy["slowed"][-1] < 0.5 * energy["slowed"][0]
+
+
+def test_halving_the_step_halves_the_error():
+    """The loop converges, first order, as its rate grows: stick and slip included."""
+    effects = (CoulombFriction(1, torque=2.0), ViscousFriction(2, damping=2.0))
+    plan = moves(runs=2, seconds=3.0)
+    paths = [run(weightless(*effects, drive=drive(rate_hz=rate)), plan).q for rate in (500.0, 1000.0, 2000.0, 16000.0)]
+    errors = [np.sqrt(((path - paths[-1]) ** 2).mean()) for path in paths[:-1]]
+    assert errors[1] < 0.6 * errors[0]
+    assert errors[2] < 0.6 * errors[1]
+
+
+def test_torque_is_what_the_motion_takes():
+    """The commanded torque covers load, friction and the motor's own acceleration (momentum balance)."""
+    plan = moves(runs=1)
+    outcome = run(raven(ViscousFriction(1, damping=2.0), inertia=0.0), plan, passes=4)
+    acceleration = np.gradient(outcome.motion.velocity, 1 / RATE_HZ, axis=0)
+    friction = np.zeros(plan.q.shape)
+    friction[..., 0] = 2.0 * outcome.motion.velocity[..., 0]
+    balance = outcome.torque - outcome.motion.load - friction - INERTIA * acceleration
+    scale = np.abs(outcome.torque).max(axis=(0, 1))
+    assert (np.abs(balance[2:-2]).max(axis=(0, 1)) < 0.02 * scale).all()
+
+
+def test_a_held_arm_sags_by_gravity_over_gain():
+    """Without feedforward the motors hold the arm g / kp away from where they should."""
+    q = np.array([0.6, 1.5, 0.36])
+    outcome = run(raven(), hold(q), passes=6)
+    sag = q - outcome.motion.position[-1, 0]
+    np.testing.assert_allclose(sag, outcome.motion.gravity_load[-1, 0] / drive().kp, rtol=1e-6)
+
+
+def test_unstable_gains_are_refused():
+    """A sampled loop that would blow up is named before it does."""
+    wild = Drive(np.full(3, 1e6), np.full(3, 1.0), np.full(3, 0.01))
+    with pytest.raises(DataError, match="unstable"):
+        run(weightless(drive=wild), moves(runs=1, seconds=1.0))
+
+
+@pytest.mark.parametrize("log_rate", [30.0, 100.0, 333.0, 2000.0])
+def test_clock_meets_the_log(log_rate):
+    """The loop runs at its rate or as little faster as makes whole steps between log samples."""
+    clock = Clock.of(1000.0, log_rate)
+    assert clock.step * clock.stride == pytest.approx(1 / log_rate)
+    assert 1000.0 <= 1 / clock.step + 1e-6 < 1000.0 + max(log_rate, 1000.0) + 1
