@@ -1,7 +1,7 @@
-"""Simulated residuals of a cable-driven arm: smooth random fields of pose, friction that flips with velocity, and correlated noise.
+"""Simulated residuals of a cable-driven arm: smooth fields of pose, friction that flips with velocity, and noise.
 
-The benchmarks share it, so that every model meets the same data. Lengths in m, angles in rad, residuals as position (m) then rotation
-vector (rad).
+The benchmarks share it, so that every model meets the same data. Lengths in m, angles in rad, residuals as position (m)
+then rotation vector (rad).
 """
 
 from __future__ import annotations

@@ -10,8 +10,10 @@ from __future__ import annotations
 import argparse
 import asyncio
 import multiprocessing
+import os
 import socket
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -64,18 +66,33 @@ def main() -> None:
 def fitted_model(path: Path) -> Path:
     """Fit a model to simulated reaches, as `gpcorrect fit` does."""
     from gpcorrect.corrector import fit_corrector
-    from gpcorrect.sim.debridement import debridement_log
+    from gpcorrect.sim import debridement_log
 
     print("fitting a model to 40 simulated reaches ...")
     artifact.save(fit_corrector(debridement_log(reaches=40)), path)
     return path
 
 
+def end_with_parent() -> None:
+    """End this child process when its parent is gone, even when the parent was killed."""
+
+    def watch() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 def serve_model(ready: Event, model: str, endpoint: str) -> None:
+    end_with_parent()
     serve(model, ServerSettings(endpoint=endpoint), on_ready=lambda _: ready.set())
 
 
 def serve_echo(ready: Event, endpoint: str) -> None:
+    end_with_parent()
+
     def echo(query: zenoh.Query) -> None:
         with query:
             query.reply(ECHO, query.payload, attachment=query.attachment)
@@ -192,6 +209,7 @@ def health_under_flood(endpoint: str) -> dict[str, Any]:
 
 
 def flood(ready: Event, endpoint: str) -> None:
+    end_with_parent()
     asyncio.run(keep_asking(ready, endpoint))
 
 
@@ -208,14 +226,22 @@ async def keep_asking(ready: Event, endpoint: str) -> None:
         await asyncio.gather(*(planner() for _ in range(4 * ServerSettings.queue_capacity)))
 
 
+def ratios_of(results: dict[str, Any]) -> dict[str, float]:
+    """Ratios of medians: what a planner sees, and what the service itself adds around the model."""
+    median = {name: leaf["median_ms"] for name, leaf in results.items()}
+    ratios = {}
+    for name in ("JSON", "MessagePack"):
+        service, echo = median[f"service, {name}"], median[f"echo, {name} size"]
+        ratios[f"service / echo, {name}"] = service / echo
+        ratios[f"(service - model) / echo, {name}"] = (service - median["model alone, no network"]) / echo
+    return ratios
+
+
 def report(results: dict[str, Any]) -> None:
     """Print the table and the ratios, and write both as JSON."""
     leaves = ("median_ms", "p99_ms", "min_ms")
     print_table(HEAD, [[name, *(r[x] for x in leaves), 100 * r["share_over_1_ms"]] for name, r in results.items()])
-    ratios = {
-        f"service / echo, {name}": results[f"service, {name}"]["median_ms"] / results[f"echo, {name} size"]["median_ms"]
-        for name in ("JSON", "MessagePack")
-    }
+    ratios = ratios_of(results)
     print()
     for name, ratio in ratios.items():
         print(f"{name}: {ratio:.2f} (medians)")

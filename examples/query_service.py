@@ -17,18 +17,21 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--endpoint", default="tcp/127.0.0.1:7447")
     options.add_argument("--timeout", type=float, default=2.0)
+    options.add_argument(
+        "--pose", type=float, nargs=7, help="x y z qw qx qy qz; the middle of the training data without it"
+    )
     given = options.parse_args()
     with CorrectionClient(given.endpoint, timeout=given.timeout) as client:
-        middle = middle_of_training(client)
-        one_pose(client, middle)
-        a_path(client, middle)
-        a_mistake(client, middle)
-    asyncio.run(many_at_once(given.endpoint, given.timeout, middle))
-    nobody_there(middle)
+        pose = middle_of_training(client) if given.pose is None else np.array(given.pose)
+        one_pose(client, pose)
+        a_path(client, pose)
+        a_mistake(client, pose)
+    asyncio.run(many_at_once(given.endpoint, given.timeout, pose))
+    nobody_there(pose)
 
 
 def middle_of_training(client: CorrectionClient) -> np.ndarray:
-    """Return a pose where the model knows its robot."""
+    """Return the middle of the positions that the model was trained on, upright."""
     region = client.model().info["training_region"]
     position = (np.array(region["position_min"]) + np.array(region["position_max"])) / 2
     return np.array([*position, 1.0, 0.0, 0.0, 0.0])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-import msgspec
 import typer
 
 from gpcorrect.cli.console import out, print_json
@@ -58,7 +57,7 @@ def model(
 ) -> None:
     """Print which model is served: id, hash, frames, features, fit report (JSON)."""
     with _client(endpoint, arm, namespace, timeout) as client:
-        print_json(msgspec.to_builtins(client.model()))
+        print_json(_plain(client.model()))
 
 
 @query_app.command()
@@ -67,7 +66,7 @@ def health(
 ) -> None:
     """Print the state of the service (JSON)."""
     with _client(endpoint, arm, namespace, timeout) as client:
-        print_json(msgspec.to_builtins(client.health()))
+        print_json(_plain(client.health()))
 
 
 def _client(endpoint: str, arm: str, namespace: str, timeout: float, encoding: str = "msgpack") -> CorrectionClient:
@@ -79,5 +78,11 @@ def _client(endpoint: str, arm: str, namespace: str, timeout: float, encoding: s
     return CorrectionClient(endpoint, arm, namespace, encoding, timeout)  # type: ignore[arg-type]  # checked above
 
 
+def _plain(answer: Any) -> Any:
+    import msgspec  # comes with the same extra as zenoh
+
+    return msgspec.to_builtins(answer)
+
+
 def _reply_dict(reply: CorrectionReply) -> dict[str, Any]:
-    return {**correction_dict(reply), "provenance": msgspec.to_builtins(reply.provenance)}
+    return {**correction_dict(reply), "provenance": _plain(reply.provenance)}

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -44,12 +45,38 @@ def validate(
 
 
 def _show(report: ValidationReport) -> None:
-    facts = Table(title="What the recording holds", title_justify="left", show_header=False)
-    for name, value in report.facts.items():
-        facts.add_row(name, str(value))
-    out.print(facts)
-    if not report.findings:
-        out.print("[green]nothing to mend[/]")
+    facts = report.facts
+    out.print(f"{facts['name']}: {_recording(facts)}")
+    out.print(_signals(facts["signals"]))
+    for remark in facts["remarks"]:
+        out.print(f"[dim]read    [/] {remark}")
     for finding in report.findings:
-        style = STYLE[finding.severity]
-        out.print(f"[{style}]{finding.severity:8}[/] {finding.signal}: {finding.message}".replace(" : ", " "))
+        about = f"{finding.signal}: " if finding.signal else ""
+        out.print(f"[{STYLE[finding.severity]}]{finding.severity:8}[/] {about}{finding.message}")
+        if finding.hint and finding.severity != "info":
+            out.print(f"         [dim]{finding.hint}[/]")
+    verdict = "can be used" if report.ok else "mend the errors first"
+    counts = f"{len(report.errors)} errors, {len(report.warnings)} warnings"
+    out.print(f"[bold]{verdict}[/] ({counts})")
+
+
+def _recording(facts: Mapping[str, Any]) -> str:
+    """Return size, duration and rate of a recording in a sentence."""
+    count = facts["trajectories"]["count"]
+    rate = f", {facts['rate_hz']:.4g} Hz" if facts["rate_hz"] else ""
+    machine = " ".join(text for text in (facts["robot"], facts["arm"]) if text)
+    known = f", {machine}" if machine else ""
+    motions = "1 trajectory" if count == 1 else f"{count} trajectories"
+    return f"{facts['samples']} samples, {motions}, {facts['seconds']:.1f} s{rate}{known}"
+
+
+def _signals(signals: Mapping[str, Any]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for column in ("signal", "missing", "range"):
+        table.add_column(column, justify="right" if column == "missing" else "left")
+    for name, signal in signals.items():
+        spans = zip(signal["min"] or (), signal["max"] or (), strict=True)
+        ranges = "  ".join(f"{low:.3g}..{high:.3g}" for low, high in spans)
+        turned = " + orientation" if signal["orientation"] else ""
+        table.add_row(name, f"{100 * signal['missing']:.2g} %", ranges + turned)
+    return table

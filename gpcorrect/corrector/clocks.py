@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.logs.sync import TimeOffset, align, log_offset
+from gpcorrect.logs import TimeOffset, align, log_offset
 from gpcorrect.types import CalibrationLog
 
 __all__ = ["PLAUSIBLE_LAG", "Clocks", "on_one_clock"]

@@ -1,7 +1,8 @@
 """Intervals that hold on trajectories never seen: standard deviations scaled by what left-out trajectories showed.
 
-Split-conformal calibration (Lei et al. 2018) of the normalised error |error| / std, with whole trajectories left out, because samples of one
-trajectory err together.
+Conformal calibration of the normalised error `|error| / std` (Lei et al. 2018) with trajectories as the units that
+are exchangeable, for samples of one trajectory err together: every trajectory counts alike, and the quantile is
+raised until left-out trajectories are covered as promised.
 """
 
 from __future__ import annotations
@@ -12,11 +13,14 @@ from typing import Any, Self
 
 import numpy as np
 
+from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray, frozen_array
 
-__all__ = ["IntervalCalibration"]
+__all__ = ["IntervalCalibration", "coverage_by_group", "novelty_limit"]
 
 LEVEL = 0.95
+FOLDS = 10
+STEPS = 16  # halvings of the level: finer than one sample in 50 000
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +40,29 @@ class IntervalCalibration:
 
     @classmethod
     def fit(cls, errors: FloatArray, std: FloatArray, groups: IntArray) -> Self:
-        """Learn the factors from errors `(n, m)` at left-out samples with predicted standard deviations `(n, m)`.
+        """Learn the factors from errors at samples that the model did not learn from.
 
-        Every group (trajectory) counts alike, and the level is raised as if one more group had been missed:
-        `0.95 (1 + 1 / groups)`, at most 1.
+        Parameters
+        ----------
+        errors, std : (n, m) arrays
+            Errors and the standard deviations predicted for them.
+        groups : (n,) array
+            Trajectory of each sample.
+
+        Raises
+        ------
+        DataError
+            Shapes do not match, there are no samples, or a standard deviation is not positive.
         """
-        _, index, counts = np.unique(groups, return_inverse=True, return_counts=True)
-        level = min(1.0, LEVEL * (1 + 1 / len(counts)))
-        weights = 1.0 / counts[index]
-        scores = np.abs(errors) / std
-        return cls(np.array([_weighted_quantile(column, weights, level) for column in scores.T]))
+        errors, std = np.asarray(errors, dtype=np.float64), np.asarray(std, dtype=np.float64)
+        if errors.shape != std.shape or errors.ndim != 2 or len(errors) != len(groups) or len(errors) == 0:
+            raise DataError(
+                f"errors and std must be (n, m), groups (n,): got {errors.shape}, {std.shape}, {np.shape(groups)}."
+            )
+        if not (std > 0).all():
+            raise DataError("a standard deviation is not positive.", hint="Predict with noise included.")
+        labels: IntArray = np.unique(groups, return_inverse=True)[1]
+        return cls(np.array([_factor(scores, labels) for scores in (np.abs(errors) / std).T]))
 
     def interval95(self, std: FloatArray) -> FloatArray:
         """Half widths `(..., m)` of the intervals, from standard deviations `(..., m)`."""
@@ -62,7 +79,44 @@ class IntervalCalibration:
         return cls(np.array(data["factor"]))
 
 
-def _weighted_quantile(values: FloatArray, weights: FloatArray, level: float) -> float:
-    order = np.argsort(values)
-    share = np.cumsum(weights[order]) / weights.sum()
-    return float(values[order][min(int(np.searchsorted(share, level)), len(values) - 1)])
+def coverage_by_group(errors: FloatArray, half_widths: FloatArray, groups: IntArray) -> FloatArray:
+    """Share `(m,)` of errors `(n, m)` inside their intervals, every group (trajectory) counting alike."""
+    inside = np.abs(errors) <= half_widths
+    shares: FloatArray = np.mean([inside[groups == group].mean(axis=0) for group in np.unique(groups)], axis=0)
+    return shares
+
+
+def novelty_limit(novelty: FloatArray, share: float = 0.995) -> float:
+    """Novelty below which this share of left-out training samples lies: a query above it is outside their region."""
+    return float(np.quantile(novelty, share))
+
+
+def _factor(scores: FloatArray, labels: IntArray) -> float:
+    """Quantile of the scores `(n,)` at the smallest level that covers left-out groups to 95 %."""
+    counts = np.bincount(labels)
+    order = np.argsort(scores)
+    scores, labels = scores[order], labels[order]
+    weights = 1.0 / counts[labels]
+    folds = labels % min(FOLDS, len(counts))
+    low, high = LEVEL, 1.0
+    for _ in range(STEPS if len(counts) > 1 else 0):
+        middle = 0.5 * (low + high)
+        covered = _covered(scores, weights, folds, middle)
+        low, high = (low, middle) if covered >= LEVEL else (middle, high)
+    return _quantile(scores, weights, low)
+
+
+def _covered(scores: FloatArray, weights: FloatArray, folds: IntArray, level: float) -> float:
+    """Weighted share of each fold below the quantile of the others, over all folds."""
+    inside = 0.0
+    for fold in range(int(folds.max()) + 1):
+        out = folds == fold
+        limit = _quantile(scores[~out], weights[~out], level)
+        inside += float(weights[out][scores[out] <= limit].sum())
+    return inside / float(weights.sum())
+
+
+def _quantile(scores: FloatArray, weights: FloatArray, level: float) -> float:
+    """Smallest score that has at least `level` of the weight at or below it; scores come sorted."""
+    share = np.cumsum(weights) / weights.sum()
+    return float(scores[min(int(np.searchsorted(share, level)), len(scores) - 1)])

@@ -1,79 +1,74 @@
-"""Exact Gaussian-process regression, for sets small enough for a factorisation of their covariance."""
+"""Exact Gaussian-process regression, for sets small enough for the spectrum of their covariance."""
 
 from __future__ import annotations
 
-from typing import Self
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from gpcorrect.gpr.base import GaussianProcess
-from gpcorrect.gpr.kernels import rbf
-from gpcorrect.gpr.predictor import Predictor
-from gpcorrect.gpr.variances import best_ratios, exact_objective
-from gpcorrect.types import FloatArray
+from gpcorrect.gpr.estimator import GaussianProcess
+from gpcorrect.gpr.learned import Learned
+from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.types import FloatArray, Progress
 
 __all__ = ["ExactGPR"]
 
-MOST_SAMPLES = 6000  # a symmetric eigenproblem of this size takes about a minute and 1 GB on two cores
-
 
 class ExactGPR(GaussianProcess):
-    """Gaussian-process regression by factorisation of the full covariance (Rasmussen and Williams 2006, Alg. 2.1).
+    """Gaussian-process regression from the whole covariance of the data (Rasmussen and Williams 2006, Eq. 2.23).
 
     Parameters
     ----------
-    n_subset : int
-        Rows that the length scales are learned on.
+    feature_groups : sequence of sequences of int, optional
+        Columns of X that act in part by themselves (pose; velocity): each group adds a component to the kernel.
+    output_groups : sequence of int, optional
+        How many outputs in turn share a kernel, as (3, 3) for positions and rotations; all of them by default.
+    n_learn : int
+        Samples that the hyperparameters are learned from.
     n_restarts : int
-        Further searches for the length scales, from random starts.
+        Further searches for the hyperparameters, from random starts.
     random_state : int, RandomState or None
         Seed of the subset and the restarts.
 
-    Attributes
-    ----------
-    length_scale_ : (d,) array
-        Of each feature, in its own unit.
-    predictor_ : Predictor
-        The posterior.
+    See Also
+    --------
+    GaussianProcess : the attributes.
+    SparseGPR : for more samples.
     """
 
-    most_samples = MOST_SAMPLES
+    _most_samples = 6000  # the spectrum of more takes minutes and a gigabyte
 
-    def __init__(self, n_subset: int = 1000, n_restarts: int = 0, random_state: int | None = 0) -> None:
-        self.n_subset = n_subset
+    def __init__(
+        self,
+        feature_groups: Sequence[Sequence[int]] | None = None,
+        output_groups: Sequence[int] | None = None,
+        n_learn: int = 1000,
+        n_restarts: int = 0,
+        random_state: int | None = 0,
+    ) -> None:
+        self.feature_groups = feature_groups
+        self.output_groups = output_groups
+        self.n_learn = n_learn
         self.n_restarts = n_restarts
         self.random_state = random_state
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Learn from inputs `(n, d)` and outputs `(n,)` or `(n, m)`.
-
-        Raises
-        ------
-        DataError
-            There are more samples than an exact factorisation can bear.
-        """
-        return self._fit(X, y, self.n_subset)
-
-    def _posterior(self, A: FloatArray, B: FloatArray, length_scale: FloatArray, rng: np.random.Generator) -> Predictor:
-        basis = A / length_scale
-        R = rbf(basis, basis)
-        np.fill_diagonal(R, 1.0)
-        eigenvalues, Q = np.linalg.eigh(R)
-        eigenvalues = np.maximum(eigenvalues, 0.0)
-        coefficients = Q.T @ B
-        ratios = best_ratios(exact_objective(eigenvalues, coefficients**2), B.shape[1])
-        spread = eigenvalues[:, None] + ratios
-        signal = (coefficients**2 / spread).mean(axis=0)
-        y_spread, y_centre = self.scaling_.y_spread, self.scaling_.y_centre
-        return Predictor(
-            scale=1.0 / (length_scale * self.scaling_.x_spread),
-            basis=basis,
-            half_squares=0.5 * (basis**2).sum(axis=1),
-            alpha=((Q @ (coefficients / spread)) * y_spread).T,
-            centre=y_centre,
-            factor=Q.T,
-            shrink=(1.0 / spread).T,
-            signal=signal * y_spread**2,
-            noise=signal * ratios * y_spread**2,
+    def _posterior(
+        self, learned: Learned, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress
+    ) -> SharedPredictor:
+        """With `R = Q diag(lambda) Q^T`, `(R + nu I)^-1 = Q diag(1 / (lambda + nu)) Q^T` for every noise ratio nu."""
+        kernel, scaling = learned.kernel, learned.scaling
+        eigenvalues, Q = np.linalg.eigh(kernel(X, X))
+        spread = np.maximum(eigenvalues, 0.0)[:, None] + learned.noise_ratio
+        alpha = Q @ ((Q.T @ scaling.outputs(Y)) / spread)
+        progress.step("posterior", 1.0)
+        return SharedPredictor(
+            component_weights=kernel.weights,
+            length_scales=kernel.length_scales,
+            basis=X,
+            alpha=(alpha * scaling.y_spread).T,
+            offset=scaling.y_centre,
+            projection=Q.T,
+            explained=(1.0 / spread).T,
+            signal=learned.signal,
+            noise=learned.noise,
         )

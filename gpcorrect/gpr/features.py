@@ -3,33 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import atan2, sqrt
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
 
-from gpcorrect import se3, se3_single
+from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect.types import FloatArray, frozen_array
+from gpcorrect.gpr.rotation_features import RotationKind, choose_rotation_kind, rotation_feature, rotation_features
+from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
 __all__ = ["KINDS", "FeatureMap"]
 
 KINDS = ("pose", "euler", "velocity")
-WIDEST_ROTVEC = np.deg2rad(120.0)  # beyond it a rotation vector comes too near its jump at 180 degrees
 SPREAD_QUANTILES = (16, 84)  # two standard deviations apart in normal data, and blind to a few outliers
+# Least spread a feature is divided by: less is jitter of a motion that held it still, not to be blown up to unit size.
+LEAST_LINEAR = 1e-4  # m and m/s
+LEAST_ANGULAR = 1e-3  # rad, rad/s, and entries of a rotation matrix
 
 
+@dataclass(frozen=True, eq=False)
 class FeatureMap:
-    """From positions, rotations and twists to the inputs of the regression (Mahler 2014, Sec. IV-C).
-
-    "pose" is the position and the rotation: the rotation vector relative to the training's mean orientation where all of the training
-    lies within 120 degrees of it, else two columns of the rotation matrix, which have no jump anywhere. "euler" is the
-    paper's variant: the position and fixed-axes x-y-z angles, which jump at 180 degrees. "velocity" adds the twist.
+    """From positions, rotations and twists to the inputs of the regression (Mahler et al. 2014, Sec. IV-C).
 
     Parameters
     ----------
     kinds : sequence of str
-        "pose" or "euler", and "velocity" or not.
+        "pose": position and rotation, the latter as in :mod:`gpcorrect.gpr.rotation_features`; or "euler": position
+        and the paper's angles about fixed axes, which jump at +-180 degrees. And "velocity": the twist. Data without
+        rotations give the linear parts only.
+    rotation : str
+        Representation of rotations, found by :meth:`fit`: "rotvec", "columns" or "euler", "none" for data without
+        rotations.
+    R_mean : (3, 3) array
+        Mean training rotation, found by :meth:`fit`.
+    spread : (d,) array
+        What each feature is divided by, found by :meth:`fit`; empty before.
 
     Raises
     ------
@@ -37,17 +46,21 @@ class FeatureMap:
         Unknown kinds, or not exactly one of "pose" and "euler".
     """
 
-    def __init__(self, kinds: Sequence[str]) -> None:
-        unknown = [kind for kind in kinds if kind not in KINDS]
-        if unknown or ("pose" in kinds) == ("euler" in kinds):
+    kinds: Sequence[str]
+    rotation: RotationKind = "none"
+    R_mean: FloatArray = field(default_factory=lambda: np.eye(3))
+    spread: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        unknown = [kind for kind in self.kinds if kind not in KINDS]
+        if unknown or ("pose" in self.kinds) == ("euler" in self.kinds):
             raise DataError(
-                f"features are pose or euler, with or without velocity; got {', '.join(kinds) or 'none'}.",
+                f"features are pose or euler, with or without velocity; got {', '.join(self.kinds) or 'none'}.",
                 hint="For example: --features pose,velocity",
             )
-        self.kinds = tuple(kinds)
-        self.rotation = "none"
-        self.R_mean = frozen_array(np.eye(3))
-        self.spread = frozen_array(np.ones(0))
+        object.__setattr__(self, "kinds", tuple(self.kinds))
+        object.__setattr__(self, "R_mean", frozen_array(self.R_mean))
+        object.__setattr__(self, "spread", frozen_array(self.spread))
 
     @property
     def uses_velocity(self) -> bool:
@@ -59,60 +72,101 @@ class FeatureMap:
         """Whether orientations are among the features (not in a position-only model)."""
         return self.rotation != "none"
 
-    def fit(self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray) -> Self:
-        """Learn the representation of rotations and the spread of every feature.
+    @property
+    def n_features(self) -> int:
+        """Number of features d."""
+        return sum(map(len, self.groups))
+
+    @property
+    def groups(self) -> tuple[tuple[int, ...], ...]:
+        """Columns that belong together: those of the pose, then those of the velocity; for the kernel's components."""
+        pose = 3 + {"none": 0, "columns": 6}.get(self.rotation, 3)
+        velocity = (6 if self.has_orientation else 3) if self.uses_velocity else 0
+        groups = (tuple(range(pose)), tuple(range(pose, pose + velocity)))
+        return tuple(group for group in groups if group)
+
+    def fit(self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray | None) -> Self:
+        """Return a map that knows the representation of rotations and the spread of every feature.
 
         Parameters
         ----------
         positions : (n, 3) array
             Metres.
         rotations : (n, 3, 3) array or None
-            None for positions only.
-        twists : (n, 6) array
-            m/s and rad/s; the angular part is not looked at for positions only.
+            None for data without rotations.
+        twists : (n, 6) array or None
+            m/s and rad/s; the angular part is not looked at without rotations; None when velocity is not a feature.
+
+        Raises
+        ------
+        DataError
+            Fewer than two samples are complete, or velocity is a feature and there are no twists.
         """
+        if self.uses_velocity and twists is None:
+            raise DataError(
+                "velocity is among the features, but there are no twists.", hint="Give twists, or features pose."
+            )
+        known = self
         if rotations is not None:
-            self.R_mean = frozen_array(se3.rotation_mean(rotations))
-            widest = se3.angle(rotations @ self.R_mean.T).max()
-            self.rotation = "euler" if "euler" in self.kinds else "rotvec" if widest <= WIDEST_ROTVEC else "columns"
-        low, high = np.percentile(self._raw(positions, rotations, twists), SPREAD_QUANTILES, axis=0)
-        self.spread = frozen_array(np.where(high - low > 1e-12, (high - low) / 2, 1.0))
-        return self
+            finite = rotations[np.isfinite(rotations).all(axis=(1, 2))]
+            R_mean = se3.rotation_mean(finite)
+            kind: RotationKind = "euler" if "euler" in self.kinds else choose_rotation_kind(finite, R_mean)
+            known = replace(self, rotation=kind, R_mean=R_mean)
+        raw = known._raw(positions, rotations, twists)
+        raw = raw[known.usable(raw)]
+        if len(raw) < 2:
+            raise DataError(
+                f"features need at least two complete samples, got {len(raw)}.",
+                hint="Look for gaps in the recording.",
+            )
+        low, high = np.percentile(raw, SPREAD_QUANTILES, axis=0)
+        return replace(known, spread=np.maximum((high - low) / 2, known._least_spread()))
 
-    def transform(self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray) -> FloatArray:
-        """Return the features `(n, d)` of poses and twists, as given to :meth:`fit`."""
-        return self._raw(positions, rotations, twists) / self.spread
+    def transform(
+        self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray | None = None
+    ) -> FloatArray:
+        """Return features `(n, d)`, NaN in rows that are not :meth:`usable`; without twists the poses are at rest."""
+        features: FloatArray = self._raw(positions, rotations, twists) / self.spread
+        return features
 
-    def transform_one(self, position: FloatArray, rotation: FloatArray | None, twist: FloatArray) -> FloatArray:
-        """Return the features `(d,)` of one position `(3,)`, rotation `(3, 3)` or None, and twist `(6,)`: the hot path."""
+    def transform_one(
+        self, position: FloatArray, rotation: FloatArray | None, twist: FloatArray | None = None
+    ) -> FloatArray:
+        """Return features `(d,)` of one position `(3,)`, rotation `(3, 3)` and twist `(6,)`: the hot path.
+
+        Without a twist the pose is taken as at rest; the caller says so to whoever asked.
+        """
         parts = [position]
-        if rotation is not None and self.has_orientation:
-            parts.append(self._turn_one(rotation))
+        if rotation is not None and self.rotation != "none":
+            parts.append(rotation_feature(rotation, self.rotation, self.R_mean))
         if self.uses_velocity:
-            parts.append(twist if self.has_orientation else twist[:3])
-        return np.concatenate(parts) / self.spread
+            parts.append((np.zeros(6) if twist is None else twist)[: 6 if self.has_orientation else 3])
+        features: FloatArray = np.concatenate(parts) / self.spread
+        return features
 
-    def _raw(self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray) -> FloatArray:
+    @staticmethod
+    def usable(features: FloatArray) -> BoolArray:
+        """Mask `(n,)` of rows with every number present: a run of one sample has no velocity."""
+        mask: BoolArray = np.asarray(np.isfinite(features).all(axis=1))
+        return mask
+
+    def _raw(self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray | None) -> FloatArray:
         parts = [positions]
-        if rotations is not None and self.has_orientation:
-            parts.append(self._turns(rotations))
+        if rotations is not None and self.rotation != "none":
+            parts.append(rotation_features(rotations, self.rotation, self.R_mean))
         if self.uses_velocity:
-            parts.append(twists if self.has_orientation else twists[:, :3])
+            twists = np.zeros((len(positions), 6)) if twists is None else twists
+            parts.append(twists[:, : 6 if self.has_orientation else 3])
         return np.concatenate(parts, axis=1)
 
-    def _turns(self, rotations: FloatArray) -> FloatArray:
-        if self.rotation == "columns":
-            return np.concatenate([rotations[:, :, 0], rotations[:, :, 1]], axis=1)
-        if self.rotation == "euler":
-            return np.array([_fixed_axes_angles(R) for R in rotations])
-        return se3.rotvec_from_matrix(rotations @ self.R_mean.T)
-
-    def _turn_one(self, rotation: FloatArray) -> FloatArray:
-        if self.rotation == "columns":
-            return rotation[:, :2].T.ravel()
-        if self.rotation == "euler":
-            return _fixed_axes_angles(rotation)
-        return se3_single.rotvec_from_matrix(rotation @ self.R_mean.T)
+    def _least_spread(self) -> FloatArray:
+        linear, angular = np.full(3, LEAST_LINEAR), np.full(3, LEAST_ANGULAR)
+        turn = np.full(6 if self.rotation == "columns" else 3, LEAST_ANGULAR)
+        parts = [linear]
+        parts += [turn] if self.has_orientation else []
+        parts += [linear] if self.uses_velocity else []
+        parts += [angular] if self.uses_velocity and self.has_orientation else []
+        return np.concatenate(parts)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what was learned as lists and text."""
@@ -125,15 +179,16 @@ class FeatureMap:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Rebuild a fitted map from :meth:`to_dict`."""
-        features = cls(data["kinds"])
-        features.rotation = data["rotation"]
-        features.R_mean = frozen_array(data["R_mean"])
-        features.spread = frozen_array(data["spread"])
+        """Rebuild a fitted map from :meth:`to_dict`.
+
+        Raises
+        ------
+        DataError
+            The dictionary does not describe a fitted map.
+        """
+        features = cls(data["kinds"], data["rotation"], np.array(data["R_mean"]), np.array(data["spread"]))
+        if features.R_mean.shape != (3, 3) or features.spread.shape != (features.n_features,):
+            raise DataError(
+                f"a feature map of {features.n_features} features was expected, got {features.spread.shape}."
+            )
         return features
-
-
-def _fixed_axes_angles(rotation: FloatArray) -> FloatArray:
-    """Angles `(3,)` about the fixed axes x, y and z, in this order, rad: R = Rz Ry Rx."""
-    (a, _, _), (d, _, _), (g, h, i) = rotation.tolist()
-    return np.array([atan2(h, i), atan2(-g, sqrt(a * a + d * d)), atan2(d, a)])

@@ -1,91 +1,85 @@
-"""The hot path: mean and standard deviation of all outputs for one input, from factors computed once.
-
-With correlations k to the M basis points the mean is `k^T alpha` and the latent variance `s (1 - sum_j c_j w_j^2)`, `w = W k`: the
-shared length scales let one product W k serve every output (docs/design/0002).
-"""
+"""The hot path: all outputs for one input, group by group of outputs that share a kernel."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
-from gpcorrect.gpr.kernels import rbf
-from gpcorrect.types import FloatArray, frozen_array
+from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.types import FloatArray
 
 __all__ = ["Predictor"]
-
-BLOCK = 2048  # rows predicted at once: memory stays flat however many are asked
 
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """Everything a prediction needs, as plain arrays: safe to share between threads, for it changes nothing.
+    """Predictions of all outputs; it changes nothing, so threads may share it.
 
     Parameters
     ----------
-    scale : (d,) array
-        What an input is multiplied by: one over the length scale.
-    basis : (M, d) array
-        Scaled basis points.
-    half_squares : (M,) array
-        Half their squared lengths.
-    alpha : (m, M) array
-        Weights of the mean, in output units.
-    centre : (m,) array
-        Mean of the outputs far from all data.
-    factor : (r, M) array
-        W above.
-    shrink : (m, r) array
-        c above.
-    signal, noise : (m,) arrays
-        Prior and noise variance, in squared output units.
+    parts : tuple of SharedPredictor
+        One for each group of outputs, in the order of the outputs.
     """
 
-    scale: FloatArray
-    basis: FloatArray
-    half_squares: FloatArray
-    alpha: FloatArray
-    centre: FloatArray
-    factor: FloatArray
-    shrink: FloatArray
-    signal: FloatArray
-    noise: FloatArray
+    parts: tuple[SharedPredictor, ...]
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            object.__setattr__(self, field.name, frozen_array(getattr(self, field.name)))
+    @property
+    def signal(self) -> FloatArray:
+        """Prior variance `(m,)` of every output."""
+        return np.concatenate([part.signal for part in self.parts])
+
+    @property
+    def noise(self) -> FloatArray:
+        """Noise variance `(m,)` of every output."""
+        return np.concatenate([part.noise for part in self.parts])
 
     def mean_std(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """Mean `(m,)`, standard deviation `(m,)` and novelty for one input `(d,)`.
+        """Predict one input.
 
-        Novelty is the share of the prior variance that is left, the mean over outputs: 0 amid data, 1 far from all.
+        Parameters
+        ----------
+        x : (d,) array
+
+        Returns
+        -------
+        mean : (m,) array
+        std : (m,) array
+            Standard deviation of a new observation: latent variance and noise.
+        novelty : float
+            Share of the prior variance that is left, of the group told least of: 0 amid data, 1 far from all.
         """
-        z = x * self.scale
-        k = np.exp(self.basis @ z - self.half_squares - 0.5 * (z @ z))
-        w = self.factor @ k
-        left = np.maximum(1.0 - self.shrink @ (w * w), 0.0)
-        return self.centre + self.alpha @ k, np.sqrt(self.signal * left + self.noise), float(left.sum()) / len(left)
+        if len(self.parts) == 1:
+            return self.parts[0].mean_std(x)
+        means, stds, novelties = zip(*[part.mean_std(x) for part in self.parts], strict=True)
+        return np.concatenate(means), np.concatenate(stds), max(novelties)
 
     def mean_std_batch(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Means `(n, m)`, standard deviations `(n, m)` and novelties `(n,)` for inputs `(n, d)`."""
-        parts = [self._block(X[i : i + BLOCK]) for i in range(0, max(len(X), 1), BLOCK)]
-        mean, std, novelty = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return mean, std, novelty
-
-    def _block(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        K = rbf(X * self.scale, self.basis)
-        w = K @ self.factor.T
-        left = np.maximum(1.0 - (w * w) @ self.shrink.T, 0.0)
-        return self.centre + K @ self.alpha.T, np.sqrt(self.signal * left + self.noise), left.mean(axis=1)
+        """Predict inputs `(n, d)`: means `(n, m)`, standard deviations `(n, m)` and novelties `(n,)`."""
+        means, stds, novelties = zip(*[part.mean_std_batch(X) for part in self.parts], strict=True)
+        return np.concatenate(means, axis=1), np.concatenate(stds, axis=1), np.max(novelties, axis=0)
 
     def to_arrays(self) -> dict[str, FloatArray]:
-        """Return the arrays by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        """Return the arrays by name, for a model file."""
+        return {f"{i}.{name}": array for i, part in enumerate(self.parts) for name, array in part.to_arrays().items()}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Self:
-        """Rebuild a predictor from :meth:`to_arrays`."""
-        return cls(**arrays)
+        """Rebuild a predictor from :meth:`to_arrays`.
+
+        Raises
+        ------
+        KeyError
+            An array is missing.
+        """
+        count = len({name.split(".")[0] for name in arrays})
+        if count == 0:
+            raise KeyError("a predictor has at least one group of arrays")
+        return cls(tuple(SharedPredictor.from_arrays(_part(arrays, i)) for i in range(count)))
+
+
+def _part(arrays: Mapping[str, FloatArray], index: int) -> dict[str, FloatArray]:
+    prefix = f"{index}."
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}

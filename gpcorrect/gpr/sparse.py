@@ -1,147 +1,163 @@
-"""Sparse Gaussian-process regression: all data through a few inducing points, in blocks, at a cost linear in their number.
+"""Sparse Gaussian-process regression: all data through inducing points, in blocks, at a cost linear in their number.
 
-The variational posterior of Titsias (2009). With `L L^T = K_zz`, `V = L^-1 K_zx` and `V V^T = U diag(lambda) U^T` the bound of every
-output needs only `lambda`, `q = U^T V y` and `y^T y`; one eigenproblem serves all outputs and every noise variance.
+The variational posterior of Titsias (2009). With `L L^T = K_zz` and `V = L^-1 K_zx` the posterior needs only `G = V
+V^T` and `V y`, sums over samples; one spectrum of G serves all outputs and every noise variance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.linalg import cholesky, solve_triangular
-from sklearn.cluster import MiniBatchKMeans
+from scipy.linalg import blas, cho_factor, cho_solve, solve_triangular
 
-from gpcorrect.gpr.base import GaussianProcess
-from gpcorrect.gpr.kernels import rbf
+from gpcorrect.gpr.estimator import GaussianProcess
+from gpcorrect.gpr.inducing import choose_inducing
+from gpcorrect.gpr.kernels import AdditiveRBF
+from gpcorrect.gpr.learned import Learned
+from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import Predictor
-from gpcorrect.gpr.variances import Objective, best_ratios
-from gpcorrect.types import FloatArray
+from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.types import FloatArray, Progress
 
 __all__ = ["SparseGPR"]
 
 BLOCK = 2048
-JITTER = 1e-6  # relative to the unit diagonal; below the noise of any sensor, above rounding
-CLUSTER_SAMPLES = 20_000  # inducing points are placed by this many rows at most
-NEGLIGIBLE = 1e-4  # directions that lessen the prior variance by less are left out of the predictor
+NEGLIGIBLE = 1e-6  # directions along which the data take away less of the prior variance are left out of the predictor
 
 
 class SparseGPR(GaussianProcess):
-    """Variational inducing-point regression (Titsias 2009): length scales from a subset, then all data.
+    """Variational inducing-point regression (Titsias 2009): hyperparameters from a subset, then all data.
 
     Parameters
     ----------
     n_inducing : int
-        Inducing points, placed by k-means in the scaled inputs.
-    n_subset : int
-        Rows that the length scales are learned on.
+        Inducing points that the mean rests on.
+    n_variance : int
+        How many of them the variance rests on: the part of a query that costs their square.
+    feature_groups : sequence of sequences of int, optional
+        Columns of X that act in part by themselves (pose; velocity): each group adds a component to the kernel.
+    output_groups : sequence of int, optional
+        How many outputs in turn share a kernel, as (3, 3) for positions and rotations; all of them by default.
+    n_learn : int
+        Samples that the hyperparameters are learned from.
     n_restarts : int
-        Further searches for the length scales, from random starts.
+        Further searches for the hyperparameters, from random starts.
     random_state : int, RandomState or None
         Seed of the subset, the restarts and the inducing points.
 
     Attributes
     ----------
-    length_scale_ : (d,) array
-        Of each feature, in its own unit.
-    predictor_ : Predictor
-        The posterior.
+    jitter_ : float
+        What had to be added to the inducing points' correlations (of unit variance) for their factorisation;
+        the largest of the groups of outputs.
+    unseen_ : float
+        Mean share of prior variance that the inducing points cannot see at the training samples; likewise.
+
+    See Also
+    --------
+    GaussianProcess : the other attributes.
     """
 
     def __init__(
-        self, n_inducing: int = 500, n_subset: int = 600, n_restarts: int = 0, random_state: int | None = 0
+        self,
+        n_inducing: int = 700,
+        n_variance: int = 250,
+        feature_groups: Sequence[Sequence[int]] | None = None,
+        output_groups: Sequence[int] | None = None,
+        n_learn: int = 500,
+        n_restarts: int = 0,
+        random_state: int | None = 0,
     ) -> None:
         self.n_inducing = n_inducing
-        self.n_subset = n_subset
+        self.n_variance = n_variance
+        self.feature_groups = feature_groups
+        self.output_groups = output_groups
+        self.n_learn = n_learn
         self.n_restarts = n_restarts
         self.random_state = random_state
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Learn from inputs `(n, d)` and outputs `(n,)` or `(n, m)`."""
-        return self._fit(X, y, self.n_subset)
+    def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
+        self.jitter_, self.unseen_ = 0.0, 0.0
+        return super()._predictor(X, Y, rng, progress)
 
-    def _posterior(self, A: FloatArray, B: FloatArray, length_scale: FloatArray, rng: np.random.Generator) -> Predictor:
-        inputs = A / length_scale
-        basis = _inducing_points(inputs, self.n_inducing, rng)
-        L = cholesky(rbf(basis, basis) + JITTER * np.eye(len(basis)), lower=True)
-        seen = _project(inputs, B, basis, L)
-        ratios = best_ratios(seen.objective, B.shape[1])
-        signal = seen.signal(ratios[None])[0]
-        return self._predictor(length_scale, basis, L, seen, ratios, signal)
-
-    def _predictor(
-        self,
-        length_scale: FloatArray,
-        basis: FloatArray,
-        L: FloatArray,
-        seen: _Projection,
-        ratios: FloatArray,
-        signal: FloatArray,
-    ) -> Predictor:
-        y_spread = self.scaling_.y_spread
-        shrink = seen.eigenvalues / (seen.eigenvalues + ratios[:, None])
-        kept = shrink.max(axis=0) > NEGLIGIBLE
-        factor = solve_triangular(L, seen.U, lower=True, trans="T").T
-        weights = factor.T @ (seen.q / (seen.eigenvalues[:, None] + ratios))
-        return Predictor(
-            scale=1.0 / (length_scale * self.scaling_.x_spread),
+    def _posterior(
+        self, learned: Learned, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress
+    ) -> SharedPredictor:
+        kernel = learned.kernel
+        basis = self._inducing_points(kernel, X, rng)
+        seen = _project(learned, basis, X, Y, progress)
+        self.jitter_ = max(self.jitter_, seen.jitter)
+        self.unseen_ = max(self.unseen_, seen.unseen(len(basis)))
+        projection, explained = seen.variance_factors(learned.noise_ratio, min(self.n_variance, len(basis)))
+        return SharedPredictor(
+            component_weights=kernel.weights,
+            length_scales=kernel.length_scales,
             basis=basis,
-            half_squares=0.5 * (basis**2).sum(axis=1),
-            alpha=(weights * y_spread).T,
-            centre=self.scaling_.y_centre,
-            factor=factor[kept],
-            shrink=shrink[:, kept],
-            signal=signal * y_spread**2,
-            noise=signal * ratios * y_spread**2,
+            alpha=(seen.mean_weights(learned.noise_ratio) * learned.scaling.y_spread).T,
+            offset=learned.scaling.y_centre,
+            projection=projection,
+            explained=explained,
+            signal=learned.signal,
+            noise=learned.noise,
         )
+
+    def _inducing_points(self, kernel: AdditiveRBF, X: FloatArray, rng: np.random.Generator) -> FloatArray:
+        return choose_inducing(kernel, X, self.n_inducing, rng)
 
 
 @dataclass(frozen=True, eq=False)
 class _Projection:
-    """All data as the inducing points see them."""
+    """All n samples as the inducing points see them: factor L, Gram matrix G and `V y` as in the head of this module.
 
-    eigenvalues: FloatArray
-    U: FloatArray
-    q: FloatArray
-    squares: FloatArray
+    What the points cannot see of the field acts on the data like noise, so it is counted with the noise: without
+    that, too few points for a rough field make an overconfident fit (docs/design/0002 has the figures).
+    """
+
+    L: FloatArray
+    G: FloatArray
+    Vy: FloatArray
     n: int
+    jitter: float
 
-    def signal(self, ratios: FloatArray) -> FloatArray:
-        """Best signal variances `(k, m)` for noise-to-signal ratios `(k, m)`."""
-        explained = (self.q[:, None, :] ** 2 / (self.eigenvalues[:, None, None] + ratios)).sum(axis=0)
-        return np.maximum((self.squares - explained) / (self.n * ratios), 1e-300)
+    def unseen(self, count: int) -> float:
+        """Mean share of prior variance that the first `count` points leave at the samples."""
+        return max(1.0 - float(np.trace(self.G[:count, :count])) / self.n, 0.0)
 
-    @property
-    def objective(self) -> Objective:
-        """Negative bound on the log marginal likelihood, up to a constant (Titsias 2009, Eq. 9)."""
-        rank, unseen = len(self.eigenvalues), max(self.n - float(self.eigenvalues.sum()), 0.0)
+    def mean_weights(self, ratio: FloatArray) -> FloatArray:
+        """Weights `(M, m)` of the correlations to all points in the mean."""
+        diagonal = np.diag_indices_from(self.G)
+        solved = np.empty(self.Vy.shape)
+        for o, noise in enumerate(ratio + self.unseen(len(self.G))):
+            system = np.array(self.G, order="F")
+            system[diagonal] += noise
+            solved[:, o] = cho_solve(
+                cho_factor(system, lower=True, overwrite_a=True, check_finite=False), self.Vy[:, o]
+            )
+        weights: FloatArray = solve_triangular(self.L, solved, lower=True, trans="T", check_finite=False)
+        return weights
 
-        def objective(ratios: FloatArray) -> FloatArray:
-            spread = np.log(self.eigenvalues[:, None, None] + ratios).sum(axis=0) + (self.n - rank) * np.log(ratios)
-            bound: FloatArray = 0.5 * (self.n * np.log(self.signal(ratios)) + spread + unseen / ratios)
-            return bound
-
-        return objective
-
-
-def _inducing_points(inputs: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
-    """Centres of k-means clusters; the samples themselves where there are no more of them."""
-    distinct = np.unique(inputs[rng.permutation(len(inputs))[:CLUSTER_SAMPLES]], axis=0)
-    if len(distinct) <= count:
-        return distinct
-    clusters = MiniBatchKMeans(count, n_init=1, batch_size=4096, max_iter=20, random_state=int(rng.integers(2**31 - 1)))
-    centres: FloatArray = clusters.fit(distinct).cluster_centers_
-    return np.asarray(centres, dtype=np.float64)
+    def variance_factors(self, ratio: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+        """Projection `(r, count)` and explained shares `(m, r)` of the variance that the first `count` points give."""
+        eigenvalues, U = np.linalg.eigh(self.G[:count, :count])
+        eigenvalues = np.maximum(eigenvalues, 0.0)
+        explained = eigenvalues / (eigenvalues + (ratio + self.unseen(count))[:, None])
+        kept = explained.max(axis=0) > NEGLIGIBLE
+        kept[-1] = True  # an output of pure noise still needs a direction to say so
+        projection = solve_triangular(self.L[:count, :count], U[:, kept], lower=True, trans="T", check_finite=False).T
+        return projection, explained[:, kept]
 
 
-def _project(inputs: FloatArray, outputs: FloatArray, basis: FloatArray, L: FloatArray) -> _Projection:
-    M = len(basis)
-    C, P = np.zeros((M, M)), np.zeros((M, outputs.shape[1]))
-    for i in range(0, len(inputs), BLOCK):
-        V = solve_triangular(L, rbf(basis, inputs[i : i + BLOCK]), lower=True, check_finite=False, overwrite_b=True)
-        C += V @ V.T
-        P += V @ outputs[i : i + BLOCK]
-    eigenvalues, U = np.linalg.eigh(C)
-    return _Projection(np.maximum(eigenvalues, 0.0), U, U.T @ P, (outputs**2).sum(axis=0), len(inputs))
+def _project(learned: Learned, basis: FloatArray, X: FloatArray, Y: FloatArray, progress: Progress) -> _Projection:
+    """Sum over the samples in blocks: memory does not grow with their number."""
+    kernel = learned.kernel
+    L, jitter = cholesky(kernel(basis, basis))
+    G, Vy = np.zeros((len(basis), len(basis)), order="F"), np.zeros((len(basis), Y.shape[1]))
+    for start in range(0, len(X), BLOCK):
+        rows = slice(start, start + BLOCK)
+        V = solve_triangular(L, kernel(X[rows], basis).T, lower=True, overwrite_b=True, check_finite=False)
+        G = blas.dsyrk(1.0, V, beta=1.0, c=G, lower=1, overwrite_c=1)
+        Vy += V @ learned.scaling.outputs(Y[rows])
+        progress.step("posterior", min(1.0, (start + BLOCK) / len(X)))
+    return _Projection(L, np.tril(G) + np.tril(G, -1).T, Vy, len(X), jitter)

@@ -1,4 +1,4 @@
-"""Recordings in: one reader a format, all yield a CalibrationLog."""
+"""Recordings in: one reader a format, all yield a CalibrationLog; clocks and the dry run."""
 
 from __future__ import annotations
 
@@ -6,6 +6,20 @@ from gpcorrect.logs.combine import combine
 from gpcorrect.logs.join import join_logs
 from gpcorrect.logs.reader import read_log
 from gpcorrect.logs.streams import Stream, interpolate
+from gpcorrect.logs.sync import TimeOffset, align, log_offset
+from gpcorrect.logs.validate import ValidationReport, validate_log
 from gpcorrect.logs.writer import write_log
 
-__all__ = ["Stream", "combine", "interpolate", "join_logs", "read_log", "write_log"]
+__all__ = [
+    "Stream",
+    "TimeOffset",
+    "ValidationReport",
+    "align",
+    "combine",
+    "interpolate",
+    "join_logs",
+    "log_offset",
+    "read_log",
+    "validate_log",
+    "write_log",
+]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from gpcorrect.logs.sync import TimeOffset
+from gpcorrect.logs import TimeOffset
 from gpcorrect.plots.style import COLOURS, new_figure
 
 __all__ = ["offset_curve"]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import socket
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -118,8 +120,21 @@ def endpoint_of(port: int) -> str:
     return f"tcp/127.0.0.1:{port}"
 
 
+def end_with_parent() -> None:
+    """End this child process when its parent is gone, even when the parent was killed."""
+
+    def watch() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 def serve_in_child(kind: str, gate: Event, entered: Event, ready: Event, settings: ServerSettings) -> None:
     """Run in the child process: serve a small corrector until SIGTERM."""
+    end_with_parent()
     kinds = {
         "shift": ShiftCorrector,
         "gated": lambda: GatedCorrector(gate, entered),
@@ -142,9 +157,8 @@ class ServerProcess:
         """Return a client with a patience that a loaded machine needs."""
         return CorrectionClient(self.endpoint, **{"timeout": PATIENT, "connect_timeout": PATIENT, **options})
 
-    def terminate(self) -> int | None:
-        """Send SIGTERM and return the exit status."""
-        self.process.terminate()
+    def exit_status(self) -> int | None:
+        """Wait for the process to end and return its exit status."""
         self.process.join(PATIENT)
         return self.process.exitcode
 

@@ -15,8 +15,9 @@ import pytest
 from service_support import PATIENT, endpoint_of, free_port
 
 from gpcorrect import artifact
+from gpcorrect.cli import main
 from gpcorrect.corrector import CommandCorrector, FitSettings, fit_corrector
-from gpcorrect.sim.debridement import debridement_log
+from gpcorrect.sim import debridement_log
 from gpcorrect.types import FloatArray
 from gpcorrect_service import CorrectionClient
 
@@ -28,7 +29,7 @@ GPCORRECT = [sys.executable, "-c", "from gpcorrect.cli import main; main()"]
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Fit a model to a few simulated reaches."""
     path = tmp_path_factory.mktemp("model") / "reaches.gpc"
-    artifact.save(fit_corrector(debridement_log(reaches=6, clean=True), FitSettings(inducing=40)), path)
+    artifact.save(fit_corrector(debridement_log(reaches=4), FitSettings(clean=False, inducing=20)), path)
     return path
 
 
@@ -118,13 +119,15 @@ def test_query_command(model: Path, endpoint: str) -> None:
     np.testing.assert_allclose(json.loads(done.stdout)["position"], here.position, rtol=0, atol=1e-9)
 
 
-def test_example(endpoint: str) -> None:
-    """The example runs against this server."""
+def test_example(model: Path, endpoint: str) -> None:
+    """The example runs against this server, and what it asks of training data is OK."""
+    _, queries = training_queries(model)
+    pose = [repr(float(v)) for v in queries[0, :7]]
     command = [sys.executable, "examples/query_service.py", "--endpoint", endpoint, "--timeout", str(PATIENT)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    done = subprocess.run([*command, "--pose", *pose], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert "many at once: 50 replies, 50 OK" in done.stdout
-    assert "fallback identity" in done.stdout
+    assert "fallback identity, command unchanged: True" in done.stdout
 
 
 def test_sigterm_ends_well(model: Path) -> None:
@@ -141,19 +144,26 @@ def test_sigterm_ends_well(model: Path) -> None:
     assert events[0]["model_hash"] == artifact.model_hash(model)
 
 
-def test_refused_at_the_start(model: Path, endpoint: str, tmp_path: Path) -> None:
-    """A taken or an open address, a truncated or a missing model: exit 2 and one message, no traceback."""
+@pytest.mark.parametrize("fault", ["taken", "open", "truncated", "missing"])
+def test_refused_at_the_start(
+    fault: str,
+    model: Path,
+    endpoint: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A taken or an open address, a truncated or a missing model: status 2 and one message that says so."""
     broken = tmp_path / "broken.gpc"
     broken.write_bytes(model.read_bytes()[:-100])
-    for arguments, words in (
-        ([str(model), "--endpoint", endpoint], "cannot listen"),
-        ([str(model), "--endpoint", "tcp/0.0.0.0:7447"], "other machines"),
-        ([str(broken)], "refused"),
-        ([str(tmp_path / "none.gpc")], "no model file"),
-    ):
-        done = subprocess.run(
-            [*GPCORRECT, "serve", *arguments], capture_output=True, text=True, cwd=ROOT, timeout=PATIENT
-        )
-        assert done.returncode == 2, done.stderr
-        assert words in done.stderr
-        assert "Traceback" not in done.stderr
+    arguments, words = {
+        "taken": ([str(model), "--endpoint", endpoint], "cannot listen"),
+        "open": ([str(model), "--endpoint", "tcp/0.0.0.0:7447"], "other machines"),
+        "truncated": ([str(broken)], "refused"),
+        "missing": ([str(tmp_path / "none.gpc")], "no model file"),
+    }[fault]
+    monkeypatch.setattr(sys, "argv", ["gpcorrect", "serve", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert words in capsys.readouterr().err

@@ -1,0 +1,176 @@
+"""What the exact and the sparse regressor share: checked input, scaling, hyperparameters from a subset, prediction."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from copy import copy
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
+from sklearn.utils import check_random_state
+from sklearn.utils.validation import check_array, check_consistent_length, check_is_fitted, validate_data
+
+from gpcorrect.errors import DataError
+from gpcorrect.gpr.kernels import component_masks
+from gpcorrect.gpr.learned import Learned, Scaling
+from gpcorrect.gpr.learning import learn
+from gpcorrect.gpr.predictor import Predictor
+from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.types import FloatArray, IntArray, Progress
+
+__all__ = ["GaussianProcess"]
+
+
+class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]  # untyped
+    """Regression of outputs that share kernels by groups and have each their own signal and noise variance.
+
+    Subclasses find the posterior of given data under given hyperparameters.
+
+    Attributes
+    ----------
+    learned_ : tuple of Learned
+        Kernel, variances and units of each group of outputs.
+    predictor_ : Predictor
+        The posterior in the form of the hot path.
+    """
+
+    feature_groups: Sequence[Sequence[int]] | None
+    output_groups: Sequence[int] | None
+    n_learn: int
+    n_restarts: int
+    random_state: int | None
+    _most_samples: int | None = None  # that the posterior can bear; None for any number
+
+    def fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        groups: ArrayLike | None = None,
+        times: ArrayLike | None = None,
+        progress: Progress | None = None,
+    ) -> Self:
+        """Learn hyperparameters from a subset of the samples, then the posterior from all of them.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        y : (n,) or (n, m) array
+            Outputs.
+        groups : (n,) array, optional
+            Trajectory of each sample. When given, the hyperparameters allow for noise that neighbouring samples of
+            one trajectory have in common, as real recordings have; without it the noise is taken as white.
+        times : (n,) array, optional
+            Seconds: the common noise then fades with the lag.
+        progress : Progress, optional
+            Told how far the fit is.
+
+        Raises
+        ------
+        DataError
+            More samples than the method can bear, or groups, times or output groups that do not fit.
+        """
+        inputs, outputs = self._validated(X, y, reset=True)
+        labels, seconds = _stretches(inputs, groups, times)
+        learning, placing = self._generators()
+        progress = progress or Progress()
+        rows = np.sort(learning.permutation(len(inputs))[: self.n_learn])
+        stretches = (None if labels is None else labels[rows], None if seconds is None else seconds[rows])
+        masks = component_masks(inputs.shape[1], self.feature_groups)
+        learned = []
+        for columns in _columns(outputs.shape[1], self.output_groups):
+            scaling = Scaling.of(inputs, outputs[:, columns])
+            A, B = inputs[rows] / scaling.x_spread, scaling.outputs(outputs[rows, columns])
+            found = learn(A, B, masks, *stretches, restarts=self.n_restarts, rng=learning, progress=progress)
+            learned.append(Learned(columns, scaling, found))
+        self.learned_: tuple[Learned, ...] = tuple(learned)
+        self.predictor_ = self._predictor(inputs, outputs, placing, progress)
+        return self
+
+    def refit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Return a copy with the same hyperparameters and the posterior of other data of the same kind."""
+        check_is_fitted(self, "predictor_")
+        other = copy(self)
+        inputs, outputs = other._validated(X, y, reset=False)
+        other.predictor_ = other._predictor(inputs, outputs, self._generators()[1], Progress())
+        return other
+
+    def predict(self, X: ArrayLike, return_std: bool = False) -> Any:
+        """Return the mean, and with `return_std` also the standard deviation of a new observation.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        return_std : bool
+            Whether to return standard deviations too.
+
+        Returns
+        -------
+        mean : (n,) or (n, m) array
+        std : (n,) or (n, m) array
+            Only with `return_std`.
+        """
+        check_is_fitted(self, "predictor_")
+        mean, std, _ = self.predictor_.mean_std_batch(validate_data(self, X, reset=False, dtype=np.float64))
+        if self._one_output:
+            mean, std = mean[:, 0], std[:, 0]
+        return (mean, std) if return_std else mean
+
+    def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
+        parts = [self._posterior(part, X, Y[:, part.columns], rng, progress) for part in self.learned_]
+        return Predictor(tuple(parts))
+
+    @abstractmethod
+    def _posterior(
+        self, learned: Learned, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress
+    ) -> SharedPredictor:
+        """Posterior of inputs `(n, d)` and one group's outputs `(n, m)` under what was learned of them."""
+
+    def _validated(self, X: ArrayLike, y: ArrayLike, *, reset: bool) -> tuple[FloatArray, FloatArray]:
+        checked = validate_data(
+            self, X, y, reset=reset, multi_output=True, y_numeric=True, dtype=np.float64, ensure_min_samples=2
+        )
+        inputs, outputs = (np.asarray(part, dtype=np.float64) for part in checked)
+        if self._most_samples is not None and len(inputs) > self._most_samples:
+            raise DataError(
+                f"{type(self).__name__} takes at most {self._most_samples} samples, got {len(inputs)}.",
+                hint="Use SparseGPR.",
+            )
+        self._one_output = outputs.ndim == 1
+        return inputs, outputs.reshape(len(outputs), -1)
+
+    def _generators(self) -> list[np.random.Generator]:
+        """Return one generator for the hyperparameters, one for the posterior: a refit repeats the latter."""
+        seed = check_random_state(self.random_state).randint(2**31 - 1)
+        return np.random.default_rng(seed).spawn(2)
+
+
+def _stretches(
+    X: FloatArray, groups: ArrayLike | None, times: ArrayLike | None
+) -> tuple[IntArray | None, FloatArray | None]:
+    """Check and number the groups; check the times."""
+    if groups is None:
+        if times is not None:
+            raise DataError("times need groups: which samples are of one trajectory?", hint="Pass groups= as well.")
+        return None, None
+    groups = np.asarray(groups)
+    check_consistent_length(X, groups)
+    labels: IntArray = np.unique(groups, return_inverse=True)[1]
+    if times is None:
+        return labels, None
+    seconds: FloatArray = check_array(times, ensure_2d=False, dtype=np.float64, input_name="times")
+    check_consistent_length(X, seconds)
+    return labels, seconds
+
+
+def _columns(n_outputs: int, sizes: Sequence[int] | None) -> list[slice]:
+    """Slices of the outputs, a group each."""
+    sizes = (n_outputs,) if sizes is None else tuple(sizes)
+    if sum(sizes) != n_outputs or min(sizes) < 1:
+        raise DataError(f"output groups of {sizes} outputs do not make {n_outputs} outputs.")
+    stops = np.cumsum(sizes).tolist()
+    return [slice(stop - size, stop) for size, stop in zip(sizes, stops, strict=True)]

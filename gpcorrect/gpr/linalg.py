@@ -1,0 +1,47 @@
+"""Cholesky factors of covariance matrices that rounding may have made slightly indefinite."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import lapack
+
+from gpcorrect.errors import DegenerateError
+from gpcorrect.types import FloatArray
+
+__all__ = ["cholesky", "inverse_and_log_determinant"]
+
+FIRST_JITTER, LAST_JITTER = 1e-12, 1e-4  # relative to the mean of the diagonal; each try ten times the one before
+
+
+def cholesky(matrix: FloatArray) -> tuple[FloatArray, float]:
+    """Lower Cholesky factor of a symmetric matrix `(n, n)`, and the jitter that its diagonal needed for it.
+
+    Jitter is relative to the mean of the diagonal: none first, then 1e-12, ten times more at each try, up to 1e-4.
+
+    Raises
+    ------
+    DegenerateError
+        The matrix is not a covariance even with the largest jitter.
+    """
+    unit = float(np.mean(np.diagonal(matrix)))
+    jitter = 0.0
+    while jitter <= LAST_JITTER:
+        trial = np.array(matrix, order="C").T  # Fortran order for LAPACK, and symmetric: a straight copy
+        trial[np.diag_indices_from(trial)] += jitter * unit
+        factor, failed = lapack.dpotrf(trial, lower=1, clean=1, overwrite_a=1)
+        if not failed:
+            lower: FloatArray = factor
+            return lower, jitter * unit
+        jitter = max(10.0 * jitter, FIRST_JITTER)
+    raise DegenerateError(
+        f"a covariance of {len(matrix)} points is not positive definite even with {LAST_JITTER} of its diagonal added.",
+        hint="Look for inputs that are not finite or features of wildly different size.",
+    )
+
+
+def inverse_and_log_determinant(matrix: FloatArray) -> tuple[FloatArray, float]:
+    """Upper triangle of the inverse `(n, n)` of a covariance matrix (zeros below, C order), and its log determinant."""
+    factor, _ = cholesky(matrix)
+    log_determinant = 2.0 * float(np.log(np.diagonal(factor)).sum())
+    inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
+    return inverse.T, log_determinant
