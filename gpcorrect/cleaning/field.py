@@ -1,4 +1,4 @@
-"""Robust-free core of the smooth error model: kernel regression with a trend, and what it leaves unexplained."""
+"""The core of the smooth error model: kernel regression with a trend, and what it leaves unexplained."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -64,15 +64,6 @@ class FieldInputs:
         speed = np.linalg.norm(velocity, axis=2, keepdims=True)
         saturated = velocity / (speed + self.speed[:, None])
         return pose, saturated.reshape(-1, 6)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the scaling as JSON-able values."""
-        return {"centre": self.centre.tolist(), "spread": self.spread.tolist(), "speed": self.speed.tolist()}
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Rebuild the scaling from :meth:`to_dict`."""
-        return cls(*(frozen_array(values[name]) for name in ("centre", "spread", "speed")))
 
 
 def _pose_entries(samples: Samples) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.cleaning.frozen import frozen_travel
 from gpcorrect.cleaning.jumps import Pieces, excursions, largest_chain, split_pieces
-from gpcorrect.cleaning.limits import RotationLimit, Workspace
+from gpcorrect.cleaning.limits import PhysicalLimit, RotationLimit, Workspace
 from gpcorrect.cleaning.reasons import Reason
 from gpcorrect.cleaning.samples import Samples, part_norms
 from gpcorrect.cleaning.settings import CleaningSettings
@@ -47,7 +47,8 @@ class Ruler:
 def judge_samples(samples: Samples, ruler: Ruler, settings: CleaningSettings) -> Verdicts:
     """Physical limits and frozen observations."""
     verdicts = Verdicts.none(len(samples))
-    for limit in (ruler.workspace, RotationLimit(settings.max_rotation)):
+    limits: tuple[PhysicalLimit, ...] = (ruler.workspace, RotationLimit(settings.max_rotation))
+    for limit in limits:
         values = limit.measure(samples)
         verdicts = verdicts.rejecting(values > limit.limit, limit.reason, values, limit.limit)
     travel = frozen_travel(samples)

@@ -85,7 +85,8 @@ def folds(samples: Samples) -> IntArray:
     """Fold (n,) of each sample: stretches of consecutive whole trajectories, or of time where there are few of them."""
     starts = np.concatenate([[0], np.cumsum(np.diff(samples.trajectory) != 0)])
     if starts[-1] + 1 >= FOLDS:
-        return starts * FOLDS // (starts[-1] + 1)
+        by_trajectory: IntArray = starts * FOLDS // (starts[-1] + 1)
+        return by_trajectory
     return np.arange(len(samples)) * FOLDS // len(samples)
 
 
@@ -95,7 +96,8 @@ def _trend(
     """Slopes and level (4, k) of the error over commanded positions, and spread (parts,) about them."""
     rows = evenly_spaced(np.flatnonzero(trusted), settings.field_samples)
     trends, units = [], []
-    for part, resolution in zip(np.split(samples.error, samples.error.shape[1] // 3, axis=1), settings.resolution, strict=False):
+    parts = np.split(samples.error, samples.error.shape[1] // 3, axis=1)
+    for part, resolution in zip(parts, settings.resolution, strict=False):
         plane = LeastMedianOfSquares(random_state=int(rng.integers(2**31 - 1)))
         plane.fit(samples.command.position[rows], part[rows])
         trends.append(np.vstack([plane.coef_.T, plane.intercept_]))
@@ -106,12 +108,12 @@ def _trend(
 def _confirmed_training(data: _Data, trusted: BoolArray, settings: CleaningSettings) -> tuple[_Data, Kernel]:
     """Training samples that the model of the other folds confirms, and the kernel that predicts them best."""
     train = data[evenly_spaced(np.flatnonzero(trusted), settings.field_samples)]
-    confirmed = (part_norms(train.left) <= settings.offset_factor).all(axis=1)
+    confirmed: BoolArray = np.all(part_norms(train.left) <= settings.offset_factor, axis=1)
     kernel = _best_kernel(train[confirmed])
     for _ in range(ROUNDS):
         mean, deviation = _cross_predict(train[confirmed], train, kernel)
         lengths = part_norms(train.left - mean) / deviation[:, None]
-        confirmed = (lengths <= settings.offset_factor * np.maximum(robust_scale(lengths, 3), TINY)).all(axis=1)
+        confirmed = np.all(lengths <= settings.offset_factor * np.maximum(robust_scale(lengths, 3), TINY), axis=1)
     return train[confirmed], kernel
 
 

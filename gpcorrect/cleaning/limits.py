@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, Self
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
 from gpcorrect.cleaning.reasons import Reason
 from gpcorrect.cleaning.samples import Samples, part_norms
-from gpcorrect.types import BoolArray, FloatArray, PoseSignal, frozen_array
+from gpcorrect.types import FloatArray, PoseSignal, frozen_array
 
-__all__ = ["PhysicalLimit", "RotationLimit", "Workspace", "bad_numbers", "breaches"]
+__all__ = ["PhysicalLimit", "RotationLimit", "Workspace", "bad_numbers"]
 
 NORM_TOLERANCE = 1e-3  # the log format's: a quaternion off by more is a bad sample
 
@@ -63,15 +62,6 @@ class Workspace:
         outside: FloatArray = np.linalg.norm(np.maximum(np.maximum(self.low - p, p - self.high), 0.0), axis=1)
         return outside
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the box as JSON-able values."""
-        return {"low": self.low.tolist(), "high": self.high.tolist(), "limit": self.limit}
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Rebuild the box from :meth:`to_dict`."""
-        return cls(frozen_array(values["low"]), frozen_array(values["high"]), float(values["limit"]))
-
 
 @dataclass(frozen=True)
 class RotationLimit:
@@ -93,13 +83,7 @@ def bad_numbers(*signals: PoseSignal) -> FloatArray:
     for signal in signals:
         count += (~np.isfinite(signal.position)).sum(axis=1)
         if signal.quaternion is not None:
-            finite = np.isfinite(signal.quaternion).all(axis=1)
-            norm = np.linalg.norm(np.where(finite[:, None], signal.quaternion, [1.0, 0.0, 0.0, 0.0]), axis=1)
-            count += np.where(finite, 4.0 * (np.abs(norm - 1.0) > NORM_TOLERANCE), (~np.isfinite(signal.quaternion)).sum(axis=1))
+            missing = (~np.isfinite(signal.quaternion)).sum(axis=1)
+            skewed = np.abs(np.linalg.norm(signal.quaternion, axis=1) - 1.0) > NORM_TOLERANCE
+            count += np.where(missing == 0, 4.0 * skewed, missing)
     return count
-
-
-def breaches(limits: Sequence[PhysicalLimit], samples: Samples) -> list[tuple[PhysicalLimit, BoolArray, FloatArray]]:
-    """Each limit with the mask (n,) of samples that break it and the values (n,) measured."""
-    measured = [(limit, limit.measure(samples)) for limit in limits]
-    return [(limit, values > limit.limit, values) for limit, values in measured]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -182,13 +183,11 @@ def _reweighted(
         scales = np.maximum(robust_scale(lengths, dimension, parameters), floor)
         # A vector is an inlier when its length is plausible for its number of components.
         limit = math.sqrt(float(chi2.ppf(chi2.cdf(INLIER_FACTOR**2, 1), dimension)))
-        inliers: BoolArray = (lengths <= limit * scales).all(axis=1)
+        inliers: BoolArray = np.all(lengths <= limit * scales, axis=1)
         return scales, inliers
 
     _, inliers = judged(model)
-    try:
+    with suppress(DegenerateError):
         model = fit(np.flatnonzero(inliers))
-    except DegenerateError:
-        pass
     scales, inliers = judged(model)
     return LeastMedianFit(model, frozen_array(scales), inliers)

@@ -1,6 +1,8 @@
-"""From a log to the samples that the rules look at: complete ones, in recorded order, each trajectory in one stretch."""
+"""From a log to the samples that the rules look at: complete, in recorded order, each trajectory in one stretch."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -46,7 +48,7 @@ def recorded_order(log: CalibrationLog) -> IntArray:
 
 
 def unusable(log: CalibrationLog, order: IntArray) -> FloatArray:
-    """Count (n,) of numbers in each sample that cannot be used: missing, not a rotation, or a time that does not advance."""
+    """Count (n,) of numbers in a sample that cannot be used: missing, no rotation, or a time that does not advance."""
     count = bad_numbers(*pose_pair(log)) + ~np.isfinite(log.time)
     same = log.trajectory[order[1:]] == log.trajectory[order[:-1]]
     count[order[1:]] += same & ~(np.diff(log.time[order]) > 0)
@@ -65,7 +67,8 @@ def samples_of(log: CalibrationLog, rows: IntArray, rigid: RigidMap) -> Samples:
 def recording_runs(time: FloatArray, trajectory: IntArray, session: IntArray) -> IntArray:
     """Number (n,) of the unbroken stretch of the recording that each sample lies in.
 
-    Inside a trajectory a gap breaks it, as for velocities; between trajectories, a pause, another session or another clock.
+    Inside a trajectory a gap breaks it, as for velocities; between trajectories, a pause, another session or another
+    clock.
     """
     step, inside = np.diff(time), np.diff(trajectory) == 0
     labels = segment_labels(time, trajectory)
@@ -81,7 +84,7 @@ def _typical_steps(time: FloatArray, trajectory: IntArray) -> FloatArray:
     """Median step (n,) in s of the trajectory that each sample lies in; 0 where it is alone."""
     typical = np.zeros(len(time))
     bounds = np.concatenate([[0], np.flatnonzero(np.diff(trajectory)) + 1, [len(time)]])
-    for start, stop in zip(bounds[:-1], bounds[1:], strict=True):
+    for start, stop in pairwise(bounds):
         if stop - start > 1:
             typical[start:stop] = np.median(np.diff(time[start:stop]))
     return typical

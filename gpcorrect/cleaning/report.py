@@ -86,7 +86,7 @@ class CleaningReport:
         }
 
     def to_table(self) -> list[dict[str, Any]]:
-        """Return a row for each sample that is rejected or was kept by hand: what was measured, and the limit that it broke."""
+        """Return a row for each sample that is rejected or was kept by hand: what was measured, and the limit it broke."""
         rows = np.flatnonzero(~self.keep | (self.overruled != ""))
         return [self._row(int(row)) for row in rows]
 
@@ -97,8 +97,13 @@ class CleaningReport:
             "time": float(self.time[row]),
             "trajectory": int(self.trajectory[row]),
             "reason": code,
-            "value": float(self.value[row]),
-            "limit": float(self.limit[row]),
+            "value": _number(self.value[row]),
+            "limit": _number(self.limit[row]),
             "unit": Reason(code).unit,
-            "kept_by_hand": self.reason[row] == "",
+            "kept_by_hand": bool(self.reason[row] == ""),
         }
+
+
+def _number(value: float) -> float | None:
+    """JSON has no NaN: None where nothing was measured."""
+    return float(value) if np.isfinite(value) else None

@@ -10,9 +10,18 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal
 
-RIGID_FREEDOMS = 6
+__all__ = [
+    "Register",
+    "RigidMap",
+    "Samples",
+    "fresh_samples",
+    "part_norms",
+    "pose_error",
+    "rotation_angles",
+    "small_sample_factor",
+]
 
-__all__ = ["fresh_samples", "Register", "RigidMap", "Samples", "part_norms", "pose_error", "rotation_angles", "small_sample_factor"]
+RIGID_FREEDOMS = 6
 
 
 class RigidMap(Protocol):
@@ -75,7 +84,7 @@ def pose_error(mapped: PoseSignal, command: PoseSignal) -> FloatArray:
     position = command.position - mapped.position
     if mapped.quaternion is None or command.quaternion is None:
         return position
-    R_map, R_cmd = (se3.matrix_from_quaternion(s.quaternion) for s in (mapped, command))
+    R_map, R_cmd = (se3.matrix_from_quaternion(q) for q in (mapped.quaternion, command.quaternion))
     return np.hstack([position, se3.rotvec_from_matrix(R_cmd @ np.swapaxes(R_map, -1, -2))])
 
 
@@ -107,7 +116,7 @@ def fresh_samples(samples: Samples) -> float:
 
 
 def small_sample_factor(samples: Samples) -> float:
-    """Factor `1 + 5/(n - p)` on robust scales (Rousseeuw & Leroy 1987): n fresh samples, p freedoms of a rigid motion."""
+    """Factor `1 + 5/(n - p)` on robust scales (Rousseeuw & Leroy 1987): n fresh samples, p of a rigid motion."""
     return 1.0 + 5.0 / max(1.0, fresh_samples(samples) - RIGID_FREEDOMS)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -47,18 +47,10 @@ class Segment:
         start, stop = (value if np.isfinite(value) else None for value in (self.start, self.stop))
         return {"trajectory": self.trajectory, "start": start, "stop": stop}
 
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Rebuild a segment from :meth:`to_dict`."""
-        ends = {name: values[name] for name in ("start", "stop") if values[name] is not None}
-        return cls(int(values["trajectory"]), **ends)
-
 
 def segment_mask(log: CalibrationLog, segments: Iterable[Segment]) -> BoolArray:
     """(n,) mask of the samples of `log` that lie in any of the segments."""
     mask = np.zeros(len(log), dtype=bool)
     for segment in segments:
-        mask |= (
-            (log.trajectory == segment.trajectory) & (log.time >= segment.start) & (log.time <= segment.stop)
-        )
+        mask |= (log.trajectory == segment.trajectory) & (log.time >= segment.start) & (log.time <= segment.stop)
     return mask

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
 __all__ = ["CleaningSettings"]
+
+MIN_FIELD_SAMPLES = 50
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class CleaningSettings:
             if isinstance(value, int | float) and not 0 < value < np.inf:
                 raise DataError(f"cleaning setting {field.name} must be positive and finite, got {value}.")
         if self.trajectory_share > 1:
-            raise DataError(f"trajectory_share is a share of 1, got {self.trajectory_share}.", hint="For 90 % give 0.9.")
+            raise DataError(f"trajectory_share is at most 1, got {self.trajectory_share}.", hint="For 90 % give 0.9.")
         if self.field_samples < MIN_FIELD_SAMPLES:
             raise DataError(f"field_samples must be at least {MIN_FIELD_SAMPLES}, got {self.field_samples}.")
         object.__setattr__(self, "keep", tuple(self.keep))
@@ -100,12 +102,3 @@ class CleaningSettings:
         """Return the settings as JSON-able values."""
         by_hand = {name: [s.to_dict() for s in getattr(self, name)] for name in ("keep", "drop")}
         return {**asdict(self), **by_hand}
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Rebuild settings from :meth:`to_dict`."""
-        segments = {k: tuple(Segment.from_dict(s) for s in values[k]) for k in ("keep", "drop")}
-        return cls(**{**values, **segments})
-
-
-MIN_FIELD_SAMPLES = 50

@@ -1,4 +1,4 @@
-"""The second look: how far is each error from what such poses and velocities show elsewhere in the recording?
+"""The second look: how far each error is from what such poses and velocities show elsewhere in the recording.
 
 Systematic errors (stretch, play, friction) depend smoothly on the commanded pose and velocity; a fault does not. What
 differs from the smooth model by many robust scales is suspicious. The model sees commands only, which faults leave
@@ -8,14 +8,14 @@ intact. It is coarse and robust: it judges, and the correction is learned elsewh
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
-from gpcorrect.cleaning.field import ErrorField, Kernel
+from gpcorrect.cleaning.field import ErrorField
 from gpcorrect.cleaning.inputs import FieldInputs, commanded_twists
 from gpcorrect.cleaning.samples import Samples, part_norms
-from gpcorrect.types import FloatArray, IntArray, frozen_array
+from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["SecondLook", "SmoothModel", "judged_rows", "scaled_remainder"]
 
@@ -74,7 +74,7 @@ class SmoothModel:
     scale: FloatArray
 
     def look(self, samples: Samples) -> SecondLook:
-        """What the model leaves of each error."""
+        """Return what the model leaves of each error."""
         rows = judged_rows(samples)
         x = self.field.kernel.inputs(*self.scaling.transform(samples, commanded_twists(samples)))
         mean, deviation = self.field.predict(x[rows])
@@ -91,32 +91,9 @@ class SmoothModel:
         typical = self.unit * self.scale * np.median(spread)
         return SecondLook(remainder, remainder, distance, typical)
 
-    def to_parts(self) -> tuple[dict[str, Any], dict[str, FloatArray]]:
-        """Return JSON-able values and arrays, from which :meth:`from_parts` rebuilds the model."""
-        kernel = self.field.kernel
-        header = {
-            "scaling": self.scaling.to_dict(),
-            "trend": self.trend.tolist(),
-            "unit": self.unit.tolist(),
-            "scale": self.scale.tolist(),
-            "kernel": {"length": kernel.length, "noise": kernel.noise, "velocity": kernel.velocity},
-        }
-        return header, {"inputs": self.field.inputs, "errors": self.field.errors}
-
-    @classmethod
-    def from_parts(cls, header: dict[str, Any], arrays: dict[str, FloatArray]) -> Self:
-        """Rebuild the model from :meth:`to_parts`."""
-        return cls(
-            scaling=FieldInputs.from_dict(header["scaling"]),
-            trend=frozen_array(header["trend"]),
-            unit=frozen_array(header["unit"]),
-            field=ErrorField(frozen_array(arrays["inputs"]), frozen_array(arrays["errors"]), Kernel(**header["kernel"])),
-            scale=frozen_array(header["scale"]),
-        )
-
 
 def scaled_remainder(samples: Samples, trend: FloatArray, unit: FloatArray) -> FloatArray:
-    """What the trend (4, k) leaves of the error (n, k), in units (parts,) of its spread."""
+    """Return what the trend (4, k) leaves of the error (n, k), in units (parts,) of its spread."""
     position = samples.command.position
     left: FloatArray = (samples.error - position @ trend[:-1] - trend[-1]) / np.repeat(unit, 3)
     return left

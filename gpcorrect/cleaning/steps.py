@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, Self
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -98,8 +98,8 @@ class SpeedLimit:
 class ErrorStepLimit:
     """The error changes by at most `noise` plus `follow` times the commanded travel (m for part 0, rad for part 1).
 
-    However far the travel, two errors differ by no more than `cap`. An arm that sticks while commanded to move, or springs back, changes its error no faster than that; a
-    marker that is lost, occluded or mistaken for another does.
+    However far the travel, two errors differ by no more than `cap`. An arm that sticks while commanded to move, or
+    springs back, changes its error no faster than that; a marker that is lost, occluded or mistaken for another does.
     """
 
     part: int
@@ -120,7 +120,7 @@ class ErrorStepLimit:
 
 
 def commanded_speeds(samples: Samples) -> tuple[FloatArray, FloatArray]:
-    """Speeds (n - 1, parts) in m/s and rad/s of the command from sample to sample, 0 across runs, and steps (n - 1,) in s."""
+    """Commanded speeds (n - 1, parts), m/s and rad/s, between neighbours, 0 across runs, and time steps (n - 1,) in s."""
     command, dt = samples.command, np.diff(samples.time)
     steps = [np.linalg.norm(np.diff(command.position, axis=0), axis=1)]
     if samples.error.shape[1] > 3 and command.quaternion is not None:
@@ -175,7 +175,7 @@ class StepRuler:
             fastest = np.quantile(commanded_speeds(samples)[0][inside], FAST_QUANTILE, axis=0)
         given = (settings.max_speed, settings.max_angular_speed)
         derived = np.maximum(settings.speed_factor * fastest, SLOWEST[:parts])
-        speeds = [derived[part] if given[part] is None else given[part] for part in range(parts)]
+        speeds = [float(own) if said is None else said for own, said in zip(derived, given, strict=False)]
         return cls(
             noise=frozen_array(settings.step_factor * noise),
             speeds=frozen_array(speeds),
@@ -191,16 +191,3 @@ class StepRuler:
             *(SpeedLimit(part, float(self.speeds[part]), float(self.noise[part])) for part in parts),
             *(ErrorStepLimit(part, float(self.noise[part]), self.follow, float(self.cap[part])) for part in parts),
         ]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the ruler as JSON-able values."""
-        cap = [value if np.isfinite(value) else None for value in self.cap.tolist()]
-        return {"noise": self.noise.tolist(), "speeds": self.speeds.tolist(), "follow": self.follow, "cap": cap}
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Rebuild the ruler from :meth:`to_dict`."""
-        cap = [np.inf if value is None else value for value in values["cap"]]
-        return cls(
-            frozen_array(values["noise"]), frozen_array(values["speeds"]), float(values["follow"]), frozen_array(cap)
-        )

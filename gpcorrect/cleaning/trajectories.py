@@ -15,8 +15,8 @@ SURROUNDED = 0.6  # share of them beyond which what is left is no motion
 def rejected_shares(trajectory: IntArray, keep: BoolArray) -> dict[int, float]:
     """Share of rejected samples of each trajectory: above P % it is dropped whole (Mahler 2014, Sec. IV-A)."""
     numbers, index = np.unique(trajectory, return_inverse=True)
-    rejected: FloatArray = np.bincount(index, weights=~keep, minlength=len(numbers))
-    return dict(zip(numbers.tolist(), (rejected / np.bincount(index)).tolist(), strict=True))
+    shares = np.bincount(index, weights=~keep) / np.bincount(index)
+    return dict(zip(numbers.tolist(), shares.tolist(), strict=True))
 
 
 def rejected_nearby(run: IntArray, keep: BoolArray) -> FloatArray:

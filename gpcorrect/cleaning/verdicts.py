@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpcorrect.cleaning.reasons import Reason
-from gpcorrect.types import BoolArray, FloatArray, frozen_array
+from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
 __all__ = ["ReasonArray", "Verdicts"]
 
@@ -43,6 +43,13 @@ class Verdicts:
         """(n,) mask of samples that no rule has rejected."""
         keep: BoolArray = self.reason == ""
         return keep
+
+    def replaced(self, rows: IntArray, found: Verdicts) -> Self:
+        """Verdicts in which those on `rows` are the ones found."""
+        reason = self.reason.astype(np.result_type(self.reason, found.reason))
+        value, limit = np.array(self.value), np.array(self.limit)
+        reason[rows], value[rows], limit[rows] = found.reason, found.value, found.limit
+        return type(self)(frozen_array(reason, np.str_), frozen_array(value), frozen_array(limit))
 
     def rejecting(self, mask: BoolArray, reason: Reason, value: FloatArray | float, limit: FloatArray | float) -> Self:
         """Verdicts in which the samples of `mask` that were kept so far are rejected."""

@@ -5,14 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from gpcorrect.cleaning import CleaningReport, CleaningSettings, Reason
 from gpcorrect.corrector.bounds import Bounds
 from gpcorrect.corrector.clocks import Clocks, on_one_clock
 from gpcorrect.corrector.command import CommandCorrector
+from gpcorrect.corrector.noise import stencil_step
 from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.corrector.reference import observed_twists, reference_twists, rotations_of
 from gpcorrect.corrector.residual_model import fit_residual_model
@@ -48,8 +50,9 @@ class FitSettings:
         Inducing points of the sparse regression.
     time_offset : str
         "auto", "none", or seconds by which the tracker's stamps run ahead of the commands'.
-    velocity_step : float or None
-        Step of the five-point stencil on recorded paths, s; None takes neighbouring samples.
+    velocity_step : float, None or "auto"
+        Step of the five-point stencil on recorded paths, s; None takes neighbouring samples, "auto" a step that keeps the
+        tracker's noise out of the velocities.
     seed : int
         Seed of everything random.
     """
@@ -59,9 +62,9 @@ class FitSettings:
     cleaning: CleaningSettings = field(default_factory=CleaningSettings)
     rigid: bool = True
     marker: str = "auto"
-    inducing: int = 500
+    inducing: int = 700
     time_offset: str = "auto"
-    velocity_step: float | None = None
+    velocity_step: float | Literal["auto"] | None = "auto"
     seed: int = 0
 
 
@@ -107,6 +110,7 @@ class _Pairs:
     command: PoseSignal
     twist: FloatArray
     trajectory: IntArray
+    time: FloatArray
 
 
 def fit_corrector(
@@ -137,15 +141,21 @@ def fit_command_corrector(
     log: CalibrationLog, settings: FitSettings | None = None, *, progress: Progress | None = None
 ) -> FitResult:
     """Fit as :func:`fit_corrector` does, and return how it came about too."""
-    settings, progress = settings or FitSettings(), progress or Progress()
+    # Many small factorisations: two BLAS pools on few cores fight each other and take ten times as long as one thread.
+    with threadpool_limits(limits=1):
+        return _fit(log, settings or FitSettings(), progress or Progress())
+
+
+def _fit(log: CalibrationLog, settings: FitSettings, progress: Progress) -> FitResult:
     start = time.perf_counter()
     progress.step("clean", 0.0)
     log, clocks = on_one_clock(log, settings.time_offset)
     screen, cleaning = Screen.fit(log, settings.marker if settings.rigid else "none", settings.cleaning, settings.seed)
     progress.step("clean", 1.0)
-    pairs = _usable_pairs(log, _kept(cleaning, settings), settings.velocity_step)
+    step = stencil_step(log) if settings.velocity_step == "auto" else settings.velocity_step
+    pairs = _usable_pairs(log, _kept(cleaning, settings), step)
     registration = _register(pairs, settings)
-    corrector = _learn(pairs, registration.model, screen, settings, progress)
+    corrector = _learn(pairs, registration.model, screen, step, settings, progress)
     summary = _summary(log, pairs, registration, clocks, cleaning, settings, time.perf_counter() - start)
     return FitResult(
         corrector=replace(corrector, summary=summary),
@@ -175,7 +185,7 @@ def _usable_pairs(log: CalibrationLog, keep: BoolArray, velocity_step: float | N
             hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
             path=log.name,
         )
-    return _Pairs(observed[rows], command[rows], twist[rows], log.trajectory[rows])
+    return _Pairs(observed[rows], command[rows], twist[rows], log.trajectory[rows], log.time[rows])
 
 
 def _register(pairs: _Pairs, settings: FitSettings) -> Registration:
@@ -185,7 +195,7 @@ def _register(pairs: _Pairs, settings: FitSettings) -> Registration:
 
 
 def _learn(
-    pairs: _Pairs, rigid: RigidModel, screen: Screen, settings: FitSettings, progress: Progress
+    pairs: _Pairs, rigid: RigidModel, screen: Screen, step: float | None, settings: FitSettings, progress: Progress
 ) -> CommandCorrector:
     reference = rigid.apply(pairs.observed)
     residual = pose_residual(reference, pairs.command)
@@ -194,7 +204,14 @@ def _learn(
     inputs = (reference.position, rotations_of(reference), moved)
     features = FeatureMap(settings.features).fit(*inputs)
     learned = fit_residual_model(
-        features.transform(*inputs), outputs, pairs.trajectory, settings.inducing, settings.seed, progress
+        features.transform(*inputs),
+        outputs,
+        pairs.trajectory,
+        pairs.time,
+        features,
+        inducing=settings.inducing,
+        seed=settings.seed,
+        progress=progress,
     )
     return CommandCorrector(
         rigid=rigid,
@@ -203,7 +220,7 @@ def _learn(
         intervals=learned.intervals,
         bounds=Bounds.of(residual, learned.novelty),
         screen=screen,
-        velocity_step=settings.velocity_step,
+        velocity_step=step,
         summary={},
         check_queries=_check_queries(pairs),
     )

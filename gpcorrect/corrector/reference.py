@@ -37,5 +37,12 @@ def reference_twists(rigid: RigidModel, rotations: FloatArray | None, twist: Flo
     """
     linear, angular = twist[..., :3], twist[..., 3:]
     if rotations is not None and rigid.needs_orientation:
-        linear = linear + np.cross(angular, rotations @ rigid.offset)
+        linear = linear + _cross(angular, rotations @ rigid.offset)
     return np.concatenate([linear @ rigid.R_position.T, angular @ rigid.R_left.T], axis=-1)
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross products of rows: np.cross without its checks, which take a quarter of a query."""
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.gpr import IntervalCalibration, Predictor, SparseGPR
+from gpcorrect.gpr import FeatureMap, IntervalCalibration, Predictor, SparseGPR, novelty_limit
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 __all__ = ["ResidualModel", "fit_residual_model", "trajectory_folds"]
 
 FOLDS = 4
-IN_DOMAIN_SHARE = 0.995  # of left-out training samples that count as near training data
+POSITION = ROTATION = 3  # outputs that share a kernel: three positions, three rotations
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,16 +25,28 @@ class ResidualModel:
 
 
 def fit_residual_model(
-    X: FloatArray, residual: FloatArray, trajectory: IntArray, inducing: int, seed: int, progress: Progress
+    X: FloatArray,
+    residual: FloatArray,
+    trajectory: IntArray,
+    time: FloatArray,
+    features: FeatureMap,
+    *,
+    inducing: int,
+    seed: int,
+    progress: Progress,
 ) -> ResidualModel:
-    """Learn residuals `(n, k)` from inputs `(n, d)`.
+    """Learn residuals `(n, k)` from inputs `(n, d)` of trajectories at times `(n,)`.
 
     Hyperparameters are learned once, on all trajectories. Intervals are calibrated on errors at trajectories that the
     model (with those hyperparameters) was not fitted to, so that they hold on trajectories never seen.
     """
-    regressor = SparseGPR(n_inducing=inducing, random_state=seed)
-    regressor.fit(X, residual)
-    progress.step("regression", 1.0)
+    regressor = SparseGPR(
+        n_inducing=inducing,
+        feature_groups=features.groups,
+        output_groups=(POSITION, ROTATION) if residual.shape[1] == POSITION + ROTATION else None,
+        random_state=seed,
+    )
+    regressor.fit(X, residual, groups=trajectory, times=time, progress=progress)
     errors, std, novelty = (np.empty(residual.shape), np.empty(residual.shape), np.empty(len(X)))
     folds = trajectory_folds(trajectory)
     for fold in np.unique(folds):
@@ -44,7 +56,7 @@ def fit_residual_model(
         errors[left_out] = residual[left_out] - mean
         progress.step("intervals", (fold + 1) / (folds.max() + 1))
     intervals = IntervalCalibration.fit(errors, std, trajectory)
-    return ResidualModel(regressor.predictor_, intervals, float(np.quantile(novelty, IN_DOMAIN_SHARE)))
+    return ResidualModel(regressor.predictor_, intervals, novelty_limit(novelty))
 
 
 def trajectory_folds(trajectory: IntArray) -> IntArray:
