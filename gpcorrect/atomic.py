@@ -23,7 +23,7 @@ def require_folder(path: str | Path) -> None:
     """
     folder = Path(path).parent
     if not folder.is_dir():
-        raise GpCorrectError(f"cannot write {path}: the folder {folder} does not exist.", hint="Create the folder first.")
+        raise GpCorrectError(f"cannot write {path}: there is no folder {folder}.", hint="Create the folder first.")
 
 
 @contextmanager

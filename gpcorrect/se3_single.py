@@ -1,4 +1,4 @@
-"""The same rotation maths as `se3`, for one rotation at a time: the hot path of `correct`, where a stack costs ten times the work.
+"""The rotation maths of `se3` for one rotation at a time: the hot path of `correct`, where a stack costs far more.
 
 Plain floats and no scipy; every function agrees with its namesake in :mod:`gpcorrect.se3` to rounding (tested).
 """
@@ -29,7 +29,7 @@ def matrix_from_quaternion(quaternion: FloatArray) -> FloatArray:
 
 
 def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
-    """Unit quaternion wxyz `(4,)` with w >= 0 of one rotation matrix `(3, 3)` (Shepperd 1978: divide by the largest)."""
+    """Return the unit quaternion wxyz `(4,)` with w >= 0 of one rotation matrix `(3, 3)` (Shepperd 1978)."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     squares = (1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i)
     largest = squares.index(max(squares))

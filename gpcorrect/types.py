@@ -81,7 +81,7 @@ class PoseSignal:
     @property
     def finite(self) -> BoolArray:
         """(n,) mask of samples with every number present."""
-        mask: BoolArray = np.isfinite(self.position).all(axis=1)
+        mask: BoolArray = np.asarray(np.isfinite(self.position).all(axis=1))
         if self.quaternion is not None:
             mask = mask & np.isfinite(self.quaternion).all(axis=1)
         return mask

@@ -10,5 +10,5 @@ from gpcorrect.corrector import CommandCorrector, fit_corrector
 
 @pytest.fixture(scope="session")
 def small_corrector() -> CommandCorrector:
-    """A corrector fitted to the small recording with the known miss."""
+    """Return a corrector fitted to the small recording with the known miss."""
     return fit_corrector(small_log())

@@ -28,7 +28,7 @@ def real_data(name: str) -> Path:
 
 
 def small_log(seed: int = 0, trajectories: int = 16, samples: int = 60, *, noise: float = 1e-4) -> CalibrationLog:
-    """A small recording with a known miss: the tracker sees the command shifted, turned, bent smoothly, and dragged by velocity."""
+    """Return a small recording with a known miss: shifted, turned, bent smoothly, and dragged by velocity."""
     rng = np.random.default_rng(seed)
     time, number, position, rotvec = [], [], [], []
     for k in range(trajectories):

@@ -85,7 +85,7 @@ def test_an_array_altered_with_its_crc_mended_is_refused(model: Path) -> None:
     with np.load(model) as archive:
         alpha = archive["predictor.alpha"].copy()
     alpha.flat[0] += 1e-3
-    with pytest.raises(ArtifactError, match="predictor.alpha was altered"):
+    with pytest.raises(ArtifactError, match="was altered"):
         artifact.load(rewritten(model, **{"predictor.alpha": alpha}))
 
 

@@ -85,9 +85,7 @@ class Arm:
         object.__setattr__(self, "gravity", frozen_array(self.gravity))
         object.__setattr__(self, "_inverse", RcmInverse.of(self.chain, self.wrist_link))
         if self.velocity_limits is not None:
-            object.__setattr__(
-                self, "velocity_limits", frozen_array(self.chain.joint_values(self.velocity_limits))
-            )
+            object.__setattr__(self, "velocity_limits", frozen_array(self.chain.joint_values(self.velocity_limits)))
 
     @property
     def dof(self) -> int:
@@ -120,9 +118,7 @@ class Arm:
         """Wrist points (..., 3), m, at joint values `q` (..., dof); the first three joints alone move it."""
         return self.chain.frames(q)[..., self.wrist_link - 1, :3, 3]
 
-    def gravity_torque(
-        self, q: ArrayLike, gravity: ArrayLike | None = None, payload: ArrayLike = 0.0
-    ) -> FloatArray:
+    def gravity_torque(self, q: ArrayLike, gravity: ArrayLike | None = None, payload: ArrayLike = 0.0) -> FloatArray:
         """Torques and forces (..., dof) of gravity on the joints: :func:`gpcorrect.arms.gravity_torque`."""
         pull = self.gravity if gravity is None else gravity
         return _gravity.gravity_torque(self.chain, self.links, q, pull, payload)

@@ -28,9 +28,7 @@ def dvrk_psm() -> Arm:
     """Classic dVRK PSM: joints outer yaw, outer pitch, insertion, roll, wrist pitch, wrist yaw."""
     return Arm(
         name="dvrk_psm",
-        chain=Chain(
-            _joints(), "standard", base=_about_x(HALF_TURN), tool=_about_z(HALF_TURN) @ _about_x(-HALF_TURN)
-        ),
+        chain=Chain(_joints(), "standard", base=_about_x(HALF_TURN), tool=_about_z(HALF_TURN) @ _about_x(-HALF_TURN)),
         wrist_link=3,
         home=np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]),
         gravity=np.array(GRAVITY_BASE),

@@ -68,9 +68,7 @@ def _starts(limits: FloatArray, seed: ArrayLike | None) -> Iterator[FloatArray]:
     yield from limits[:, 0] + (limits[:, 1] - limits[:, 0]) * spread
 
 
-def _descend(
-    forward: JointMap, jacobian: JointMap, limits: FloatArray, T: FloatArray, start: FloatArray
-) -> FloatArray:
+def _descend(forward: JointMap, jacobian: JointMap, limits: FloatArray, T: FloatArray, start: FloatArray) -> FloatArray:
     def residual(q: FloatArray) -> FloatArray:
         return _pose_error(forward(q), T)
 

@@ -78,17 +78,13 @@ class RcmInverse:
         misses = {
             "axes 1 and 2 meet": _distance(self.centre, points[:2], w[:2]).max(),
             "the shaft passes the remote centre": _distance(self.centre, self.wrist[None], w[2:3]).max(),
-            "roll is about the shaft": _distance(self.wrist, points[3:4], w[3:4]).max()
-            + 1
-            - abs(w[2] @ w[3]),
+            "roll is about the shaft": _distance(self.wrist, points[3:4], w[3:4]).max() + 1 - abs(w[2] @ w[3]),
             "pitch crosses the shaft": _distance(self.wrist, points[4:5], w[4:5]).max() + abs(w[3] @ w[4]),
             "pitch, yaw and their common normal are perpendicular": abs(w[4] @ w[5]) + abs(w[4] @ arm),
         }
         broken = [law for law, miss in misses.items() if miss > GEOMETRY_TOLERANCE]
         if broken or not np.linalg.norm(arm) > SINGULAR_DISTANCE:
-            raise DataError(
-                f"the chain is no remote-centre arm with a wrist offset; broken: {broken or 'offset'}."
-            )
+            raise DataError(f"the chain is no remote-centre arm with a wrist offset; broken: {broken or 'offset'}.")
 
     def solve(self, T: FloatArray) -> FloatArray:
         """All joint values (..., 8, 6) that reach tip poses `T` (..., 4, 4), angles in -pi..pi.
@@ -140,9 +136,7 @@ class RcmInverse:
         return np.stack([roll, pitch, yaw], axis=-1)
 
 
-def _half_way(
-    w1: FloatArray, w2: FloatArray, start: FloatArray, end: FloatArray, sign: FloatArray
-) -> FloatArray:
+def _half_way(w1: FloatArray, w2: FloatArray, start: FloatArray, end: FloatArray, sign: FloatArray) -> FloatArray:
     """Directions (..., 8, 3) that axis 2 turns `start` into and axis 1 turns into `end`; NaN out of reach."""
     c12, s2, e1 = w1 @ w2, w2 @ start, _dot(end, w1)
     a = (c12 * s2 - e1) / (c12**2 - 1)

@@ -93,7 +93,7 @@ def judge_motion(
 
 
 def _occlusion_samples(path: Path, settings: CleaningSettings) -> float:
-    """Samples of the longest occlusion: what an impossible step inside a chain must be worth."""
+    """Count the samples of the longest occlusion: what an impossible step inside a chain must be worth."""
     steps = np.diff(path.samples.time)
     typical = np.median(steps[steps > 0]) if (steps > 0).any() else settings.occlusion_time
     return float(max(FEW, settings.occlusion_time / typical))

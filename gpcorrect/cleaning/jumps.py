@@ -1,7 +1,7 @@
 """Pieces of a recording between impossible steps, and which of them can be one motion.
 
-An occlusion shows as two false velocities around a block: an impossible step in and another out. Neither step tells which
-side is wrong; the chain of pieces that hang together by possible steps and explain most samples does.
+An occlusion shows as two false velocities around a block: an impossible step in and another out. Neither step tells
+which side is wrong; the chain of pieces that hang together by possible steps and explain most samples does.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def excursions(
     stretches = _stretches(pieces, np.flatnonzero(candidates), path, ruler.limits)
     while (inside := _shortest_excursion(stretches, path, ruler, remainder, occlusion)) is not None:
         dropped[[piece for stretch in stretches[inside] for piece in stretch.pieces]] = True
-        del stretches[inside]
+        stretches = _without(stretches, inside, path, ruler.limits)
     return dropped
 
 
@@ -156,14 +156,25 @@ def _stretches(pieces: Pieces, chosen: IntArray, path: Path, limits: Sequence[St
     """Join neighbours where the step between them is possible."""
     stretches: list[_Stretch] = []
     for k in chosen:
-        first, last, run = int(pieces.first[k]), int(pieces.last[k]), int(pieces.run[k])
-        new = _Stretch(first, last, last - first + 1, [int(k)], run)
-        before = stretches[-1] if stretches else None
-        if before and before.run == run and _possible(path, limits, np.array([before.last]), np.array([first]))[0]:
-            stretches[-1] = before.joined(new)
-        else:
-            stretches.append(new)
+        first, last = int(pieces.first[k]), int(pieces.last[k])
+        _append(stretches, _Stretch(first, last, last - first + 1, [int(k)], int(pieces.run[k])), path, limits)
     return stretches
+
+
+def _without(stretches: list[_Stretch], inside: slice, path: Path, limits: Sequence[StepLimit]) -> list[_Stretch]:
+    """Take some stretches out, and join those around them where the step is possible: no impossible step is left."""
+    left, after = stretches[: inside.start], stretches[inside.stop :]
+    _append(left, after[0], path, limits)
+    return left + after[1:]
+
+
+def _append(stretches: list[_Stretch], new: _Stretch, path: Path, limits: Sequence[StepLimit]) -> None:
+    """Append a stretch, as a part of the last one where the step from that is possible."""
+    before = stretches[-1] if stretches else None
+    if before and before.run == new.run and _possible(path, limits, np.array([before.last]), np.array([new.first]))[0]:
+        stretches[-1] = before.joined(new)
+    else:
+        stretches.append(new)
 
 
 def _shortest_excursion(

@@ -1,8 +1,8 @@
 """Learns the smooth model of the error from a recording that still holds faults.
 
-Three things keep faults out: the start is the trend of least median of squares; a stretch of the recording is predicted from the
-*other* stretches only, so that a long block of faults cannot vouch for itself; and samples far from their prediction are
-left out of the next round.
+Three things keep faults out: the start is the trend of least median of squares; a stretch of the recording is
+predicted from the *other* stretches only, so that a long block of faults cannot vouch for itself; and samples far from
+their prediction are left out of the next round.
 """
 
 from __future__ import annotations

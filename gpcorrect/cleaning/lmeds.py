@@ -46,7 +46,7 @@ class LeastMedianFit(Generic[Model]):
 
 
 def robust_scale(norms: FloatArray, dimension: int = 1, parameters: int = 0) -> FloatArray:
-    """Standard deviation of one component from residual lengths: `c (1 + 5/(n-p)) sqrt(median r^2)`.
+    """Estimate the standard deviation of a component from residual lengths: `c (1 + 5/(n-p)) sqrt(median r^2)`.
 
     The constant c makes it consistent for Gaussian residuals of `dimension` components: 1.4826 for one
     (Rousseeuw & Leroy 1987, Ch. 5), 0.6501 for three.

@@ -56,7 +56,7 @@ def unusable(log: CalibrationLog, order: IntArray) -> FloatArray:
 
 
 def samples_of(log: CalibrationLog, rows: IntArray, rigid: RigidMap) -> Samples:
-    """Samples at these rows of a log, mapped by `rigid`."""
+    """Take the samples at these rows of a log, mapped by `rigid`."""
     observed, command = (signal[rows] for signal in pose_pair(log))
     mapped = rigid.apply(observed)
     time, trajectory = log.time[rows], log.trajectory[rows]
@@ -65,7 +65,7 @@ def samples_of(log: CalibrationLog, rows: IntArray, rigid: RigidMap) -> Samples:
 
 
 def recording_runs(time: FloatArray, trajectory: IntArray, session: IntArray) -> IntArray:
-    """Number (n,) of the unbroken stretch of the recording that each sample lies in.
+    """Find the unbroken stretch of the recording, its number, that each of n samples lies in.
 
     Inside a trajectory a gap breaks it, as for velocities; between trajectories, a pause, another session or another
     clock.

@@ -86,7 +86,7 @@ class CleaningReport:
         }
 
     def to_table(self) -> list[dict[str, Any]]:
-        """Return a row for each sample that is rejected or was kept by hand: what was measured, and the limit it broke."""
+        """Return a row for each sample that is rejected or kept by hand: what was measured and the limit it broke."""
         rows = np.flatnonzero(~self.keep | (self.overruled != ""))
         return [self._row(int(row)) for row in rows]
 

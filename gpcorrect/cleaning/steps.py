@@ -120,7 +120,7 @@ class ErrorStepLimit:
 
 
 def commanded_speeds(samples: Samples) -> tuple[FloatArray, FloatArray]:
-    """Commanded speeds (n - 1, parts), m/s and rad/s, between neighbours, 0 across runs, and time steps (n - 1,) in s."""
+    """Commanded speeds (n - 1, parts), m/s and rad/s, from sample to sample, 0 across runs, and steps (n - 1,), s."""
     command, dt = samples.command, np.diff(samples.time)
     steps = [np.linalg.norm(np.diff(command.position, axis=0), axis=1)]
     if samples.error.shape[1] > 3 and command.quaternion is not None:

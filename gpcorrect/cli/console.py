@@ -81,9 +81,10 @@ def progress_bar(*, quiet: bool = False) -> Iterator[ProgressCallback]:
 
 def show_errors(title: str, errors: dict[str, Any]) -> None:
     """Print the table of errors before, after the rigid part, and corrected."""
-    table = Table(title=title, title_justify="left")
-    for column in ("", "position mean", "SD", "p95", "max [mm]", "rotation mean", "SD", "p95", "max [deg]"):
-        table.add_column(column, justify="right" if column else "left")
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for column in ("mm: mean", "SD", "p95", "max", "deg: mean", "SD", "p95", "max"):
+        table.add_column(column, justify="right", no_wrap=True)
     for name, parts in errors.items():
         position, rotation = parts["position_mm"]["norm"], parts.get("rotation_deg", {}).get("norm")
         table.add_row(name, *_cells(position), *(_cells(rotation) if rotation else ["-"] * 4))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 import typer
@@ -11,7 +11,7 @@ import typer
 from gpcorrect import artifact
 from gpcorrect.cli.console import out, print_json
 from gpcorrect.cli.options import Json, seven_or_three
-from gpcorrect.types import Correction
+from gpcorrect.types import FloatArray
 
 __all__ = ["Pose", "Position", "Twist", "correct", "correction_dict", "show_correction"]
 
@@ -27,6 +27,25 @@ Twist = Annotated[
     tuple[float, float, float, float, float, float] | None,
     typer.Option(help="Desired velocity: vx vy vz in m/s, then wx wy wz in rad/s.", show_default=False),
 ]
+
+
+class Answer(Protocol):
+    """What a correction and a service's reply have in common."""
+
+    @property
+    def position(self) -> FloatArray: ...
+    @property
+    def quaternion(self) -> FloatArray | None: ...
+    @property
+    def std(self) -> FloatArray: ...
+    @property
+    def interval95(self) -> FloatArray: ...
+    @property
+    def in_domain(self) -> bool: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def reason(self) -> str: ...
 
 
 def correct(
@@ -48,7 +67,7 @@ def correct(
         show_correction(answer)
 
 
-def correction_dict(answer: Correction) -> dict[str, Any]:
+def correction_dict(answer: Answer) -> dict[str, Any]:
     """Return the JSON of one correction: m, rad, wxyz."""
     quaternion = None if answer.quaternion is None else answer.quaternion.tolist()
     return {
@@ -62,14 +81,14 @@ def correction_dict(answer: Correction) -> dict[str, Any]:
     }
 
 
-def show_correction(answer: Correction) -> None:
+def show_correction(answer: Answer) -> None:
     """Print one correction for people: mm and degrees for what is uncertain."""
-    out.print(f"command  position [m]     {_numbers(answer.position, 6)}")
+    out.print(f"command  position \\[m]     {_numbers(answer.position, 6)}")
     if answer.quaternion is not None:
         out.print(f"         quaternion wxyz  {_numbers(answer.quaternion, 6)}")
-    out.print(f"95 %     position [mm]    +- {_numbers(1e3 * answer.interval95[:3], 2)}")
+    out.print(f"95 %     position \\[mm]    +- {_numbers(1e3 * answer.interval95[:3], 2)}")
     if np.isfinite(answer.interval95[3:]).any():
-        out.print(f"         rotation [deg]   +- {_numbers(np.rad2deg(answer.interval95[3:]), 2)}")
+        out.print(f"         rotation \\[deg]   +- {_numbers(np.rad2deg(answer.interval95[3:]), 2)}")
     out.print(f"status   {answer.status}" + (f": {answer.reason}" if answer.reason else ""))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
 
@@ -16,10 +16,9 @@ from gpcorrect.cli.options import Arm, Columns, Json, Logs, Namespace, Tracker, 
 from gpcorrect.corrector import FitSettings
 from gpcorrect.errors import DataError
 from gpcorrect.experiment import Experiment, run_experiment
+from gpcorrect.rigid import MarkerOption
 
 __all__ = ["fit"]
-
-MARKER_CHOICES = ("auto", "none", "solve")
 
 
 def fit(
@@ -74,7 +73,7 @@ def fit(
         features=split_names(features),
         clean=clean,
         cleaning=CleaningSettings(keep=_segments(keep), drop=_segments(drop)),
-        marker=marker,
+        marker=_marker(marker),
         time_offset=time_offset,
         seed=seed,
     )
@@ -88,6 +87,15 @@ def fit(
         print_json(result)
     else:
         _show(experiment, result, output, report)
+
+
+def _marker(text: str) -> MarkerOption:
+    """Return the option if it is one."""
+    for option in get_args(MarkerOption):
+        if text == option:
+            chosen: MarkerOption = option
+            return chosen
+    raise DataError(f"the marker is one of {', '.join(get_args(MarkerOption))}; got {text!r}.")
 
 
 def _segments(texts: list[str] | None) -> tuple[Segment, ...]:

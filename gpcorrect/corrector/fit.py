@@ -21,7 +21,7 @@ from gpcorrect.corrector.residual_model import fit_residual_model
 from gpcorrect.corrector.screening import Screen
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import FeatureMap
-from gpcorrect.rigid import Registration, RigidModel, pose_residual, register
+from gpcorrect.rigid import MarkerOption, Registration, RigidModel, pose_residual, register
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
 
 __all__ = ["FitResult", "FitSettings", "fit_command_corrector", "fit_corrector"]
@@ -51,8 +51,8 @@ class FitSettings:
     time_offset : str
         "auto", "none", or seconds by which the tracker's stamps run ahead of the commands'.
     velocity_step : float, None or "auto"
-        Step of the five-point stencil on recorded paths, s; None takes neighbouring samples, "auto" a step that keeps the
-        tracker's noise out of the velocities.
+        Step of the five-point stencil on recorded paths, s; None takes neighbouring samples, "auto" a step that keeps
+        the tracker's noise out of the velocities.
     seed : int
         Seed of everything random.
     """
@@ -61,7 +61,7 @@ class FitSettings:
     clean: bool = True
     cleaning: CleaningSettings = field(default_factory=CleaningSettings)
     rigid: bool = True
-    marker: str = "auto"
+    marker: MarkerOption = "auto"
     inducing: int = 700
     time_offset: str = "auto"
     velocity_step: float | Literal["auto"] | None = "auto"

@@ -19,8 +19,8 @@ STRIDE = 5  # samples over which a speed is measured: noise counts little, curva
 def stencil_step(log: CalibrationLog) -> float | None:
     """Return the stencil step, s, that keeps noise below a share of the speed; None where neighbouring samples do.
 
-    The noise of the tracker is read off third differences of its positions, which the motion itself hardly enters at the
-    rates where noise matters.
+    The noise of the tracker is read off third differences of its positions, which the motion itself hardly enters at
+    the rates where noise matters.
     """
     if log.tracker_cp is None or len(log) <= STRIDE:
         return None

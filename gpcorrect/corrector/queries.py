@@ -22,7 +22,8 @@ def checked_pose(pose: ArrayLike, *, orientation: bool) -> FloatArray:
     DataError
         Wrong length, not finite, or a quaternion that is not a unit quaternion.
     """
-    return checked_poses(np.asarray(pose, dtype=np.float64)[None], orientation=orientation)[0]
+    one: FloatArray = checked_poses(np.asarray(pose, dtype=np.float64)[None], orientation=orientation)[0]
+    return one
 
 
 def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.rigid import RigidModel
-from gpcorrect.types import FloatArray, PoseSignal
+from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal
 from gpcorrect.velocity import segment_labels, twists
 
 __all__ = ["observed_twists", "reference_twists", "rotations_of"]
@@ -23,7 +23,7 @@ def rotations_of(signal: PoseSignal) -> FloatArray | None:
 
 
 def observed_twists(
-    time: FloatArray, trajectory: FloatArray, signal: PoseSignal, keep: FloatArray, step: float | None
+    time: FloatArray, trajectory: IntArray, signal: PoseSignal, keep: BoolArray, step: float | None
 ) -> FloatArray:
     """Twists `(n, 6)` of an observed path, never across a rejected sample or a gap; NaN where there is none."""
     labels = segment_labels(time, trajectory, keep & signal.finite)

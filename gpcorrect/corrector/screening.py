@@ -11,7 +11,7 @@ import numpy as np
 from gpcorrect.cleaning import CleaningReport, CleaningSettings, FittedCleaner, clean_with, fit_cleaner
 from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.packing import pack, unpack
-from gpcorrect.rigid import RigidModel, fit_pose, fit_position, register
+from gpcorrect.rigid import MarkerOption, RigidModel, fit_pose, fit_position, register
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 __all__ = ["Screen"]
@@ -40,7 +40,7 @@ class Screen:
 
     @classmethod
     def fit(
-        cls, log: CalibrationLog, marker: str, settings: CleaningSettings, seed: int
+        cls, log: CalibrationLog, marker: MarkerOption, settings: CleaningSettings, seed: int
     ) -> tuple[Self, CleaningReport]:
         """Learn from a log that holds faults what is normal, and find the faults.
 

@@ -7,11 +7,10 @@ from matplotlib.figure import Figure
 
 from gpcorrect.experiment import Measured
 from gpcorrect.plots.style import COLOURS, new_figure
-from gpcorrect.types import FloatArray
+from gpcorrect.types import BoolArray, FloatArray
 
 __all__ = ["residual_maps", "workspace_coverage"]
 
-VIEWS = ((0, 1, "x", "y"), (0, 2, "x", "z"))
 MOST_POINTS = 6000
 
 
@@ -29,7 +28,7 @@ def residual_maps(measured: Measured, position: FloatArray) -> Figure:
     before, after = (1e3 * np.linalg.norm(e[shown, :3], axis=1) for e in (measured.rigid, measured.corrected))
     figure, axes = new_figure(9.0, 6.4, 2, 2)
     top = float(np.percentile(before, 98)) or 1.0
-    for row, (i, j, x, y) in enumerate(VIEWS):
+    for row, (i, j, x, y) in enumerate(_views(position)):
         for column, (size, title) in enumerate(((before, "after rigid registration"), (after, "corrected"))):
             ax = axes[2 * row + column]
             points = ax.scatter(
@@ -53,11 +52,11 @@ def residual_maps(measured: Measured, position: FloatArray) -> Figure:
     return figure
 
 
-def workspace_coverage(train: FloatArray, test: FloatArray, in_domain: FloatArray) -> Figure:
+def workspace_coverage(train: FloatArray, test: FloatArray, in_domain: BoolArray) -> Figure:
     """Training positions `(n, 3)`, and held-out ones `(m, 3)` by whether they lie near them."""
     figure, axes = new_figure(9.0, 3.4, 1, 2)
     shown, near, far = _thinned(len(train)), test[in_domain], test[~in_domain]
-    for ax, (i, j, x, y) in zip(axes, VIEWS, strict=True):
+    for ax, (i, j, x, y) in zip(axes, _views(train), strict=True):
         ax.plot(100 * train[shown, i], 100 * train[shown, j], ".", color="#c9ced6", markersize=2, label="training")
         ax.plot(
             100 * near[:, i],
@@ -78,6 +77,12 @@ def workspace_coverage(train: FloatArray, test: FloatArray, in_domain: FloatArra
         ax.set(xlabel=f"{x} [cm]", ylabel=f"{y} [cm]", aspect="equal", adjustable="datalim")
     axes[0].legend(frameon=False, fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0, 1), markerscale=3)
     return figure
+
+
+def _views(position: FloatArray) -> list[tuple[int, int, str, str]]:
+    """Planes to look at: the widest axis against each of the others, the wider one first."""
+    widest, second, third = (int(i) for i in np.argsort(-np.ptp(position, axis=0)))
+    return [(widest, other, "xyz"[widest], "xyz"[other]) for other in (second, third)]
 
 
 def _thinned(count: int) -> np.ndarray:

@@ -93,9 +93,16 @@ def _held_out(experiment: Experiment) -> str:
 
 def _errors(measured: Evaluation) -> Section:
     clean, dirty = measured.clean.errors(), measured.dirty.errors()
+    parts = list(clean["raw"])
     tables = [
-        TableData(*_summary_rows(clean), "Samples that pass cleaning; statistics of the length of the error."),
-        TableData(*_summary_rows(dirty), "All samples as they came, faults of the tracker included."),
+        *(
+            TableData(*_summary_rows(clean, p), f"Samples that pass cleaning: length of the error [{UNITS[p]}].")
+            for p in parts
+        ),
+        *(
+            TableData(*_summary_rows(dirty, p), f"All samples, the tracker's faults included [{UNITS[p]}].")
+            for p in parts
+        ),
         *(
             TableData(
                 *_axis_rows(clean, part),
@@ -120,11 +127,9 @@ def _errors(measured: Evaluation) -> Section:
     return Section("Error on held-out trajectories", words, tables, figures)
 
 
-def _summary_rows(errors: dict[str, ErrorTable]) -> tuple[list[str], list[list[str]]]:
-    parts = list(errors["raw"])
-    head = ["", *(f"{leaf if leaf != 'sd' else 'SD'} [{UNITS[p]}]" for p in parts for leaf in LEAVES)]
-    rows = [[LABELS[m], *(f"{errors[m][p]['norm'][leaf]:.3f}" for p in parts for leaf in LEAVES)] for m in METHODS]
-    return head, rows
+def _summary_rows(errors: dict[str, ErrorTable], part: str) -> tuple[list[str], list[list[str]]]:
+    rows = [[LABELS[m], *(f"{errors[m][part]['norm'][leaf]:.3f}" for leaf in LEAVES)] for m in METHODS]
+    return ["", *(leaf if leaf != "sd" else "SD" for leaf in LEAVES)], rows
 
 
 def _axis_rows(errors: dict[str, ErrorTable], part: str) -> tuple[list[str], list[list[str]]]:
@@ -211,7 +216,7 @@ def _registration(experiment: Experiment) -> Section:
 
 def _clocks(experiment: Experiment) -> Section:
     clocks = experiment.fit.clocks
-    offset, words = clocks.offset, [f"{clocks.remark[:1].upper()}{clocks.remark[1:]}."]
+    offset, words = clocks.offset, [f"{clocks.remark[:1].upper()}{clocks.remark[1:].rstrip('.')}."]
     if offset is None or offset.lags.size == 0:
         return Section("Clocks", words)
     figure = FigureImage(

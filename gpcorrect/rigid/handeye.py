@@ -53,9 +53,7 @@ def fit_marker(observed: PoseSignal, command: PoseSignal) -> RigidModel:
     starts = _position_starts(observed, command, samples) if samples.R_cmd is None else [_pose_start(samples)]
     state = min((refine(samples, start) for start in starts), key=lambda end: end[1])[0]
     t = state.t + centre_u - state.R @ centre_p
-    return RigidModel(
-        "marker", R_position=state.R, t=t, offset=state.offset, R_left=state.R, R_right=state.R_right
-    )
+    return RigidModel("marker", R_position=state.R, t=t, offset=state.offset, R_left=state.R, R_right=state.R_right)
 
 
 def require_observable(observed: PoseSignal, command: PoseSignal) -> Observability:

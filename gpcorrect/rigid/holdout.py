@@ -87,9 +87,7 @@ def held_out_errors(
     return UnitErrors(kind, position, rotation)
 
 
-def _median_errors(
-    model: RigidModel, observed: PoseSignal, command: PoseSignal, rows: IntArray
-) -> tuple[float, float]:
+def _median_errors(model: RigidModel, observed: PoseSignal, command: PoseSignal, rows: IntArray) -> tuple[float, float]:
     rows = rows[evenly_spaced(len(rows), MAX_JUDGED)]
     residual = pose_residual(model.apply(observed[rows]), command[rows])
     position, rotation = (np.linalg.norm(part, axis=1) for part in (residual[:, :3], residual[:, 3:]))

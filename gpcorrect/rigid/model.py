@@ -112,9 +112,7 @@ class RigidModel:
 
 def _check_part(name: str, value: FloatArray, shape: tuple[int, ...]) -> None:
     if value.shape != shape or not np.isfinite(value).all():
-        raise DataError(
-            f"{name} of a rigid model must be finite with shape {shape}, got shape {value.shape}."
-        )
+        raise DataError(f"{name} of a rigid model must be finite with shape {shape}, got shape {value.shape}.")
     if shape == (3, 3) and (
         np.abs(value @ value.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(value) < 0.0
     ):

@@ -122,9 +122,7 @@ def _solve_scaled(normal: FloatArray, right: FloatArray) -> FloatArray:
     free = size > 0.0
     scaled = normal[np.ix_(free, free)] / np.outer(size[free], size[free])
     step = np.zeros(len(right))
-    step[free] = (
-        np.linalg.pinv(scaled, rcond=CONDITION, hermitian=True) @ (right[free] / size[free]) / size[free]
-    )
+    step[free] = np.linalg.pinv(scaled, rcond=CONDITION, hermitian=True) @ (right[free] / size[free]) / size[free]
     return step
 
 
@@ -154,9 +152,7 @@ def _linearised_positions(
     return tips - u, J
 
 
-def _linearised_rotations(
-    R_cmd: FloatArray, R_obs: FloatArray, state: MarkerState
-) -> tuple[FloatArray, FloatArray]:
+def _linearised_rotations(R_cmd: FloatArray, R_obs: FloatArray, state: MarkerState) -> tuple[FloatArray, FloatArray]:
     """Three numbers a sample that have the chord's gradient and Gauss-Newton matrix.
 
     With P the prediction, the chord `(P - R_cmd) / sqrt(2)` has nine; by a turn on the left its derivative is

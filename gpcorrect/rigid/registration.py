@@ -67,9 +67,7 @@ def fit_pose(
     return RigidModel("pose", R_position=R, t=_translation(R, observed, command, w), R_left=R)
 
 
-def fit_position(
-    observed: PoseSignal, command: PoseSignal, *, weights: FloatArray | None = None
-) -> RigidModel:
+def fit_position(observed: PoseSignal, command: PoseSignal, *, weights: FloatArray | None = None) -> RigidModel:
     """Rigid motion of the observed points with the least squared distances to the commands (Kabsch 1976).
 
     Parameters and errors are those of :func:`fit_pose`; orientations, where there are any, take no part.
@@ -124,9 +122,7 @@ def sample_weights(weights: FloatArray | None, n: int) -> FloatArray:
     """
     w: FloatArray = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
     if w.shape != (n,) or not np.isfinite(w).all() or (w < 0.0).any() or not w.any():
-        raise DataError(
-            f"weights must be {n} finite numbers, none negative and not all zero, got shape {w.shape}."
-        )
+        raise DataError(f"weights must be {n} finite numbers, none negative and not all zero, got shape {w.shape}.")
     normalised: FloatArray = w / w.sum()
     return normalised
 

@@ -59,6 +59,4 @@ def apply_residual(reference: PoseSignal, residual: FloatArray) -> PoseSignal:
 
 def _check_same_length(n_reference: int, n_command: int) -> None:
     if n_reference != n_command:
-        raise DataError(
-            f"the two signals must have a row for each other, got {n_reference} and {n_command} samples."
-        )
+        raise DataError(f"the two signals must have a row for each other, got {n_reference} and {n_command} samples.")

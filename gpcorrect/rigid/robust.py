@@ -23,9 +23,7 @@ FLOOR = 1e-12  # m or rad: exact data leave no scale to divide by
 class RigidFit(Protocol):
     """A least-squares registration that takes weights, such as :func:`~gpcorrect.rigid.fit_pose`."""
 
-    def __call__(
-        self, observed: PoseSignal, command: PoseSignal, *, weights: FloatArray | None = None
-    ) -> RigidModel:
+    def __call__(self, observed: PoseSignal, command: PoseSignal, *, weights: FloatArray | None = None) -> RigidModel:
         """Return the model of least weighted squared error."""
         ...
 

@@ -48,9 +48,7 @@ def fit_separate(observed: PoseSignal, command: PoseSignal) -> RigidModel:
 def _fit_orientations(observed: PoseSignal, command: PoseSignal) -> tuple[FloatArray, FloatArray]:
     observability = rotation_observability(observed, command)
     if observability is None or observed.quaternion is None or command.quaternion is None:
-        raise DataError(
-            "separate registration needs observed and commanded orientations, got positions only."
-        )
+        raise DataError("separate registration needs observed and commanded orientations, got positions only.")
     rows = evenly_spaced(len(observed))
     R_obs = se3.matrix_from_quaternion(observed.quaternion[rows])
     R_cmd = se3.matrix_from_quaternion(command.quaternion[rows])

@@ -1,4 +1,4 @@
-"""Calibration logs with a known truth for the cleaning tests: smooth reaches, a systematic residual field, hysteresis, noise, faults."""
+"""Calibration logs with a known truth: smooth reaches, a systematic residual field, hysteresis, noise, faults."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class World:
 
 
 def reaching_command(world: World, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Minimum-jerk reaches between random targets, one trajectory a reach, without a pause: position, rotvec, trajectory."""
+    """Minimum-jerk reaches between random targets, a trajectory each, no pauses: position, rotvec, trajectory."""
     targets = (rng.random((world.reaches + 1, 3)) - 0.5) * WORKSPACE
     tilts = world.tilt_rad * rng.uniform(-1, 1, (world.reaches + 1, 3))
     positions, rotvecs, labels = [], [], []
@@ -100,7 +100,7 @@ def play(path: FloatArray, half_width: float) -> FloatArray:
 
 
 def make_log(world: World, rng: np.random.Generator) -> CalibrationLog:
-    """A fault-free log: tracker pose = command moved by field, viscous lag, play and noise, in an arbitrary tracker frame."""
+    """Make a fault-free log: the command moved by field, viscous lag, play and noise, in an arbitrary tracker frame."""
     position, rotvec, trajectory = reaching_command(world, rng)
     time = np.arange(len(position)) / world.rate
     velocity = np.gradient(position, time, axis=0)
@@ -121,7 +121,7 @@ def make_log(world: World, rng: np.random.Generator) -> CalibrationLog:
 
 
 def random_directions(n: int, rng: np.random.Generator) -> FloatArray:
-    """Unit vectors (n, 3), uniform on the sphere."""
+    """Draw unit vectors (n, 3), uniform on the sphere."""
     vectors = rng.normal(size=(n, 3))
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
@@ -172,7 +172,7 @@ def _block_rows(log: CalibrationLog, rng: np.random.Generator, share: float, lat
 
 
 def offset_block(log: CalibrationLog, rng: np.random.Generator, share: float = 0.03, late: bool = False) -> Faulty:
-    """A lost fiducial: one long block is shifted by 1 to 5 cm and turned by 5 to 40 degrees."""
+    """Shift one long block by 1 to 5 cm and turn it by 5 to 40 degrees: a lost fiducial."""
     rows = _block_rows(log, rng, share, late)
     shift = random_directions(1, rng) * rng.uniform(0.01, 0.05)
     turn = random_directions(1, rng) * rng.uniform(np.radians(5), np.radians(40))
@@ -180,12 +180,12 @@ def offset_block(log: CalibrationLog, rng: np.random.Generator, share: float = 0
 
 
 def held_out_block(log: CalibrationLog, rng: np.random.Generator) -> Faulty:
-    """A lost fiducial whose block lies in the last fifth of the recording."""
+    """Lose a fiducial in the last fifth of the recording."""
     return offset_block(log, rng, late=True)
 
 
 def small_offset_block(log: CalibrationLog, rng: np.random.Generator, share: float = 0.03) -> Faulty:
-    """The hardest lost fiducial: a block shifted by 1 cm, not turned."""
+    """Shift a block by 1 cm, not turned: the hardest lost fiducial."""
     rows = _block_rows(log, rng, share)
     shift = 0.01 * random_directions(1, rng)
     return _moved(log, rows, np.repeat(shift, len(rows), 0), np.zeros((len(rows), 3))), _mask(len(log), rows)
@@ -202,14 +202,14 @@ def whole_trajectories(log: CalibrationLog, rng: np.random.Generator, count: int
 
 
 def frozen_block(log: CalibrationLog, rng: np.random.Generator, share: float = 0.03) -> Faulty:
-    """The tracker repeats its last value through one long block."""
+    """Let the tracker repeat its last value through one long block."""
     rows = _block_rows(log, rng, share)
     rows = rows[rows > 0]
     return _taken(log, rows, np.full(len(rows), rows[0] - 1)), _mask(len(log), rows)
 
 
 def wandering_block(log: CalibrationLog, rng: np.random.Generator, share: float = 0.03) -> Faulty:
-    """The marker is taken for another body 2 to 5 cm away that wanders on its own."""
+    """Take the marker for another body 2 to 5 cm away that wanders on its own."""
     rows = _block_rows(log, rng, share)
     phase = rng.uniform(0, 2 * np.pi, 3) + np.outer(np.arange(len(rows)) / RATE, rng.uniform(0.5, 3, 3))
     shift = random_directions(1, rng) * rng.uniform(0.02, 0.05) + 0.005 * np.sin(phase)
@@ -233,7 +233,7 @@ def occlusion_jumps(log: CalibrationLog, rng: np.random.Generator, share: float 
 
 
 def flipped(log: CalibrationLog, rng: np.random.Generator, share: float = 0.04) -> Faulty:
-    """Positions stay true, orientations are flipped by 90 or 180 degrees about a body axis, at runs of 1 to 40 samples."""
+    """Flip orientations by 90 or 180 degrees about a body axis at runs of 1 to 40 samples; positions stay true."""
     faulty = np.zeros(len(log), dtype=bool)
     while faulty.sum() < share * len(log):
         start = int(rng.integers(0, len(log) - 40))
@@ -246,7 +246,7 @@ def flipped(log: CalibrationLog, rng: np.random.Generator, share: float = 0.04) 
 
 
 def shuffled(log: CalibrationLog, rng: np.random.Generator, share: float = 0.04) -> Faulty:
-    """Samples are swapped in time inside windows of a second; faulty are those moved by more than 3 mm or 3 degrees."""
+    """Swap samples in time inside windows of a second; faulty are those moved by more than 3 mm or 3 degrees."""
     before = log.tracker_cp
     assert before is not None
     window = round(RATE)

@@ -11,6 +11,7 @@ from gpcorrect.arms import Arm, arm_named
 from gpcorrect.logs.checks.evidence import Evidence
 from gpcorrect.logs.checks.finding import Finding
 from gpcorrect.logs.checks.measure import mirrored, rigid_misfit
+from gpcorrect.logs.sync import TimeOffset
 from gpcorrect.types import FloatArray
 
 __all__ = ["Handedness", "Kinematics", "Unrelated"]
@@ -19,6 +20,7 @@ PAIRS = (("setpoint_cp", "setpoint_jp"), ("measured_cp", "measured_jp"), ("track
 ARM_NAMES = ("raven2_left", "raven2_right", "dvrk_psm")
 MIN_MISFIT = 5e-3  # m; another tool on the same arm shifts the tip by less over a workspace
 BETTER = 0.3  # another arm must fit this much better
+FOLLOWING = 0.5  # of the spread of the positions: what is left of it where one signal follows the other
 WRIST_MISFIT, CLEARLY = (
     5e-4,
     0.1,
@@ -98,6 +100,22 @@ class Unrelated:
     def findings(self, evidence: Evidence) -> Iterator[Finding]:
         """Yield observed signals that do not follow the command at any shift in time."""
         for offset in evidence.offsets:
-            if offset.verdict == "unrelated":
+            if offset.verdict != "unrelated":
+                continue
+            if _follows(evidence, offset):
+                what = "its time offset is not observable: its speed is not that of the command, though its place is."
+                hint = "Faults of the tracker hide the speed; cleaning drops them."
+                yield Finding("warning", "time_offset_unknown", offset.observed, what, hint)
+            else:
                 hint = "Is it the log of the other arm, or are the clocks seconds apart?"
                 yield Finding("error", "unrelated", offset.observed, offset.reason, hint, len(evidence.log))
+
+
+def _follows(evidence: Evidence, offset: TimeOffset) -> bool:
+    """Whether most observed positions lie where the command puts them, as they stand in the table."""
+    if offset.observed not in evidence.log.POSES or offset.reference not in evidence.log.POSES:
+        return False
+    observed = evidence.position(offset.observed)
+    known = observed[np.isfinite(observed).all(axis=1)]
+    spread = float(np.median(np.linalg.norm(known - np.median(known, axis=0), axis=1)))
+    return rigid_misfit(evidence.position(offset.reference), observed) < FOLLOWING * spread

@@ -1,0 +1,109 @@
+"""Measure cleaning on planted faults: which share is found, and which share of good samples is rejected with them.
+
+Each fault is planted in simulated reaches whose arm misses smoothly (10 mm, 8 degrees), drags with velocity, has play
+and noise. "judged by training" learns on the first 70 % of the trajectories, without faults, and judges the others,
+with them.
+
+    python bench/cleaning_faults.py --seeds 3
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from support import ROOT, print_table, save_results
+
+from gpcorrect.cleaning import clean, clean_with, fit_cleaner
+from gpcorrect.types import BoolArray, CalibrationLog
+
+# The tests' own worlds.
+sys.path.insert(0, str(ROOT / "tests" / "cleaning"))
+from cleaning_synthetic import FAULTS, Faulty, World, make_log, register
+
+TRAIN_SHARE = 0.7
+CLEANING_SEED = 1
+HEAD = ("fault", "recall", "worst", "false rejection", "worst")
+Plant = Callable[[CalibrationLog, np.random.Generator], Faulty]
+
+
+def no_fault(log: CalibrationLog, rng: np.random.Generator) -> Faulty:
+    """Leave the log as it is."""
+    return log, np.zeros(len(log), dtype=bool)
+
+
+def rows_of(log: CalibrationLog, mask: BoolArray) -> CalibrationLog:
+    """Take samples of a log that has time, trajectories, sessions and two signals."""
+    assert log.tracker_cp is not None
+    assert log.setpoint_cp is not None
+    return replace(
+        log,
+        time=log.time[mask],
+        trajectory=log.trajectory[mask],
+        session=log.session[mask],
+        tracker_cp=log.tracker_cp[mask],
+        setpoint_cp=log.setpoint_cp[mask],
+    )
+
+
+def shares(keep: BoolArray, faulty: BoolArray) -> tuple[float, float]:
+    """Recall (NaN without faults) and false rejection."""
+    recall = float((~keep)[faulty].mean()) if faulty.any() else float("nan")
+    return recall, float((~keep)[~faulty].mean())
+
+
+def cleaned(plant: Plant, world: World, seed: int) -> tuple[float, float]:
+    """Clean a log that holds the fault."""
+    rng = np.random.default_rng(seed)
+    log, faulty = plant(make_log(world, rng), rng)
+    return shares(clean(log, register, rng=np.random.default_rng(CLEANING_SEED)).keep, faulty)
+
+
+def judged_by_training(plant: Plant, world: World, seed: int) -> tuple[float, float]:
+    """Learn on clean trajectories, and judge held-out ones that hold the fault."""
+    rng = np.random.default_rng(seed)
+    log = make_log(world, rng)
+    early = log.trajectory < TRAIN_SHARE * world.reaches
+    cleaner, _ = fit_cleaner(rows_of(log, early), register, rng=np.random.default_rng(CLEANING_SEED))
+    held_out, faulty = plant(rows_of(log, ~early), rng)
+    return shares(clean_with(cleaner, held_out).keep, faulty)
+
+
+def measured(run: Callable[[int], tuple[float, float]], seeds: int) -> dict[str, float]:
+    """Medians and worst cases over the seeds."""
+    recall, false = np.array([run(seed) for seed in range(seeds)]).T
+    return {
+        "recall": float(np.median(recall)),
+        "worst_recall": float(recall.min()),
+        "false_rejection": float(np.median(false)),
+        "worst_false_rejection": float(false.max()),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=5, help="worlds a fault")
+    seeds = parser.parse_args().seeds
+    rough = World(field_m=0.02, field_rad=float(np.radians(20)))
+    seen = World(position_only=True)
+    runs: dict[str, Callable[[int], tuple[float, float]]] = {
+        "none": lambda seed: cleaned(no_fault, World(), seed),
+        "none, misses 2 cm and 20 deg": lambda seed: cleaned(no_fault, rough, seed),
+    }
+    for name, plant in FAULTS.items():
+        runs[name] = lambda seed, plant=plant: cleaned(plant, World(), seed)
+    for name in ("scattered", "offset block", "occlusion jumps"):
+        runs[f"{name}, misses 2 cm and 20 deg"] = lambda seed, plant=FAULTS[name]: cleaned(plant, rough, seed)
+        runs[f"{name}, positions only"] = lambda seed, plant=FAULTS[name]: cleaned(plant, seen, seed)
+    for name in ("scattered", "offset block", "wandering block", "frozen block", "occlusion jumps"):
+        runs[f"{name}, judged by training"] = lambda seed, plant=FAULTS[name]: judged_by_training(plant, World(), seed)
+    results = {name: measured(run, seeds) for name, run in runs.items()}
+    print_table(HEAD, [[name, *result.values()] for name, result in results.items()])
+    save_results("cleaning_faults", {"seeds": seeds, "results": results})
+
+
+if __name__ == "__main__":
+    main()
