@@ -102,7 +102,8 @@ def main() -> None:
         runs[f"{name}, judged by training"] = lambda seed, plant=FAULTS[name]: judged_by_training(plant, World(), seed)
     results = {name: measured(run, seeds) for name, run in runs.items()}
     print_table(HEAD, [[name, *result.values()] for name, result in results.items()])
-    save_results("cleaning_faults", {"seeds": seeds, "results": results})
+    known = {name: {k: v for k, v in row.items() if np.isfinite(v)} for name, row in results.items()}
+    save_results("cleaning_faults", {"seeds": seeds, "results": known})
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.errors import DataError
 from gpcorrect.logs import TimeOffset, align, log_offset
 from gpcorrect.types import CalibrationLog
@@ -50,9 +51,12 @@ def on_one_clock(log: CalibrationLog, mode: str) -> tuple[CalibrationLog, Clocks
 
     Raises
     ------
+    LogError
+        The log lacks one of the two signals.
     DataError
         `mode` is none of these.
     """
+    pose_pair(log)  # says which signal is missing before anything is computed
     if mode == "none":
         return log, Clocks(None, 0.0, "the stamps of the tracker were taken as they are")
     if mode != "auto":

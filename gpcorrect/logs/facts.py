@@ -71,7 +71,7 @@ def _columns(values: FloatArray) -> FloatArray:
 def _signal(value: PoseSignal | FloatArray) -> dict[str, Any]:
     pose = isinstance(value, PoseSignal)
     table = value.position if isinstance(value, PoseSignal) else _columns(value)
-    known = value.finite if isinstance(value, PoseSignal) else np.isfinite(table).all(axis=1)
+    known = value.finite if isinstance(value, PoseSignal) else np.asarray(np.isfinite(table).all(axis=1))
     found = table[known]
     return {
         "columns": int(table.shape[1]),

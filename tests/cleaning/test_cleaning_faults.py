@@ -54,7 +54,7 @@ def assert_found(report: CleaningReport, faulty: BoolArray, recall: float = 0.95
 
 @pytest.fixture(scope="module")
 def trained() -> tuple[FittedCleaner, CalibrationLog]:
-    """A cleaner that learned from the first trajectories, and a fault-free log of the others."""
+    """Return a cleaner that learned from the first trajectories, and a fault-free log of the others."""
     log = make_log(WORLD, np.random.default_rng(5))
     early = log.trajectory < HELD_OUT * WORLD.reaches
     cleaner, _ = fit_cleaner(rows_of(log, early), register, rng=np.random.default_rng(7))
@@ -158,11 +158,11 @@ def test_a_large_smooth_miss_is_no_fault(seed: int) -> None:
 
 @pytest.mark.parametrize("name", ["scattered", "offset block", "occlusion jumps"])
 def test_positions_alone_suffice(name: str) -> None:
-    """Faults of position are found where the tracker has no orientations, by one scale in metres."""
+    """Without orientations there is one scale, in metres; faults are found, at up to 2 % false rejection."""
     rng = np.random.default_rng(1)
     log, faulty = _position_fault(name, rng)
     report = judged(log)
-    assert_found(report, faulty)
+    assert_found(report, faulty, false=0.02)
     assert report.scales.shape == (1,)
 
 

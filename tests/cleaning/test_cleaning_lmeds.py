@@ -23,7 +23,7 @@ RESOLUTION = np.array([1e-4, 1e-3])
 
 
 def plane_data(share: float, clustered: bool, seed: int = 0) -> tuple[FloatArray, FloatArray]:
-    """Samples of the plane `x . SLOPES + 3` with noise 0.01, a share of which is wrong by hundreds."""
+    """Draw samples of the plane `x . SLOPES + 3` with noise 0.01, a share of which is wrong by hundreds."""
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(200, 3))
     y = X @ SLOPES + 3 + 0.01 * rng.normal(size=200)
@@ -117,7 +117,7 @@ def test_the_robust_scale_is_the_standard_deviation_of_gaussian_noise(dimension:
 
 @pytest.mark.parametrize("size", [1, 3, 6])
 def test_enough_samples_are_drawn(size: int) -> None:
-    """The chance that every random sample of half-wrong data holds an outlier is at most 0.001, and one less is not enough."""
+    """So many random samples of half-wrong data all hold an outlier at a chance of 0.001, and one less does not do."""
     missed = 1 - 0.5**size
     assert missed ** trials_needed(size) <= 1e-3 * (1 + 1e-9)
     assert math.isclose(missed ** (trials_needed(size) - 1), 1e-3) or missed ** (trials_needed(size) - 1) > 1e-3
@@ -139,6 +139,7 @@ def test_rows_that_never_determine_a_model_are_refused() -> None:
         least_median(fit, lambda m: np.ones((9, 1)), 9, sample_size=4, rng=np.random.default_rng(0))
 
 
+@pytest.mark.slow
 def test_the_estimator_keeps_the_conventions_of_scikit_learn() -> None:
     """Scikit-learn's own checks of an estimator pass."""
     check_estimator(LeastMedianOfSquares())

@@ -47,13 +47,13 @@ def with_positions(log: CalibrationLog, position: FloatArray) -> CalibrationLog:
 
 @pytest.fixture(scope="module")
 def log() -> CalibrationLog:
-    """A fault-free log."""
+    """Return a fault-free log."""
     return make_log(WORLD, np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")
 def fitted() -> tuple[FittedCleaner, CleaningReport, CalibrationLog]:
-    """A cleaner and a report of a log with scattered outliers."""
+    """Return a cleaner and a report of a log with scattered outliers."""
     rng = np.random.default_rng(0)
     dirty, _ = scattered(make_log(WORLD, rng), rng)
     return *fit_cleaner(dirty, register, rng=np.random.default_rng(7)), dirty
@@ -86,7 +86,7 @@ def test_a_trajectory_with_more_than_p_rejected_is_dropped_whole(log: Calibratio
 
 
 def test_segments_by_hand_beat_every_rule_and_are_reported(log: CalibrationLog) -> None:
-    """Faulty samples that are kept by hand are kept and say what the rule found; good ones that are dropped are manual."""
+    """Faulty samples kept by hand are kept and say what the rule found; good ones dropped by hand are manual."""
     dirty = flipped_share(log, 4, 1.0)
     report = judged(dirty, CleaningSettings(keep=(Segment(4),), drop=(Segment(2),)))
     four, two = log.trajectory == 4, log.trajectory == 2
@@ -205,9 +205,8 @@ def test_a_segment_that_runs_backward_is_refused() -> None:
         Segment(0, 2.0, 1.0)
 
 
-@pytest.mark.slow
 def test_a_real_recording_is_mostly_kept() -> None:
     """A real dVRK recording without known faults loses at most 2 % of its samples."""
-    log = read_log(real_data("dvrk_random.csv"), columns=real_data("dvrk_random.toml"))
-    _, report = Screen.fit(log, "auto", CleaningSettings(), 0)
+    log = read_log(real_data("dvrk_random.csv"))
+    _, report = Screen.fit(log, "none", CleaningSettings(), 0)
     assert report.keep.mean() >= 0.98

@@ -45,16 +45,16 @@ def test_decimal_commas_are_understood_or_refused_with_the_way_out(gpcorrect: Co
     if second.code == 2 and not second.out:
         assert_refused(second, "decimal")
     else:
-        assert first.json["facts"] == second.json["facts"]
+        assert first.json["facts"]["signals"] == second.json["facts"]["signals"]
 
 
 def test_a_byte_order_mark_changes_nothing(gpcorrect: CommandLine, log_file: Path) -> None:
     """A BOM before the header is not part of the first column's name."""
     marked = log_file.with_name("marked.csv")
     marked.write_bytes(b"\xef\xbb\xbf" + log_file.read_bytes())
-    assert (
-        gpcorrect("validate", marked, "--json").json["facts"] == gpcorrect("validate", log_file, "--json").json["facts"]
-    )
+    with_mark, without = (gpcorrect("validate", path, "--json").json["facts"] for path in (marked, log_file))
+    assert with_mark["signals"] == without["signals"]
+    assert with_mark["seconds"] == without["seconds"]
 
 
 def test_rows_of_nan_are_dropped_and_counted(gpcorrect: CommandLine, tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ def test_fit_corrects_held_out_trajectories_and_says_so_in_json(
     assert set(result["errors"]["raw"]["rotation_deg"]) == {"x", "y", "z", "norm"}
     assert set(result["errors"]["raw"]["rotation_deg"]["norm"]) == {"mean", "sd", "rmse", "p95", "max"}
     assert corrected < 0.1 * raw
-    assert result["n_train"] + result["n_test"] == 960
+    assert result["n_train"] + result["n_test"] + sum(result["dropped"].values()) == 960
 
 
 def test_evaluate_repeats_what_fit_measured(gpcorrect: CommandLine, tmp_path: Path) -> None:
