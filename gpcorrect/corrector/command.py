@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from gpcorrect import se3_single
 from gpcorrect.cleaning import CleaningReport
 from gpcorrect.corrector.bounds import Bounds
+from gpcorrect.corrector.bridging import MotionLimits
 from gpcorrect.corrector.queries import checked_pose, checked_poses, checked_times, checked_twist
 from gpcorrect.corrector.reference import reference_twists, rotations_of
 from gpcorrect.corrector.screening import Screen
@@ -23,6 +24,7 @@ from gpcorrect.types import (
     Correction,
     CorrectionStatus,
     FloatArray,
+    IntArray,
     PoseSignal,
     frozen_array,
 )
@@ -33,6 +35,7 @@ __all__ = ["CommandCorrector", "PathCorrection"]
 PREDICTOR = "predictor."
 AT_REST = "no twist was given: taken as at rest"
 LIMITED = "the learned part was cut to the largest one that training justifies"
+BRIDGED = "the path jumps here faster than the arm can move: bridged by straight motion"
 OUTSIDE = "outside the training region: the learned part fades to its mean, the interval to its widest"
 
 
@@ -62,6 +65,12 @@ class PathCorrection:
     status: tuple[str, ...]
     reason: tuple[str, ...]
 
+    def bridged(self, rows: BoolArray) -> Self:
+        """Return the same, saying of these rows (n,) that their poses were replaced."""
+        said = zip(rows.tolist(), self.status, self.reason, strict=True)
+        marked = [("LIMITED", "; ".join(filter(None, (BRIDGED, why)))) if cut else (how, why) for cut, how, why in said]
+        return replace(self, status=tuple(how for how, _ in marked), reason=tuple(why for _, why in marked))
+
 
 @dataclass(frozen=True, eq=False)
 class CommandCorrector:
@@ -84,6 +93,8 @@ class CommandCorrector:
         Largest residual that is believed, and the novelty beyond which a query is extrapolation.
     screen : Screen
         The training's ruler for judging other logs.
+    motion : MotionLimits or None
+        What no arm does from one pose of a path to the next; None believes every path, as a fit without cleaning does.
     velocity_step : float or None
         Step of the five-point stencil on recorded paths, s; None takes neighbouring samples.
     summary : mapping
@@ -98,6 +109,7 @@ class CommandCorrector:
     intervals: IntervalCalibration
     bounds: Bounds
     screen: Screen
+    motion: MotionLimits | None
     velocity_step: float | None
     summary: Mapping[str, Any]
     check_queries: FloatArray
@@ -143,6 +155,8 @@ class CommandCorrector:
     def correct_path(self, poses: ArrayLike, times: ArrayLike) -> PathCorrection:
         """Return what to command instead of a timed path; its velocities come from the five-point stencil on the path.
 
+        Lone jumps that no arm can follow are bridged, and their samples say so (status LIMITED).
+
         Parameters
         ----------
         poses : (n, 7) or (n, 3) array
@@ -159,8 +173,15 @@ class CommandCorrector:
         seconds = checked_times(times, len(queries))
         desired = PoseSignal(queries[:, :3], queries[:, 3:] if queries.shape[1] > 3 else None)
         labels = np.zeros(len(queries), dtype=np.int64)
+        desired, replaced = self.possible(desired, seconds, labels)
         twist = twists(seconds, desired.position, rotations_of(desired), labels)
-        return self.correct_observed(desired, np.nan_to_num(twist))
+        return self.correct_observed(desired, np.nan_to_num(twist)).bridged(replaced)
+
+    def possible(self, desired: PoseSignal, time: FloatArray, labels: IntArray) -> tuple[PoseSignal, BoolArray]:
+        """Return desired paths with the lone jumps of each run bridged, and the mask (n,) of replaced poses."""
+        if self.motion is None:
+            return desired, np.zeros(len(desired), dtype=bool)
+        return self.motion.bridge(desired, self.rigid.apply(desired), time, labels)
 
     def correct_observed(self, desired: PoseSignal, twist: FloatArray) -> PathCorrection:
         """Return what to command instead of desired poses (n rows) with known twists `(n, 6)`."""
@@ -200,6 +221,7 @@ class CommandCorrector:
             "intervals": self.intervals.to_dict(),
             "bounds": self.bounds.to_dict(),
             "screen": screen,
+            "motion": None if self.motion is None else self.motion.to_dict(),
             "velocity_step": self.velocity_step,
             "summary": dict(self.summary),
         }
@@ -223,6 +245,7 @@ class CommandCorrector:
             intervals=IntervalCalibration.from_dict(header["intervals"]),
             bounds=Bounds.from_dict(header["bounds"]),
             screen=Screen.from_parts(header["screen"], arrays),
+            motion=None if header["motion"] is None else MotionLimits.from_dict(header["motion"]),
             velocity_step=header["velocity_step"],
             summary=header["summary"],
             check_queries=frozen_array(arrays["check_queries"]),

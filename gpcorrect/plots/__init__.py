@@ -4,6 +4,7 @@ from gpcorrect.plots.cleaning import dropped_samples
 from gpcorrect.plots.clocks import offset_curve
 from gpcorrect.plots.errors import error_by_speed, error_distribution
 from gpcorrect.plots.intervals import reliability
+from gpcorrect.plots.overview import overview
 from gpcorrect.plots.style import png
 from gpcorrect.plots.trajectory import trajectory_errors, trajectory_paths, typical_trajectory
 from gpcorrect.plots.workspace import residual_maps, workspace_coverage
@@ -13,6 +14,7 @@ __all__ = [
     "error_by_speed",
     "error_distribution",
     "offset_curve",
+    "overview",
     "png",
     "reliability",
     "residual_maps",
