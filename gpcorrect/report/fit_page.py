@@ -41,7 +41,8 @@ def _page(experiment: Experiment) -> Page:
     measured, test = experiment.evaluation, experiment.test
     if measured is not None and test is not None:
         sections = [
-            _errors(measured, test),
+            _overview(measured.clean, test),
+            _errors(measured),
             _trajectory(measured.clean, test),
             _workspace(experiment, measured.clean, test),
             _intervals(measured.clean),
@@ -95,7 +96,14 @@ def _held_out(experiment: Experiment) -> str:
     return f"{count} samples that pass cleaning, {len(experiment.test.trajectory_ids)} whole trajectories"
 
 
-def _errors(measured: Evaluation, test: CalibrationLog) -> Section:
+def _overview(measured: Measured, test: CalibrationLog) -> Section:
+    caption = (
+        "The held-out trajectory with the median error, and the errors of all held-out samples that pass cleaning."
+    )
+    return Section("In one picture", (), (), (FigureImage(plots.png(plots.overview(measured, test)), caption),))
+
+
+def _errors(measured: Evaluation) -> Section:
     clean, dirty = measured.clean.errors(), measured.dirty.errors()
     parts = list(clean["raw"])
     tables = [
@@ -116,10 +124,6 @@ def _errors(measured: Evaluation, test: CalibrationLog) -> Section:
         ),
     ]
     figures = [
-        FigureImage(
-            plots.png(plots.overview(measured.clean, test)),
-            "The held-out trajectory with the median error, and the errors of all held-out samples.",
-        ),
         FigureImage(
             plots.png(plots.error_distribution(measured.clean)),
             "Share of held-out samples with an error below the value on the axis.",
