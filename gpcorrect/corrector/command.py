@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpcorrect import se3_single
 from gpcorrect.cleaning import CleaningReport
 from gpcorrect.corrector.bounds import Bounds
 from gpcorrect.corrector.bridging import MotionLimits
-from gpcorrect.corrector.queries import checked_pose, checked_poses, checked_times, checked_twist
+from gpcorrect.corrector.one_pose import Frame, command, frame, inputs
+from gpcorrect.corrector.queries import bad_query, checked_poses, checked_times, pose_numbers, twist_numbers
 from gpcorrect.corrector.reference import reference_twists, rotations_of
 from gpcorrect.corrector.screening import Screen
 from gpcorrect.gpr import FeatureMap, IntervalCalibration, Predictor
@@ -33,6 +33,8 @@ from gpcorrect.velocity import twists
 __all__ = ["CommandCorrector", "PathCorrection"]
 
 PREDICTOR = "predictor."
+POSITION = 3
+NO_MEMORY = np.zeros(0)
 AT_REST = "no twist was given: taken as at rest"
 LIMITED = "the learned part was cut to the largest one that training justifies"
 BRIDGED = "the path jumps here faster than the arm can move: bridged by straight motion"
@@ -113,6 +115,13 @@ class CommandCorrector:
     velocity_step: float | None
     summary: Mapping[str, Any]
     check_queries: FloatArray
+    _frame: Frame = field(init=False, repr=False)
+    _limits: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_frame", frame(self.rigid, self.features))
+        object.__setattr__(self, "_limits", np.array([self.bounds.position, self.bounds.rotation]))
+        self._warm_up()
 
     @property
     def has_orientation(self) -> bool:
@@ -136,15 +145,16 @@ class CommandCorrector:
         DataError
             The pose or the twist is not finite, has the wrong length, or its quaternion is not a unit quaternion.
         """
-        query = checked_pose(pose, orientation=self.has_orientation)
-        velocity = np.zeros(6) if twist is None else checked_twist(twist)
-        position, rotation, moved = self._reference(query, velocity)
-        mean, std, novelty = self.predictor.mean_std(self.features.transform_one(position, rotation, moved))
-        residual, limited = self.bounds.limit(mean)
+        query, velocity = pose_numbers(pose, orientation=self.has_orientation), twist_numbers(twist)
+        good, position, rotation, x = inputs(query, velocity, NO_MEMORY, self._frame)
+        if not good:
+            raise bad_query(query, velocity)
+        mean, std, novelty = self.predictor.mean_std(x)
+        position, quaternion, limited = command(position, rotation, mean, self._limits)
         in_domain = self.bounds.in_domain(novelty)
         return Correction(
-            position=position + residual[:3],
-            quaternion=self._turned(rotation, residual),
+            position=position,
+            quaternion=None if len(query) == POSITION else quaternion,
             std=_six(std),
             interval95=_six(self.intervals.interval95(std)),
             in_domain=in_domain,
@@ -189,13 +199,13 @@ class CommandCorrector:
         moved = reference_twists(self.rigid, rotations_of(desired), twist)
         X = self.features.transform(reference.position, rotations_of(reference), moved)
         mean, std, novelty = self.predictor.mean_std_batch(X)
-        residual, limited = self.bounds.limit_rows(_six_columns(mean, 0.0))
-        command = apply_residual(reference, residual)
+        residual, limited = self.bounds.limit_rows(mean)
+        commanded = apply_residual(reference, _six_columns(residual, 0.0))
         in_domain = self.bounds.in_domain_rows(novelty)
         flags = list(zip(in_domain.tolist(), limited.tolist(), strict=True))
         return PathCorrection(
-            positions=command.position,
-            quaternions=command.quaternion,
+            positions=commanded.position,
+            quaternions=commanded.quaternion,
             std=_six_columns(std, np.nan),
             interval95=_six_columns(self.intervals.interval95(std), np.nan),
             in_domain=in_domain,
@@ -251,21 +261,9 @@ class CommandCorrector:
             check_queries=frozen_array(arrays["check_queries"]),
         )
 
-    def _reference(self, query: FloatArray, twist: FloatArray) -> tuple[FloatArray, FloatArray | None, FloatArray]:
-        """Position, rotation and twist of G(x) for one query: `RigidModel.apply` without stacks."""
-        rigid = self.rigid
-        if len(query) == 3:
-            return rigid.R_position @ query + rigid.t, None, reference_twists(rigid, None, twist)
-        R_obs = se3_single.matrix_from_quaternion(query[3:])
-        position = rigid.R_position @ (query[:3] + R_obs @ rigid.offset) + rigid.t
-        return position, rigid.R_left @ R_obs @ rigid.R_right, reference_twists(rigid, R_obs, twist)
-
-    def _turned(self, rotation: FloatArray | None, residual: FloatArray) -> FloatArray | None:
-        if rotation is None:
-            return None
-        if len(residual) > 3:
-            rotation = se3_single.matrix_from_rotvec(residual[3:]) @ rotation
-        return se3_single.quaternion_from_matrix(rotation)
+    def _warm_up(self) -> None:
+        """Answer a query, so that what is compiled at first use is compiled now."""
+        self.correct([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
 def _six(values: FloatArray) -> FloatArray:
