@@ -72,7 +72,7 @@ def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
     path = _first_guess(machine, plan, body, command)
     for _ in range(passes):
         load = link_load(body, path)
-        reference = command.reference(load.total - mass * path.acceleration, machine.drive.motor_inertia + mass)
+        reference = command.reference(load.total, mass * path.acceleration, machine.drive.motor_inertia + mass)
         servo = follow(machine.drive, reference, clock, body.joints, machine.effects)
         motion = _motion(body.joints, plan, servo, load)
         q = joint_path(machine.effects, motion)
@@ -130,9 +130,10 @@ class _Command:
         feedforward = _interpolated(_feedforward(machine.drive, desired, load), clock.stride)
         return cls(desired, load, spline(steps), spline(steps, 1), feedforward, clock)
 
-    def reference(self, load: FloatArray, inertia: FloatArray) -> Reference:
-        beyond = _interpolated(load, self.clock.stride)
-        return Reference(self.position, self.velocity, self.feedforward, beyond, inertia)
+    def reference(self, carried: FloatArray, of_inertia: FloatArray, inertia: FloatArray) -> Reference:
+        whole = _interpolated(carried, self.clock.stride)
+        beyond = whole - _interpolated(of_inertia, self.clock.stride)
+        return Reference(self.position, self.velocity, self.feedforward, beyond, inertia, whole)
 
 
 def _feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> FloatArray:

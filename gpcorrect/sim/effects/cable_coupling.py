@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -50,6 +50,7 @@ class CableCoupling(PathEffect):
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
         neighbours=(Neighbour("gravity_sag", "move the source alone and hold this joint"),),
         separating_runs=(Run.ONE_JOINT,),
+        sites=(Site.PAIR,),
     )
 
     def __post_init__(self) -> None:
