@@ -107,11 +107,12 @@ def follow(
 
 
 def _given(drive: Drive, reference: Reference, clock: Clock) -> Given:
+    gain = clock.step / reference.inertia
+    kp, kd, gain = (np.asarray(a, dtype=np.float64) for a in (drive.kp, drive.kd, gain))
     carried = reference.load if reference.carried is None else reference.carried
     paths = (reference.position, reference.velocity, reference.feedforward, reference.load, carried)
-    gain = clock.step / reference.inertia
-    constants = (np.asarray(a, dtype=np.float64) for a in (drive.kp, drive.kd, gain))
-    return Given(*constants, clock.step, *(np.ascontiguousarray(path, dtype=np.float64) for path in paths))
+    position, velocity, feedforward, load, carried = (np.ascontiguousarray(p, dtype=np.float64) for p in paths)
+    return Given(kp, kd, gain, clock.step, position, velocity, feedforward, load, carried)
 
 
 def _laws(effects: Sequence[Effect], joints: tuple[int, ...]) -> Laws:

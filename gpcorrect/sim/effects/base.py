@@ -9,7 +9,7 @@ from math import isnan
 from typing import Any, ClassVar
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.description import Description, Parameter, Site
+from gpcorrect.sim.effects.description import Description, Parameter
 
 __all__ = ["WHOLE_ARM", "Effect", "Stage"]
 

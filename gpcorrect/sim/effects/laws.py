@@ -89,7 +89,8 @@ def contact(law: FloatArray, q: float) -> float:
     stiffness, upper, lower = law[1], law[2], law[3]
     if stiffness == 0.0:
         return 0.0
-    return stiffness * (max(q - upper, 0.0) - max(lower - q, 0.0))
+    pressed: float = stiffness * (max(q - upper, 0.0) - max(lower - q, 0.0))
+    return pressed
 
 
 @njit(cache=True)
