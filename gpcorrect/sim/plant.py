@@ -70,13 +70,12 @@ def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
     command = _Command.of(machine, plan, clock)
     mass = mean_inertia(body, plan.q)
     path = _first_guess(machine, plan, body, command)
-    mechanical = [e for e in machine.effects if e.stage != Stage.CLOCK]  # when it is seen changes no load
     for _ in range(passes):
         load = link_load(body, path)
         reference = command.reference(load.total, mass * path.acceleration, machine.drive.motor_inertia + mass)
         servo = follow(machine.drive, reference, clock, body.joints, machine.effects)
         motion = _motion(body, plan, servo, load)
-        q = joint_path(mechanical, motion)
+        q = joint_path(_mechanical(machine), motion)
         path = JointPath(q, servo.velocity, np.gradient(servo.velocity, 1.0 / plan.rate_hz, axis=0))
     seen = _through([e for e in machine.effects if e.stage == Stage.CLOCK], q, motion)
     return Outcome(motion, servo.torque, seen, tip_path(machine.effects, body.forward(seen), motion))
@@ -90,7 +89,7 @@ def _first_guess(machine: Machine, plan: Plan, body: Body, command: _Command) ->
     unmet = load.total + machine.drive.motor_inertia * desired.acceleration - fed
     position = desired.q - unmet / machine.drive.kp
     servo = ServoPath(position, desired.velocity, unmet, np.zeros(position.shape))
-    q = joint_path(machine.effects, _motion(body, plan, servo, load))
+    q = joint_path(_mechanical(machine), _motion(body, plan, servo, load))
     return JointPath(q, desired.velocity, desired.acceleration)
 
 
@@ -106,6 +105,11 @@ def tip_path(effects: Sequence[Effect], T_base_tip: FloatArray | None, motion: M
     for effect in of_kind(effects, TipEffect):
         T_base_tip = effect.act(T_base_tip, motion)
     return T_base_tip
+
+
+def _mechanical(machine: Machine) -> list[Effect]:
+    """Return the effects without those of the clock: when the arm is seen changes no load."""
+    return [effect for effect in machine.effects if effect.stage != Stage.CLOCK]
 
 
 def _through(effects: Sequence[Effect], q: FloatArray, motion: Motion) -> FloatArray:

@@ -6,7 +6,7 @@ they are. A missing sample stays missing and is forgotten.
 
 from __future__ import annotations
 
-from math import ceil, exp, isnan
+from math import exp, expm1, isnan
 
 import numpy as np
 from numba import njit
@@ -18,7 +18,7 @@ from gpcorrect.types import FloatArray
 __all__ = ["bouc_wen", "lag", "play", "ring"]
 
 SATURATED = 40.0  # widths of travel after which a Bouc-Wen element has forgotten where it began
-STEP = 0.1  # widths of travel to a step of its integrator
+STEP = 0.1  # widths of travel to a step of its integrator, less where the curve bends sharply
 
 
 def play(path: FloatArray, radius: float) -> FloatArray:
@@ -185,9 +185,10 @@ def _travelled(z: float, travel: float, sharpness: float) -> float:
     if z < 0.0:
         unloaded = min(-z, left)
         z, left = z + unloaded, left - unloaded
-    steps = ceil(left / STEP)
-    h = left / max(steps, 1)
-    for _ in range(steps):
+    h = min(STEP, 0.5 / sharpness)
+    while left > 0.0 and z < 1.0:
+        h = min(h, left)
+        left -= h
         a = 1.0 - z**sharpness
         b = 1.0 - max(z + 0.5 * h * a, 0.0) ** sharpness
         c = 1.0 - max(z + 0.5 * h * b, 0.0) ** sharpness
@@ -209,8 +210,9 @@ def _lag(path: FloatArray, time: FloatArray, time_constant: float) -> FloatArray
             if isnan(x) or time_constant == 0.0:
                 x = u_next
             elif h > 0.0:
-                behind = time_constant * (u_next - u) / h  # how far a steady ramp of this slope is lagged
-                x = u_next - behind + (x - u + behind) * exp(-h / time_constant)
+                kept = exp(-h / time_constant)
+                mean = -expm1(-h / time_constant) * time_constant / h  # of the exponential over the step
+                x = x * kept + u * (mean - kept) + u_next * (1.0 - mean)
             output[i, j] = x
             u, t = u_next, time[i, j]
     return output
