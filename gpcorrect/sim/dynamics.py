@@ -56,7 +56,7 @@ class Posture:
         return self._all_three(still, still)
 
     def _all_three(self, velocity: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Loads of weight and of inertia, and the inertias."""
+        """Return loads of weight and of inertia, and the inertias."""
         rates = (
             np.ascontiguousarray(a, dtype=np.float64).reshape(-1, self.shape[-1]) for a in (velocity, acceleration)
         )
