@@ -99,8 +99,10 @@ def _draft(setting: Setting, hidden: Hidden) -> Reference:
     if setting.spec.motion == "zigzag":
         return reference.only(np.arange(max(2, number // DRAFT_STRIDE)))
     if kind_named(hidden.name).peaks:
-        command = np.abs(setting.history.motion.command[:, hidden.column])
-        greatest = [command[reference.trajectory == k].max() for k in range(number)]
+        stop = "position" in hidden.params
+        motion = setting.history.motion
+        peak = hidden.params["side"] * motion.motor if stop else np.abs(motion.command)
+        greatest = [peak[reference.trajectory == k, hidden.column].max() for k in range(number)]
         return reference.only(np.sort(np.argsort(greatest)[-max(2, number // DRAFT_STRIDE) :]))
     return reference.only(np.arange(0, number, DRAFT_STRIDE if number > 2 * DRAFT_STRIDE else 2))
 

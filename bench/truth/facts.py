@@ -40,17 +40,21 @@ def nominal_tables(setting: Setting, rng: np.random.Generator) -> dict[str, Any]
         T = machine.T_tracker_base
         rotvec = Rotation.from_matrix(T[:3, :3]).as_rotvec()
         known["T_tracker_base"] = {"translation": T[:3, 3].tolist(), "rotvec": rotvec.tolist()}
-    return known | {
-        "controller": {
-            "kp": loop.kp.tolist(),
-            "kd": loop.kd.tolist(),
-            "rate_hz": float(CONTROL_HZ),
-            "feedback": "motor",
-            "feedforward": FEEDFORWARDS[loop.feedforward],
-        },
-        "transmission": {"motor_inertia": MOTOR_INERTIA.tolist()},
-        "links": {"mass": MASSES.tolist(), "com": CENTRES.tolist(), "inertia_diagonal": INERTIAS.tolist()},
-    } | noise
+    return (
+        known
+        | {
+            "controller": {
+                "kp": loop.kp.tolist(),
+                "kd": loop.kd.tolist(),
+                "rate_hz": float(CONTROL_HZ),
+                "feedback": "motor",
+                "feedforward": FEEDFORWARDS[loop.feedforward],
+            },
+            "transmission": {"motor_inertia": MOTOR_INERTIA.tolist()},
+            "links": {"mass": MASSES.tolist(), "com": CENTRES.tolist(), "inertia_diagonal": INERTIAS.tolist()},
+        }
+        | noise
+    )
 
 
 def _noise_table(setting: Setting) -> dict[str, Any]:
@@ -101,4 +105,7 @@ def _joint(hidden: Hidden) -> int | str:
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
     """Values that JSON can hold: an infinite number is written as text."""
-    return {k: "inf" if isinstance(v, float) and np.isinf(v) else list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+    return {
+        k: "inf" if isinstance(v, float) and np.isinf(v) else list(v) if isinstance(v, tuple) else v
+        for k, v in values.items()
+    }

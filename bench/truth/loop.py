@@ -230,7 +230,9 @@ def integrate(p, nominal, body, wanted, wanted_v, wanted_a, payload, tip, offset
                     link[j] += 0.5 * STEP * rate[j]
                     q[j] = link[j] - offset[t, j]
                     ahead[j] = q[j] + 0.5 * STEP * rate[j]
-                if s == 0:  # the arm turns by less than 1e-3 rad in a control period: its masses are looked up once, midway
+                if (
+                    s == 0
+                ):  # the arm turns by less than 1e-3 rad in a control period: its masses are looked up once, midway
                     equations(body, ahead, rate, M, bias, weight)
                 _outer(p, body, q, rate, motor, speed, extra[t], outer)
                 for j in range(3):

@@ -26,7 +26,10 @@ ENCODER_STEP = np.array([1.15e-5, 1.3e-5, 7.3e-7])  # rad, rad, m at the joint
 BANDWIDTH_HZ = (5.0, 9.0)
 DAMPING_RATIO = (0.9, 1.2)
 TILT = 0.1  # rad; standard deviation of the mounting about the usual one, known
-NUISANCE_ANGLE, NUISANCE_LENGTH = 6e-5, 8e-6  # rad, m; standard deviations of unknown table errors, well under the noise
+NUISANCE_ANGLE, NUISANCE_LENGTH = (
+    6e-5,
+    8e-6,
+)  # rad, m; standard deviations of unknown table errors, well under the noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,5 +158,3 @@ def readings_of(machine: Machine, history: History, hidden: Sequence[Hidden]) ->
         if read:
             readings = read(h.params, h.column, history, readings)
     return readings
-
-

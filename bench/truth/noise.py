@@ -46,7 +46,9 @@ def draw_noise(rng: np.random.Generator, typical: Array, awkward: str) -> NoiseL
     return NoiseLaw(white, slow * (1.8 if awkward == "slow" else 1.0), phi, degrees, awkward)
 
 
-def noise_of(law: NoiseLaw, rng: np.random.Generator, trajectory: NDArray[np.int64], speed: Array, extra: Array) -> Array:
+def noise_of(
+    law: NoiseLaw, rng: np.random.Generator, trajectory: NDArray[np.int64], speed: Array, extra: Array
+) -> Array:
     """Noise `(n, k)`, NaN in the holes.
 
     Parameters

@@ -83,5 +83,3 @@ def _tracked(T_tracker_base: Array, T: Array, noise: Array, rng: np.random.Gener
 
 def _poses(T: Array) -> PoseSignal:
     return PoseSignal(T[:, :3, 3], Rotation.from_matrix(T[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]])
-
-

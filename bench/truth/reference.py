@@ -135,9 +135,7 @@ def _target(rng: np.random.Generator) -> Array:
 def _ladder(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:
     """The same way out and back at durations on a logarithmic scale."""
     away = _target(rng)
-    return [
-        move for duration in (0.9, 1.4, 2.2, 3.4) for move in ((away, duration, 0.1), (home, duration, 0.1))
-    ]
+    return [move for duration in (0.9, 1.4, 2.2, 3.4) for move in ((away, duration, 0.1), (home, duration, 0.1))]
 
 
 def _amplitudes(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:

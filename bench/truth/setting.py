@@ -53,9 +53,7 @@ class Setting:
 
     def louder(self, factor: float) -> Setting:
         """The same with another level of noise."""
-        return replace(
-            self, joint_noise=self.joint_noise.times(factor), tracker_noise=self.tracker_noise.times(factor)
-        )
+        return replace(self, joint_noise=self.joint_noise.times(factor), tracker_noise=self.tracker_noise.times(factor))
 
 
 def prepare(spec: Spec, rng: np.random.Generator) -> Setting:

@@ -18,7 +18,9 @@ ZIGZAG = (
     "homing_offset", "transmission_ratio", "cable_coupling", "pulley_eccentricity", "cable_stretch", "gravity_sag", "backlash",
     "coulomb_friction", "viscous_friction", "hysteresis", "drift", "delay", "cable_slip",
 )  # fmt: skip
-TOGETHER = tuple(n for n, k in CATALOGUE.items() if not k.tracker_only and n not in ("noise_change", "encoder_quantisation"))
+TOGETHER = tuple(
+    n for n, k in CATALOGUE.items() if not k.tracker_only and n not in ("noise_change", "encoder_quantisation")
+)
 
 
 def specs(suite: str, number: int, first_seed: int) -> Iterator[tuple[Spec, int]]:

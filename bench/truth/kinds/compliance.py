@@ -131,4 +131,3 @@ KINDS = {
     "shaft_bending": Kind(_draw_bending, where="tool", shrink=("rigidity",), tip=_bending, tracker_only=True),
     "rcm_shift": Kind(_draw_rcm, where="base", grow=("compliance",), tip=_rcm, tracker_only=True),
 }
-

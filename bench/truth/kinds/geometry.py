@@ -122,4 +122,3 @@ KINDS = {
     ),
     "dh_error": Kind(_draw_row, grow=ROW_TERMS, loop=_table_loop, tip=_table_tip, tracker_only=True),
 }
-

@@ -81,7 +81,7 @@ class Kind:
     tracker_only, bare : bool
         Seen by the tracker alone; leaves its trace also where only joints are logged and nothing is known of loads.
     peaks : bool
-        Acts only where the command is greatest.
+        Acts only where the command is greatest, or the joint farthest out.
     power : mapping of str to float
         How a parameter is multiplied: by the factor to this power.
     channel : str

@@ -261,9 +261,7 @@ KINDS = {
     "crossed_friction": Kind(_draw_crossed, grow=("torque",), loop=_crossed),
     "thermal_stiffness": Kind(_draw_thermal_stiffness, grow=("compliance",), path=_thermal_stiffness),
     "asymmetric_stretch": Kind(_draw_asymmetric, grow=("compliance",), path=_asymmetric),
-    "tracker_depth_scale": Kind(
-        _draw_depth_scale, where="base", grow=("gain",), tip=_depth_scale, tracker_only=True
-    ),
+    "tracker_depth_scale": Kind(_draw_depth_scale, where="base", grow=("gain",), tip=_depth_scale, tracker_only=True),
     "intermittent_stick": Kind(_draw_stick, grow=("reach",), path=_stick, bare=True),
     "outside_vibration": Kind(_draw_vibration, grow=("amplitude",), read=_vibration, bare=True),
     "random_bumps": Kind(_draw_bumps, grow=("torque",), force=_bumps),

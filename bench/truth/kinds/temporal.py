@@ -152,7 +152,7 @@ KINDS = {
     "delay": Kind(_draw_delay, where="all", grow=("seconds",), read=_delay, bare=True),
     "cable_slip": Kind(_draw_slip, grow=("step",), path=_slip, bare=True),
     "torque_saturation": Kind(_draw_saturation, shrink=("limit",), power={"limit": 0.05}, loop=_saturation, peaks=True),
-    "joint_stop": Kind(_draw_stop, grow=("stiffness",), loop=_stop),
+    "joint_stop": Kind(_draw_stop, grow=("stiffness",), loop=_stop, peaks=True),
     "resonance": Kind(_draw_resonance, shrink=("frequency",), power={"frequency": 0.5}, path=_resonance, bare=True),
     "encoder_quantisation": Kind(
         _draw_quantisation, grow=("step",), loop=_quantisation, read=_quantised, bare=True, channel="reported"
