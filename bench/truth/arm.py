@@ -47,7 +47,7 @@ RANGES = np.array([[0.35, 1.05], [0.96, 1.92], [0.33, 0.42]])  # rad, rad, m; wh
 
 
 def link_transform(row: Array, turn: Array, shift: Array) -> Array:
-    """Transforms `(n, 4, 4)` of one row at added angles and lengths `(n,)`."""
+    """Return transforms `(n, 4, 4)` of one row at added angles and lengths `(n,)`."""
     alpha, a, d, theta = row
     c, s = np.cos(theta + turn), np.sin(theta + turn)
     ca, sa = np.cos(alpha), np.sin(alpha)

@@ -1,4 +1,4 @@
-"""Equations of motion of two turning joints and a sliding one, by Kane's method: forces projected on partial velocities.
+"""Equations of motion of two turning joints and a sliding one, by Kane's method: forces on partial velocities.
 
 Kane and Levinson 1985, Dynamics: Theory and Applications. Compiled, with vectors as tuples of three numbers: nothing is
 allocated in the hot path.
@@ -21,7 +21,7 @@ class Body(NamedTuple):
     """Geometry and masses.
 
     `rows` (6, 4) is the Denavit-Hartenberg table, `mass` (4,) kg of links 1 to 3 and the tip's load, `centre` (4, 3) m
-    in their link frames (the tip's load in that of link 3), `moment` (4, 3) kg m^2 along the frames' axes, `gravity` (3,).
+    in link frames (the tip's load in that of link 3), `moment` (4, 3) kg m^2 along the frames' axes, `gravity` (3,).
     """
 
     rows: Array
@@ -157,7 +157,7 @@ def equations(body, q, v, M, bias, weight):
 
 @njit(cache=True)
 def middle_of_link_2(body, q):
-    """Place of link 2's centre of mass and its partial velocities for the two turning joints, for forces that act there."""
+    """Place of link 2's centre of mass and its partial velocities for the turning joints."""
     rows = body.rows
     x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     o = (rows[0, 1], 0.0, 0.0)

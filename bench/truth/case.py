@@ -5,7 +5,6 @@ from __future__ import annotations
 import zlib
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truth.facts import labels_of, nominal_tables
 from truth.history import Readings
@@ -70,7 +69,7 @@ def _drawn(setting: Setting, name: str, rng: np.random.Generator) -> Hidden:
 
 
 def _sized(setting: Setting, hidden: Hidden) -> Hidden:
-    """The cause at the ratio that is asked for: on the whole run where it is cheap, else on a few trajectories."""
+    """Return the cause at the asked ratio: on the whole run where that is cheap, else on a few trajectories."""
     kind = kind_named(hidden.name)
     in_loop = kind.loop is not None or kind.force is not None
     reference, history, without = setting.reference, setting.history, setting.readings
@@ -91,7 +90,7 @@ def _sized(setting: Setting, hidden: Hidden) -> Hidden:
 
 
 def _draft(setting: Setting, hidden: Hidden) -> Reference:
-    """A few trajectories: those of the greatest commands for a cause that acts at peaks, else spread over the recording.
+    """Return a few trajectories: the most extreme ones for a cause that acts at peaks, else spread evenly.
 
     Zig-zags only follow on from each other, so of them it is the first ones.
     """

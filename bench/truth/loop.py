@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 
 CONTROL_HZ = 1000
 TICK_HZ = 500  # rate at which the motion is kept
-STEP = 0.5e-3  # s, two a control period
+STEP = 0.5e-3  # s
+SUBSTEPS = 2  # a control period
 FEEDFORWARDS = ("none", "gravity", "rigid-body")
 PRESLIDING = np.array([2e-5, 2e-5, 3e-6])  # rad, rad, m that a bristle bends before it slides
 DEAD_BAND = np.array([1e-3, 1e-3, 1e-4])  # rad/s, rad/s, m/s in which Karnopp's joint may stick; above a step's gain
@@ -31,9 +32,9 @@ class Loop(NamedTuple):
 
     `stiffness` (0: rigid cable), `cubic`, `length` (EA of a cable of length `length_offset` + insertion), `slack_ratio`
     (stiffness when pushed over stiffness when pulled) and `cable_damping` make the cable; `coulomb`, `static`,
-    `stribeck_speed`, `waviness`, `wave_number`, `wave_phase`, `capstan` (mu times wrap angle) and `viscous` the friction,
-    `lugre` (bool) its law; `stop_*` a one-sided spring; `cog_*` a torque ripple; `hose_stiffness` (float) a spring from
-    link 2 to `hose_anchor`; `crossed` a torque with the sign of the motion of joint `crossed_by` (int index).
+    `stribeck_speed`, `waviness`, `wave_number`, `wave_phase`, `capstan` (mu times wrap angle) and `viscous` the
+    friction, `lugre` (bool) its law; `stop_*` a one-sided spring; `cog_*` a torque ripple; `hose_stiffness` (float) a
+    spring from link 2 to `hose_anchor`; `crossed` a torque with the sign of the motion of joint `crossed_by` (int index).
     """
 
     kp: Array
@@ -70,7 +71,7 @@ class Loop(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """Motion at the ticks, `(n, 3)` arrays: motors, links before path effects, cable torques, gravity's part, commands."""
+    """Motion at the ticks, `(n, 3)` arrays: motors, links before path effects, cables' load, weight, commands."""
 
     motor: Array
     speed: Array
@@ -174,98 +175,141 @@ def _outer(p, body, q, v, motor, motor_speed, extra, out):
             out[1] += partial_2[c] * pull
 
 
+class _State(NamedTuple):
+    """What moves, `(3,)` arrays, and what the hot loop works with."""
+
+    motor: Array
+    speed: Array
+    link: Array
+    rate: Array
+    load: Array
+    bristle: Array
+    command: Array
+    elastic: NDArray[np.bool_]
+    M: Array
+    bias: Array
+    weight: Array
+
+
+@njit(cache=True)
+def _unloaded_stretch(p, j, load, insertion):
+    """Stretch at which a cable carries a load at rest, by Newton's method."""
+    stretch = 0.0
+    for _ in range(50):
+        here = cable_torque(p, j, stretch, 0.0, insertion)
+        slope = (cable_torque(p, j, stretch + 1e-7, 0.0, insertion) - here) / 1e-7
+        stretch += (load - here) / slope
+    return stretch
+
+
+@njit(cache=True)
+def _balanced(p, nominal, body, wanted, offset):
+    """Make a state at rest in which the controller holds the arm's weight."""
+    M, bias, weight, feed, still = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
+    equations(body, wanted - offset, still, M, bias, weight)
+    load = weight.copy()
+    _feedforward(p, nominal, wanted, still, still, M, bias, weight, feed)
+    motor = wanted + (feed - load) / p.kp
+    link = motor.copy()
+    elastic = np.zeros(3, dtype=np.bool_)
+    for j in range(3):
+        elastic[j] = p.stiffness[j] > 0.0 or p.length[j] > 0.0
+        if elastic[j]:
+            link[j] -= _unloaded_stretch(p, j, load[j], wanted[2])
+    return _State(motor, np.zeros(3), link, np.zeros(3), load, np.zeros(3), np.zeros(3), elastic, M, bias, np.empty(3))
+
+
+@njit(cache=True)
+def _control(p, state, wanted, wanted_v, feed):
+    """Set the command from what the encoders say."""
+    for j in range(3):
+        seen = state.motor[j]
+        if p.encoder_step[j] > 0.0:
+            seen = np.round(seen / p.encoder_step[j]) * p.encoder_step[j]
+        state.command[j] = p.kp[j] * (wanted[j] - seen) + p.kd[j] * (wanted_v[j] - state.speed[j]) + feed[j]
+
+
+@njit(cache=True)
+def _kick(p, state, q, outer, push, moved):
+    """Kick the motors of elastic joints; fill `push` and `moved`, the torques and added masses of what is coupled."""
+    M, bias, weight = state.M, state.bias, state.weight
+    for j in range(3):
+        speed, elastic = state.speed[j], state.elastic[j]
+        torque = min(max(state.command[j], -p.torque_limit[j]), p.torque_limit[j])
+        mass = p.motor_inertia[j] + (0.0 if elastic else M[j, j])
+        level = dry_level(p, j, state.motor[j], speed, state.load[j])
+        resting = torque - p.viscous[j] * speed
+        if elastic:
+            passed = cable_torque(p, j, state.motor[j] - state.link[j], speed - state.rate[j], q[2])
+            dry = dry_force(p, j, level, speed, resting - passed, mass, state.bristle)
+            state.speed[j] += STEP * (resting - passed - dry) / (mass + STEP * p.viscous[j])
+            push[j] = passed + outer[j] - bias[j] - weight[j]
+            moved[j], state.load[j] = 0.0, passed
+        else:
+            free = resting + outer[j] - bias[j] - weight[j]
+            dry = dry_force(p, j, level, speed, free, mass, state.bristle)
+            push[j] = free - dry
+            moved[j], state.load[j] = p.motor_inertia[j] + STEP * p.viscous[j], resting - dry
+
+
+@njit(cache=True)
+def _half_drift(state):
+    """Move every body on by half a step."""
+    for j in range(3):
+        state.link[j] += 0.5 * STEP * state.rate[j]
+        state.motor[j] = state.motor[j] + 0.5 * STEP * state.speed[j] if state.elastic[j] else state.link[j]
+
+
+@njit(cache=True)
+def _step(p, body, state, offset, extra, fresh, work):
+    """Make one drift-kick-drift step; the masses' terms are renewed once a control period, when `fresh`, midway.
+
+    The arm turns by less than 1e-3 rad in that time.
+    """
+    q, ahead, outer, push, moved, acc = work[0], work[1], work[2], work[3], work[4], work[5]
+    _half_drift(state)
+    for j in range(3):
+        q[j] = state.link[j] - offset[j]
+        ahead[j] = q[j] + 0.5 * STEP * state.rate[j]
+    if fresh:
+        equations(body, ahead, state.rate, state.M, state.bias, state.weight)
+    _outer(p, body, q, state.rate, state.motor, state.speed, extra, outer)
+    _kick(p, state, q, outer, push, moved)
+    solve(state.M, moved, push, acc)
+    for j in range(3):
+        state.rate[j] += STEP * acc[j]
+        if not state.elastic[j]:
+            state.load[j] -= p.motor_inertia[j] * acc[j]
+            state.speed[j] = state.rate[j]
+    _half_drift(state)
+
+
 @njit(cache=True)
 def integrate(p, nominal, body, wanted, wanted_v, wanted_a, payload, tip, offset, extra):
     """Run the loop over a reference at the control rate `(m, 3)`.
 
     `payload` (ticks,) kg is known and hangs at `tip` (3,) of link 3's frame; `offset` (ticks, 3) is reported minus true
     joint value by the path effects; `extra` (ticks, 3) is a torque from outside. The first sample must be at rest.
+    Both bodies' fourth mass is overwritten.
     """
-    ticks = len(payload)
-    kept = np.empty((6, ticks, 3))
-    M, bias, weight = np.empty((3, 3)), np.empty(3), np.empty(3)
-    push, acc, outer, feed = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    moved, ahead = np.empty(3), np.empty(3)
-    command, load, bristle = np.zeros(3), np.zeros(3), np.zeros(3)
+    kept = np.empty((6, len(payload), 3))
     hidden = body.mass[3]
-    nominal.mass[3] = payload[0]
-    body.mass[3] = payload[0] + hidden
+    nominal.mass[3], body.mass[3] = payload[0], payload[0] + hidden
     nominal.centre[3], body.centre[3] = tip, tip
-    q = wanted[0] - offset[0]
-    v = np.zeros(3)
-    equations(body, q, v, M, bias, weight)
-    load[:] = weight
-    _feedforward(p, nominal, wanted[0], v, v, M, bias, acc, feed)
-    motor, speed = wanted[0] + (feed - load) / p.kp, np.zeros(3)
-    link, rate = motor.copy(), np.zeros(3)
-    elastic = np.zeros(3, dtype=np.bool_)
-    for j in range(3):
-        elastic[j] = p.stiffness[j] > 0.0 or p.length[j] > 0.0
-        if elastic[j]:
-            stretch = 0.0
-            for _ in range(50):
-                slope = (cable_torque(p, j, stretch + 1e-7, 0.0, q[2]) - cable_torque(p, j, stretch, 0.0, q[2])) / 1e-7
-                stretch += (load[j] - cable_torque(p, j, stretch, 0.0, q[2])) / slope
-            link[j] -= stretch
-    per_tick = CONTROL_HZ // TICK_HZ
-    substeps = int(round(1.0 / CONTROL_HZ / STEP))
-    for t in range(ticks):
-        nominal.mass[3] = payload[t]
-        body.mass[3] = payload[t] + hidden
-        for c in range(per_tick):
-            i = t * per_tick + c
-            _feedforward(p, nominal, wanted[i], wanted_v[i], wanted_a[i], M, bias, weight, feed)
-            for j in range(3):
-                seen = motor[j]
-                if p.encoder_step[j] > 0.0:
-                    seen = np.round(seen / p.encoder_step[j]) * p.encoder_step[j]
-                command[j] = p.kp[j] * (wanted[i, j] - seen) + p.kd[j] * (wanted_v[i, j] - speed[j]) + feed[j]
-            for s in range(substeps):
-                if c == 0 and s == 0:
-                    for j in range(3):
-                        kept[0, t, j], kept[1, t, j], kept[2, t, j] = motor[j], speed[j], link[j]
-                        kept[5, t, j] = command[j]
-                for j in range(3):
-                    motor[j] += 0.5 * STEP * speed[j]
-                    link[j] += 0.5 * STEP * rate[j]
-                    q[j] = link[j] - offset[t, j]
-                    ahead[j] = q[j] + 0.5 * STEP * rate[j]
-                if (
-                    s == 0
-                ):  # the arm turns by less than 1e-3 rad in a control period: its masses are looked up once, midway
-                    equations(body, ahead, rate, M, bias, weight)
-                _outer(p, body, q, rate, motor, speed, extra[t], outer)
-                for j in range(3):
-                    torque = min(max(command[j], -p.torque_limit[j]), p.torque_limit[j])
-                    mass = p.motor_inertia[j] + (0.0 if elastic[j] else M[j, j])
-                    level = dry_level(p, j, motor[j], speed[j], load[j])
-                    resting = torque - p.viscous[j] * speed[j]
-                    moved[j] = 0.0
-                    if elastic[j]:
-                        passed = cable_torque(p, j, motor[j] - link[j], speed[j] - rate[j], q[2])
-                        dry = dry_force(p, j, level, speed[j], resting - passed, mass, bristle)
-                        acc_m = (resting - passed - dry) / (mass + STEP * p.viscous[j])
-                        speed[j] += STEP * acc_m
-                        push[j] = passed + outer[j] - bias[j] - weight[j]
-                        load[j] = passed
-                    else:
-                        free = resting + outer[j] - bias[j] - weight[j]
-                        dry = dry_force(p, j, level, speed[j], free, mass, bristle)
-                        push[j] = free - dry
-                        moved[j] = p.motor_inertia[j] + STEP * p.viscous[j]
-                        load[j] = torque - dry - p.viscous[j] * speed[j]
-                solve(M, moved, push, acc)
-                for j in range(3):
-                    rate[j] += STEP * acc[j]
-                    link[j] += 0.5 * STEP * rate[j]
-                    if elastic[j]:
-                        motor[j] += 0.5 * STEP * speed[j]
-                    else:
-                        load[j] -= p.motor_inertia[j] * acc[j]
-                        speed[j] = rate[j]
-                        motor[j] = link[j]
-                if c == 0 and s == 0:
-                    for j in range(3):
-                        kept[3, t, j], kept[4, t, j] = load[j], weight[j]
-    body.mass[3] = hidden
+    state = _balanced(p, nominal, body, wanted[0], offset[0])
+    work, feed = np.empty((6, 3)), np.empty(3)
+    M, bias, weight = np.empty((3, 3)), np.empty(3), np.empty(3)
+    per_tick, substeps = CONTROL_HZ // TICK_HZ, SUBSTEPS
+    for i in range(len(payload) * per_tick):
+        t = i // per_tick
+        nominal.mass[3], body.mass[3] = payload[t], payload[t] + hidden
+        _feedforward(p, nominal, wanted[i], wanted_v[i], wanted_a[i], M, bias, weight, feed)
+        _control(p, state, wanted[i], wanted_v[i], feed)
+        for s in range(substeps):
+            ticking = s == 0 and i % per_tick == 0
+            if ticking:
+                kept[0, t], kept[1, t], kept[2, t], kept[5, t] = state.motor, state.speed, state.link, state.command
+            _step(p, body, state, offset[t], extra[t], s == 0, work)
+            if ticking:
+                kept[3, t], kept[4, t] = state.load, state.weight
     return kept

@@ -135,7 +135,7 @@ def _integrate(machine: Machine, reference: Reference, hidden: Sequence[Hidden],
 
 
 def _path(history: History, hidden: Sequence[Hidden]) -> Array:
-    """True joint path `(n, 3)`."""
+    """Return true joint path `(n, 3)`."""
     q = history.motion.link
     for h in hidden:
         act = kind_named(h.name).path

@@ -1,4 +1,4 @@
-"""Sensor noise as it is: white with heavy tails, slow, with outliers and holes; and the ways in which it may be worse."""
+"""Sensor noise as it is: white with heavy tails, slow, with outliers and holes; and how it may be worse."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class NoiseLaw:
         return np.hypot(self.white, self.slow)
 
     def times(self, factor: float) -> NoiseLaw:
-        """The same law, louder or softer."""
+        """Return the same law, louder or softer."""
         return NoiseLaw(self.white * factor, self.slow * factor, self.phi, self.degrees, self.awkward)
 
 

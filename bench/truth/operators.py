@@ -91,7 +91,7 @@ def second_order(path, omega, damping, step):
 
 @njit(cache=True)
 def warm_up(time, power, seconds):
-    """Temperature of a body heated by a power and cooled in proportion to itself, one unit of power giving one degree."""
+    """Temperature of a body heated by a power and cooled in proportion to itself; a unit of power gives a degree."""
     out = np.empty(len(power))
     warm = 0.0
     for i in range(len(power)):

@@ -1,4 +1,4 @@
-"""What the arm is told to do: runs that tell look-alikes apart, and plain zig-zags; a continuous session, part of it logged."""
+"""What the arm is told to do: runs that tell look-alikes apart, or plain zig-zags; of a session parts are logged."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Motion = tuple[Array, Array, Array]
 class Reference:
     """Desired motion at the control rate `(m, 3)`, and what holds at each tick `(n,)`.
 
-    `time` is the log's clock, `session_time` counts from each session's start; `trajectory` is -1 where nothing is logged.
+    `time` is the log's clock, `session_time` counts from each session's start; `trajectory` is -1 where none is logged.
     """
 
     position: Array
@@ -54,7 +54,7 @@ class Reference:
         return rows[(rows - start) % stride == 0]
 
     def only(self, numbers: Ints) -> Reference:
-        """The reference of some of its trajectories, each with the unlogged rest before it.
+        """Return the reference of some of its trajectories, each with the unlogged rest before it.
 
         They must start where the ones before them end.
         """
@@ -133,7 +133,7 @@ def _target(rng: np.random.Generator) -> Array:
 
 
 def _ladder(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:
-    """The same way out and back at durations on a logarithmic scale."""
+    """Return the same way out and back at durations on a logarithmic scale."""
     away = _target(rng)
     return [move for duration in (0.9, 1.4, 2.2, 3.4) for move in ((away, duration, 0.1), (home, duration, 0.1))]
 

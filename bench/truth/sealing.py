@@ -20,7 +20,7 @@ def labels_bytes(labels: Mapping[str, Any]) -> bytes:
 
 
 def nominal_text(nominal: Mapping[str, Any]) -> str:
-    """The tables of nominal.toml as text."""
+    """Return the tables of nominal.toml as text."""
     plain = [f"{k} = {_value(v)}" for k, v in nominal.items() if not isinstance(v, Mapping)]
     for name, table in nominal.items():
         if isinstance(table, Mapping):

@@ -52,7 +52,7 @@ class Setting:
         return ratio_of(hidden, with_it, without, rows, self.joint_noise.rms, self.tracker, not self.registered)
 
     def louder(self, factor: float) -> Setting:
-        """The same with another level of noise."""
+        """Return the same with another level of noise."""
         return replace(self, joint_noise=self.joint_noise.times(factor), tracker_noise=self.tracker_noise.times(factor))
 
 

@@ -78,7 +78,7 @@ def _rigidly(points: Array, onto: Array) -> Array:
 
 
 def clamped(hidden: Hidden) -> Hidden:
-    """The cause with its numbers inside what is physical."""
+    """Return the cause with its numbers inside what is physical."""
     params = dict(hidden.params)
     for name, (low, high) in PHYSICAL.get(hidden.name, {}).items():
         params[name] = float(np.clip(params[name], low, high))
@@ -86,7 +86,7 @@ def clamped(hidden: Hidden) -> Hidden:
 
 
 def grown(hidden: Hidden, target: float, measure: Callable[[Hidden], float]) -> Hidden:
-    """The cause scaled until its measured ratio meets the target, as nearly as the physical range lets it.
+    """Return the cause scaled until its measured ratio meets the target, as nearly as the physical range lets it.
 
     Secant steps on logarithms of factor and ratio, halving where a step leaves the bracket.
     """

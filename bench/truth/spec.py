@@ -52,8 +52,8 @@ class Spec:
 class Case:
     """A recording, what is known of the machine (the tables of nominal.toml), and what is hidden in it.
 
-    `labels` holds `kind` ("null", "catalogue", "outside"), `effects` [{`name`, `joint`, `params`, `ratio`}], `nuisance`,
-    `suite`, `seed`.
+    `labels` holds `kind` ("null", "catalogue", "outside"), `effects` [{`name`, `joint`, `params`, `ratio`}],
+    `nuisance`, `suite`, `seed`.
     """
 
     log: CalibrationLog

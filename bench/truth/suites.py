@@ -15,8 +15,8 @@ __all__ = ["RATIOS", "SUITES", "short", "specs"]
 RATIOS = (2.0, 1.0, 0.5, 0.25)
 # What constant-speed runs of one payload show at all; the rest would be hidden from everyone
 ZIGZAG = (
-    "homing_offset", "transmission_ratio", "cable_coupling", "pulley_eccentricity", "cable_stretch", "gravity_sag", "backlash",
-    "coulomb_friction", "viscous_friction", "hysteresis", "drift", "delay", "cable_slip",
+    "homing_offset", "transmission_ratio", "cable_coupling", "pulley_eccentricity", "cable_stretch", "gravity_sag",
+    "backlash", "coulomb_friction", "viscous_friction", "hysteresis", "drift", "delay", "cable_slip",
 )  # fmt: skip
 TOGETHER = tuple(
     n for n, k in CATALOGUE.items() if not k.tracker_only and n not in ("noise_change", "encoder_quantisation")
@@ -37,7 +37,7 @@ def specs(suite: str, number: int, first_seed: int) -> Iterator[tuple[Spec, int]
 
 
 def short(spec: Spec) -> Spec:
-    """The same wish with 12 trajectories of 10 s, for tests."""
+    """Return the same wish with 12 trajectories of 10 s, for tests."""
     return replace(spec, trajectories=12, seconds=10.0)
 
 

@@ -34,7 +34,7 @@ def _states(n: int) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def test_velocity_terms_do_no_work_beyond_the_change_of_kinetic_energy() -> None:
-    """v . bias = v . (dM/dt) v / 2, so that the energy of free motion is kept."""
+    """V . bias = v . (dM/dt) v / 2, so that the energy of free motion is kept."""
     body = _body()
     for q, v in _states(5):
         M_dot = (_terms(body, q + 1e-6 * v, v)[0] - _terms(body, q - 1e-6 * v, v)[0]) / 2e-6
@@ -74,5 +74,5 @@ def test_agrees_with_the_products_kinematics() -> None:
 
 
 def test_the_tip_lies_on_the_shaft() -> None:
-    """With the wrist straight the tip is on the insertion axis through the remote centre, as the shaft's bending assumes."""
+    """With the wrist straight the tip is on the insertion axis through the remote centre, as bending assumes."""
     np.testing.assert_allclose(tip_in_shaft()[:2], 0.0, atol=1e-12)

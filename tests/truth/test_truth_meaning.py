@@ -1,4 +1,4 @@
-"""A hidden cause means what the catalogue means by its name: the product's effect with the hidden numbers explains it."""
+"""A hidden cause means what the catalogue means: the product's effect with the hidden numbers explains it."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def test_every_sort_of_feedforward_is_drawn() -> None:
 
 
 def test_a_trackers_poses_are_the_commanded_ones_moved_rigidly() -> None:
-    """With a stiff feedforward and a fitted registration the tracker sees the command, up to noise and the loop's lag."""
+    """With a fitted registration the tracker sees the command, up to noise, the loop's lag and its sag."""
     case = make_case(replace(SMALL, signals="tracker"), 4)
     seen, wanted = case.log.tracker_cp.position, case.log.setpoint_cp.position
     good = np.isfinite(seen).all(axis=1)

@@ -1,4 +1,4 @@
-"""Catalogue effects that give way under load: cables, links, payload, shaft, remote centre; and what they give way to."""
+"""Catalogue effects that give way under load: cables, links, payload, shaft, remote centre."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def lateral_force(history: History, T: Array) -> Array:
 
 
 def _shaft(T: Array) -> Array:
-    """Unit vectors `(n, 3)` from the remote centre to the wrist, which the held wrist places by the tip."""
+    """Return unit vectors `(n, 3)` from the remote centre to the wrist, which the held wrist places by the tip."""
     return T[:, :3, 3] / np.linalg.norm(T[:, :3, 3], axis=1, keepdims=True)
 
 
@@ -93,7 +93,7 @@ def _draw_bending(rng: np.random.Generator, j: int, scene: Scene) -> Params:
 
 
 def _bending(params: Params, history: History, q: Array, T: Array) -> Array:
-    """A cantilever from the remote centre to the tip, in eight slices: curvature F (L - s) / EI summed twice."""
+    """Bend a cantilever from the remote centre to the tip, in eight slices: curvature F (L - s) / EI summed twice."""
     force, length = lateral_force(history, T), np.linalg.norm(T[:, :3, 3], axis=1, keepdims=True)
     slices = 8
     slope, sag = np.zeros_like(force), np.zeros_like(force)

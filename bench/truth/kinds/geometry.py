@@ -51,7 +51,7 @@ def _draw_eccentricity(rng: np.random.Generator, j: int, scene: Scene) -> Params
 
 
 def _eccentricity(params: Params, j: int, history: History, q: Array) -> Array:
-    """The pulley turns with the true joint: solve `m = q + a sin(N q + phi)` for q by Newton."""
+    """Solve `m = q + a sin(N q + phi)` for q by Newton: the pulley turns with the true joint."""
     a, number, phase = params["amplitude"], params["cycles"], params["phase"]
     true = np.array(q[:, j])
     for _ in range(4):
@@ -77,7 +77,7 @@ def _registration(params: Params, history: History, q: Array, T: Array) -> Array
 
 
 def _draw_table(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    """An angle or a length of one row, never one that a zero or the registration can take up."""
+    """Return an angle or a length of one row, never one that a zero or the registration can take up."""
     params: Params = dict.fromkeys(ROW_TERMS, 0.0)
     if rng.random() < 0.5:
         params["dalpha"] = draw_sign(rng) * 2e-3

@@ -116,7 +116,7 @@ def scaled(kind: Kind, params: Params, factor: float) -> Params:
 
 
 def unit(j: int, revolute: float, prismatic: float) -> float:
-    """Number for a turning or a sliding joint."""
+    """Return number for a turning or a sliding joint."""
     return revolute if REVOLUTE[j] else prismatic
 
 

@@ -39,7 +39,7 @@ def _span(q: Array) -> Array:
 
 
 def _draw_cogging(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    """Poles pass the teeth many times a motor turn; the motor turns about 130 times (2160 a metre) as far as the joint."""
+    """Poles pass teeth some times a motor turn; the motor turns about 130 times (2160 a metre) as far as the joint."""
     number = float(unit(j, 130.0, 2160.0) * rng.integers(1, 4))
     return {"torque": 1.6 * GAIN[j] * _noise(scene, j), "cycles": number, "phase": _phase(rng)}
 
@@ -120,7 +120,7 @@ def _draw_speed_bias(rng: np.random.Generator, j: int, scene: Scene) -> Params:
 
 
 def _speed_bias(params: Params, j: int, history: History, readings: Readings) -> Readings:
-    """An outside sensor that reads too far in either direction of motion: even in the speed."""
+    """Model this: an outside sensor that reads too far in either direction of motion: even in the speed."""
     speed = np.gradient(readings.outside[:, j]) / history.step
     bias = params["gain"] * np.minimum((speed / params["speed"]) ** 2, 6.0)
     return replace(readings, outside=readings.outside + column(len(bias), j, bias))
@@ -142,7 +142,7 @@ def _draw_thermal_stiffness(rng: np.random.Generator, j: int, scene: Scene) -> P
 
 
 def _thermal_stiffness(params: Params, j: int, history: History, q: Array) -> Array:
-    """The room's air conditioning comes and goes: the cable is softer, then stiffer than the model's."""
+    """Model this: the room's air conditioning comes and goes: the cable is softer, then stiffer than the model's."""
     season = np.sin(2 * np.pi * history.reference.time / params["period"])
     return column(len(q), j, params["compliance"] * season * history.motion.load[:, j])
 
@@ -202,7 +202,7 @@ def _draw_vibration(rng: np.random.Generator, j: int, scene: Scene) -> Params:
 
 
 def _vibration(params: Params, j: int, history: History, readings: Readings) -> Readings:
-    """A pump beside the table shakes the outside sensor, whatever the arm does."""
+    """Model this: a pump beside the table shakes the outside sensor, whatever the arm does."""
     wave = np.sin(2 * np.pi * params["frequency"] * history.reference.time + params["phase"])
     return replace(readings, outside=readings.outside + column(len(wave), j, params["amplitude"] * wave))
 
@@ -234,7 +234,7 @@ def _draw_spiral(rng: np.random.Generator, j: int, scene: Scene) -> Params:
 
 
 def _spiral(params: Params, j: int, history: History, q: Array) -> Array:
-    """A cable that climbs on its drum: the ratio depends on this joint and on another."""
+    """Model this: a cable that climbs on its drum: the ratio depends on this joint and on another."""
     x = _span(q)
     return column(len(q), j, params["amplitude"] * x[:, j] ** 2 * (1.0 + x[:, params["source"] - 1]))
 
@@ -244,7 +244,7 @@ def _draw_clock(rng: np.random.Generator, j: int, scene: Scene) -> Params:
 
 
 def _clock(params: Params, j: int, history: History, readings: Readings) -> Readings:
-    """The outside sensor's clock wanders about the robot's: now late, now early."""
+    """Model this: the outside sensor's clock wanders about the robot's: now late, now early."""
     time = history.reference.time
     late = params["seconds"] * np.sin(2 * np.pi * time / params["period"])
     return seen_late(readings, time, late)

@@ -37,7 +37,7 @@ def _draw_drift(rng: np.random.Generator, j: int, scene: Scene) -> Params:
 
 
 def _drift(params: Params, j: int, history: History, q: Array) -> Array:
-    """The integral of `r exp(-t/T)` over the session's clock."""
+    """Return the integral of `r exp(-t/T)` over the session's clock."""
     time, constant = history.reference.session_time, params["time_constant"]
     settled = time if np.isinf(constant) else constant * (1.0 - np.exp(-time / constant))
     return column(len(q), j, params["rate"] * settled)
@@ -53,7 +53,7 @@ def delayed(values: Array, time: Array, late: Array) -> Array:
 
 
 def seen_late(readings: Readings, time: Array, late: Array) -> Readings:
-    """What outside sensors see, `late` (n,) seconds after it was so; the small turns between ticks stay turns to first order."""
+    """Return what outside sensors see `late` (n,) seconds after it was so; poses are interpolated to first order."""
     tip = readings.tip
     moving = tip.strides[0] > 0  # one pose broadcast over all ticks stands for no tracker
     seen = delayed(tip.reshape(len(time), 16), time, late).reshape(tip.shape) if moving else tip
