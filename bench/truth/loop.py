@@ -34,7 +34,8 @@ class Loop(NamedTuple):
     (stiffness when pushed over stiffness when pulled) and `cable_damping` make the cable; `coulomb`, `static`,
     `stribeck_speed`, `waviness`, `wave_number`, `wave_phase`, `capstan` (mu times wrap angle) and `viscous` the
     friction, `lugre` (bool) its law; `stop_*` a one-sided spring; `cog_*` a torque ripple; `hose_stiffness` (float) a
-    spring from link 2 to `hose_anchor`; `crossed` a torque with the sign of the motion of joint `crossed_by` (int index).
+    spring from link 2 to `hose_anchor`; `crossed`
+    a torque with the sign of the motion of joint `crossed_by` (int index).
     """
 
     kp: Array
