@@ -13,7 +13,8 @@ OUTSIDE: dict[str, Kind] = outside.KINDS
 STAGES = (
     "encoder_interpolation", "speed_bias", "homing_offset", "drift", "transmission_ratio", "climbing_cable",
     "cable_coupling", "quadratic_coupling", "pulley_eccentricity", "gear_mesh", "intermittent_stick", "creep",
-    "asymmetric_stretch", "thermal_stiffness", "cable_slip", "backlash", "hysteresis", "resonance", "thermal_gradient_bend", "gravity_sag",
+    "asymmetric_stretch", "thermal_stiffness", "cable_slip", "backlash", "hysteresis", "resonance",
+    "thermal_gradient_bend", "gravity_sag",
 )  # fmt: skip
 
 
