@@ -19,11 +19,13 @@ def require_folder(path: str | Path) -> None:
     Raises
     ------
     GpCorrectError
-        Its folder does not exist.
+        Its folder does not exist, or something that is no file has its name: a folder, a device.
     """
     folder = Path(path).parent
     if not folder.is_dir():
         raise GpCorrectError(f"cannot write {path}: there is no folder {folder}.", hint="Create the folder first.")
+    if Path(path).exists() and not Path(path).is_file():
+        raise GpCorrectError(f"cannot write {path}: it is there already, and no file.", hint="Name another output.")
 
 
 @contextmanager

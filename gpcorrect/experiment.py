@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -178,8 +178,7 @@ def run_experiment(
     log, clocks = on_one_clock(log, settings.time_offset)
     rng = np.random.default_rng(settings.seed) if shuffle else None
     train, test = split_trajectories(log, holdout, rng=rng)
-    fit = fit_command_corrector(train, replace(settings, time_offset="none"), progress=progress)
-    fit = replace(fit, clocks=clocks, remarks=(*fit.remarks, *([clocks.remark] if clocks.applied else [])))
+    fit = fit_command_corrector(train, settings, clocks=clocks, progress=progress)
     measured = evaluate(fit.corrector, test) if test is not None else None
     return Experiment(fit, test, measured, time.perf_counter() - start)
 

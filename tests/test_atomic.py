@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -34,3 +35,11 @@ def test_a_folder_that_does_not_exist_is_named(tmp_path: Path) -> None:
     """The message names the output and what to do."""
     with pytest.raises(GpCorrectError, match="Create the folder first"), atomic_path(tmp_path / "no" / "model.bin"):
         pass
+
+
+def test_what_is_no_file_is_never_replaced(tmp_path: Path) -> None:
+    """A folder, or a device such as /dev/null, is refused before the work and stays what it was."""
+    for target in (tmp_path, Path(os.devnull)):
+        with pytest.raises(GpCorrectError, match="no file"), atomic_path(target):
+            pass
+    assert Path(os.devnull).is_char_device()

@@ -14,7 +14,7 @@ from gpcorrect.cleaning import CleaningReport, CleaningSettings, Segment
 from gpcorrect.cli.console import err, out, print_json, progress_bar, show_errors, split_names
 from gpcorrect.cli.options import Arm, Columns, Json, Logs, Namespace, Tracker, read_logs
 from gpcorrect.corrector import FitSettings
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect.experiment import Experiment, run_experiment
 from gpcorrect.rigid import MarkerOption
 
@@ -49,7 +49,7 @@ def fit(
     shuffle: Annotated[
         bool, typer.Option("--shuffle", help="Hold out random trajectories, not the last ones.")
     ] = False,
-    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 0,
     report: Annotated[
         Path | None,
         typer.Option(help="Folder for the report page and the list of dropped samples.", show_default=False),
@@ -68,6 +68,8 @@ def fit(
     gpcorrect fit optitrack.csv --columns map.toml --output model.gpc --json
     """
     require_folder(output)
+    if report is not None:
+        _make_folder(report)
     log = read_logs(logs, columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm)
     settings = FitSettings(
         features=split_names(features),
@@ -113,10 +115,19 @@ def _segment(text: str) -> Segment:
         ) from error
 
 
+def _make_folder(folder: Path) -> None:
+    """Make the folder of the report before the work, so that nobody waits for a report that cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GpCorrectError(
+            f"cannot make the folder {folder} for the report: {error.strerror}.", hint="Name another folder: --report"
+        ) from error
+
+
 def _write_report(experiment: Experiment, folder: Path) -> None:
     from gpcorrect.report import write_fit_report  # the report's libraries are an extra
 
-    folder.mkdir(parents=True, exist_ok=True)
     write_fit_report(experiment, folder / "report.html")
     reports = [("train", experiment.fit.cleaning)]
     if experiment.evaluation is not None:

@@ -42,7 +42,7 @@ def simulate(
     ] = None,
     clean: Annotated[bool, typer.Option("--clean", help="A tracker without occlusions and outliers.")] = False,
     position_only: Annotated[bool, typer.Option("--position-only", help="A tracker that sees positions only.")] = False,
-    seed: Annotated[int, typer.Option(help="Seed of motion, noise and faults.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of motion, noise and faults.", min=0)] = 0,
 ) -> None:
     """Simulate a recording: what was commanded, reported, and seen by an outside tracker, faults included.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,6 +84,9 @@ def _sample_step(log: CalibrationLog) -> float:
 
 def _seconds(text: str) -> float:
     try:
-        return float(text)
-    except ValueError as error:
-        raise DataError(f"the time offset is auto, none, or a number of seconds; got {text!r}.") from error
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise DataError(f"the time offset is auto, none, or a number of seconds; got {text!r}.")
+    return seconds

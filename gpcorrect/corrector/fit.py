@@ -139,18 +139,26 @@ def fit_corrector(
 
 
 def fit_command_corrector(
-    log: CalibrationLog, settings: FitSettings | None = None, *, progress: Progress | None = None
+    log: CalibrationLog,
+    settings: FitSettings | None = None,
+    *,
+    clocks: Clocks | None = None,
+    progress: Progress | None = None,
 ) -> FitResult:
-    """Fit as :func:`fit_corrector` does, and return how it came about too."""
+    """Fit as :func:`fit_corrector` does, and return how it came about too.
+
+    `clocks` says that the log is on one clock already, and how it got there; `settings.time_offset` is not asked then.
+    """
     # Many small factorisations: two BLAS pools on few cores fight each other and take ten times as long as one thread.
     with threadpool_limits(limits=1):
-        return _fit(log, settings or FitSettings(), progress or Progress())
+        return _fit(log, settings or FitSettings(), clocks, progress or Progress())
 
 
-def _fit(log: CalibrationLog, settings: FitSettings, progress: Progress) -> FitResult:
+def _fit(log: CalibrationLog, settings: FitSettings, clocks: Clocks | None, progress: Progress) -> FitResult:
     start = time.perf_counter()
     progress.step("clean", 0.0)
-    log, clocks = on_one_clock(log, settings.time_offset)
+    if clocks is None:
+        log, clocks = on_one_clock(log, settings.time_offset)
     screen, cleaning = Screen.fit(log, settings.marker if settings.rigid else "none", settings.cleaning, settings.seed)
     progress.step("clean", 1.0)
     step = stencil_step(log) if settings.velocity_step == "auto" else settings.velocity_step

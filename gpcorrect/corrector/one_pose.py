@@ -6,7 +6,7 @@ change of the file that holds the outermost function, and no other.
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, isfinite, sin, sqrt
+from math import atan2, cos, hypot, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -16,9 +16,10 @@ from gpcorrect.gpr import FeatureMap
 from gpcorrect.rigid import RigidModel
 from gpcorrect.types import FloatArray
 
-__all__ = ["Frame", "command", "frame", "inputs"]
+__all__ = ["LARGEST", "Frame", "command", "frame", "inputs"]
 
 SMALL = 1e-6  # rad: below it sin(x) / x is 1 to rounding
+LARGEST = 1e6  # m, m/s or rad/s: beyond it the numbers of a query overflow long before they mean anything
 QUATERNION_TOLERANCE = 1e-3  # as for recorded samples: a norm further from one is a mistake, not rounding
 NO_ROTATION, ROTVEC, COLUMNS, EULER = range(4)
 ROTATIONS = {"none": NO_ROTATION, "rotvec": ROTVEC, "columns": COLUMNS, "euler": EULER}
@@ -73,13 +74,13 @@ def inputs(
     Returns
     -------
     good : bool
-        Whether every number is finite and the quaternion a unit one; the rest means nothing otherwise.
+        Whether every number is below `LARGEST` and the quaternion a unit one; the rest means nothing otherwise.
     position, rotation : (3,) and (3, 3) arrays
         Of the reference; no rotation without a quaternion.
     x : (d,) array
     """
     x, rotation = np.empty(len(f.spread)), np.eye(3)
-    if not (_finite(pose) and _finite(twist)):
+    if not (_sane(pose) and _sane(twist)):
         return False, pose, rotation, x
     oriented = len(pose) == 7
     linear, arm = twist[:3], np.zeros(3)
@@ -230,8 +231,8 @@ def _length(v: FloatArray) -> float:
 
 
 @njit(cache=True)
-def _finite(values: FloatArray) -> bool:
+def _sane(values: FloatArray) -> bool:
     for value in values:  # noqa: SIM110 - numba compiles no generator
-        if not isfinite(value):
+        if not abs(value) <= LARGEST:  # NaN too
             return False
     return True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpcorrect.corrector.one_pose import QUATERNION_TOLERANCE
+from gpcorrect.corrector.one_pose import LARGEST, QUATERNION_TOLERANCE
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
@@ -54,6 +54,8 @@ def bad_query(pose: FloatArray, twist: FloatArray) -> DataError:
         return DataError(
             "the twist holds a number that is not finite.", hint="Leave the twist out where it is not known."
         )
+    if (np.abs(twist) > LARGEST).any():
+        return DataError(f"the twist holds {np.abs(twist).max():.3g}.", hint="Twists are m/s and rad/s.")
     try:
         checked_poses(pose[None], orientation=len(pose) == POSE)
     except DataError as error:
@@ -69,7 +71,7 @@ def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
     Raises
     ------
     DataError
-        Wrong length, not finite, or a quaternion that is not a unit quaternion.
+        Wrong length, not finite, absurdly far away, or a quaternion that is not a unit quaternion.
     """
     values = np.array(poses, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] not in (POSITION, POSE):
@@ -83,6 +85,10 @@ def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
         )
     if not np.isfinite(values).all():
         raise DataError("the pose holds a number that is not finite.", hint="Send only complete poses.")
+    if (np.abs(values[:, :POSITION]) > LARGEST).any():
+        raise DataError(
+            f"the pose lies {np.abs(values[:, :POSITION]).max():.3g} m from the origin.", hint="Positions are metres."
+        )
     if values.shape[1] == POSE:
         values[:, POSITION:] = _unit(values[:, POSITION:])
     return values

@@ -115,6 +115,8 @@ def test_a_log_without_a_tracker_says_what_is_missing(gpcorrect: CommandLine, tm
         (("--holdout", "1.5"), "1.5"),
         (("--drop", "a:b"), "TRAJECTORY:START:STOP"),
         (("--time-offset", "soon"), "soon"),
+        (("--time-offset", "nan"), "nan"),
+        (("--seed", "-1"), "--seed"),
     ],
 )
 def test_wrong_options_are_named(
@@ -138,3 +140,20 @@ def test_an_output_folder_that_is_missing_is_named_before_the_work(
 ) -> None:
     """Nobody waits for a fit that cannot be saved."""
     assert_refused(gpcorrect("fit", log_file, "--output", tmp_path / "no" / "m.gpc"), "folder")
+
+
+def test_an_output_that_is_a_folder_is_refused_before_the_work(
+    gpcorrect: CommandLine, log_file: Path, tmp_path: Path
+) -> None:
+    """A model is a file."""
+    assert_refused(gpcorrect("fit", log_file, "--output", tmp_path), "no file")
+
+
+def test_a_report_folder_that_is_a_file_is_refused_before_the_work(
+    gpcorrect: CommandLine, log_file: Path, tmp_path: Path
+) -> None:
+    """The file stays, and no model is written without its report."""
+    before = log_file.read_bytes()
+    assert_refused(gpcorrect("fit", log_file, "--output", tmp_path / "m.gpc", "--report", log_file), "report")
+    assert not (tmp_path / "m.gpc").exists()
+    assert log_file.read_bytes() == before

@@ -11,6 +11,7 @@ import pytest
 from cli_support import CommandLine, written
 from support import real_data, small_log
 
+from gpcorrect.artifact import load
 from gpcorrect.types import PoseSignal
 
 POSE = ("--pose", 0.1, 0.0, -0.1, 1, 0, 0, 0)
@@ -47,6 +48,16 @@ def test_the_same_seed_gives_the_same_model(gpcorrect: CommandLine, log_file: Pa
     first, second = (gpcorrect("fit", log_file, "--output", tmp_path / f"{i}.gpc", "--json").json for i in (1, 2))
     assert first["errors"] == second["errors"]
     assert first["dropped"] == second["dropped"]
+
+
+def test_the_model_says_by_how_much_the_tracker_was_shifted(
+    gpcorrect: CommandLine, log_file: Path, tmp_path: Path
+) -> None:
+    """The shift of the tracker's clock that was applied stands in the figures of the fit and in the model file."""
+    model = tmp_path / "m.gpc"
+    result = gpcorrect("fit", log_file, "--output", model, "--time-offset", 0.02, "--json").json
+    assert result["model"]["fit"]["tracker_shift"] == 0.02
+    assert load(model).info()["fit"]["tracker_shift"] == 0.02
 
 
 def test_correct_asks_the_model_file(gpcorrect: CommandLine, log_file: Path, tmp_path: Path) -> None:

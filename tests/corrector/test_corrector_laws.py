@@ -113,13 +113,29 @@ def test_uncertainty_grows_away_from_the_data(small_corrector: CommandCorrector)
         [0.1, 0, -0.1, 1.5, 0, 0, 0],
         [np.nan, 0, -0.1, 1, 0, 0, 0],
         [0.1, np.inf, -0.1, 1, 0, 0, 0],
+        [1e200, 0, -0.1, 1, 0, 0, 0],
         np.eye(4),
     ],
 )
 def test_bad_poses_are_refused(small_corrector: CommandCorrector, pose: object) -> None:
-    """Wrong length, a quaternion off the unit sphere, NaN and infinity are errors, not answers."""
+    """Wrong length, a quaternion off the unit sphere, NaN, infinity and absurd sizes are errors, not answers."""
     with pytest.raises(DataError):
         small_corrector.correct(pose)
+
+
+@pytest.mark.parametrize("position", [1e5, 1e6])
+def test_whatever_is_answered_is_finite(small_corrector: CommandCorrector, position: float) -> None:
+    """The largest poses and twists that are not refused still get a command of numbers, and are out of domain."""
+    answer = small_corrector.correct([position, 0, 0, 1, 0, 0, 0], np.full(6, position))
+    assert answer.quaternion is not None
+    assert np.isfinite([*answer.position, *answer.quaternion, *answer.interval95]).all()
+    assert not answer.in_domain
+
+
+def test_a_twist_without_meaning_is_refused(small_corrector: CommandCorrector) -> None:
+    """A velocity that overflows the regression is an error, never a command of NaN."""
+    with pytest.raises(DataError, match="twist"):
+        small_corrector.correct(POSE, [1e200, 0, 0, 0, 0, 0])
 
 
 def test_nothing_that_was_given_is_changed(small_corrector: CommandCorrector) -> None:
