@@ -143,7 +143,7 @@ def _check_answers(corrector: CommandCorrector, arrays: Arrays) -> list[list[flo
 
 def _answer(corrector: CommandCorrector, query: FloatArray) -> list[float]:
     size = 7 if corrector.has_orientation else 3
-    answer = corrector.correct(query[:size], query[size:])
+    answer = corrector.correct(query[:size], query[7:])
     quaternion: list[float] = [] if answer.quaternion is None else answer.quaternion.tolist()
     return [float(v) for v in (*answer.position, *quaternion, *np.nan_to_num(answer.std))]
 
