@@ -212,7 +212,7 @@ def _measure(corrector: CommandCorrector, log: CalibrationLog, keep: BoolArray) 
             path=log.name,
         )
     observed, command, twist = observed[rows], command[rows], twist[rows]
-    path = corrector.correct_observed(possible[rows], twist)
+    path = corrector.correct_observed(possible[rows], twist, log.trajectory[rows])
     return Measured(
         raw=pose_residual(observed, command),
         rigid=pose_residual(corrector.rigid.apply(observed), command),

@@ -27,7 +27,9 @@ def fit(
     columns: Columns = None,
     features: Annotated[
         str,
-        typer.Option(help="What the regression sees: pose or euler (the paper's angles), with or without velocity."),
+        typer.Option(
+            help="What the regression sees: pose or euler (the paper's angles), velocity, memory (of the path so far)."
+        ),
     ] = "pose,velocity",
     clean: Annotated[bool, typer.Option("--clean/--no-clean", help="Reject faulty samples first.")] = True,
     keep: Annotated[
@@ -64,6 +66,8 @@ def fit(
     Examples
     --------
     gpcorrect fit monday.csv tuesday.csv --output model.gpc --report report/
+
+    gpcorrect fit monday.csv --features pose,velocity,memory --output model.gpc
 
     gpcorrect fit optitrack.csv --columns map.toml --output model.gpc --json
     """

@@ -1,13 +1,16 @@
 """The recipe clean -> rigid -> residual -> GP, and the corrector it makes."""
 
+from gpcorrect.corrector.answer import PathCorrection
 from gpcorrect.corrector.clocks import on_one_clock
-from gpcorrect.corrector.command import CommandCorrector, PathCorrection
+from gpcorrect.corrector.command import CommandCorrector
 from gpcorrect.corrector.fit import FitResult, FitSettings, fit_command_corrector, fit_corrector
 from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.corrector.reference import observed_twists
+from gpcorrect.corrector.stream import CorrectionStream
 
 __all__ = [
     "CommandCorrector",
+    "CorrectionStream",
     "FitResult",
     "FitSettings",
     "PathCorrection",

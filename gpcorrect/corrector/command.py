@@ -3,75 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from gpcorrect.cleaning import CleaningReport
+from gpcorrect.corrector.answer import NO_MEMORY, Answerer, PathCorrection
 from gpcorrect.corrector.bounds import Bounds
 from gpcorrect.corrector.bridging import MotionLimits
-from gpcorrect.corrector.one_pose import Frame, command, frame, inputs
-from gpcorrect.corrector.queries import bad_query, checked_poses, checked_times, pose_numbers, twist_numbers
+from gpcorrect.corrector.one_pose import frame
+from gpcorrect.corrector.queries import checked_poses, checked_times, pose_numbers, twist_numbers
+from gpcorrect.corrector.recall import Recall
 from gpcorrect.corrector.reference import reference_twists, rotations_of
 from gpcorrect.corrector.screening import Screen
+from gpcorrect.corrector.stream import CorrectionStream
 from gpcorrect.gpr import FeatureMap, IntervalCalibration, Predictor
-from gpcorrect.rigid import RigidModel, apply_residual
-from gpcorrect.types import (
-    BoolArray,
-    CalibrationLog,
-    Correction,
-    CorrectionStatus,
-    FloatArray,
-    IntArray,
-    PoseSignal,
-    frozen_array,
-)
+from gpcorrect.rigid import RigidModel
+from gpcorrect.types import BoolArray, CalibrationLog, Correction, FloatArray, IntArray, PoseSignal, frozen_array
 from gpcorrect.velocity import twists
 
 __all__ = ["CommandCorrector", "PathCorrection"]
 
 PREDICTOR = "predictor."
-POSITION = 3
-NO_MEMORY = np.zeros(0)
+RECALL = "recall."
 AT_REST = "no twist was given: taken as at rest"
-LIMITED = "the learned part was cut to the largest one that training justifies"
-BRIDGED = "the path jumps here faster than the arm can move: bridged by straight motion"
-OUTSIDE = "outside the training region: the learned part fades to its mean, the interval to its widest"
-
-
-@dataclass(frozen=True, eq=False)
-class PathCorrection:
-    """What to command instead of a path of n desired poses.
-
-    Parameters
-    ----------
-    positions : (n, 3) array
-        Commanded positions, base frame, m.
-    quaternions : (n, 4) array or None
-        Commanded orientations wxyz; None when none were asked for.
-    std, interval95 : (n, 6) arrays
-        Standard deviation and half width of the 95 % interval of each component: m, then rad; NaN where not learned.
-    in_domain : (n,) bool array
-        Whether each pose lies near training data.
-    status, reason : tuples of n str
-        As in :class:`gpcorrect.types.Correction`.
-    """
-
-    positions: FloatArray
-    quaternions: FloatArray | None
-    std: FloatArray
-    interval95: FloatArray
-    in_domain: BoolArray
-    status: tuple[str, ...]
-    reason: tuple[str, ...]
-
-    def bridged(self, rows: BoolArray) -> Self:
-        """Return the same, saying of these rows (n,) that their poses were replaced."""
-        said = zip(rows.tolist(), self.status, self.reason, strict=True)
-        marked = [("LIMITED", "; ".join(filter(None, (BRIDGED, why)))) if cut else (how, why) for cut, how, why in said]
-        return replace(self, status=tuple(how for how, _ in marked), reason=tuple(why for _, why in marked))
+NO_HISTORY = "no history was given: memory features were not used"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +61,13 @@ class CommandCorrector:
         Frames, units, features, fit report: what the model file says of itself.
     check_queries : (k, 13) array
         Training queries (pose, twist) that a model file records and asks again at load.
+    recall : Recall or None
+        What was learned with memory features, for paths and streams; None without.
+
+    Attributes
+    ----------
+    answerer : Answerer
+        Answers single queries: everything above but the memory, as the hot path reads it.
     """
 
     rigid: RigidModel
@@ -115,13 +80,13 @@ class CommandCorrector:
     velocity_step: float | None
     summary: Mapping[str, Any]
     check_queries: FloatArray
-    _frame: Frame = field(init=False, repr=False)
-    _limits: FloatArray = field(init=False, repr=False)
+    recall: Recall | None = None
+    answerer: Answerer = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_frame", frame(self.rigid, self.features))
-        object.__setattr__(self, "_limits", np.array([self.bounds.position, self.bounds.rotation]))
-        self._warm_up()
+        answerer = Answerer(frame(self.rigid, self.features), self.predictor, self.intervals, self.bounds)
+        object.__setattr__(self, "answerer", answerer)
+        self.correct([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # what is compiled at first use is compiled now
 
     @property
     def has_orientation(self) -> bool:
@@ -146,21 +111,14 @@ class CommandCorrector:
             The pose or the twist is not finite, has the wrong length, or its quaternion is not a unit quaternion.
         """
         query, velocity = pose_numbers(pose, orientation=self.has_orientation), twist_numbers(twist)
-        good, position, rotation, x = inputs(query, velocity, NO_MEMORY, self._frame)
-        if not good:
-            raise bad_query(query, velocity)
-        mean, std, novelty = self.predictor.mean_std(x)
-        position, quaternion, limited = command(position, rotation, mean, self._limits)
-        in_domain = self.bounds.in_domain(novelty)
-        return Correction(
-            position=position,
-            quaternion=None if len(query) == POSITION else quaternion,
-            std=_six(std),
-            interval95=_six(self.intervals.interval95(std)),
-            in_domain=in_domain,
-            status=_status(in_domain, limited),
-            reason=_reason(in_domain, limited, twist is None and self.features.uses_velocity),
-        )
+        remark = AT_REST if twist is None and self.features.uses_velocity else ""
+        if self.recall is not None:
+            remark = f"{remark}; {NO_HISTORY}" if remark else NO_HISTORY
+        return self.answerer.one(query, velocity, NO_MEMORY, remark)
+
+    def stream(self, window: float = 0.1) -> CorrectionStream:
+        """Return a stream, which answers poses one after the other and takes velocity and memory from those before."""
+        return CorrectionStream(self, window)
 
     def correct_path(self, poses: ArrayLike, times: ArrayLike) -> PathCorrection:
         """Return what to command instead of a timed path; its velocities come from the five-point stencil on the path.
@@ -185,7 +143,7 @@ class CommandCorrector:
         labels = np.zeros(len(queries), dtype=np.int64)
         desired, replaced = self.possible(desired, seconds, labels)
         twist = twists(seconds, desired.position, rotations_of(desired), labels)
-        return self.correct_observed(desired, np.nan_to_num(twist)).bridged(replaced)
+        return self.correct_observed(desired, np.nan_to_num(twist), labels).bridged(replaced)
 
     def possible(self, desired: PoseSignal, time: FloatArray, labels: IntArray) -> tuple[PoseSignal, BoolArray]:
         """Return desired paths with the lone jumps of each run bridged, and the mask (n,) of replaced poses."""
@@ -193,25 +151,22 @@ class CommandCorrector:
             return desired, np.zeros(len(desired), dtype=bool)
         return self.motion.bridge(desired, self.rigid.apply(desired), time, labels)
 
-    def correct_observed(self, desired: PoseSignal, twist: FloatArray) -> PathCorrection:
-        """Return what to command instead of desired poses (n rows) with known twists `(n, 6)`."""
-        reference = self.rigid.apply(desired)
-        moved = reference_twists(self.rigid, rotations_of(desired), twist)
-        X = self.features.transform(reference.position, rotations_of(reference), moved)
-        mean, std, novelty = self.predictor.mean_std_batch(X)
-        residual, limited = self.bounds.limit_rows(mean)
-        commanded = apply_residual(reference, _six_columns(residual, 0.0))
-        in_domain = self.bounds.in_domain_rows(novelty)
-        flags = list(zip(in_domain.tolist(), limited.tolist(), strict=True))
-        return PathCorrection(
-            positions=commanded.position,
-            quaternions=commanded.quaternion,
-            std=_six_columns(std, np.nan),
-            interval95=_six_columns(self.intervals.interval95(std), np.nan),
-            in_domain=in_domain,
-            status=tuple(_status(near, cut) for near, cut in flags),
-            reason=tuple(_reason(near, cut, False) for near, cut in flags),
-        )
+    def correct_observed(
+        self, desired: PoseSignal, twist: FloatArray, labels: IntArray | None = None
+    ) -> PathCorrection:
+        """Return what to command instead of desired poses (n rows) with known twists `(n, 6)`.
+
+        Rows of one label `(n,)` are one path, in order; without labels no row has a history, and memory is not used.
+        """
+        reference, rotations = self.rigid.apply(desired), rotations_of(desired)
+        turned = rotations_of(reference)
+        X = self.features.transform(reference.position, turned, reference_twists(self.rigid, rotations, twist))
+        if self.recall is None or labels is None:
+            return self.answerer.many(reference, X)
+        oriented = turned if self.has_orientation else None
+        memory = self.recall.memory.transform(reference.position, oriented, labels)
+        recalling = Answerer(self.answerer.frame, self.recall.predictor, self.recall.intervals, self.recall.bounds)
+        return recalling.many(reference, np.hstack([X, memory]))
 
     def clean(self, log: CalibrationLog) -> CleaningReport:
         """Judge the samples of another log by the ruler that the training data set."""
@@ -235,7 +190,10 @@ class CommandCorrector:
             "velocity_step": self.velocity_step,
             "summary": dict(self.summary),
         }
-        return header, {**predictor, **screen_arrays, "check_queries": self.check_queries}
+        recall, recall_arrays = (None, {}) if self.recall is None else self.recall.to_parts()
+        named = {RECALL + name: array for name, array in recall_arrays.items()}
+        arrays = {**predictor, **screen_arrays, **named, "check_queries": self.check_queries}
+        return {**header, "recall": recall}, arrays
 
     @classmethod
     def from_parts(cls, header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Self:
@@ -259,30 +217,13 @@ class CommandCorrector:
             velocity_step=header["velocity_step"],
             summary=header["summary"],
             check_queries=frozen_array(arrays["check_queries"]),
+            recall=_recall(header, arrays),
         )
 
-    def _warm_up(self) -> None:
-        """Answer a query, so that what is compiled at first use is compiled now."""
-        self.correct([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
-
-def _six(values: FloatArray) -> FloatArray:
-    """Pad the three components of a position-only model with NaN."""
-    return values if len(values) == 6 else np.concatenate([values, np.full(3, np.nan)])
-
-
-def _six_columns(values: FloatArray, fill: float) -> FloatArray:
-    if values.shape[1] == 6:
-        return values
-    return np.concatenate([values, np.full((len(values), 3), fill)], axis=1)
-
-
-def _status(in_domain: bool, limited: bool) -> CorrectionStatus:
-    if limited:
-        return "LIMITED"
-    return "OK" if in_domain else "EXTRAPOLATING"
-
-
-def _reason(in_domain: bool, limited: bool, at_rest: bool) -> str:
-    said = [(limited, LIMITED), (not in_domain, OUTSIDE), (at_rest, AT_REST)]
-    return "; ".join(text for holds, text in said if holds)
+def _recall(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Recall | None:
+    """Rebuild what was learned with memory; files written before there was any have none."""
+    if header.get("recall") is None:
+        return None
+    own = {name.removeprefix(RECALL): array for name, array in arrays.items() if name.startswith(RECALL)}
+    return Recall.from_parts(header["recall"], own)

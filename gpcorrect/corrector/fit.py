@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -15,10 +15,12 @@ from gpcorrect.corrector.bounds import Bounds
 from gpcorrect.corrector.bridging import MotionLimits
 from gpcorrect.corrector.clocks import Clocks, on_one_clock
 from gpcorrect.corrector.command import CommandCorrector
+from gpcorrect.corrector.joint_map import JointMap
+from gpcorrect.corrector.learn_memory import Samples, learn_recall, memory_remark
 from gpcorrect.corrector.noise import stencil_step
 from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.corrector.reference import observed_twists, reference_twists, rotations_of
-from gpcorrect.corrector.residual_model import fit_residual_model
+from gpcorrect.corrector.residual_model import ResidualModel, fit_residual_model
 from gpcorrect.corrector.screening import Screen
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import FeatureMap
@@ -27,6 +29,7 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, Pos
 
 __all__ = ["FitResult", "FitSettings", "fit_command_corrector", "fit_corrector"]
 
+MEMORY = "memory"
 MIN_SAMPLES = 20
 CHECK_QUERIES = 8
 
@@ -38,7 +41,7 @@ class FitSettings:
     Parameters
     ----------
     features : tuple of str
-        "pose" (or "euler": the paper's angles), and "velocity".
+        "pose" (or "euler": the paper's angles), "velocity", and "memory": states of play operators of the path so far.
     clean : bool
         Reject faulty samples first.
     cleaning : CleaningSettings
@@ -164,7 +167,7 @@ def _fit(log: CalibrationLog, settings: FitSettings, clocks: Clocks | None, prog
     step = stencil_step(log) if settings.velocity_step == "auto" else settings.velocity_step
     pairs = _usable_pairs(log, _kept(cleaning, settings), step)
     registration = _register(pairs, settings)
-    corrector = _learn(pairs, registration.model, screen, step, settings, progress)
+    corrector, said = _learn(log, pairs, registration.model, screen, step, settings, progress)
     summary = _summary(log, pairs, registration, clocks, cleaning, settings, time.perf_counter() - start)
     return FitResult(
         corrector=replace(corrector, summary=summary),
@@ -174,7 +177,7 @@ def _fit(log: CalibrationLog, settings: FitSettings, clocks: Clocks | None, prog
         registration=registration,
         n_train=len(pairs.observed),
         summary=summary,
-        remarks=_remarks(log, clocks, registration),
+        remarks=(*_remarks(log, clocks, registration), *said),
     )
 
 
@@ -204,36 +207,52 @@ def _register(pairs: _Pairs, settings: FitSettings) -> Registration:
 
 
 def _learn(
-    pairs: _Pairs, rigid: RigidModel, screen: Screen, step: float | None, settings: FitSettings, progress: Progress
-) -> CommandCorrector:
-    reference = rigid.apply(pairs.observed)
-    residual = pose_residual(reference, pairs.command)
-    outputs = residual if reference.quaternion is not None else residual[:, :3]
-    moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
-    inputs = (reference.position, rotations_of(reference), moved)
-    features = FeatureMap(settings.features).fit(*inputs)
-    learned = fit_residual_model(
-        features.transform(*inputs),
-        outputs,
-        pairs.trajectory,
-        pairs.time,
-        features,
-        inducing=settings.inducing,
-        seed=settings.seed,
-        progress=progress,
-    )
-    return CommandCorrector(
+    log: CalibrationLog,
+    pairs: _Pairs,
+    rigid: RigidModel,
+    screen: Screen,
+    step: float | None,
+    settings: FitSettings,
+    progress: Progress,
+) -> tuple[CommandCorrector, tuple[str, ...]]:
+    """Learn the residual, asked for also with memory, and return what there is to say about that."""
+    features, samples = _samples(pairs, rigid, settings)
+    outputs = samples.residual if features.has_orientation else samples.residual[:, :3]
+
+    def learn(X: FloatArray, groups: Sequence[Sequence[int]]) -> ResidualModel:
+        times = pairs.trajectory, pairs.time
+        return fit_residual_model(
+            X, outputs, *times, groups, inducing=settings.inducing, seed=settings.seed, progress=progress
+        )
+
+    learned = learn(samples.X, samples.groups)
+    corrector = CommandCorrector(
         rigid=rigid,
         features=features,
         predictor=learned.predictor,
         intervals=learned.intervals,
-        bounds=Bounds.of(residual, learned.novelty),
+        bounds=Bounds.of(samples.residual, learned.novelty),
         screen=screen,
         motion=MotionLimits.of(screen.cleaner) if settings.clean else None,
         velocity_step=step,
         summary={},
         check_queries=_check_queries(pairs),
     )
+    if MEMORY not in settings.features:
+        return corrector, ()
+    joints = JointMap.fit(log, settings.seed, orientation=features.has_orientation)
+    recall, recalled = learn_recall(samples, joints, learned, learn)
+    return replace(corrector, recall=recall), (memory_remark(recall.memory, learned, recalled),)
+
+
+def _samples(pairs: _Pairs, rigid: RigidModel, settings: FitSettings) -> tuple[FeatureMap, Samples]:
+    reference = rigid.apply(pairs.observed)
+    rotations = rotations_of(reference)
+    inputs = (reference.position, rotations, reference_twists(rigid, rotations_of(pairs.observed), pairs.twist))
+    features = FeatureMap([kind for kind in settings.features if kind != MEMORY]).fit(*inputs)
+    residual = pose_residual(reference, pairs.command)
+    X = features.transform(*inputs)
+    return features, Samples(X, features.groups, residual, reference.position, rotations, pairs.trajectory)
 
 
 def _check_queries(pairs: _Pairs) -> FloatArray:

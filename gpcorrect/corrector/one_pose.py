@@ -38,10 +38,14 @@ class Frame(NamedTuple):
     kind: FloatArray
 
 
-def frame(rigid: RigidModel, features: FeatureMap) -> Frame:
-    """Return what queries read of a registration and its features; copies, so that every array is contiguous."""
+def frame(rigid: RigidModel, features: FeatureMap, memory: int = 0) -> Frame:
+    """Return what queries read of a registration and its features, with room for features of `memory` behind them.
+
+    Copies, so that every array is contiguous.
+    """
     twist = (6 if features.has_orientation else 3) if features.uses_velocity else 0
     kind = np.array([ROTATIONS[features.rotation], twist], dtype=np.float64)
+    spread = np.concatenate([features.spread, np.ones(memory)])
     parts = (
         rigid.R_position,
         rigid.t,
@@ -49,7 +53,7 @@ def frame(rigid: RigidModel, features: FeatureMap) -> Frame:
         rigid.R_left,
         rigid.R_right,
         features.R_mean,
-        features.spread,
+        spread,
         kind,
     )
     return Frame(*(np.array(part, order="C") for part in parts))
@@ -68,7 +72,7 @@ def inputs(
     twist : (6,) array
         m/s and rad/s, observer's frame.
     memory : (h,) array
-        Further inputs, not yet divided by their spread; none as a rule.
+        Memory features; none for a query without history.
     f : Frame
 
     Returns

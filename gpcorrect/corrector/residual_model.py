@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.gpr import FeatureMap, IntervalCalibration, Predictor, SparseGPR, novelty_limit
+from gpcorrect.gpr import IntervalCalibration, Predictor, SparseGPR, novelty_limit
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 __all__ = ["ResidualModel", "fit_residual_model", "trajectory_folds"]
@@ -17,11 +18,24 @@ POSITION = ROTATION = 3  # outputs that share a kernel: three positions, three r
 
 @dataclass(frozen=True, eq=False)
 class ResidualModel:
-    """The learned residual: its predictor, its calibrated intervals, and the novelty beyond which it extrapolates."""
+    """The learned residual.
+
+    Parameters
+    ----------
+    predictor : Predictor
+        Residuals `(k,)` of an input.
+    intervals : IntervalCalibration
+        Calibrated on the errors below.
+    novelty : float
+        Novelty beyond which the model extrapolates.
+    errors : (n, k) array
+        Errors at every training sample of the model that its trajectory was left out of.
+    """
 
     predictor: Predictor
     intervals: IntervalCalibration
     novelty: float
+    errors: FloatArray
 
 
 def fit_residual_model(
@@ -29,20 +43,20 @@ def fit_residual_model(
     residual: FloatArray,
     trajectory: IntArray,
     time: FloatArray,
-    features: FeatureMap,
+    feature_groups: Sequence[Sequence[int]],
     *,
     inducing: int,
     seed: int,
     progress: Progress,
 ) -> ResidualModel:
-    """Learn residuals `(n, k)` from inputs `(n, d)` of trajectories at times `(n,)`.
+    """Learn residuals `(n, k)` from inputs `(n, d)`, whose columns act by groups, of trajectories at times `(n,)`.
 
     Hyperparameters are learned once, on all trajectories. Intervals are calibrated on errors at trajectories that the
     model (with those hyperparameters) was not fitted to, so that they hold on trajectories never seen.
     """
     regressor = SparseGPR(
         n_inducing=inducing,
-        feature_groups=features.groups,
+        feature_groups=feature_groups,
         output_groups=(POSITION, ROTATION) if residual.shape[1] == POSITION + ROTATION else None,
         random_state=seed,
     )
@@ -56,7 +70,7 @@ def fit_residual_model(
         errors[left_out] = residual[left_out] - mean
         progress.step("intervals", (fold + 1) / (folds.max() + 1))
     intervals = IntervalCalibration.fit(errors, std, trajectory)
-    return ResidualModel(regressor.predictor_, intervals, novelty_limit(novelty))
+    return ResidualModel(regressor.predictor_, intervals, novelty_limit(novelty), errors)
 
 
 def trajectory_folds(trajectory: IntArray) -> IntArray:

@@ -55,7 +55,7 @@ class FeatureMap:
         unknown = [kind for kind in self.kinds if kind not in KINDS]
         if unknown or ("pose" in self.kinds) == ("euler" in self.kinds):
             raise DataError(
-                f"features are pose or euler, with or without velocity; got {', '.join(self.kinds) or 'none'}.",
+                f"features are pose or euler, then velocity and memory at will; got {', '.join(self.kinds) or 'none'}.",
                 hint="For example: --features pose,velocity",
             )
         object.__setattr__(self, "kinds", tuple(self.kinds))

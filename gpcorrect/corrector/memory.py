@@ -1,0 +1,151 @@
+"""Memory features: where in its slack the arm is, from the desired path so far.
+
+Cables rub and stretch, so a joint that comes from the left stands elsewhere than one that comes from the right. The
+states of play operators of several radii (the Prandtl-Ishlinskii model of hysteresis, Kuhnen 2003) say from where the
+path came. They act on the joints where the log tells them, for there the slack is; else on the tool's own axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.corrector.joint_map import JointMap
+from gpcorrect.play import play_states
+from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
+
+__all__ = ["MemoryMap", "choose_memory"]
+
+LADDER = (1.0, 3.0)  # radii over the smallest of them
+SMALLEST = (0.0125, 0.025, 0.05, 0.1, 0.2)  # smallest radius over half the range of training, to choose from
+RANGE_QUANTILES = (2.5, 97.5)
+LONGER_PATHS = 90  # percent: short paths do not show how far a coordinate goes
+LEAST_RANGE = 1e-6  # m or rad: a coordinate that never moves has a slack all the same
+RIDGE = 1e-3  # of the samples: only there so that features that do not vary leave the system solvable
+
+
+@dataclass(frozen=True, eq=False)
+class MemoryMap:
+    """From a path to its memory features, all within [-1, 1].
+
+    Parameters
+    ----------
+    radii : (h, k) array
+        Half widths of the slacks, in the units of the k coordinates.
+    joints : JointMap or None
+        Gives the coordinates; None takes the tool's position and its turns about its own axes.
+    """
+
+    radii: FloatArray
+    joints: JointMap | None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radii", frozen_array(self.radii))
+
+    @property
+    def size(self) -> int:
+        """Number of features."""
+        return int(self.radii.size)
+
+    @property
+    def acts_on(self) -> str:
+        """What the slacks are in, in words."""
+        return "pose" if self.joints is None else "joints"
+
+    def steps(self, position: FloatArray, rotations: FloatArray | None) -> FloatArray:
+        """Return steps `(n, k)` of the coordinates from the row before; the first is zero."""
+        return _steps(self.joints, position, rotations)
+
+    def transform(self, position: FloatArray, rotations: FloatArray | None, labels: IntArray) -> FloatArray:
+        """Return features `(n, h k)` of paths of reference poses; every label is a path of its own."""
+        return self.features(play_states(self.steps(position, rotations), self.radii, labels))
+
+    def features(self, states: FloatArray) -> FloatArray:
+        """Return features `(..., h k)` of states `(..., h, k)`."""
+        shares: FloatArray = (states / self.radii).reshape(*states.shape[:-2], -1)
+        return shares
+
+    def to_parts(self) -> tuple[dict[str, Any], dict[str, FloatArray]]:
+        """Return JSON-able data and arrays."""
+        data, arrays = (None, {}) if self.joints is None else self.joints.to_parts()
+        return {"radii": self.radii.tolist(), "joints": data}, arrays
+
+    @classmethod
+    def from_parts(cls, data: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Self:
+        """Rebuild from :meth:`to_parts`."""
+        joints = None if data["joints"] is None else JointMap.from_parts(data["joints"], arrays)
+        return cls(np.array(data["radii"]), joints)
+
+
+def choose_memory(
+    candidates: Sequence[JointMap | None],
+    position: FloatArray,
+    rotations: FloatArray | None,
+    labels: IntArray,
+    errors: FloatArray,
+    folds: IntArray,
+) -> MemoryMap:
+    """Choose coordinates and radii by what they explain, at trajectories left out, of another model's errors.
+
+    Parameters
+    ----------
+    candidates : sequence of JointMap or None
+        Coordinates to choose from.
+    position, rotations, labels
+        Training paths of reference poses.
+    errors : (n, m) array
+        Errors of a model without memory at samples that it was not fitted to.
+    folds : (n,) array
+        Which samples are left out together.
+    """
+    scaled = errors / np.maximum(errors.std(axis=0), 1e-300)
+    maps = list(_maps(candidates, position, rotations, labels))
+    squares = [_left_out_squares(m.transform(position, rotations, labels), scaled, folds) for m in maps]
+    return maps[int(np.argmin(squares))]
+
+
+def _maps(
+    candidates: Sequence[JointMap | None], position: FloatArray, rotations: FloatArray | None, labels: IntArray
+) -> Iterator[MemoryMap]:
+    for joints in candidates:
+        half_range = _half_range(_steps(joints, position, rotations), labels)
+        for smallest in SMALLEST:
+            yield MemoryMap(smallest * np.outer(LADDER, half_range), joints)
+
+
+def _half_range(steps: FloatArray, labels: IntArray) -> FloatArray:
+    """Half the range `(k,)` that the coordinates cover inside one of the longer paths."""
+    spans = []
+    for label in np.unique(labels):
+        path = np.cumsum(steps[labels == label][1:], axis=0)  # the first step leads here from another path
+        if len(path):
+            low, high = np.percentile(path, RANGE_QUANTILES, axis=0)
+            spans.append(high - low)
+    half: FloatArray = np.percentile(spans, LONGER_PATHS, axis=0) / 2
+    return np.maximum(half, LEAST_RANGE)
+
+
+def _steps(joints: JointMap | None, position: FloatArray, rotations: FloatArray | None) -> FloatArray:
+    if joints is not None:
+        coordinates = joints(position, rotations)
+        return np.diff(coordinates, axis=0, prepend=coordinates[:1])
+    linear = np.diff(position, axis=0, prepend=position[:1])
+    if rotations is None:
+        return linear
+    before = np.concatenate([rotations[:1], rotations[:-1]])
+    return np.hstack([linear, se3.rotvec_from_matrix(np.swapaxes(before, -1, -2) @ rotations)])
+
+
+def _left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray) -> float:
+    """Mean square of Y `(n, m)` at left-out folds after a linear function of F `(n, d)` fitted to the others."""
+    A, total = np.hstack([F, np.ones((len(F), 1))]), 0.0
+    for fold in np.unique(folds):
+        out: BoolArray = folds == fold
+        inside = A[~out]
+        normal = inside.T @ inside + RIDGE * len(inside) * np.eye(A.shape[1])
+        total += float(((Y[out] - A[out] @ np.linalg.solve(normal, inside.T @ Y[~out])) ** 2).sum())
+    return total / Y.size

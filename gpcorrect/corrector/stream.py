@@ -1,0 +1,99 @@
+"""Corrections of a live stream of desired poses: velocity and memory come from the poses that went before."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gpcorrect import se3
+from gpcorrect.corrector.answer import NO_MEMORY, Answerer
+from gpcorrect.corrector.one_pose import frame, inputs
+from gpcorrect.corrector.queries import bad_query, pose_numbers, twist_numbers
+from gpcorrect.play import advance
+from gpcorrect.types import Correction, FloatArray
+from gpcorrect.velocity import CausalTwist
+
+if TYPE_CHECKING:
+    from gpcorrect.corrector.command import CommandCorrector
+
+__all__ = ["CorrectionStream"]
+
+NOT_MOVING_YET = "the stream has just begun: taken as at rest"
+
+
+class CorrectionStream:
+    """Answers desired poses one after the other; one stream a planner and thread.
+
+    Parameters
+    ----------
+    corrector : CommandCorrector
+        What answers.
+    window : float
+        Length of the past that a velocity is estimated from, s.
+    """
+
+    def __init__(self, corrector: CommandCorrector, window: float = 0.1) -> None:
+        self._corrector = corrector
+        self._twist = CausalTwist(window)
+        self._recall = corrector.recall
+        self._answerer = corrector.answerer if self._recall is None else _with_memory(corrector)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past, as after the arm was moved by hand."""
+        self._twist.reset()
+        self._last: tuple[FloatArray, FloatArray] | None = None
+        self._state = np.zeros(0) if self._recall is None else np.zeros(self._recall.memory.radii.shape)
+
+    def correct(self, time: float, pose: ArrayLike, twist: ArrayLike | None = None) -> Correction:
+        """Return what to command so that the robot reaches `pose` at `time`.
+
+        Parameters
+        ----------
+        time : float
+            Seconds, later than that of the pose before.
+        pose : (7,) or (3,) array
+            As for `CommandCorrector.correct`.
+        twist : (6,) array, optional
+            Desired velocity; estimated from the poses so far when not given.
+
+        Raises
+        ------
+        DataError
+            As for `CommandCorrector.correct`, or time does not advance; the past is kept.
+        """
+        query = pose_numbers(pose, orientation=self._corrector.has_orientation)
+        given = twist_numbers(twist)
+        good, position, rotation, _ = inputs(query, given, NO_MEMORY, self._corrector.answerer.frame)
+        if not good:
+            raise bad_query(query, given)
+        estimated = self._twist.update(time, query[:3], _rotation(query))
+        velocity = np.nan_to_num(estimated) if twist is None else given
+        memory = self._remember(position, rotation)
+        remark = NOT_MOVING_YET if twist is None and not np.isfinite(estimated[:3]).all() else ""
+        return self._answerer.one(query, velocity, memory, remark)
+
+    def _remember(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
+        """Advance the states of the slacks to a reference pose, and return their features."""
+        if self._recall is None:
+            return NO_MEMORY
+        memory = self._recall.memory
+        if self._last is not None:
+            positions, rotations = np.stack([self._last[0], position]), np.stack([self._last[1], rotation])
+            oriented = rotations if self._corrector.has_orientation else None
+            self._state = advance(self._state, memory.steps(positions, oriented)[1], memory.radii)
+        self._last = position, rotation
+        return memory.features(self._state)
+
+
+def _with_memory(corrector: CommandCorrector) -> Answerer:
+    recall = corrector.recall
+    assert recall is not None
+    wide = frame(corrector.rigid, corrector.features, recall.memory.size)
+    return Answerer(wide, recall.predictor, recall.intervals, recall.bounds)
+
+
+def _rotation(query: FloatArray) -> FloatArray | None:
+    return se3.matrix_from_quaternion(query[None, 3:])[0] if len(query) > 3 else None
