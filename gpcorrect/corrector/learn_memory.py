@@ -54,7 +54,8 @@ def learn_recall(
     width = samples.X.shape[1]
     X = np.hstack([samples.X, memory.transform(*paths)])
     learned = learn(X, (*samples.groups, tuple(range(width, width + memory.size))))
-    return Recall(memory, learned.predictor, learned.intervals, Bounds.of(samples.residual, learned.novelty)), learned
+    bounds = Bounds.of(samples.residual, learned.novelty)
+    return Recall(memory, learned.predictor, learned.intervals, bounds, learned.statistics), learned
 
 
 def memory_remark(memory: MemoryMap, without: ResidualModel, learned: ResidualModel) -> str:

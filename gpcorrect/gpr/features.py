@@ -10,7 +10,12 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect.gpr.rotation_features import RotationKind, choose_rotation_kind, rotation_features
+from gpcorrect.gpr.rotation_features import (
+    RotationKind,
+    choose_rotation_kind,
+    rotation_features,
+    rotations_from_features,
+)
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
 __all__ = ["KINDS", "FeatureMap"]
@@ -128,6 +133,16 @@ class FeatureMap:
         """Return features `(n, d)`, NaN in rows that are not :meth:`usable`; without twists the poses are at rest."""
         features: FloatArray = self._raw(positions, rotations, twists) / self.spread
         return features
+
+    def inverse(self, features: FloatArray) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+        """Return positions, rotations and twists that have (or, for columns, come nearest to) features `(n, d)`.
+
+        No rotations without orientation, and no twists where velocity is no feature.
+        """
+        raw = features * self.spread
+        pose = len(self.groups[0])
+        rotations = rotations_from_features(raw[:, 3:pose], self.rotation, self.R_mean)
+        return raw[:, :3], rotations, raw[:, pose:] if self.uses_velocity else None
 
     @staticmethod
     def usable(features: FloatArray) -> BoolArray:
