@@ -1,10 +1,10 @@
 """Does heavy-tailed noise pay? The shipped posterior beside one that weighs samples down by how far off they are.
 
-The robust posterior is that of Student-t noise with four degrees of freedom by iterated reweighting: after each posterior a
-sample's noise is divided by `w = 5 / (4 + z^2)`, z its error over its standard deviation, the whole scaled so that
-well-behaved samples keep the noise that was learned. Compared are errors on held-out samples without faults: simulated
-reaches with a share of faulty residuals (single samples off by 5 to 20 times the noise, as cleaning may miss them), and
-the real wrist as it is.
+The robust posterior is that of Student-t noise with four degrees of freedom by iterated reweighting: after each
+posterior a sample's noise is divided by `w = 5 / (4 + z^2)`, z its error over its standard deviation, the whole
+scaled so that well-behaved samples keep the noise that was learned. Compared are errors on held-out samples without
+faults: simulated reaches with a share of faulty residuals (single samples off by 5 to 20 times the noise, as cleaning
+may miss them), and the real wrist as it is.
 """
 
 from __future__ import annotations

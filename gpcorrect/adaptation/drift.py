@@ -103,5 +103,5 @@ def trajectory_scores(corrector: CommandCorrector, samples: LogSamples) -> Float
         predictor, intervals, bounds, X = recall.predictor, recall.intervals, recall.bounds, samples.X_recall
     mean, std, novelty = predictor.mean_std_batch(X)
     ratio = normalised(samples.residual - mean, intervals.interval95(std))
-    inside = bounds.in_domain_rows(novelty)
+    inside = bounds.in_domain_rows(novelty, X)
     return scores_by_trajectory(ratio[inside], samples.trajectory[inside])

@@ -99,12 +99,8 @@ def update(
 def _learn(
     corrector: CommandCorrector, samples: LogSamples, progress: Progress
 ) -> tuple[CommandCorrector, float, float]:
-    grown = Bounds.of(samples.residual, corrector.bounds.novelty)
-    bounds = replace(
-        corrector.bounds,
-        position=max(grown.position, corrector.bounds.position),
-        rotation=max(grown.rotation, corrector.bounds.rotation),
-    )
+    grown = Bounds.of(samples.residual, corrector.bounds.novelty, samples.X, corrector.features.slack)
+    bounds = corrector.bounds.widened(grown)
     plain = _Part(corrector.predictor, corrector.intervals, corrector.statistics)
     fresh, keep, unseen = plain.with_samples(samples.X, samples, progress)
     changed = replace(
@@ -115,7 +111,7 @@ def _learn(
         return changed, keep, unseen
     wide = _Part(recall.predictor, recall.intervals, recall.statistics)
     fresh, keep, unseen = wide.with_samples(samples.X_recall, samples, progress)
-    bounds = replace(recall.bounds, position=bounds.position, rotation=bounds.rotation)
+    bounds = recall.bounds.widened(grown)
     return replace(changed, recall=replace(recall, bounds=bounds, **vars(fresh))), keep, unseen
 
 

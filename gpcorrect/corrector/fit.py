@@ -225,7 +225,7 @@ def _learn(
         features=features,
         predictor=learned.predictor,
         intervals=learned.intervals,
-        bounds=Bounds.of(samples.residual, learned.novelty),
+        bounds=Bounds.of(samples.residual, learned.novelty, samples.X, features.slack),
         screen=screen,
         velocity_step=step,
         summary={},
@@ -235,7 +235,7 @@ def _learn(
     said: tuple[str, ...] = ()
     if MEMORY in settings.features:
         joints = JointMap.fit(log, settings.seed, orientation=features.has_orientation)
-        recall, recalled = learn_recall(samples, joints, learned, learn)
+        recall, recalled = learn_recall(samples, joints, learned, corrector.bounds, learn)
         said = (memory_remark(recall.memory, learned, recalled),)
         corrector, learned = replace(corrector, recall=recall), recalled
     return replace(corrector, summary={"baseline": _baseline(learned, pairs.trajectory)}), said

@@ -23,6 +23,8 @@ __all__ = ["KINDS", "FeatureMap"]
 KINDS = ("pose", "euler", "velocity")
 SPREAD_QUANTILES = (16, 84)  # two standard deviations apart in normal data, and blind to a few outliers
 # Least spread a feature is divided by: less is jitter of a motion that held it still, not to be blown up to unit size.
+# What a feature may always lie outside its training range, m, rad, m/s and rad/s.
+SLACK, TURN_SLACK, SPEED_SLACK, TURNING_SLACK = 0.005, 0.1, 0.02, 0.2
 LEAST_LINEAR = 1e-4  # m and m/s
 LEAST_ANGULAR = 1e-3  # rad, rad/s, and entries of a rotation matrix
 
@@ -167,6 +169,17 @@ class FeatureMap:
         parts += [linear] if self.uses_velocity else []
         parts += [angular] if self.uses_velocity and self.has_orientation else []
         return np.concatenate(parts)
+
+    @property
+    def slack(self) -> FloatArray:
+        """How far outside its range (d,) a feature may always be: a motion that held it still is no wall."""
+        linear, angular, speed, turning = (np.full(3, s) for s in (SLACK, TURN_SLACK, SPEED_SLACK, TURNING_SLACK))
+        parts = [linear]
+        parts += [np.resize(angular, len(self.groups[0]) - 3)] if self.has_orientation else []
+        parts += [speed] if self.uses_velocity else []
+        parts += [turning] if self.uses_velocity and self.has_orientation else []
+        slack: FloatArray = np.concatenate(parts) / self.spread
+        return slack
 
     def to_dict(self) -> dict[str, Any]:
         """Return what was learned as lists and text."""

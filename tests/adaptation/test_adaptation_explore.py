@@ -88,8 +88,10 @@ def _features(corrector: CommandCorrector, found):  # type: ignore[no-untyped-de
     from gpcorrect.corrector.one_pose import inputs
 
     poses = np.hstack([found.positions, found.quaternions])
-    frame = corrector.answerer.frame
-    return np.array([inputs(p, t, np.zeros(0), frame)[3] for p, t in zip(poses, np.array(found.twists), strict=True)])
+    frame, region = corrector.answerer.frame, corrector.answerer.region
+    return np.array(
+        [inputs(p, t, np.zeros(0), frame, region)[3] for p, t in zip(poses, np.array(found.twists), strict=True)]
+    )
 
 
 def _variance(corrector: CommandCorrector, X: np.ndarray, task: np.ndarray) -> float:
