@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from residual_field import simulate_reaches
+from residual_field import Reaches, simulate_reaches
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Kernel, WhiteKernel
 from support import print_table, save_results
@@ -57,8 +57,11 @@ def main() -> None:
 
 
 def recording(n_reaches: int) -> CalibrationLog:
-    """Return simulated reaches as a log: what was observed, and the commands that the planted residual makes of it."""
-    reaches = simulate_reaches(n_reaches, 64, np.random.default_rng(SEED))
+    return as_log(simulate_reaches(n_reaches, 64, np.random.default_rng(SEED)))
+
+
+def as_log(reaches: Reaches) -> CalibrationLog:
+    """Return reaches as a log: what was observed, and the commands that the planted residual makes of it."""
     seen = PoseSignal(reaches.positions, se3.quaternion_from_matrix(reaches.rotations))
     return CalibrationLog(
         time=np.arange(len(reaches.positions)) / RATE,

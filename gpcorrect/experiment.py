@@ -183,15 +183,17 @@ def run_experiment(
     return Experiment(fit, test, measured, time.perf_counter() - start)
 
 
-def evaluate(corrector: CommandCorrector, log: CalibrationLog) -> Evaluation:
+def evaluate(corrector: CommandCorrector, log: CalibrationLog, cleaning: CleaningReport | None = None) -> Evaluation:
     """Measure what `corrector` would have commanded for the observed poses of `log` against what was commanded.
+
+    Samples are judged by the training's ruler, or as `cleaning` says.
 
     Raises
     ------
     LogError
         The log lacks `tracker_cp` or `setpoint_cp`, or no sample can be measured.
     """
-    cleaning = corrector.clean(log)
+    cleaning = cleaning or corrector.clean(log)
     everything = np.ones(len(log), dtype=bool)
     return Evaluation(
         clean=_measure(corrector, log, cleaning.keep),

@@ -8,11 +8,14 @@ import typer
 
 from gpcorrect.cli.console import bad_input
 from gpcorrect.cli.correct import correct
+from gpcorrect.cli.drift import drift
 from gpcorrect.cli.evaluate import evaluate
+from gpcorrect.cli.explore import explore
 from gpcorrect.cli.fit import fit
 from gpcorrect.cli.query import query_app
 from gpcorrect.cli.serve import serve
 from gpcorrect.cli.simulate import simulate
+from gpcorrect.cli.update import update
 from gpcorrect.cli.validate import validate
 from gpcorrect.errors import GpCorrectError
 
@@ -35,6 +38,9 @@ app.command()(validate)
 app.command()(fit)
 app.command()(evaluate)
 app.command()(correct)
+app.command()(update)
+app.command()(drift)
+app.command()(explore)
 app.command()(serve)
 app.add_typer(query_app, name="query")
 app.command()(simulate)

@@ -6,6 +6,9 @@ from gpcorrect.corrector.command import CommandCorrector
 from gpcorrect.corrector.fit import FitResult, FitSettings, fit_command_corrector, fit_corrector
 from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.corrector.reference import observed_twists
+from gpcorrect.corrector.residual_model import trajectory_folds
+from gpcorrect.corrector.samples import LogSamples, log_samples
+from gpcorrect.corrector.scores import normalised, scores_by_trajectory
 from gpcorrect.corrector.stream import CorrectionStream
 
 __all__ = [
@@ -13,10 +16,15 @@ __all__ = [
     "CorrectionStream",
     "FitResult",
     "FitSettings",
+    "LogSamples",
     "PathCorrection",
     "fit_command_corrector",
     "fit_corrector",
+    "log_samples",
+    "normalised",
     "observed_twists",
     "on_one_clock",
     "pose_pair",
+    "scores_by_trajectory",
+    "trajectory_folds",
 ]

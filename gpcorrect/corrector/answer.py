@@ -20,7 +20,7 @@ POSITION = 3
 NO_MEMORY = np.zeros(0)
 LIMITED = "the learned part was cut to the largest one that training justifies"
 BRIDGED = "the path jumps here faster than the arm can move: bridged by straight motion"
-OUTSIDE = "outside the training region: the learned part fades to its mean, the interval to its widest"
+OUTSIDE = "outside the training region: nothing is known of how the robot misses there"
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +69,23 @@ class Answerer:
     intervals : IntervalCalibration
         What turns standard deviations into 95 % intervals that hold on unseen trajectories.
     bounds : Bounds
-        Largest residual that is believed, and the novelty beyond which a query is extrapolation.
+        Largest residual that is believed, and the novelty and ranges beyond which a query is extrapolation.
+
+    Attributes
+    ----------
+    region : (2, d) array
+        The ranges.
     """
 
     frame: Frame
     predictor: Predictor
     intervals: IntervalCalibration
     bounds: Bounds
+    region: FloatArray = field(init=False, repr=False)
     _limits: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "region", np.array([self.bounds.low, self.bounds.high]))
         object.__setattr__(self, "_limits", np.array([self.bounds.position, self.bounds.rotation]))
 
     def one(self, query: FloatArray, twist: FloatArray, memory: FloatArray, remark: str) -> Correction:
@@ -89,12 +96,12 @@ class Answerer:
         DataError
             A number is not finite, or the quaternion is not a unit one.
         """
-        good, position, rotation, x = inputs(query, twist, memory, self.frame)
+        good, position, rotation, x, near = inputs(query, twist, memory, self.frame, self.region)
         if not good:
             raise bad_query(query, twist)
         mean, std, novelty = self.predictor.mean_std(x)
         position, quaternion, limited = command(position, rotation, mean, self._limits)
-        in_domain = self.bounds.in_domain(novelty)
+        in_domain = near and novelty <= self.bounds.novelty
         return Correction(
             position=position,
             quaternion=None if len(query) == POSITION else quaternion,
@@ -110,7 +117,7 @@ class Answerer:
         mean, std, novelty = self.predictor.mean_std_batch(X)
         residual, limited = self.bounds.limit_rows(mean)
         commanded = apply_residual(reference, _six_columns(residual, 0.0))
-        in_domain = self.bounds.in_domain_rows(novelty)
+        in_domain = self.bounds.in_domain_rows(novelty, X)
         flags = list(zip(in_domain.tolist(), limited.tolist(), strict=True))
         return PathCorrection(
             positions=commanded.position,

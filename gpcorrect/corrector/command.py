@@ -15,11 +15,11 @@ from gpcorrect.corrector.bounds import Bounds
 from gpcorrect.corrector.bridging import MotionLimits
 from gpcorrect.corrector.one_pose import frame
 from gpcorrect.corrector.queries import checked_poses, checked_times, pose_numbers, twist_numbers
-from gpcorrect.corrector.recall import Recall
+from gpcorrect.corrector.recall import Recall, statistics_arrays, statistics_from
 from gpcorrect.corrector.reference import reference_twists, rotations_of
 from gpcorrect.corrector.screening import Screen
 from gpcorrect.corrector.stream import CorrectionStream
-from gpcorrect.gpr import FeatureMap, IntervalCalibration, Predictor
+from gpcorrect.gpr import FeatureMap, IntervalCalibration, Predictor, Statistics
 from gpcorrect.rigid import RigidModel
 from gpcorrect.types import BoolArray, CalibrationLog, Correction, FloatArray, IntArray, PoseSignal, frozen_array
 from gpcorrect.velocity import twists
@@ -63,6 +63,8 @@ class CommandCorrector:
         Training queries (pose, twist) that a model file records and asks again at load.
     recall : Recall or None
         What was learned with memory features, for paths and streams; None without.
+    statistics : tuple of Statistics
+        What the predictor rests on, so that more data can be added; empty in files of before there was any.
 
     Attributes
     ----------
@@ -81,6 +83,7 @@ class CommandCorrector:
     summary: Mapping[str, Any]
     check_queries: FloatArray
     recall: Recall | None = None
+    statistics: tuple[Statistics, ...] = ()
     answerer: Answerer = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -172,6 +175,10 @@ class CommandCorrector:
         """Judge the samples of another log by the ruler that the training data set."""
         return self.screen.judge(log)
 
+    def clean_afresh(self, log: CalibrationLog) -> CleaningReport:
+        """Judge the samples of another log by its own ruler: the arm may have changed since the training."""
+        return self.screen.judge_afresh(log)
+
     def info(self) -> dict[str, Any]:
         """Return what the model says of itself: frames, units, features, training region, fit report. JSON-able."""
         return dict(self.summary)
@@ -192,6 +199,7 @@ class CommandCorrector:
         }
         recall, recall_arrays = (None, {}) if self.recall is None else self.recall.to_parts()
         named = {RECALL + name: array for name, array in recall_arrays.items()}
+        named |= statistics_arrays(self.statistics)
         arrays = {**predictor, **screen_arrays, **named, "check_queries": self.check_queries}
         return {**header, "recall": recall}, arrays
 
@@ -218,6 +226,7 @@ class CommandCorrector:
             summary=header["summary"],
             check_queries=frozen_array(arrays["check_queries"]),
             recall=_recall(header, arrays),
+            statistics=statistics_from(arrays),
         )
 
 

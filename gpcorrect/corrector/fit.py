@@ -20,7 +20,8 @@ from gpcorrect.corrector.learn_memory import Samples, learn_recall, memory_remar
 from gpcorrect.corrector.noise import stencil_step
 from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.corrector.reference import observed_twists, reference_twists, rotations_of
-from gpcorrect.corrector.residual_model import ResidualModel, fit_residual_model
+from gpcorrect.corrector.residual_model import ResidualModel, fit_residual_model, trajectory_folds
+from gpcorrect.corrector.scores import normalised, scores_by_trajectory
 from gpcorrect.corrector.screening import Screen
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import FeatureMap
@@ -168,7 +169,9 @@ def _fit(log: CalibrationLog, settings: FitSettings, clocks: Clocks | None, prog
     pairs = _usable_pairs(log, _kept(cleaning, settings), step)
     registration = _register(pairs, settings)
     corrector, said = _learn(log, pairs, registration.model, screen, step, settings, progress)
-    summary = _summary(log, pairs, registration, clocks, cleaning, settings, time.perf_counter() - start)
+    summary = dict(corrector.summary) | _summary(
+        log, pairs, registration, clocks, cleaning, settings, time.perf_counter() - start
+    )
     return FitResult(
         corrector=replace(corrector, summary=summary),
         log=log,
@@ -231,18 +234,29 @@ def _learn(
         features=features,
         predictor=learned.predictor,
         intervals=learned.intervals,
-        bounds=Bounds.of(samples.residual, learned.novelty),
+        bounds=Bounds.of(samples.residual, learned.novelty, samples.X, features.slack),
         screen=screen,
         motion=MotionLimits.of(screen.cleaner) if settings.clean else None,
         velocity_step=step,
         summary={},
         check_queries=_check_queries(pairs),
+        statistics=learned.statistics,
     )
-    if MEMORY not in settings.features:
-        return corrector, ()
-    joints = JointMap.fit(log, settings.seed, orientation=features.has_orientation)
-    recall, recalled = learn_recall(samples, joints, learned, learn)
-    return replace(corrector, recall=recall), (memory_remark(recall.memory, learned, recalled),)
+    said: tuple[str, ...] = ()
+    if MEMORY in settings.features:
+        joints = JointMap.fit(log, settings.seed, orientation=features.has_orientation)
+        recall, recalled = learn_recall(samples, joints, learned, corrector.bounds, learn)
+        said = (memory_remark(recall.memory, learned, recalled),)
+        corrector, learned = replace(corrector, recall=recall), recalled
+    return replace(corrector, summary={"baseline": _baseline(learned, pairs.trajectory)}), said
+
+
+def _baseline(learned: ResidualModel, trajectory: IntArray) -> list[float]:
+    """Return the scores of left-out training trajectories, or of left-out blocks of the only one."""
+    ratio = normalised(learned.errors, learned.intervals.interval95(learned.std))
+    several = len(np.unique(trajectory)) > 1
+    scores: list[float] = scores_by_trajectory(ratio, trajectory if several else trajectory_folds(trajectory)).tolist()
+    return scores
 
 
 def _samples(pairs: _Pairs, rigid: RigidModel, settings: FitSettings) -> tuple[FeatureMap, Samples]:

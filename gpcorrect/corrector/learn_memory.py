@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,7 +45,7 @@ class Samples:
 
 
 def learn_recall(
-    samples: Samples, joints: JointMap | None, without: ResidualModel, learn: Learn
+    samples: Samples, joints: JointMap | None, without: ResidualModel, bounds: Bounds, learn: Learn
 ) -> tuple[Recall, ResidualModel]:
     """Return what was learned with memory features chosen by what they explain of the errors `without` them."""
     paths = samples.position, samples.rotations, samples.trajectory
@@ -54,7 +54,8 @@ def learn_recall(
     width = samples.X.shape[1]
     X = np.hstack([samples.X, memory.transform(*paths)])
     learned = learn(X, (*samples.groups, tuple(range(width, width + memory.size))))
-    return Recall(memory, learned.predictor, learned.intervals, Bounds.of(samples.residual, learned.novelty)), learned
+    bounds = replace(bounds, novelty=learned.novelty)
+    return Recall(memory, learned.predictor, learned.intervals, bounds, learned.statistics), learned
 
 
 def memory_remark(memory: MemoryMap, without: ResidualModel, learned: ResidualModel) -> str:

@@ -61,8 +61,8 @@ def frame(rigid: RigidModel, features: FeatureMap, memory: int = 0) -> Frame:
 
 @njit(cache=True, nogil=True)
 def inputs(
-    pose: FloatArray, twist: FloatArray, memory: FloatArray, f: Frame
-) -> tuple[bool, FloatArray, FloatArray, FloatArray]:
+    pose: FloatArray, twist: FloatArray, memory: FloatArray, f: Frame, region: FloatArray
+) -> tuple[bool, FloatArray, FloatArray, FloatArray, bool]:
     """Return the reference pose G(x) and the regression's input for one query.
 
     Parameters
@@ -74,6 +74,8 @@ def inputs(
     memory : (h,) array
         Memory features; none for a query without history.
     f : Frame
+    region : (2, d) array
+        Lower and upper bounds of the inputs before the memory features.
 
     Returns
     -------
@@ -82,16 +84,18 @@ def inputs(
     position, rotation : (3,) and (3, 3) arrays
         Of the reference; no rotation without a quaternion.
     x : (d,) array
+    near : bool
+        Whether the inputs lie inside their bounds.
     """
     x, rotation = np.empty(len(f.spread)), np.eye(3)
     if not (_sane(pose) and _sane(twist)):
-        return False, pose, rotation, x
+        return False, pose, rotation, x, False
     oriented = len(pose) == 7
     linear, arm = twist[:3], np.zeros(3)
     if oriented:
         norm = sqrt(pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2 + pose[6] ** 2)
         if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-            return False, pose, rotation, x
+            return False, pose, rotation, x, False
         R_obs = matrix_from_quaternion(pose[3:] / norm)
         arm = _turn(R_obs, f.offset)
         linear = linear + _cross(twist[3:], arm)
@@ -105,7 +109,8 @@ def inputs(
     if moving > 3:
         x[filled + 3 : filled + 6] = _turn(f.R_left, twist[3:])
     x[filled + moving :] = memory
-    return True, position, rotation, x / f.spread
+    x /= f.spread
+    return True, position, rotation, x, _between(x, region)
 
 
 @njit(cache=True, nogil=True)
@@ -196,6 +201,14 @@ def _write_rotation(R: FloatArray, f: Frame, x: FloatArray) -> int:
         return 3
     x[3:6] = rotvec_from_matrix(_product(R, f.R_mean.T))
     return 3
+
+
+@njit(cache=True)
+def _between(x: FloatArray, region: FloatArray) -> bool:
+    for i in range(region.shape[1]):  # noqa: SIM110 - numba compiles no generator
+        if not region[0, i] <= x[i] <= region[1, i]:
+            return False
+    return True
 
 
 @njit(cache=True)

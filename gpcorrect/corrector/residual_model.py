@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.gpr import IntervalCalibration, Predictor, SparseGPR, novelty_limit
+from gpcorrect.gpr import IntervalCalibration, Predictor, SparseGPR, Statistics, novelty_limit
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 __all__ = ["ResidualModel", "fit_residual_model", "trajectory_folds"]
@@ -28,14 +28,18 @@ class ResidualModel:
         Calibrated on the errors below.
     novelty : float
         Novelty beyond which the model extrapolates.
-    errors : (n, k) array
-        Errors at every training sample of the model that its trajectory was left out of.
+    statistics : tuple of Statistics
+        What the predictor rests on, a group of outputs each: more data can be added.
+    errors, std : (n, k) arrays
+        Errors at every training sample of the model that its trajectory was left out of, and what it promised.
     """
 
     predictor: Predictor
     intervals: IntervalCalibration
     novelty: float
+    statistics: tuple[Statistics, ...]
     errors: FloatArray
+    std: FloatArray
 
 
 def fit_residual_model(
@@ -70,7 +74,7 @@ def fit_residual_model(
         errors[left_out] = residual[left_out] - mean
         progress.step("intervals", (fold + 1) / (folds.max() + 1))
     intervals = IntervalCalibration.fit(errors, std, trajectory)
-    return ResidualModel(regressor.predictor_, intervals, novelty_limit(novelty), errors)
+    return ResidualModel(regressor.predictor_, intervals, novelty_limit(novelty), regressor.statistics_, errors, std)
 
 
 def trajectory_folds(trajectory: IntArray) -> IntArray:

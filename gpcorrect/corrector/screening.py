@@ -62,6 +62,16 @@ class Screen:
         observed, _ = pose_pair(log)
         return clean_with(self.cleaner, _through(self.rigid, log, observed))
 
+    def judge_afresh(self, log: CalibrationLog) -> CleaningReport:
+        """Judge the samples of another log by its own ruler, through the training's registration.
+
+        The training's ruler takes for faults what an arm does that has changed since; here only what does not fit the
+        rest of the log is one.
+        """
+        observed, _ = pose_pair(log)
+        seen, settings = _through(self.rigid, log, observed), self.cleaner.settings
+        return fit_cleaner(seen, _registered, settings, rng=np.random.default_rng(0))[1]
+
     def to_parts(self) -> tuple[Any, dict[str, FloatArray]]:
         """Return the screen as JSON-able data and arrays."""
         return pack(self, "screen")

@@ -66,7 +66,8 @@ class CorrectionStream:
         """
         query = pose_numbers(pose, orientation=self._corrector.has_orientation)
         given = twist_numbers(twist)
-        good, position, rotation, _ = inputs(query, given, NO_MEMORY, self._corrector.answerer.frame)
+        answerer = self._corrector.answerer
+        good, position, rotation, *_ = inputs(query, given, NO_MEMORY, answerer.frame, answerer.region)
         if not good:
             raise bad_query(query, given)
         estimated = self._twist.update(time, query[:3], _rotation(query))

@@ -5,6 +5,7 @@ from gpcorrect.gpr.exact import ExactGPR
 from gpcorrect.gpr.features import FeatureMap
 from gpcorrect.gpr.predictor import Predictor
 from gpcorrect.gpr.sparse import SparseGPR
+from gpcorrect.gpr.statistics import Statistics
 
 __all__ = [
     "ExactGPR",
@@ -12,6 +13,7 @@ __all__ = [
     "IntervalCalibration",
     "Predictor",
     "SparseGPR",
+    "Statistics",
     "coverage_by_group",
     "novelty_limit",
 ]

@@ -10,7 +10,12 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect.gpr.rotation_features import RotationKind, choose_rotation_kind, rotation_features
+from gpcorrect.gpr.rotation_features import (
+    RotationKind,
+    choose_rotation_kind,
+    rotation_features,
+    rotations_from_features,
+)
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
 __all__ = ["KINDS", "FeatureMap"]
@@ -18,6 +23,8 @@ __all__ = ["KINDS", "FeatureMap"]
 KINDS = ("pose", "euler", "velocity")
 SPREAD_QUANTILES = (16, 84)  # two standard deviations apart in normal data, and blind to a few outliers
 # Least spread a feature is divided by: less is jitter of a motion that held it still, not to be blown up to unit size.
+# What a feature may always lie outside its training range, m, rad, m/s and rad/s.
+SLACK, TURN_SLACK, SPEED_SLACK, TURNING_SLACK = 0.005, 0.1, 0.02, 0.2
 LEAST_LINEAR = 1e-4  # m and m/s
 LEAST_ANGULAR = 1e-3  # rad, rad/s, and entries of a rotation matrix
 
@@ -129,6 +136,16 @@ class FeatureMap:
         features: FloatArray = self._raw(positions, rotations, twists) / self.spread
         return features
 
+    def inverse(self, features: FloatArray) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+        """Return positions, rotations and twists that have (or, for columns, come nearest to) features `(n, d)`.
+
+        No rotations without orientation, and no twists where velocity is no feature.
+        """
+        raw = features * self.spread
+        pose = len(self.groups[0])
+        rotations = rotations_from_features(raw[:, 3:pose], self.rotation, self.R_mean)
+        return raw[:, :3], rotations, raw[:, pose:] if self.uses_velocity else None
+
     @staticmethod
     def usable(features: FloatArray) -> BoolArray:
         """Mask `(n,)` of rows with every number present: a run of one sample has no velocity."""
@@ -152,6 +169,17 @@ class FeatureMap:
         parts += [linear] if self.uses_velocity else []
         parts += [angular] if self.uses_velocity and self.has_orientation else []
         return np.concatenate(parts)
+
+    @property
+    def slack(self) -> FloatArray:
+        """How far outside its range (d,) a feature may always be: a motion that held it still is no wall."""
+        linear, angular, speed, turning = (np.full(3, s) for s in (SLACK, TURN_SLACK, SPEED_SLACK, TURNING_SLACK))
+        parts = [linear]
+        parts += [np.resize(angular, len(self.groups[0]) - 3)] if self.has_orientation else []
+        parts += [speed] if self.uses_velocity else []
+        parts += [turning] if self.uses_velocity and self.has_orientation else []
+        slack: FloatArray = np.concatenate(parts) / self.spread
+        return slack
 
     def to_dict(self) -> dict[str, Any]:
         """Return what was learned as lists and text."""

@@ -14,7 +14,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.types import FloatArray
 
-__all__ = ["RotationKind", "choose_rotation_kind", "fixed_axes_angles", "rotation_features"]
+__all__ = ["RotationKind", "choose_rotation_kind", "fixed_axes_angles", "rotation_features", "rotations_from_features"]
 
 RotationKind = Literal["none", "rotvec", "columns", "euler"]
 
@@ -36,6 +36,22 @@ def rotation_features(rotations: FloatArray, kind: RotationKind, R_mean: FloatAr
     finite = np.isfinite(rotations).all(axis=(1, 2))
     features[finite] = se3.rotvec_from_matrix(rotations[finite] @ R_mean.T)
     return features
+
+
+def rotations_from_features(features: FloatArray, kind: RotationKind, R_mean: FloatArray) -> FloatArray | None:
+    """Rotations `(n, 3, 3)` of features `(n, 3)` or `(n, 6)`; columns that are not orthonormal are made so."""
+    if kind == "none":
+        return None
+    if kind == "columns":
+        x = features[:, :3] / np.linalg.norm(features[:, :3], axis=1, keepdims=True)
+        y = features[:, 3:] - (features[:, 3:] * x).sum(axis=1, keepdims=True) * x
+        y /= np.linalg.norm(y, axis=1, keepdims=True)
+        return np.stack([x, y, np.cross(x, y)], axis=2)
+    if kind == "euler":
+        axes = np.eye(3)
+        Rx, Ry, Rz = (se3.matrix_from_rotvec(features[:, [i]] * axes[i]) for i in range(3))
+        return Rz @ Ry @ Rx
+    return se3.matrix_from_rotvec(features) @ R_mean
 
 
 def fixed_axes_angles(rotations: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from gpcorrect.plots.cleaning import dropped_samples
 from gpcorrect.plots.clocks import offset_curve
+from gpcorrect.plots.drift import drift_history
 from gpcorrect.plots.errors import error_by_speed, error_distribution
 from gpcorrect.plots.intervals import reliability
 from gpcorrect.plots.overview import overview
@@ -10,6 +11,7 @@ from gpcorrect.plots.trajectory import trajectory_errors, trajectory_paths, typi
 from gpcorrect.plots.workspace import residual_maps, workspace_coverage
 
 __all__ = [
+    "drift_history",
     "dropped_samples",
     "error_by_speed",
     "error_distribution",

@@ -45,7 +45,7 @@ def rmse(corrector: CommandCorrector, log: CalibrationLog) -> float:
 
 
 def test_a_planted_slack_is_found(sticky: FitResult) -> None:
-    """On other trajectories memory takes away a quarter of the error that pose and velocity leave, and the fit says so."""
+    """On other trajectories memory takes away a quarter of what pose and velocity leave, and the fit says so."""
     with_memory, without = (
         rmse(sticky.corrector, sticky_log(1)),
         rmse(replace(sticky.corrector, recall=None), sticky_log(1)),

@@ -64,9 +64,11 @@ def test_inputs_of_one_query_are_their_row_in_the_stack(kinds: tuple[str, ...], 
     features = FeatureMap(kinds).fit(*stacks)
     assert features.rotation == ("euler" if "euler" in kinds else "columns" if wide else "rotvec")
     X, frame = features.transform(*stacks), one_pose.frame(rigid, features)
+    region = np.array([X.min(axis=0), np.append(X[:, :-1].max(axis=0), np.sort(X[:, -1])[-3])])
     for row, pose in enumerate(np.hstack([observed.position, quaternions])):
-        good, position, rotation, x = one_pose.inputs(pose, np.array(twist[row]), np.zeros(0), frame)
+        good, position, rotation, x, near = one_pose.inputs(pose, np.array(twist[row]), np.zeros(0), frame, region)
         assert good
+        assert near == (X[row, -1] <= region[1, -1]) or np.isclose(X[row], region, atol=1e-9).any()
         np.testing.assert_allclose(position, stacks[0][row], rtol=0, atol=1e-12)
         np.testing.assert_allclose(rotation, stacks[1][row], rtol=0, atol=1e-12)
         np.testing.assert_allclose(x, X[row], rtol=0, atol=1e-10)

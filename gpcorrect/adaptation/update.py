@@ -1,0 +1,184 @@
+"""New observations into a fitted model, without its old data and without growing: the sums that it rests on go on.
+
+Points and hyperparameters stay; the sums over samples (:class:`gpcorrect.gpr.Statistics`) of old and new data are
+added, the old ones weighted by what predicts left-out new trajectories best, so that a robot that changed is followed
+and one that did not loses nothing. Intervals are calibrated anew on left-out new trajectories.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gpcorrect.corrector import CommandCorrector, LogSamples, log_samples, trajectory_folds
+from gpcorrect.corrector.bounds import Bounds
+from gpcorrect.errors import DataError
+from gpcorrect.experiment import Evaluation, evaluate, split_trajectories
+from gpcorrect.gpr import IntervalCalibration, Predictor, Statistics
+from gpcorrect.gpr.kernels import AdditiveRBF
+from gpcorrect.gpr.linalg import cholesky
+from gpcorrect.gpr.statistics import collect, updated
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, Progress
+
+__all__ = ["KEEPS", "Update", "update"]
+
+KEEPS = (1.0, 0.5, 0.2, 0.05)  # weights of the old data to choose from
+WORTH_FORGETTING = 1.02  # old data lose weight only where that lowers the squared error by more than this
+ENOUGH = 5  # new trajectories from which intervals are calibrated on them alone
+TOLERATED = 0.01  # relative growth of a held-out error that is not called worse
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """An updated model and what it changed.
+
+    Parameters
+    ----------
+    corrector : CommandCorrector
+        Learned from the old data and those of `log` that were not held out.
+    keep : float
+        Weight that the old data kept: 1 all of it.
+    n_added : int
+        Samples added.
+    unseen : float
+        Share of the prior variance at the new samples that the model's points cannot see: large when the new motion
+        went where the training never was, which needs a new fit.
+    before, after : Evaluation or None
+        Old and new model on the held-out trajectories of the new log; None when nothing was held out.
+    """
+
+    corrector: CommandCorrector
+    keep: float
+    n_added: int
+    unseen: float
+    before: Evaluation | None
+    after: Evaluation | None
+
+    @property
+    def worse(self) -> tuple[str, ...]:
+        """Parts ("position", "rotation") whose held-out error grew."""
+        if self.before is None or self.after is None:
+            return ()
+        old, new = (e.clean.errors()["corrected"] for e in (self.before, self.after))
+        grown = [p for p in new if new[p]["norm"]["rmse"] > (1 + TOLERATED) * old[p]["norm"]["rmse"]]
+        return tuple(part.split("_")[0] for part in grown)
+
+
+def update(
+    corrector: CommandCorrector, log: CalibrationLog, *, holdout: float = 0.2, progress: Progress | None = None
+) -> Update:
+    """Add the observations of a log, and measure old and new model on trajectories of it that were held out.
+
+    Raises
+    ------
+    LogError
+        The log lacks signals, or too few trajectories to hold one out.
+    DataError
+        The model file was written before models could be updated.
+    """
+    if not corrector.statistics:
+        raise DataError("this model does not hold what an update needs.", hint="Fit it again with this version.")
+    train, test = split_trajectories(log, holdout)
+    with threadpool_limits(limits=1):
+        # By its own ruler: the training's would reject an arm that changed.
+        samples = log_samples(corrector, train, corrector.clean_afresh(train).keep)
+        changed, keep, unseen = _learn(corrector, samples, progress or Progress())
+    entry = {"source": log.name, "sha256": log.digest, "n_added": len(samples.X), "keep": keep}
+    summary = {**corrector.summary, "updates": [*corrector.summary.get("updates", []), entry]}
+    changed = replace(changed, summary=summary)
+    if test is None:
+        return Update(changed, keep, len(samples.X), unseen, None, None)
+    cleaning = corrector.clean_afresh(test)
+    before, after = (evaluate(c, test, cleaning) for c in (corrector, changed))
+    return Update(changed, keep, len(samples.X), unseen, before, after)
+
+
+def _learn(
+    corrector: CommandCorrector, samples: LogSamples, progress: Progress
+) -> tuple[CommandCorrector, float, float]:
+    grown = Bounds.of(samples.residual, corrector.bounds.novelty, samples.X, corrector.features.slack)
+    bounds = corrector.bounds.widened(grown)
+    plain = _Part(corrector.predictor, corrector.intervals, corrector.statistics)
+    fresh, keep, unseen = plain.with_samples(samples.X, samples, progress)
+    changed = replace(
+        corrector, predictor=fresh.predictor, intervals=fresh.intervals, statistics=fresh.statistics, bounds=bounds
+    )
+    recall = corrector.recall
+    if recall is None or samples.X_recall is None:
+        return changed, keep, unseen
+    wide = _Part(recall.predictor, recall.intervals, recall.statistics)
+    fresh, keep, unseen = wide.with_samples(samples.X_recall, samples, progress)
+    bounds = recall.bounds.widened(grown)
+    return replace(changed, recall=replace(recall, bounds=bounds, **vars(fresh))), keep, unseen
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """One learned residual: what an update changes of it."""
+
+    predictor: Predictor
+    intervals: IntervalCalibration
+    statistics: tuple[Statistics, ...]
+
+    def with_samples(self, X: FloatArray, samples: LogSamples, progress: Progress) -> tuple[_Part, float, float]:
+        """Return the part that learned from the samples too, the weight of the old data, and what points cannot see."""
+        folds = trajectory_folds(samples.trajectory)
+        by_fold = [self._collected(X[folds == f], samples.residual[folds == f]) for f in np.unique(folds)]
+        new = _sum(by_fold)
+        tries = []
+        for i, keep in enumerate(KEEPS):
+            tries.append(self._left_out(X, samples.residual, folds, by_fold, new, keep))
+            progress.step("weight of the old data", (i + 1) / len(KEEPS))
+        squares = [float(((errors / samples.residual.std(axis=0)) ** 2).mean()) for errors, _ in tries]
+        best = int(np.argmax(np.array(squares) <= WORTH_FORGETTING * min(squares)))  # the first: the largest weight
+        statistics = tuple(old.plus(added, KEEPS[best]) for old, added in zip(self.statistics, new, strict=True))
+        predictor = Predictor(tuple(map(updated, self.predictor.parts, statistics)))
+        intervals = self._calibrated(*tries[best], samples.trajectory)
+        unseen = max(added.unseen(len(added.G)) for added in new)
+        return _Part(predictor, intervals, statistics), KEEPS[best], unseen
+
+    def _collected(self, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
+        found, first = [], 0
+        for part in self.predictor.parts:
+            kernel = AdditiveRBF(part.component_weights, part.length_scales)
+            L = cholesky(kernel(part.basis, part.basis))[0]
+            columns = slice(first, first + len(part.offset))
+            found.append(collect(kernel, part.basis, L, part.offset, X, Y[:, columns], Progress()))
+            first = columns.stop
+        return tuple(found)
+
+    def _left_out(
+        self,
+        X: FloatArray,
+        Y: FloatArray,
+        folds: IntArray,
+        by_fold: Sequence[tuple[Statistics, ...]],
+        new: tuple[Statistics, ...],
+        keep: float,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Errors and standard deviations `(n, m)` at new samples, those of the same fold left out."""
+        errors, std = np.empty(Y.shape), np.empty(Y.shape)
+        for fold, own in zip(np.unique(folds), by_fold, strict=True):
+            rows = folds == fold
+            rest = [old.plus(a.minus(b), keep) for old, a, b in zip(self.statistics, new, own, strict=True)]
+            predictor = Predictor(tuple(map(updated, self.predictor.parts, rest)))
+            mean, std[rows], _ = predictor.mean_std_batch(X[rows])
+            errors[rows] = Y[rows] - mean
+        return errors, std
+
+    def _calibrated(self, errors: FloatArray, std: FloatArray, trajectory: IntArray) -> IntervalCalibration:
+        """Intervals that hold on new trajectories; with few of them never narrower than the old ones."""
+        fresh = IntervalCalibration.fit(errors, std, trajectory)
+        if len(np.unique(trajectory)) >= ENOUGH:
+            return fresh
+        return IntervalCalibration(np.maximum(fresh.factor, self.intervals.factor))
+
+
+def _sum(by_fold: Sequence[tuple[Statistics, ...]]) -> tuple[Statistics, ...]:
+    total = by_fold[0]
+    for more in by_fold[1:]:
+        total = tuple(a.plus(b) for a, b in zip(total, more, strict=True))
+    return total

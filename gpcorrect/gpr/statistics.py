@@ -1,0 +1,154 @@
+"""What the sparse posterior needs of all samples: sums over them, which can be added to and taken from.
+
+With `L L^T = K_zz` and `V = L^-1 K_zx` the variational posterior (Titsias 2009) needs of n samples only `G = V V^T`
+and `V y`. So data may come in parts (Bui et al. 2017, for fixed inducing points and hyperparameters), and a part may
+be left out again, at a cost that knows nothing of the other samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.linalg import blas, cho_factor, cho_solve, solve_triangular
+
+from gpcorrect.gpr.kernels import AdditiveRBF
+from gpcorrect.gpr.linalg import cholesky
+from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.types import FloatArray, Progress, frozen_array
+
+__all__ = ["Statistics", "collect", "posterior", "updated"]
+
+BLOCK = 2048
+NEGLIGIBLE = 1e-6  # directions along which the data take away less of the prior variance are left out of the predictor
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """Samples as M inducing points see them.
+
+    What the points cannot see of the field acts on the data like noise, so it is counted with the noise: without
+    that, too few points for a rough field make an overconfident fit (docs/design/0002 has the figures).
+
+    Parameters
+    ----------
+    G : (M, M) array
+        `V V^T`, symmetric.
+    Vy : (M, m) array
+        `V (y - offset)`, in the outputs' units.
+    n : float
+        Samples; a fraction where some of them were given less weight.
+    """
+
+    G: FloatArray
+    Vy: FloatArray
+    n: float
+
+    def plus(self, other: Self, keep: float = 1.0) -> Statistics:
+        """Return the statistics of these samples, weighted by `keep`, and the others together."""
+        return Statistics(keep * self.G + other.G, keep * self.Vy + other.Vy, keep * self.n + other.n)
+
+    def minus(self, other: Self) -> Statistics:
+        """Return the statistics without the others, which must be among them."""
+        return Statistics(self.G - other.G, self.Vy - other.Vy, self.n - other.n)
+
+    def unseen(self, count: int) -> float:
+        """Mean share of prior variance that the first `count` points leave at the samples."""
+        return max(1.0 - float(np.trace(self.G[:count, :count])) / self.n, 0.0)
+
+    def mean_weights(self, L: FloatArray, ratio: FloatArray) -> FloatArray:
+        """Weights `(M, m)` of the correlations to all points in the mean, for noise over signal `(m,)`."""
+        diagonal = np.diag_indices_from(self.G)
+        solved = np.empty(self.Vy.shape)
+        for o, noise in enumerate(ratio + self.unseen(len(self.G))):
+            system = np.array(self.G, order="F")
+            system[diagonal] += noise
+            solved[:, o] = cho_solve(
+                cho_factor(system, lower=True, overwrite_a=True, check_finite=False), self.Vy[:, o]
+            )
+        weights: FloatArray = solve_triangular(L, solved, lower=True, trans="T", check_finite=False)
+        return weights
+
+    def variance_factors(self, L: FloatArray, ratio: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+        """Projection `(r, count)` and explained shares `(m, r)` of the variance that the first `count` points give."""
+        eigenvalues, U = np.linalg.eigh(self.G[:count, :count])
+        eigenvalues = np.maximum(eigenvalues, 0.0)
+        explained = eigenvalues / (eigenvalues + (ratio + self.unseen(count))[:, None])
+        kept = explained.max(axis=0) > NEGLIGIBLE
+        kept[-1] = True  # an output of pure noise still needs a direction to say so
+        projection = solve_triangular(L[:count, :count], U[:, kept], lower=True, trans="T", check_finite=False).T
+        return projection, explained[:, kept]
+
+    def to_arrays(self) -> dict[str, FloatArray]:
+        """Return arrays for a model file; of the symmetric matrix one half."""
+        return {"G": self.G[np.tril_indices(len(self.G))], "Vy": self.Vy, "n": np.array([self.n])}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Self:
+        """Rebuild from :meth:`to_arrays`.
+
+        Raises
+        ------
+        KeyError
+            An array is missing.
+        """
+        size = len(arrays["Vy"])
+        G = np.zeros((size, size))
+        G[np.tril_indices(size)] = arrays["G"]
+        return cls(frozen_array(G + np.tril(G, -1).T), frozen_array(arrays["Vy"]), float(arrays["n"][0]))
+
+
+def collect(
+    kernel: AdditiveRBF,
+    basis: FloatArray,
+    L: FloatArray,
+    offset: FloatArray,
+    X: FloatArray,
+    Y: FloatArray,
+    progress: Progress,
+) -> Statistics:
+    """Sum over samples `(n, d)` and `(n, m)` in blocks: memory does not grow with their number."""
+    G, Vy = np.zeros((len(basis), len(basis)), order="F"), np.zeros((len(basis), Y.shape[1]))
+    for start in range(0, len(X), BLOCK):
+        rows = slice(start, start + BLOCK)
+        V = solve_triangular(L, kernel(X[rows], basis).T, lower=True, overwrite_b=True, check_finite=False)
+        G = blas.dsyrk(1.0, V, beta=1.0, c=G, lower=1, overwrite_c=1)
+        Vy += V @ (Y[rows] - offset)
+        progress.step("posterior", min(1.0, (start + BLOCK) / len(X)))
+    return Statistics(np.tril(G) + np.tril(G, -1).T, Vy, float(len(X)))
+
+
+def posterior(
+    kernel: AdditiveRBF,
+    basis: FloatArray,
+    L: FloatArray,
+    offset: FloatArray,
+    signal: FloatArray,
+    noise: FloatArray,
+    statistics: Statistics,
+    n_variance: int,
+) -> SharedPredictor:
+    """Return the predictor of these statistics, whose variance rests on the first `n_variance` points."""
+    ratio = noise / signal
+    projection, explained = statistics.variance_factors(L, ratio, min(n_variance, len(basis)))
+    return SharedPredictor(
+        component_weights=kernel.weights,
+        length_scales=kernel.length_scales,
+        basis=basis,
+        alpha=statistics.mean_weights(L, ratio).T,
+        offset=offset,
+        projection=projection,
+        explained=explained,
+        signal=signal,
+        noise=noise,
+    )
+
+
+def updated(part: SharedPredictor, statistics: Statistics) -> SharedPredictor:
+    """Return the predictor of other statistics under the same points and hyperparameters."""
+    kernel = AdditiveRBF(part.component_weights, part.length_scales)
+    L = cholesky(kernel(part.basis, part.basis))[0]
+    shared = kernel, part.basis, L, part.offset, part.signal, part.noise
+    return posterior(*shared, statistics, part.projection.shape[1])

@@ -1,0 +1,67 @@
+"""`update`, `drift` and `explore` as a user runs them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from cli_support import CommandLine, assert_refused, written
+from support import small_log
+
+from gpcorrect import artifact
+from gpcorrect.corrector import CommandCorrector
+
+
+@pytest.fixture
+def model(small_corrector: CommandCorrector, tmp_path: Path) -> Path:
+    artifact.save(small_corrector, tmp_path / "model.gpc")
+    return tmp_path / "model.gpc"
+
+
+@pytest.fixture
+def days(tmp_path: Path) -> list[Path]:
+    return [written(small_log(seed, 6, samples=40), tmp_path / f"day{seed}.csv") for seed in (5, 6)]
+
+
+def test_update_writes_another_model_and_leaves_the_first(
+    gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path
+) -> None:
+    """--output is written, MODEL keeps every byte, and JSON tells both errors and the weight of the old data."""
+    before = model.read_bytes()
+    result = gpcorrect("update", model, days[0], "--output", tmp_path / "new.gpc", "--force", "--json")
+    assert result.code == 0, result.err
+    assert result.json["n_added"] > 100
+    assert 0 < result.json["keep"] <= 1
+    assert result.json["after"]["errors"]["corrected"]
+    assert model.read_bytes() == before
+    assert len(artifact.load(tmp_path / "new.gpc").info()["updates"]) == 1
+
+
+def test_drift_draws_and_answers(gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path) -> None:
+    """Two healthy days raise no alarm; the figure is a PNG; scores are one a trajectory."""
+    result = gpcorrect("drift", model, *days, "--age", 1, "--age", 2, "--plot", tmp_path / "d.png", "--json")
+    assert result.code == 0, result.err
+    assert result.json["alarm"] is False
+    assert len(result.json["scores"]) == 12
+    assert result.json["unit"] == "days"
+    assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")
+    assert "trajectories" in gpcorrect("drift", model, *days).out
+
+
+def test_explore_writes_a_table(gpcorrect: CommandLine, model: Path, tmp_path: Path) -> None:
+    """A CSV of as many rows as asked, with pose and twist; JSON holds the same."""
+    result = gpcorrect("explore", model, "--n", 4, "--output", tmp_path / "next.csv")
+    assert result.code == 0, result.err
+    lines = (tmp_path / "next.csv").read_text().splitlines()
+    assert lines[0] == "x,y,z,qw,qx,qy,qz,vx,vy,vz,wx,wy,wz,remaining"
+    assert len(lines) == 5
+    assert len(gpcorrect("explore", model, "--n", 4, "--json").json["proposals"]) == 4
+
+
+def test_bad_input_is_refused(gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path) -> None:
+    """No model, no number of proposals, ages that do not match, a folder that is not there: exit status 2."""
+    assert_refused(gpcorrect("update", tmp_path / "none.gpc", days[0]), "no model file")
+    assert_refused(gpcorrect("explore", model, "--n", 0), "between 1 and")
+    assert_refused(gpcorrect("drift", model, *days, "--age", 1), "one --age a log")
+    assert_refused(gpcorrect("drift", model, *days, "--false-alarms", 0.5), "more than 1")
+    assert_refused(gpcorrect("drift", model, *days, "--plot", tmp_path / "no" / "d.png"), "no")
