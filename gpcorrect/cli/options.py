@@ -25,9 +25,7 @@ Namespace = Annotated[str | None, typer.Option(help="Arm's namespace in a bag th
 Tracker = Annotated[str | None, typer.Option(help="Topic of the outside tracker in a bag.")]
 Arm = Annotated[str | None, typer.Option(help="Which arm of a raven_state topic: left or right.")]
 
-AsIs = Annotated[
-    bool, typer.Option("--as-is", help="Take recordings whose units or frames look wrong as they are.")
-]
+AsIs = Annotated[bool, typer.Option("--as-is", help="Take recordings whose units or frames look wrong as they are.")]
 
 
 def read_logs(
