@@ -15,10 +15,12 @@ import numpy as np
 from gpcorrect.cleaning.field import ErrorField
 from gpcorrect.cleaning.inputs import FieldInputs, commanded_twists
 from gpcorrect.cleaning.samples import Samples, part_norms
+from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["SecondLook", "SmoothModel", "judged_rows", "scaled_remainder", "trend_inputs"]
 
+TREND_ROWS = 7  # slopes over position and velocity, and the level
 JUDGED_SAMPLES = 4000  # the field is smooth along a path: between these it is interpolated
 
 
@@ -73,6 +75,10 @@ class SmoothModel:
     unit: FloatArray
     field: ErrorField
     scale: FloatArray
+
+    def __post_init__(self) -> None:
+        if len(self.trend) != TREND_ROWS:
+            raise DataError(f"the trend of a smooth model has {TREND_ROWS} rows, got {len(self.trend)}.")
 
     def look(self, samples: Samples) -> SecondLook:
         """Return what the model leaves of each error."""

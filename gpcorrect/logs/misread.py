@@ -30,4 +30,5 @@ def refuse_misread(log: CalibrationLog) -> None:
     """
     found = [f for f in validate_log(log, CHECKS).errors if f.signal in LEARNED_FROM]
     if found:
-        raise LogError(f"{found[0].signal}: {found[0].message}", hint=found[0].hint, path=log.name)
+        signal, message = found[0].signal, found[0].message
+        raise LogError(message if signal == "time" else f"{signal}: {message}", hint=found[0].hint, path=log.name)

@@ -95,6 +95,12 @@ def test_millimetres_for_metres_are_found(gpcorrect: CommandLine, tmp_path: Path
     assert "mm" in outcome.out or "millimetre" in outcome.out
 
 
+def test_a_tracker_that_saw_nothing_is_named(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """The message counts the complete poses of both signals."""
+    path = written(scaled(small_log(), np.nan), tmp_path / "dark.csv")
+    assert_refused(gpcorrect("fit", path, "--output", tmp_path / "m.gpc"), "dark.csv", "tracker_cp: 0")
+
+
 def turned_over(log: CalibrationLog) -> CalibrationLog:
     """Return the log with the tracker's quaternions as x y z w."""
     assert log.tracker_cp is not None
