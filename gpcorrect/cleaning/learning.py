@@ -17,7 +17,7 @@ from gpcorrect.cleaning.lmeds import robust_scale
 from gpcorrect.cleaning.regressor import LeastMedianOfSquares
 from gpcorrect.cleaning.samples import Samples, part_norms, small_sample_factor
 from gpcorrect.cleaning.settings import CleaningSettings
-from gpcorrect.cleaning.smooth import SecondLook, SmoothModel, judged_rows, scaled_remainder
+from gpcorrect.cleaning.smooth import SecondLook, SmoothModel, judged_rows, scaled_remainder, trend_inputs
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
 __all__ = ["evenly_spaced", "learn_smooth_model"]
@@ -58,10 +58,10 @@ def learn_smooth_model(
     rng : numpy Generator
         Source of the random samples of the trend.
     """
-    trend, unit = _trend(samples, trusted, settings, rng)
     twist = commanded_twists(samples)
+    trend, unit = _trend(samples, twist, trusted, settings, rng)
     scaling = FieldInputs.learn(samples, twist)
-    data = _Data(*scaling.transform(samples, twist), scaled_remainder(samples, trend, unit), folds(samples))
+    data = _Data(*scaling.transform(samples, twist), scaled_remainder(samples, twist, trend, unit), folds(samples))
     train, kernel = _confirmed_training(data, trusted, settings)
     rows = judged_rows(samples)
     mean, deviation = _cross_predict(train, data[rows], kernel)
@@ -91,15 +91,15 @@ def folds(samples: Samples) -> IntArray:
 
 
 def _trend(
-    samples: Samples, trusted: BoolArray, settings: CleaningSettings, rng: np.random.Generator
+    samples: Samples, twist: FloatArray, trusted: BoolArray, settings: CleaningSettings, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Slopes and level (4, k) of the error over commanded positions, and spread (parts,) about them."""
+    """Slopes and level (7, k) of the error over commanded positions and velocities, and spread (parts,) about them."""
     rows = evenly_spaced(np.flatnonzero(trusted), settings.field_samples)
     trends, units = [], []
     parts = np.split(samples.error, samples.error.shape[1] // 3, axis=1)
-    for part, resolution in zip(parts, settings.resolution, strict=False):
+    for k, (part, resolution) in enumerate(zip(parts, settings.resolution, strict=False)):
         plane = LeastMedianOfSquares(random_state=int(rng.integers(2**31 - 1)))
-        plane.fit(samples.command.position[rows], part[rows])
+        plane.fit(trend_inputs(samples, twist, k)[rows], part[rows])
         trends.append(np.vstack([plane.coef_.T, plane.intercept_]))
         units.append(max(plane.scale_, resolution))
     return frozen_array(np.hstack(trends)), frozen_array(units)

@@ -108,6 +108,8 @@ def fresh_samples(samples: Samples) -> float:
     A recording says something new each time the command has travelled the spread of its positions, or turned by the
     spread of its orientations.
     """
+    if len(samples) == 0:
+        return 0.0
     count = _traverses(samples.command.position, samples.run)
     if samples.command.quaternion is not None:
         entries = se3.matrix_from_quaternion(samples.command.quaternion).reshape(-1, 9)

@@ -73,7 +73,7 @@ class CleaningSettings:
     follow_factor: float = 1.5
     response_time: float = 0.2
     occlusion_time: float = 0.4
-    offset_factor: float = 4.0
+    offset_factor: float = 6.0
     frozen_travel: float = 0.002
     position_resolution: float = 1e-4
     rotation_resolution: float = 1e-3

@@ -15,10 +15,12 @@ import numpy as np
 from gpcorrect.cleaning.field import ErrorField
 from gpcorrect.cleaning.inputs import FieldInputs, commanded_twists
 from gpcorrect.cleaning.samples import Samples, part_norms
+from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["SecondLook", "SmoothModel", "judged_rows", "scaled_remainder"]
+__all__ = ["SecondLook", "SmoothModel", "judged_rows", "scaled_remainder", "trend_inputs"]
 
+TREND_ROWS = 7  # slopes over position and velocity, and the level
 JUDGED_SAMPLES = 4000  # the field is smooth along a path: between these it is interpolated
 
 
@@ -57,8 +59,9 @@ class SmoothModel:
     ----------
     scaling : FieldInputs
         Inputs of the field.
-    trend : (4, k) array
-        Slopes and level of the error over commanded positions, found by least median of squares.
+    trend : (7, k) array
+        Slopes and level of the error over commanded positions and velocities (an arm that follows late errs in
+        proportion to its velocity), found by least median of squares; see :func:`trend_inputs`.
     unit : (parts,) array
         Robust spread of what the trend leaves, m and rad: the field's unit.
     field : ErrorField
@@ -73,12 +76,16 @@ class SmoothModel:
     field: ErrorField
     scale: FloatArray
 
+    def __post_init__(self) -> None:
+        if len(self.trend) != TREND_ROWS:
+            raise DataError(f"the trend of a smooth model has {TREND_ROWS} rows, got {len(self.trend)}.")
+
     def look(self, samples: Samples) -> SecondLook:
         """Return what the model leaves of each error."""
-        rows = judged_rows(samples)
-        x = self.field.kernel.inputs(*self.scaling.transform(samples, commanded_twists(samples)))
+        rows, twist = judged_rows(samples), commanded_twists(samples)
+        x = self.field.kernel.inputs(*self.scaling.transform(samples, twist))
         mean, deviation = self.field.predict(x[rows])
-        left = scaled_remainder(samples, self.trend, self.unit)
+        left = scaled_remainder(samples, twist, self.trend, self.unit)
         return self.beside(left, rows, mean, deviation)
 
     def beside(self, left: FloatArray, rows: IntArray, mean: FloatArray, deviation: FloatArray) -> SecondLook:
@@ -92,10 +99,16 @@ class SmoothModel:
         return SecondLook(remainder, remainder, distance, typical)
 
 
-def scaled_remainder(samples: Samples, trend: FloatArray, unit: FloatArray) -> FloatArray:
-    """Return what the trend (4, k) leaves of the error (n, k), in units (parts,) of its spread."""
-    position = samples.command.position
-    left: FloatArray = (samples.error - position @ trend[:-1] - trend[-1]) / np.repeat(unit, 3)
+def trend_inputs(samples: Samples, twist: FloatArray, part: int) -> FloatArray:
+    """Return inputs (n, 6) of a part's trend: commanded position and velocity, linear (part 0) or angular (part 1)."""
+    return np.hstack([samples.command.position, twist[:, 3 * part : 3 * part + 3]])
+
+
+def scaled_remainder(samples: Samples, twist: FloatArray, trend: FloatArray, unit: FloatArray) -> FloatArray:
+    """Return what the trend (7, k) leaves of the error (n, k), in units (parts,) of its spread."""
+    slopes = np.split(trend[:-1], len(unit), axis=1)
+    expected = [trend_inputs(samples, twist, part) @ slope for part, slope in enumerate(slopes)]
+    left: FloatArray = (samples.error - np.hstack(expected) - trend[-1]) / np.repeat(unit, 3)
     return left
 
 

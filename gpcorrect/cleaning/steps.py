@@ -47,7 +47,7 @@ class Path:
         speed, dt = commanded_speeds(samples)
         if not len(dt):
             return cls(samples, error, np.zeros((len(samples), speed.shape[1])))
-        width = 2 * int(np.clip(np.ceil(response_time / np.median(dt)), 1, len(dt))) + 1
+        width = 2 * int(np.clip(np.ceil(response_time / max(np.median(dt), 1e-9)), 1, len(dt))) + 1
         steps = maximum_filter1d(speed, width, axis=0, mode="nearest") * dt[:, None]
         return cls(samples, error, np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)]))
 

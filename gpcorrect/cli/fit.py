@@ -12,7 +12,7 @@ from gpcorrect import artifact
 from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.cleaning import CleaningReport, CleaningSettings, Segment
 from gpcorrect.cli.console import err, out, print_json, progress_bar, show_errors, split_names
-from gpcorrect.cli.options import Arm, Columns, Json, Logs, Namespace, Tracker, read_logs
+from gpcorrect.cli.options import Arm, AsIs, Columns, Json, Logs, Namespace, Tracker, read_logs
 from gpcorrect.corrector import FitSettings
 from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect.experiment import Experiment, run_experiment
@@ -59,6 +59,7 @@ def fit(
     namespace: Namespace = None,
     tracker_topic: Tracker = None,
     arm: Arm = None,
+    as_is: AsIs = False,
     json: Json = False,
 ) -> None:
     """Learn what to command from recordings, and measure it on trajectories that were held out.
@@ -74,7 +75,7 @@ def fit(
     require_folder(output)
     if report is not None:
         _make_folder(report)
-    log = read_logs(logs, columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm)
+    log = read_logs(logs, columns, as_is=as_is, namespace=namespace, tracker_topic=tracker_topic, arm=arm)
     settings = FitSettings(
         features=split_names(features),
         clean=clean,

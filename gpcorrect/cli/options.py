@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from gpcorrect.errors import DataError
-from gpcorrect.logs import join_logs, read_log
+from gpcorrect.errors import DataError, LogError
+from gpcorrect.logs import join_logs, read_log, refuse_misread
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["Arm", "Columns", "Json", "Logs", "Namespace", "Tracker", "read_logs", "seven_or_three"]
+__all__ = ["Arm", "AsIs", "Columns", "Json", "Logs", "Namespace", "Tracker", "read_logs", "seven_or_three"]
 
 Logs = Annotated[
     list[Path],
@@ -25,11 +25,14 @@ Namespace = Annotated[str | None, typer.Option(help="Arm's namespace in a bag th
 Tracker = Annotated[str | None, typer.Option(help="Topic of the outside tracker in a bag.")]
 Arm = Annotated[str | None, typer.Option(help="Which arm of a raven_state topic: left or right.")]
 
+AsIs = Annotated[bool, typer.Option("--as-is", help="Take recordings whose units or frames look wrong as they are.")]
+
 
 def read_logs(
     paths: list[Path],
     columns: Path | None = None,
     *,
+    as_is: bool = False,
     namespace: str | None = None,
     tracker_topic: str | None = None,
     arm: str | None = None,
@@ -39,12 +42,23 @@ def read_logs(
     Raises
     ------
     LogError
-        One of them cannot be read.
+        One of them cannot be read, or cannot be in the units and frames it is taken for, unless taken `as_is`.
     """
     logs = [
         read_log(path, columns=columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm) for path in paths
     ]
+    for log in [] if as_is else logs:
+        _refuse_misread(log)
     return logs[0] if len(logs) == 1 else join_logs(logs)
+
+
+def _refuse_misread(log: CalibrationLog) -> None:
+    """Name the way past the refusal too."""
+    try:
+        refuse_misread(log)
+    except LogError as error:
+        hint = f"{error.hint} More: gpcorrect validate LOG. If you know better: --as-is"
+        raise LogError(error.message, hint=hint) from error
 
 
 def seven_or_three(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gpcorrect.logs.combine import combine
 from gpcorrect.logs.join import join_logs
+from gpcorrect.logs.misread import refuse_misread
 from gpcorrect.logs.reader import read_log
 from gpcorrect.logs.streams import Stream, interpolate
 from gpcorrect.logs.sync import TimeOffset, align, log_offset
@@ -20,6 +21,7 @@ __all__ = [
     "join_logs",
     "log_offset",
     "read_log",
+    "refuse_misread",
     "validate_log",
     "write_log",
 ]

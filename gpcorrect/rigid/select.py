@@ -191,7 +191,10 @@ def _choose(tried: list[UnitErrors], scores: list[FloatArray], marker: MarkerOpt
         return tried[-1].kind, f'{tried[-1].kind} as asked for by marker="{marker}".'
     fitted = [index for index, errors in enumerate(tried) if not errors.refused]
     if fitted == [0]:
-        raise DegenerateError(tried[1].refused, hint="No registration but the identity could be tried.")
+        raise DegenerateError(
+            tried[1].refused,
+            hint="Record motion that fills the workspace, with orientations where the tracker has them.",
+        )
     best = min(fitted, key=lambda index: float(np.median(scores[index])))
     chosen = next(index for index in fitted if _within_one_error(scores[index], scores[best]))
     return tried[chosen].kind, _reason(tried, scores, best, chosen)

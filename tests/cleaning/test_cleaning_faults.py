@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from cleaning_synthetic import (
 )
 
 from gpcorrect.cleaning import CleaningReport, CleaningSettings, FittedCleaner, Reason, clean, clean_with, fit_cleaner
-from gpcorrect.types import BoolArray, CalibrationLog
+from gpcorrect.types import BoolArray, CalibrationLog, PoseSignal
 
 WORLD = World(reaches=30)
 SEEDS = (0, 1)
@@ -168,3 +169,28 @@ def test_positions_alone_suffice(name: str) -> None:
 
 def _position_fault(name: str, rng: np.random.Generator) -> Faulty:
     return FAULTS[name](make_log(replace(WORLD, position_only=True), rng), rng)
+
+
+def late_log(rng: np.random.Generator, reaches: int = 40) -> CalibrationLog:
+    """Make a log of an arm without any error but 30 ms of lag: reaches of very different speed, and pauses."""
+    targets, parts = rng.uniform(-0.05, 0.05, (reaches + 1, 3)), []
+    for number, (start, goal) in enumerate(pairwise(targets)):
+        duration = rng.uniform(0.5, 3.0)
+        time = np.arange(0, duration + 0.3, 0.01)
+        part = np.clip(np.array([time, time - 0.03])[..., None] / duration, 0, 1)
+        path, late = start + (10 * part**3 - 15 * part**4 + 6 * part**5) * (goal - start)
+        parts.append(np.column_stack([np.full(len(time), number), path, late]))
+    table = np.vstack(parts)
+    return CalibrationLog(
+        time=0.01 * np.arange(len(table)),
+        trajectory=table[:, 0].astype(np.int64),
+        session=np.zeros(len(table), dtype=np.int64),
+        setpoint_cp=PoseSignal(table[:, 1:4]),
+        tracker_cp=PoseSignal(table[:, 4:] + 2e-4 * rng.normal(size=(len(table), 3))),
+    )
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_an_arm_that_only_follows_late_has_no_faults(seed: int) -> None:
+    """A lag makes the error proportional to velocity: fast samples differ most from the rest, and are as good."""
+    assert judged(late_log(np.random.default_rng(seed))).keep.mean() > 0.999

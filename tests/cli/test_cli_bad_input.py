@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -92,6 +93,50 @@ def test_millimetres_for_metres_are_found(gpcorrect: CommandLine, tmp_path: Path
     outcome = gpcorrect("validate", written(moved(log, 1e3 * log.tracker_cp.position), tmp_path / "mm.csv"))
     assert outcome.code == 2
     assert "mm" in outcome.out or "millimetre" in outcome.out
+
+
+def test_a_tracker_that_saw_nothing_is_named(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """The message counts the complete poses of both signals."""
+    path = written(scaled(small_log(), np.nan), tmp_path / "dark.csv")
+    assert_refused(gpcorrect("fit", path, "--output", tmp_path / "m.gpc"), "dark.csv", "tracker_cp: 0")
+
+
+def turned_over(log: CalibrationLog) -> CalibrationLog:
+    """Return the log with the tracker's quaternions as x y z w."""
+    assert log.tracker_cp is not None
+    assert log.tracker_cp.quaternion is not None
+    return replace(log, tracker_cp=PoseSignal(log.tracker_cp.position, np.roll(log.tracker_cp.quaternion, -1, axis=1)))
+
+
+def scaled(log: CalibrationLog, factors: object) -> CalibrationLog:
+    """Return the log with observed positions times factors."""
+    assert log.tracker_cp is not None
+    return moved(log, log.tracker_cp.position * np.asarray(factors))
+
+
+@pytest.mark.parametrize(
+    ("misread", "said"),
+    [
+        (lambda log: scaled(log, 1e3), "1e-3"),
+        (lambda log: scaled(log, [1, 1, -1]), "mirror"),
+        (turned_over, "xyzw"),
+        (lambda log: replace(log, time=1e9 * log.time), "nanoseconds"),
+    ],
+    ids=["millimetres", "left-handed", "xyzw", "nanoseconds"],
+)
+def test_no_model_is_learned_from_a_recording_that_was_misread(
+    gpcorrect: CommandLine, tmp_path: Path, misread: Callable[[CalibrationLog], CalibrationLog], said: str
+) -> None:
+    """What the dry run calls a wrong unit or frame stops fit and evaluate too, and the way past it is named."""
+    path = written(misread(small_log()), tmp_path / "misread.csv")
+    assert_refused(gpcorrect("fit", path, "--output", tmp_path / "m.gpc"), said, "--as-is", "misread.csv")
+    assert not (tmp_path / "m.gpc").exists()
+
+
+def test_a_recording_can_be_taken_as_it_is(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """Whoever knows better than the guess of a unit can say so."""
+    path = written(scaled(small_log(), [1, 1, -1]), tmp_path / "mirrored.csv")
+    assert gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--as-is").code == 0
 
 
 def test_a_file_of_five_gigabytes_is_refused_before_it_is_read(gpcorrect: CommandLine, tmp_path: Path) -> None:
