@@ -151,7 +151,7 @@ def readings_of(machine: Machine, history: History, hidden: Sequence[Hidden]) ->
     for h in hidden:
         act = kind_named(h.name).tip
         if act and machine.tracked:
-            T = act(h.params, history, q, T)
+            T = act(h.params, h.column, history, q, T)
     readings = Readings(q, history.motion.motor, history.motion.command, T, np.zeros_like(q))
     for h in hidden:
         read = kind_named(h.name).read
