@@ -38,11 +38,11 @@ def dead_zone_drag(path, radius, step):
 class Relays(NamedTuple):
     """Preisach's plane: how many relays there are of each gap and place.
 
-    Of gaps up to `2 width` a beta density with exponents `narrow` and `wide`; of places, evenly many and a crowd
+    `depth` is the share of the motion that goes through relays. Of gaps up to `2 width` a beta density with exponents `narrow` and `wide`; of places, evenly many and a crowd
     (`crowd` times as many more) about `middle`, `spread` wide, which lies higher for wider gaps.
     """
 
-    amplitude: float
+    depth: float
     width: float
     narrow: float
     wide: float
@@ -53,8 +53,9 @@ class Relays(NamedTuple):
 
 @njit(cache=True)
 def preisach(path, relays):
-    """Lag of a path behind itself, at most `amplitude`, by relays that are neither alike nor evenly spread.
+    """Lag of a path behind itself, at most `depth` times `width`, by relays that are neither alike nor evenly spread.
 
+    After a reversal the lag takes up `depth` of the motion where the crowd is, and its usual share elsewhere; then ever less.
     Relays of one gap lie along the path, a `CELLS`-th of the width apart; those that are up end at a front, and only
     that front moves, so that counting relays costs one comparison a gap (Mayergoyz 1991, Ch. 1). Loops are wider where
     the crowd is, and minor loops are not congruent, which no sum of plays shows.
@@ -66,7 +67,6 @@ def preisach(path, relays):
         gap[g] = part * 2 * relays.width
         share[g] = part ** (relays.narrow - 1.0) * (1.0 - part) ** (relays.wide - 1.0)
     share /= share.sum()
-    greatest = 0.5 * (share * gap).sum() * (1.0 + relays.crowd)
     out = np.empty(len(path))
     for i in range(len(path)):
         lag = 0.0
@@ -75,7 +75,7 @@ def preisach(path, relays):
             down = np.ceil((path[i] + 0.5 * gap[g]) / cell) * cell
             front[g] = min(max(front[g], up), down)
             lag += share[g] * (_below(relays, gap[g], path[i]) - _below(relays, gap[g], front[g]))
-        out[i] = lag * relays.amplitude / greatest
+        out[i] = lag * relays.depth / (1.0 + relays.crowd)
     return out
 
 

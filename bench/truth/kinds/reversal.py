@@ -13,6 +13,7 @@ from truth.operators import Relays, dead_zone_drag, preisach
 __all__ = ["KINDS"]
 
 GAIN = (450.0, 360.0, 110000.0)  # typical kp, to turn an error into a torque
+DEPTH = 0.15  # least share of the motion that a hysteretic cable loses after a reversal
 
 
 def _torque(j: int, scene: Scene) -> float:
@@ -28,10 +29,11 @@ def _backlash(params: Params, j: int, history: History, q: Array) -> Array:
 
 
 def _draw_hysteresis(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    path = scene.path(j)
+    """Return a loop between a steep one, near a play, and a shallow one of many times its height."""
+    path, depth = scene.path(j), float(np.exp(rng.uniform(np.log(DEPTH), 0.0)))
     return {
-        "amplitude": float(2.0 * scene.noise[j]),
-        "width": float(unit(j, 1.0, 0.15) * rng.uniform(0.03, 0.09)),
+        "depth": depth,
+        "width": float(3.0 * scene.noise[j] / depth),
         "narrow": float(rng.uniform(1.0, 3.0)),
         "wide": float(rng.uniform(1.0, 3.0)),
         "crowd": float(rng.uniform(0.3, 1.0)),
@@ -112,5 +114,5 @@ KINDS = {
     "stribeck_friction": Kind(_draw_stribeck, grow=("torque", "static_torque"), loop=_stribeck),
     "capstan_friction": Kind(_draw_capstan, grow=("wrap",), loop=_capstan),
     "position_dependent_friction": Kind(_draw_wavy, grow=("torque", "swing"), loop=_wavy),
-    "hysteresis": Kind(_draw_hysteresis, grow=("amplitude",), path=_hysteresis, bare=True),
+    "hysteresis": Kind(_draw_hysteresis, grow=("width",), path=_hysteresis, bare=True),
 }
