@@ -38,8 +38,9 @@ def dead_zone_drag(path, radius, step):
 class Relays(NamedTuple):
     """Preisach's plane: how many relays there are of each gap and place.
 
-    `depth` is the share of the motion that goes through relays. Of gaps up to `2 width` a beta density with exponents `narrow` and `wide`; of places, evenly many and a crowd
-    (`crowd` times as many more) about `middle`, `spread` wide, which lies higher for wider gaps.
+    `depth` is the share of the motion that goes through relays. Of gaps up to `2 width` a beta density with exponents
+    `narrow` and `wide`; of places, evenly many and a crowd (`crowd` times as many more) about `middle`, `spread` wide,
+    which lies higher for wider gaps.
     """
 
     depth: float
@@ -55,7 +56,7 @@ class Relays(NamedTuple):
 def preisach(path, relays):
     """Lag of a path behind itself, at most `depth` times `width`, by relays that are neither alike nor evenly spread.
 
-    After a reversal the lag takes up `depth` of the motion where the crowd is, and its usual share elsewhere; then ever less.
+    After a reversal the lag takes up `depth` of the motion where the crowd is, and less elsewhere; then ever less.
     Relays of one gap lie along the path, a `CELLS`-th of the width apart; those that are up end at a front, and only
     that front moves, so that counting relays costs one comparison a gap (Mayergoyz 1991, Ch. 1). Loops are wider where
     the crowd is, and minor loops are not congruent, which no sum of plays shows.

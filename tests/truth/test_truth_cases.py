@@ -29,7 +29,7 @@ def _rms(values: np.ndarray) -> np.ndarray:
         ("cable_stretch", 0.5),
         ("shaft_bending", 0.25),
         ("noise_change", 1.0),
-        ("crossed_friction", 2.0),
+        ("magnetic_cogging", 2.0),
     ],
 )
 def test_a_hidden_cause_has_the_asked_size(name: str, ratio: float) -> None:

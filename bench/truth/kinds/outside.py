@@ -70,10 +70,10 @@ def _draw_thermal_bend(rng: np.random.Generator, j: int, scene: Scene) -> Params
 
 
 def _thermal_bend(params: Params, j: int, history: History, q: Array) -> Array:
-    """Motion heats one side of a link: the bend follows the motors' power and turns with another joint."""
+    """Motion heats one side of a link: the bend follows the motors' power and ripples with another joint."""
     power = (history.motion.speed[:, j] / (2 * HALF[j])) ** 2
     warm = warm_up(history.reference.session_time, power / power.mean(), params["time_constant"])
-    return column(len(q), j, params["amplitude"] * warm * np.sin(2.0 * _span(q)[:, params["source"] - 1]))
+    return column(len(q), j, params["amplitude"] * warm * np.sin(6.0 * _span(q)[:, params["source"] - 1]))
 
 
 def _draw_interpolation(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -94,34 +94,16 @@ def _interpolation(params: Params, j: int, history: History, q: Array) -> Array:
 def _draw_mesh(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     return {
         "amplitude": 2.4 * _noise(scene, j),
-        "cycles": float(unit(j, 1.0, 12.0) * rng.uniform(3.0, 7.0)),
+        "teeth": float(rng.uniform(3.0, 5.0)),
         "phase": _phase(rng),
     }
 
 
 def _mesh(params: Params, j: int, history: History, q: Array) -> Array:
-    """Teeth that creep and snap: a saw tooth whose depth grows along the wheel."""
-    turn = (params["cycles"] * q[:, j] + params["phase"]) / (2 * np.pi)
-    return column(len(q), j, params["amplitude"] * (turn - np.floor(turn) - 0.5) * (1.0 + 0.8 * _span(q)[:, j]))
-
-
-def _draw_hose(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    direction = rng.standard_normal(3)
-    return {"stiffness": float(rng.uniform(1.0, 3.0)), "anchor": (0.5 * direction / np.linalg.norm(direction)).tolist()}
-
-
-def _hose(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
-    return loop._replace(hose_stiffness=params["stiffness"], hose_anchor=np.array(params["anchor"])), body
-
-
-def _draw_crossed(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"torque": draw_sign(rng) * GAIN[j] * _noise(scene, j), "source": _other(rng, j) + 1}
-
-
-def _crossed(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
-    by = np.array(loop.crossed_by)
-    by[j] = params["source"] - 1
-    return loop._replace(crossed=at(loop.crossed, j, params["torque"]), crossed_by=by), body
+    """Teeth that creep and snap: a saw tooth whose pitch and depth grow along the wheel."""
+    x = _span(q)[:, j]
+    turn = params["teeth"] * (x + 0.4 * x**2) + params["phase"] / (2 * np.pi)
+    return column(len(q), j, params["amplitude"] * (turn - np.floor(turn) - 0.5) * (1.0 + 0.8 * x))
 
 
 def _draw_depth_scale(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -198,9 +180,9 @@ def _draw_spiral(rng: np.random.Generator, j: int, scene: Scene) -> Params:
 
 
 def _spiral(params: Params, j: int, history: History, q: Array) -> Array:
-    """Model this: a cable that climbs on its drum: the ratio depends on this joint and on another."""
+    """Model this: a cable that climbs over the turns of another one on a shared drum."""
     x = _span(q)
-    return column(len(q), j, params["amplitude"] * x[:, j] ** 2 * (1.0 + x[:, params["source"] - 1]))
+    return column(len(q), j, params["amplitude"] * np.sin(4.0 * x[:, j]) * np.sin(4.0 * x[:, params["source"] - 1]))
 
 
 def _draw_differential(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -238,8 +220,6 @@ KINDS = {
     "thermal_gradient_bend": Kind(_draw_thermal_bend, grow=("amplitude",), path=_thermal_bend, bare=True),
     "encoder_interpolation": Kind(_draw_interpolation, grow=("amplitude",), path=_interpolation, bare=True),
     "gear_mesh": Kind(_draw_mesh, grow=("amplitude",), path=_mesh, bare=True),
-    "hose_force": Kind(_draw_hose, where="all", grow=("stiffness",), loop=_hose),
-    "crossed_friction": Kind(_draw_crossed, grow=("torque",), loop=_crossed),
     "tracker_depth_scale": Kind(_draw_depth_scale, where="base", grow=("gain",), tip=_depth_scale, tracker_only=True),
     "intermittent_stick": Kind(_draw_stick, grow=("reach",), path=_stick, bare=True),
     "outside_vibration": Kind(_draw_vibration, grow=("amplitude",), read=_vibration, bare=True),
