@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Body", "equations", "middle_of_link_2"]
+__all__ = ["Body", "equations"]
 
 Array = NDArray[np.float64]
 
@@ -153,22 +153,3 @@ def equations(body, q, v, M, bias, weight):
     for k in range(2, 4):
         _add_mass(2, k, body, (x, y, z, o), (omega, alpha, a), joints, M, bias, weight)
     M[1, 0], M[2, 0], M[2, 1] = M[0, 1], M[0, 2], M[1, 2]
-
-
-@njit(cache=True)
-def middle_of_link_2(body, q):
-    """Place of link 2's centre of mass and its partial velocities for the turning joints."""
-    rows = body.rows
-    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    o = (rows[0, 1], 0.0, 0.0)
-    y, z = turned(y, z, rows[0, 0])
-    o = plus(o, rows[0, 2], z)
-    w0, o0 = z, o
-    x, y = turned(x, y, rows[0, 3] + q[0])
-    o = plus(o, rows[1, 1], x)
-    y, z = turned(y, z, rows[1, 0])
-    o = plus(o, rows[1, 2], z)
-    w1, o1 = z, o
-    x, y = turned(x, y, rows[1, 3] + q[1])
-    p = plus(o, 1.0, _place(x, y, z, body, 1))
-    return p, cross(w0, plus(p, -1.0, o0)), cross(w1, plus(p, -1.0, o1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from truth.facts import labels_of, nominal_tables
 from truth.history import Readings
 from truth.kinds import kind_named
 from truth.kinds.kind import Scene
+from truth.kinds.temporal import side_of
 from truth.machine import Hidden, readings_of, simulate
 from truth.record import recorded
 from truth.reference import Reference
@@ -17,9 +19,18 @@ from truth.setting import Setting, prepare
 from truth.sizing import grown
 from truth.spec import Case, Spec
 
-__all__ = ["make_case"]
+__all__ = ["Truth", "make_case", "make_truth"]
 
 DRAFT_STRIDE = 5  # every so many trajectories are simulated while a cause in the loop is sized
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """A case, its machine and motion without the causes (`setting`), and what was true with them at every tick."""
+
+    case: Case
+    setting: Setting
+    readings: Readings
 
 
 def make_case(spec: Spec, seed: int) -> Case:
@@ -36,12 +47,18 @@ def make_case(spec: Spec, seed: int) -> Case:
     -------
     Case
     """
+    return make_truth(spec, seed).case
+
+
+def make_truth(spec: Spec, seed: int) -> Truth:
+    """Make the same recording, and say what no one is told: what was true with and without the causes."""
     rng = np.random.default_rng([seed, zlib.crc32(repr(spec).encode())])
     setting = prepare(spec, rng)
     hidden = [_sized(setting, _drawn(setting, name, rng)) for name in spec.hidden]
     setting, readings, ratios = _hide(setting, hidden)
     log = recorded(setting, readings, rng)
-    return Case(log, nominal_tables(setting, rng), labels_of(setting, hidden, ratios, seed))
+    case = Case(log, nominal_tables(setting, rng), labels_of(setting, hidden, ratios, seed))
+    return Truth(case, setting, readings)
 
 
 def _hide(setting: Setting, hidden: list[Hidden]) -> tuple[Setting, Readings, list[float]]:
@@ -50,12 +67,8 @@ def _hide(setting: Setting, hidden: list[Hidden]) -> tuple[Setting, Readings, li
         return setting, setting.readings, []
     _, readings = simulate(setting.machine, setting.reference, hidden, setting.history.motion)
     ratios = [_own_ratio(setting, h, readings, alone=len(hidden) == 1) for h in hidden]
-    free = [r for h, r in zip(hidden, ratios, strict=True) if kind_named(h.name).channel != "noise"]
-    if not free:
-        return setting, readings, ratios
-    factor = float(np.exp(np.mean(np.log(np.maximum(free, 1e-6) / setting.spec.ratio))))
-    changed = [r if kind_named(h.name).channel == "noise" else r / factor for h, r in zip(hidden, ratios, strict=True)]
-    return setting.louder(factor), readings, changed
+    factor = float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-6) / setting.spec.ratio))))
+    return setting.louder(factor), readings, [r / factor for r in ratios]
 
 
 def _drawn(setting: Setting, name: str, rng: np.random.Generator) -> Hidden:
@@ -98,9 +111,9 @@ def _draft(setting: Setting, hidden: Hidden) -> Reference:
     if setting.spec.motion == "zigzag":
         return reference.only(np.arange(max(2, number // DRAFT_STRIDE)))
     if kind_named(hidden.name).peaks:
-        stop = "position" in hidden.params
+        stop = "end" in hidden.params
         motion = setting.history.motion
-        peak = hidden.params["side"] * motion.motor if stop else np.abs(motion.command)
+        peak = side_of(hidden.params) * motion.motor if stop else np.abs(motion.command)
         greatest = [peak[reference.trajectory == k, hidden.column].max() for k in range(number)]
         return reference.only(np.sort(np.argsort(greatest)[-max(2, number // DRAFT_STRIDE) :]))
     return reference.only(np.arange(0, number, DRAFT_STRIDE if number > 2 * DRAFT_STRIDE else 2))

@@ -44,7 +44,7 @@ class Readings:
     tip : (n, 4, 4) array
         True tool pose, base frame.
     extra_noise : (n, 3) array
-        Standard deviation of noise beyond the declared, in units of the declared; zero is none.
+        Standard deviation of noise beyond the declared, rad or m; zero is none.
     """
 
     outside: Array

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from truth.body import equations, middle_of_link_2
+from truth.body import equations
 
 __all__ = ["CONTROL_HZ", "FEEDFORWARDS", "STEP", "TICK_HZ", "Loop", "Recorded", "integrate"]
 
@@ -22,6 +22,7 @@ CONTROL_HZ = 1000
 TICK_HZ = 500  # rate at which the motion is kept
 STEP = 0.5e-3  # s
 SUBSTEPS = 2  # a control period
+COG_SLOTS = 1.4  # slots for each pole, of which both ripple
 FEEDFORWARDS = ("none", "gravity", "rigid-body")
 PRESLIDING = np.array([2e-5, 2e-5, 3e-6])  # rad, rad, m that a bristle bends before it slides
 DEAD_BAND = np.array([1e-3, 1e-3, 1e-4])  # rad/s, rad/s, m/s in which Karnopp's joint may stick; above a step's gain
@@ -30,12 +31,10 @@ DEAD_BAND = np.array([1e-3, 1e-3, 1e-4])  # rad/s, rad/s, m/s in which Karnopp's
 class Loop(NamedTuple):
     """Numbers of the machine, (3,) arrays unless said; zero is absent.
 
-    `stiffness` (0: rigid cable), `cubic`, `length` (EA of a cable of length `length_offset` + insertion), `slack_ratio`
-    (stiffness when pushed over stiffness when pulled) and `cable_damping` make the cable; `coulomb`, `static`,
-    `stribeck_speed`, `waviness`, `wave_number`, `wave_phase`, `capstan` (mu times wrap angle) and `viscous` the
-    friction, `lugre` (bool) its law; `stop_*` a one-sided spring; `cog_*` a torque ripple; `hose_stiffness` (float) a
-    spring from link 2 to `hose_anchor`; `crossed`
-    a torque with the sign of the motion of joint `crossed_by` (int index).
+    `stiffness` (0: rigid cable), `cubic`, `length` (EA of a cable of length `length_offset` + insertion), and
+    `cable_damping` make the cable; `coulomb`, `static`, `stribeck_speed`, `waviness`, `wave_number`, `wave_phase`,
+    `capstan` (mu times wrap angle) and `viscous` the friction, `lugre` (bool) its law; `stop_*` a one-sided spring;
+    `cog_*` a torque ripple.
     """
 
     kp: Array
@@ -48,7 +47,6 @@ class Loop(NamedTuple):
     cubic: Array
     length: Array
     length_offset: Array
-    slack_ratio: Array
     cable_damping: Array
     coulomb: Array
     static: Array
@@ -65,10 +63,6 @@ class Loop(NamedTuple):
     cog_torque: Array
     cog_number: Array
     cog_phase: Array
-    hose_stiffness: float
-    hose_anchor: Array
-    crossed: Array
-    crossed_by: NDArray[np.int64]
 
 
 class Recorded(NamedTuple):
@@ -88,8 +82,6 @@ def cable_torque(p, j, stretch, rate, insertion):
     k = p.stiffness[j]
     if p.length[j] > 0.0:
         k = p.length[j] / (p.length_offset[j] + insertion)
-    if stretch < 0.0:
-        k *= p.slack_ratio[j]
     return k * stretch + p.cubic[j] * stretch**3 + p.cable_damping[j] * rate
 
 
@@ -156,8 +148,8 @@ def _feedforward(p, nominal, q, v, a, M, bias, weight, out):
 
 
 @njit(cache=True)
-def _outer(p, body, q, v, motor, motor_speed, extra, out):
-    """Torques on the joints from outside the drive and the links: stops, ripple, hose, crossed friction, bumps."""
+def _outer(p, q, v, motor, extra, out):
+    """Torques on the joints from outside the drive and the links: stops, ripple, bumps."""
     for j in range(3):
         beyond = p.stop_side[j] * (q[j] - p.stop_place[j])
         out[j] = extra[j]
@@ -165,15 +157,8 @@ def _outer(p, body, q, v, motor, motor_speed, extra, out):
             # Hunt and Crossley 1975: damping grows with the depth, so that contact starts without a jump
             out[j] -= p.stop_side[j] * p.stop_stiffness[j] * beyond * max(0.0, 1.0 + 0.3 * p.stop_side[j] * v[j])
         if p.cog_torque[j] != 0.0:
-            out[j] += p.cog_torque[j] * np.sin(p.cog_number[j] * motor[j] + p.cog_phase[j])
-        if p.crossed[j] != 0.0:
-            out[j] -= p.crossed[j] * np.tanh(motor_speed[p.crossed_by[j]] / 2e-3)
-    if p.hose_stiffness > 0.0:
-        place, partial_1, partial_2 = middle_of_link_2(body, q)
-        for c in range(3):
-            pull = p.hose_stiffness * (p.hose_anchor[c] - place[c])
-            out[0] += partial_1[c] * pull
-            out[1] += partial_2[c] * pull
+            turn = p.cog_number[j] * motor[j] + p.cog_phase[j]
+            out[j] += p.cog_torque[j] * (np.sin(turn) + np.sin(COG_SLOTS * turn))
 
 
 class _State(NamedTuple):
@@ -274,7 +259,7 @@ def _step(p, body, state, offset, extra, fresh, work):
         ahead[j] = q[j] + 0.5 * STEP * state.rate[j]
     if fresh:
         equations(body, ahead, state.rate, state.M, state.bias, state.weight)
-    _outer(p, body, q, state.rate, state.motor, state.speed, extra, outer)
+    _outer(p, q, state.rate, state.motor, extra, outer)
     _kick(p, state, q, outer, push, moved)
     solve(state.M, moved, push, acc)
     for j in range(3):

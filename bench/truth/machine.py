@@ -85,8 +85,7 @@ def _plain_loop(kp: Array, kd: Array, feedforward: int, lugre: bool) -> Loop:
     values: dict[str, Any] = {name: np.zeros(3) for name in Loop._fields}
     return Loop(**values)._replace(
         kp=kp, kd=kd, motor_inertia=MOTOR_INERTIA.copy(), feedforward=feedforward, encoder_step=ENCODER_STEP.copy(),
-        torque_limit=np.full(3, np.inf), slack_ratio=np.ones(3), stribeck_speed=np.ones(3), lugre=lugre,
-        hose_stiffness=0.0, crossed_by=np.zeros(3, dtype=np.int64),
+        torque_limit=np.full(3, np.inf), stribeck_speed=np.ones(3), lugre=lugre,
     )  # fmt: skip
 
 
@@ -151,7 +150,7 @@ def readings_of(machine: Machine, history: History, hidden: Sequence[Hidden]) ->
     for h in hidden:
         act = kind_named(h.name).tip
         if act and machine.tracked:
-            T = act(h.params, history, q, T)
+            T = act(h.params, h.column, history, q, T)
     readings = Readings(q, history.motion.motor, history.motion.command, T, np.zeros_like(q))
     for h in hidden:
         read = kind_named(h.name).read

@@ -62,13 +62,13 @@ def noise_of(
     speed : (n,) array
         Of the motion, as a share of its greatest.
     extra : (n, k) array
-        Standard deviation of further white noise, in units of the law's RMS.
+        Standard deviation of further white noise, in the unit of the channels.
     """
     n, k = len(trajectory), len(law.white)
     tails = rng.standard_t(law.degrees, (n, k)) / np.sqrt(law.degrees / (law.degrees - 2.0))
     slow = _slow(law.phi, rng, trajectory, k)
     noise = (law.white * tails + law.slow * slow) * _loudness(law.awkward, rng, trajectory, speed)[:, None]
-    noise = noise + extra * law.rms * rng.standard_normal((n, k))
+    noise = noise + extra * rng.standard_normal((n, k))
     spikes = rng.random((n, k)) < OUTLIERS
     size = rng.uniform(*OUTLIER_SIZE, (n, k)) * rng.choice([-1.0, 1.0], (n, k))
     noise = np.where(spikes, noise + size * law.rms, noise)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from math import erf, pi, sqrt
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
-__all__ = ["dead_zone_drag", "kelvin_voigt", "preisach", "second_order", "warm_up"]
+__all__ = ["Relays", "dead_zone_drag", "kelvin_voigt", "preisach", "second_order", "warm_up"]
 
 DRAG = 5e-5  # s; compression of the contact for each unit of speed
-GAPS = 32  # sorts of relay
+GAPS = 24  # sorts of relay
 CELLS = 60  # relays of one sort along a width
 
 
@@ -32,30 +35,56 @@ def dead_zone_drag(path, radius, step):
     return out
 
 
-@njit(cache=True)
-def preisach(path, amplitude, width):
-    """Lag of a path behind itself, at most `amplitude`, by relays with gaps up to `2 width`, a triangle of densities.
+class Relays(NamedTuple):
+    """Preisach's plane: how many relays there are of each gap and place.
 
-    Relays of one gap lie evenly along the path, a `CELLS`-th of the width apart; those that are up end at a front, and
-    only that front moves, so that counting relays costs one comparison a gap (Mayergoyz 1991, Ch. 1).
+    `depth` is the share of the motion that goes through relays. Of gaps up to `2 width` a beta density with exponents
+    `narrow` and `wide`; of places, evenly many and a crowd (`crowd` times as many more) about `middle`, `spread` wide,
+    which lies higher for wider gaps.
     """
-    cell = width / CELLS
+
+    depth: float
+    width: float
+    narrow: float
+    wide: float
+    crowd: float
+    middle: float
+    spread: float
+
+
+@njit(cache=True)
+def preisach(path, relays):
+    """Lag of a path behind itself, at most `depth` times `width`, by relays that are neither alike nor evenly spread.
+
+    After a reversal the lag takes up `depth` of the motion where the crowd is, and less elsewhere; then ever less.
+    Relays of one gap lie along the path, a `CELLS`-th of the width apart; those that are up end at a front, and only
+    that front moves, so that counting relays costs one comparison a gap (Mayergoyz 1991, Ch. 1). Loops are wider where
+    the crowd is, and minor loops are not congruent, which no sum of plays shows.
+    """
+    cell = relays.width / CELLS
     front, gap, share = np.full(GAPS, path[0]), np.empty(GAPS), np.empty(GAPS)
     for g in range(GAPS):
-        gap[g] = (g + 0.5) / GAPS * 2 * width
-        share[g] = 1.0 - abs((g + 0.5) / GAPS * 2 - 1.0)
+        part = (g + 0.5) / GAPS
+        gap[g] = part * 2 * relays.width
+        share[g] = part ** (relays.narrow - 1.0) * (1.0 - part) ** (relays.wide - 1.0)
     share /= share.sum()
-    greatest = 0.5 * (share * gap).sum()
     out = np.empty(len(path))
     for i in range(len(path)):
-        total = 0.0
+        lag = 0.0
         for g in range(GAPS):
             up = np.floor((path[i] - 0.5 * gap[g]) / cell) * cell
             down = np.ceil((path[i] + 0.5 * gap[g]) / cell) * cell
             front[g] = min(max(front[g], up), down)
-            total += share[g] * front[g]
-        out[i] = (path[i] - total) * amplitude / greatest
+            lag += share[g] * (_below(relays, gap[g], path[i]) - _below(relays, gap[g], front[g]))
+        out[i] = lag * relays.depth / (1.0 + relays.crowd)
     return out
+
+
+@njit(cache=True)
+def _below(relays, gap, place):
+    """Count of relays of a gap below a place, up to a constant."""
+    away = (place - relays.middle - 0.5 * gap) / relays.spread
+    return place + relays.crowd * relays.spread * 0.5 * sqrt(pi) * erf(away)
 
 
 @njit(cache=True)
@@ -72,7 +101,10 @@ def kelvin_voigt(time, load, gain, seconds):
 
 @njit(cache=True)
 def second_order(path, omega, damping, step):
-    """Answer of a mass on a spring whose other end follows a path: exact for steps held, from rest."""
+    """Answer from rest of a mass on a spring whose other end follows a path, damped against the ground.
+
+    Half a drift, a kick, half a drift, four times a step.
+    """
     out = np.empty(len(path))
     fine = 4
     h = step / fine
@@ -82,9 +114,8 @@ def second_order(path, omega, damping, step):
         after = path[min(i + 1, len(path) - 1)]
         for s in range(fine):
             u = path[i] + (after - path[i]) * (s + 0.5) / fine
-            rate = (after - path[i]) / step
             x += 0.5 * h * v
-            v += h * (omega * omega * (u - x) + 2 * damping * omega * (rate - v))
+            v += h * (omega * omega * (u - x) - 2 * damping * omega * v)
             x += 0.5 * h * v
     return out
 

@@ -23,14 +23,13 @@ TRIES = 9
 STRIDE = 2.5  # of a step, in the logarithm of the factor
 PHYSICAL: dict[str, dict[str, tuple[float, float]]] = {
     "resonance": {"frequency": (5.0, 40.0)},
-    "capstan_friction": {"exponent": (1e-4, 0.5)},
+    "capstan_friction": {"wrap": (1e-4, 0.5)},
     "payload": {"mass": (2e-3, 1.0)},
     "joint_stop": {"stiffness": (0.05, 2e5)},
-    "delay": {"seconds": (2e-4, 0.05)},
+    "delay": {"delay": (2e-4, 0.05)},
     "transmission_ratio": {"error": (-0.2, 0.2)},
     "shaft_bending": {"rigidity": (0.05, 200.0)},
-    "rcm_shift": {"compliance": (1e-7, 3e-3)},
-    "wandering_clock": {"seconds": (2e-4, 0.1)},
+    "rcm_shift": {"stiffness": (300.0, 1e7)},
 }
 
 
@@ -56,7 +55,7 @@ def ratio_of(
     """
     kind, j = kind_named(hidden.name), hidden.column
     if kind.channel == "noise":
-        return float(np.sqrt(np.mean(with_it.extra_noise[rows, j] ** 2)))
+        return float(np.sqrt(np.mean(with_it.extra_noise[rows, j] ** 2)) / noise[j])
     if tracker is not None:
         before, after = without.tip[rows, :3, 3], with_it.tip[rows, :3, 3]
         miss = after - (_rigidly(before, after) if fitted else before)

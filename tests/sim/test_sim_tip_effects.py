@@ -304,3 +304,12 @@ def test_changed_noise_begins_when_it_says():
     assert (shift[state.time >= 2.0] != 0).all()
     assert shift[state.time >= 2.0].std() == pytest.approx(1e-3, rel=0.1)
     np.testing.assert_array_equal(seen.external_jp, state.position)
+
+
+def test_a_cable_may_have_no_length_before_its_source_reads_zero():
+    """Where an arm's table puts the insertion's zero is a convention: only the sum of length and insertion counts."""
+    state = motion()
+    moved = replace(state, position=state.position + np.array([0.0, 0.0, 0.5]))
+    here = LengthDependentStiffness(2, 3, 60.0, 0.3).act(state.position, state)[..., 1]
+    there = LengthDependentStiffness(2, 3, 60.0, -0.2).act(moved.position, moved)[..., 1]
+    np.testing.assert_allclose(there, here)

@@ -10,7 +10,7 @@ from truth import Spec, make_case
 
 from gpcorrect.sim import Outcome, Segment, machine_of, model_from_dict, plan_of, run
 
-SMALL = Spec("null", trajectories=4, seconds=8.0)
+SMALL = Spec("null", trajectories=3, seconds=6.0)
 
 
 def _product(nominal: dict, log) -> Outcome:

@@ -11,9 +11,9 @@ CATALOGUE: dict[str, Kind] = geometry.KINDS | compliance.KINDS | reversal.KINDS 
 OUTSIDE: dict[str, Kind] = outside.KINDS
 # Path effects act from the motor to the link: the order matters where they meet
 STAGES = (
-    "encoder_interpolation", "speed_bias", "homing_offset", "drift", "transmission_ratio", "climbing_cable",
-    "cable_coupling", "quadratic_coupling", "pulley_eccentricity", "gear_mesh", "intermittent_stick", "creep",
-    "asymmetric_stretch", "thermal_stiffness", "cable_slip", "backlash", "hysteresis", "resonance",
+    "encoder_interpolation", "homing_offset", "drift", "transmission_ratio", "climbing_cable",
+    "cable_coupling", "quadratic_coupling", "pulley_eccentricity", "gear_mesh", "differential_wheel",
+    "toggling_latch", "intermittent_stick", "creep", "cable_slip", "backlash", "hysteresis", "resonance",
     "thermal_gradient_bend", "gravity_sag",
 )  # fmt: skip
 

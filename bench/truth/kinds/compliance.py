@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from truth.arm import RANGES
 from truth.body import Body
 from truth.history import History
 from truth.kinds.kind import Array, Kind, Params, Scene, at, column, unit
@@ -13,6 +14,7 @@ __all__ = ["KINDS", "lateral_force"]
 
 CABLE_DAMPING = 0.12  # of critical, on the link's inertia; steel rope on pulleys
 LINK_INERTIA = (0.10, 0.09, 0.40)  # kg m^2, kg m^2, kg; only sets the damping
+MIDDLE_INSERTION = float(RANGES[2].mean())  # m
 
 
 def _rms(values: Array) -> float:
@@ -39,22 +41,24 @@ def _stretch(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body
 
 def _draw_nonlinear(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     k = 0.4 * _typical_stiffness(j, scene)
-    return {"linear": k, "cubic": float(rng.uniform(1.5, 5.0)) * k / float(scene.noise[j]) ** 2}
+    return {"stiffness": k, "cubic": float(rng.uniform(1.5, 5.0)) * k / float(scene.noise[j]) ** 2}
 
 
 def _nonlinear(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
-    k, cubic = params["linear"], params["cubic"]
+    k, cubic = params["stiffness"], params["cubic"]
     return _with_cable(loop, j, k, stiffness=at(loop.stiffness, j, k), cubic=at(loop.cubic, j, cubic)), body
 
 
 def _draw_length(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"rigidity": 0.375 * _typical_stiffness(j, scene), "length_offset": float(rng.uniform(-0.28, -0.2))}
+    """Return a cable of 0.05 to 0.42 m: where the insertion reads zero is a convention of its table."""
+    length = float(rng.uniform(-0.28, 0.0))
+    return {"source": 3, "rigidity": (MIDDLE_INSERTION + length) * _typical_stiffness(j, scene), "length": length}
 
 
 def _length(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
-    free = params["length_offset"]
-    changed = {"length": at(loop.length, j, params["rigidity"]), "length_offset": at(loop.length_offset, j, free)}
-    return _with_cable(loop, j, params["rigidity"] / 0.375, **changed), body
+    rigidity, length = params["rigidity"], params["length"]
+    changed = {"length": at(loop.length, j, rigidity), "length_offset": at(loop.length_offset, j, length)}
+    return _with_cable(loop, j, rigidity / (MIDDLE_INSERTION + length), **changed), body
 
 
 def _draw_sag(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -92,7 +96,7 @@ def _draw_bending(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     return {"rigidity": float(rng.uniform(2.0, 6.0))}
 
 
-def _bending(params: Params, history: History, q: Array, T: Array) -> Array:
+def _bending(params: Params, j: int, history: History, q: Array, T: Array) -> Array:
     """Bend a cantilever from the remote centre to the tip, in eight slices: curvature F (L - s) / EI summed twice."""
     force, length = lateral_force(history, T), np.linalg.norm(T[:, :3, 3], axis=1, keepdims=True)
     slices = 8
@@ -115,19 +119,19 @@ def _turned(T: Array, turn: Array, shift: Array) -> Array:
 
 
 def _draw_rcm(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"compliance": float(rng.uniform(5e-5, 2e-4))}
+    return {"stiffness": float(rng.uniform(5e3, 2e4))}
 
 
-def _rcm(params: Params, history: History, q: Array, T: Array) -> Array:
-    return _turned(T, np.zeros((len(q), 3)), params["compliance"] * lateral_force(history, T))
+def _rcm(params: Params, j: int, history: History, q: Array, T: Array) -> Array:
+    return _turned(T, np.zeros((len(q), 3)), lateral_force(history, T) / params["stiffness"])
 
 
 KINDS = {
     "cable_stretch": Kind(_draw_stretch, shrink=("stiffness",), loop=_stretch),
-    "nonlinear_stretch": Kind(_draw_nonlinear, shrink=("linear", "cubic"), power={"cubic": 3.0}, loop=_nonlinear),
+    "nonlinear_stretch": Kind(_draw_nonlinear, shrink=("stiffness", "cubic"), power={"cubic": 3.0}, loop=_nonlinear),
     "length_dependent_stiffness": Kind(_draw_length, shrink=("rigidity",), loop=_length),
     "gravity_sag": Kind(_draw_sag, shrink=("stiffness",), path=_sag),
     "payload": Kind(_draw_payload, where="all", grow=("mass",), loop=_payload),
     "shaft_bending": Kind(_draw_bending, where="tool", shrink=("rigidity",), tip=_bending, tracker_only=True),
-    "rcm_shift": Kind(_draw_rcm, where="base", grow=("compliance",), tip=_rcm, tracker_only=True),
+    "rcm_shift": Kind(_draw_rcm, where="base", shrink=("stiffness",), tip=_rcm, tracker_only=True),
 }

@@ -13,7 +13,8 @@ from truth.loop import Loop
 
 __all__ = ["KINDS"]
 
-ROW_TERMS = ("dalpha", "da", "dd", "dtheta")
+ROW_TERMS = ("alpha", "a", "d", "theta")  # the order of a row's columns
+SIMILARITY = ("x", "y", "z", "rx", "ry", "rz", "scale")
 
 
 def _draw_homing(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -47,12 +48,12 @@ def _coupling(params: Params, j: int, history: History, q: Array) -> Array:
 
 def _draw_eccentricity(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     number = float(rng.uniform(*(5.0, 18.0) if j < 2 else (80.0, 260.0)))
-    return {"amplitude": float(1.4 * scene.noise[j]), "cycles": number, "phase": float(rng.uniform(-np.pi, np.pi))}
+    return {"amplitude": float(1.4 * scene.noise[j]), "waves": number, "phase": float(rng.uniform(-np.pi, np.pi))}
 
 
 def _eccentricity(params: Params, j: int, history: History, q: Array) -> Array:
     """Solve `m = q + a sin(N q + phi)` for q by Newton: the pulley turns with the true joint."""
-    a, number, phase = params["amplitude"], params["cycles"], params["phase"]
+    a, number, phase = params["amplitude"], params["waves"], params["phase"]
     true = np.array(q[:, j])
     for _ in range(4):
         turn = number * true + phase
@@ -61,18 +62,16 @@ def _eccentricity(params: Params, j: int, history: History, q: Array) -> Array:
 
 
 def _draw_registration(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {
-        "translation": (2e-4 * rng.standard_normal(3)).tolist(),
-        "rotvec": (1e-3 * rng.standard_normal(3)).tolist(),
-        "scale_error": float(1e-3 * rng.standard_normal()),
-    }
+    sizes = np.r_[np.full(3, 2e-4), np.full(3, 1e-3), 1e-3]
+    return dict(zip(SIMILARITY, (sizes * rng.standard_normal(7)).tolist(), strict=True))
 
 
-def _registration(params: Params, history: History, q: Array, T: Array) -> Array:
+def _registration(params: Params, j: int, history: History, q: Array, T: Array) -> Array:
     moved = np.array(T)
-    R = Rotation.from_rotvec(params["rotvec"]).as_matrix()
+    values = np.array([params[name] for name in SIMILARITY])
+    R = Rotation.from_rotvec(values[3:6]).as_matrix()
     moved[:, :3, :3] = R @ T[:, :3, :3]
-    moved[:, :3, 3] = (1.0 + params["scale_error"]) * T[:, :3, 3] @ R.T + params["translation"]
+    moved[:, :3, 3] = (1.0 + values[6]) * T[:, :3, 3] @ R.T + values[:3]
     return moved
 
 
@@ -80,9 +79,9 @@ def _draw_table(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     """Return an angle or a length of one row, never one that a zero or the registration can take up."""
     params: Params = dict.fromkeys(ROW_TERMS, 0.0)
     if rng.random() < 0.5:
-        params["dalpha"] = draw_sign(rng) * 2e-3
+        params["alpha"] = draw_sign(rng) * 2e-3
     else:
-        params["da"] = draw_sign(rng) * 3e-4
+        params["a"] = draw_sign(rng) * 3e-4
     return params
 
 
@@ -98,14 +97,10 @@ def _table_loop(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, B
     return loop, body._replace(rows=rows)
 
 
-def _table_tip(params: Params, history: History, q: Array, T: Array) -> Array:
+def _table_tip(params: Params, j: int, history: History, q: Array, T: Array) -> Array:
     """Carry the tool by what the changed row does to it."""
-    before, after = forward(q), forward(q, _table_rows(params, params["row"] - 1))
+    before, after = forward(q), forward(q, _table_rows(params, j))
     return after @ np.linalg.inv(before) @ T
-
-
-def _draw_row(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return _draw_table(rng, j, scene) | {"row": j + 1}
 
 
 KINDS = {
@@ -116,9 +111,9 @@ KINDS = {
     "registration_error": Kind(
         _draw_registration,
         where="base",
-        grow=("translation", "rotvec", "scale_error"),
+        grow=SIMILARITY,
         tip=_registration,
         tracker_only=True,
     ),
-    "dh_error": Kind(_draw_row, grow=ROW_TERMS, loop=_table_loop, tip=_table_tip, tracker_only=True),
+    "dh_error": Kind(_draw_table, grow=ROW_TERMS, loop=_table_loop, tip=_table_tip, tracker_only=True),
 }

@@ -73,7 +73,7 @@ class Kind:
     path : callable or None
         `(params, column, history, q) -> error`: reported minus true joint path `(n, 3)`, given the path so far.
     tip : callable or None
-        `(params, history, q, T) -> T`: acts on tool poses.
+        `(params, column, history, q, T) -> T`: acts on tool poses.
     read : callable or None
         `(params, column, history, readings) -> readings`.
     force : callable or None
@@ -94,7 +94,7 @@ class Kind:
     shrink: tuple[str, ...] = ()
     loop: Callable[[Params, int, Loop, Body], tuple[Loop, Body]] | None = None
     path: Callable[[Params, int, History, Array], Array] | None = None
-    tip: Callable[[Params, History, Array, Array], Array] | None = None
+    tip: Callable[[Params, int, History, Array, Array], Array] | None = None
     read: Callable[[Params, int, History, Readings], Readings] | None = None
     force: Callable[[Params, int, History], Array] | None = None
     tracker_only: bool = False

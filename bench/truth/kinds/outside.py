@@ -10,7 +10,6 @@ from truth.arm import RANGES
 from truth.body import Body
 from truth.history import History, Readings
 from truth.kinds.kind import Array, Kind, Params, Scene, at, column, draw_sign, unit
-from truth.kinds.temporal import seen_late
 from truth.loop import Loop
 from truth.operators import warm_up
 
@@ -71,10 +70,10 @@ def _draw_thermal_bend(rng: np.random.Generator, j: int, scene: Scene) -> Params
 
 
 def _thermal_bend(params: Params, j: int, history: History, q: Array) -> Array:
-    """Motion heats one side of a link: the bend follows the motors' power and turns with another joint."""
+    """Motion heats one side of a link: the bend follows the motors' power and ripples with another joint."""
     power = (history.motion.speed[:, j] / (2 * HALF[j])) ** 2
     warm = warm_up(history.reference.session_time, power / power.mean(), params["time_constant"])
-    return column(len(q), j, params["amplitude"] * warm * np.sin(2.0 * _span(q)[:, params["source"] - 1]))
+    return column(len(q), j, params["amplitude"] * warm * np.sin(6.0 * _span(q)[:, params["source"] - 1]))
 
 
 def _draw_interpolation(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -95,69 +94,16 @@ def _interpolation(params: Params, j: int, history: History, q: Array) -> Array:
 def _draw_mesh(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     return {
         "amplitude": 2.4 * _noise(scene, j),
-        "cycles": float(unit(j, 1.0, 12.0) * rng.uniform(3.0, 7.0)),
+        "teeth": float(rng.uniform(3.0, 5.0)),
         "phase": _phase(rng),
     }
 
 
 def _mesh(params: Params, j: int, history: History, q: Array) -> Array:
-    """Teeth that creep and snap: a saw tooth whose depth grows along the wheel."""
-    turn = (params["cycles"] * q[:, j] + params["phase"]) / (2 * np.pi)
-    return column(len(q), j, params["amplitude"] * (turn - np.floor(turn) - 0.5) * (1.0 + 0.8 * _span(q)[:, j]))
-
-
-def _draw_hose(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    direction = rng.standard_normal(3)
-    return {"stiffness": float(rng.uniform(1.0, 3.0)), "anchor": (0.5 * direction / np.linalg.norm(direction)).tolist()}
-
-
-def _hose(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
-    return loop._replace(hose_stiffness=params["stiffness"], hose_anchor=np.array(params["anchor"])), body
-
-
-def _draw_speed_bias(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"gain": draw_sign(rng) * _noise(scene, j), "speed": float(unit(j, 0.1, 0.012) * rng.uniform(0.5, 1.5))}
-
-
-def _speed_bias(params: Params, j: int, history: History, readings: Readings) -> Readings:
-    """Model this: an outside sensor that reads too far in either direction of motion: even in the speed."""
-    speed = np.gradient(readings.outside[:, j]) / history.step
-    bias = params["gain"] * np.minimum((speed / params["speed"]) ** 2, 6.0)
-    return replace(readings, outside=readings.outside + column(len(bias), j, bias))
-
-
-def _draw_crossed(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"torque": draw_sign(rng) * GAIN[j] * _noise(scene, j), "source": _other(rng, j) + 1}
-
-
-def _crossed(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
-    by = np.array(loop.crossed_by)
-    by[j] = params["source"] - 1
-    return loop._replace(crossed=at(loop.crossed, j, params["torque"]), crossed_by=by), body
-
-
-def _draw_thermal_stiffness(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    load = max(float(np.sqrt(np.mean(scene.load(j) ** 2))), unit(j, 0.2, 0.5))
-    return {"compliance": 2.0 * _noise(scene, j) / load, "period": float(rng.uniform(150.0, 350.0))}
-
-
-def _thermal_stiffness(params: Params, j: int, history: History, q: Array) -> Array:
-    """Model this: the room's air conditioning comes and goes: the cable is softer, then stiffer than the model's."""
-    season = np.sin(2 * np.pi * history.reference.time / params["period"])
-    return column(len(q), j, params["compliance"] * season * history.motion.load[:, j])
-
-
-def _draw_asymmetric(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    load = scene.load(j)
-    middle = float(np.median(load))
-    spread = max(float(np.std(load)), unit(j, 0.1, 0.3))
-    return {"compliance": 2.0 * _noise(scene, j) / spread, "threshold": middle}
-
-
-def _asymmetric(params: Params, j: int, history: History, q: Array) -> Array:
-    """One cable of the pair has gone soft: it gives above a torque and holds below."""
-    over = np.maximum(history.motion.load[:, j] - params["threshold"], 0.0)
-    return column(len(q), j, params["compliance"] * over)
+    """Teeth that creep and snap: a saw tooth whose pitch and depth grow along the wheel."""
+    x = _span(q)[:, j]
+    turn = params["teeth"] * (x + 0.4 * x**2) + params["phase"] / (2 * np.pi)
+    return column(len(q), j, params["amplitude"] * (turn - np.floor(turn) - 0.5) * (1.0 + 0.8 * x))
 
 
 def _draw_depth_scale(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -165,7 +111,7 @@ def _draw_depth_scale(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     return {"gain": draw_sign(rng) * 0.1, "axis": (direction / np.linalg.norm(direction)).tolist()}
 
 
-def _depth_scale(params: Params, history: History, q: Array, T: Array) -> Array:
+def _depth_scale(params: Params, j: int, history: History, q: Array, T: Array) -> Array:
     """Badly calibrated cameras: what is farther along their axis looks larger, quadratically."""
     moved = np.array(T)
     middle = T[:, :3, 3].mean(axis=0)
@@ -234,20 +180,38 @@ def _draw_spiral(rng: np.random.Generator, j: int, scene: Scene) -> Params:
 
 
 def _spiral(params: Params, j: int, history: History, q: Array) -> Array:
-    """Model this: a cable that climbs on its drum: the ratio depends on this joint and on another."""
+    """Model this: a cable that climbs over the turns of another one on a shared drum."""
     x = _span(q)
-    return column(len(q), j, params["amplitude"] * x[:, j] ** 2 * (1.0 + x[:, params["source"] - 1]))
+    return column(len(q), j, params["amplitude"] * np.sin(4.0 * x[:, j]) * np.sin(4.0 * x[:, params["source"] - 1]))
 
 
-def _draw_clock(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"seconds": float(rng.uniform(0.004, 0.012)), "period": float(rng.uniform(20.0, 90.0))}
+def _draw_differential(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    source = _other(rng, j)
+    return {
+        "amplitude": 1.4 * _noise(scene, j),
+        "source": source + 1,
+        "waves": float(rng.uniform(3.0, 5.0) / HALF[j]),
+        "source_waves": float(draw_sign(rng) * rng.uniform(3.0, 5.0) / HALF[source]),
+        "phase": _phase(rng),
+    }
 
 
-def _clock(params: Params, j: int, history: History, readings: Readings) -> Readings:
-    """Model this: the outside sensor's clock wanders about the robot's: now late, now early."""
-    time = history.reference.time
-    late = params["seconds"] * np.sin(2 * np.pi * time / params["period"])
-    return seen_late(readings, time, late)
+def _differential(params: Params, j: int, history: History, q: Array) -> Array:
+    """Turn a wheel by two joints together, as in a differential, off its centre."""
+    turn = params["waves"] * q[:, j] + params["source_waves"] * q[:, params["source"] - 1] + params["phase"]
+    return column(len(q), j, params["amplitude"] * np.sin(turn))
+
+
+def _draw_toggle(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    place = float(np.quantile(scene.path(j), rng.uniform(0.35, 0.65)))
+    return {"amplitude": draw_sign(rng) * _noise(scene, j), "place": place}
+
+
+def _toggle(params: Params, j: int, history: History, q: Array) -> Array:
+    """Model this: a latch at one place flips each time the joint goes by upwards, to and fro between two zeros."""
+    above = q[:, j] > params["place"]
+    passed = np.cumsum(np.r_[False, above[1:] & ~above[:-1]])
+    return column(len(q), j, params["amplitude"] * (2.0 * (passed % 2) - 1.0))
 
 
 KINDS = {
@@ -256,15 +220,11 @@ KINDS = {
     "thermal_gradient_bend": Kind(_draw_thermal_bend, grow=("amplitude",), path=_thermal_bend, bare=True),
     "encoder_interpolation": Kind(_draw_interpolation, grow=("amplitude",), path=_interpolation, bare=True),
     "gear_mesh": Kind(_draw_mesh, grow=("amplitude",), path=_mesh, bare=True),
-    "hose_force": Kind(_draw_hose, where="all", grow=("stiffness",), loop=_hose),
-    "speed_bias": Kind(_draw_speed_bias, grow=("gain",), read=_speed_bias, bare=True),
-    "crossed_friction": Kind(_draw_crossed, grow=("torque",), loop=_crossed),
-    "thermal_stiffness": Kind(_draw_thermal_stiffness, grow=("compliance",), path=_thermal_stiffness),
-    "asymmetric_stretch": Kind(_draw_asymmetric, grow=("compliance",), path=_asymmetric),
     "tracker_depth_scale": Kind(_draw_depth_scale, where="base", grow=("gain",), tip=_depth_scale, tracker_only=True),
     "intermittent_stick": Kind(_draw_stick, grow=("reach",), path=_stick, bare=True),
     "outside_vibration": Kind(_draw_vibration, grow=("amplitude",), read=_vibration, bare=True),
+    "differential_wheel": Kind(_draw_differential, grow=("amplitude",), path=_differential, bare=True),
+    "toggling_latch": Kind(_draw_toggle, grow=("amplitude",), path=_toggle, bare=True),
     "random_bumps": Kind(_draw_bumps, grow=("torque",), force=_bumps),
     "climbing_cable": Kind(_draw_spiral, grow=("amplitude",), path=_spiral, bare=True),
-    "wandering_clock": Kind(_draw_clock, where="all", grow=("seconds",), read=_clock, bare=True),
 }

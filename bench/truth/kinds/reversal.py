@@ -8,11 +8,12 @@ from truth.body import Body
 from truth.history import History
 from truth.kinds.kind import Array, Kind, Params, Scene, at, column, unit
 from truth.loop import Loop
-from truth.operators import dead_zone_drag, preisach
+from truth.operators import Relays, dead_zone_drag, preisach
 
 __all__ = ["KINDS"]
 
 GAIN = (450.0, 360.0, 110000.0)  # typical kp, to turn an error into a torque
+DEPTH = 0.15  # least share of the motion that a hysteretic cable loses after a reversal
 
 
 def _torque(j: int, scene: Scene) -> float:
@@ -28,12 +29,21 @@ def _backlash(params: Params, j: int, history: History, q: Array) -> Array:
 
 
 def _draw_hysteresis(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    width = float(unit(j, 1.0, 0.15) * rng.uniform(0.03, 0.09))
-    return {"amplitude": float(1.4 * scene.noise[j]), "width": width}
+    """Return a loop between a steep one, near a play, and a shallow one of many times its height."""
+    path, depth = scene.path(j), float(np.exp(rng.uniform(np.log(DEPTH), 0.0)))
+    return {
+        "depth": depth,
+        "width": float(3.0 * scene.noise[j] / depth),
+        "narrow": float(rng.uniform(1.0, 3.0)),
+        "wide": float(rng.uniform(1.0, 3.0)),
+        "crowd": float(rng.uniform(0.3, 1.0)),
+        "middle": float(np.quantile(path, rng.uniform(0.2, 0.8))),
+        "spread": float(np.ptp(path) * rng.uniform(0.2, 0.5)),
+    }
 
 
 def _hysteresis(params: Params, j: int, history: History, q: Array) -> Array:
-    return column(len(q), j, preisach(np.ascontiguousarray(q[:, j]), params["amplitude"], params["width"]))
+    return column(len(q), j, preisach(np.ascontiguousarray(q[:, j]), Relays(**params)))
 
 
 def _draw_coulomb(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -55,13 +65,13 @@ def _viscous(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body
 def _draw_stribeck(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     level = 0.8 * _torque(j, scene)
     speed = float(unit(j, 1.0, 0.12) * np.exp(rng.uniform(np.log(0.03), np.log(0.12))))
-    return {"coulomb": level, "static": level * float(rng.uniform(2.0, 3.5)), "speed": speed, "side": "motor"}
+    return {"torque": level, "static_torque": level * float(rng.uniform(2.0, 3.5)), "speed": speed, "side": "motor"}
 
 
 def _stribeck(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
     changed = loop._replace(
-        coulomb=at(loop.coulomb, j, params["coulomb"]),
-        static=at(loop.static, j, params["static"]),
+        coulomb=at(loop.coulomb, j, params["torque"]),
+        static=at(loop.static, j, params["static_torque"]),
         stribeck_speed=at(loop.stribeck_speed, j, params["speed"]),
     )
     return changed, body
@@ -69,18 +79,19 @@ def _stribeck(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Bod
 
 def _draw_capstan(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     load = max(float(np.sqrt(np.mean(scene.load(j) ** 2))), unit(j, 0.2, 0.5))
-    return {"exponent": _torque(j, scene) / load}
+    return {"wrap": _torque(j, scene) / load, "side": "motor"}
 
 
 def _capstan(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
-    return loop._replace(capstan=at(loop.capstan, j, min(params["exponent"], 1.5))), body
+    return loop._replace(capstan=at(loop.capstan, j, min(params["wrap"], 1.5))), body
 
 
 def _draw_wavy(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    torque = _torque(j, scene)
     return {
-        "torque": _torque(j, scene),
-        "waviness": float(rng.uniform(0.7, 0.98)),
-        "cycles": float(unit(j, 1.0, 12.0) * rng.uniform(6.0, 14.0)),
+        "torque": torque,
+        "swing": torque * float(rng.uniform(0.7, 0.98)),
+        "waves": float(unit(j, 1.0, 12.0) * rng.uniform(6.0, 14.0)),
         "phase": float(rng.uniform(-np.pi, np.pi)),
         "side": "motor",
     }
@@ -89,8 +100,8 @@ def _draw_wavy(rng: np.random.Generator, j: int, scene: Scene) -> Params:
 def _wavy(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
     changed = loop._replace(
         coulomb=at(loop.coulomb, j, params["torque"]),
-        waviness=at(loop.waviness, j, params["waviness"]),
-        wave_number=at(loop.wave_number, j, params["cycles"]),
+        waviness=at(loop.waviness, j, params["swing"] / params["torque"]),
+        wave_number=at(loop.wave_number, j, params["waves"]),
         wave_phase=at(loop.wave_phase, j, params["phase"]),
     )
     return changed, body
@@ -100,8 +111,8 @@ KINDS = {
     "backlash": Kind(_draw_backlash, grow=("radius",), path=_backlash, bare=True),
     "coulomb_friction": Kind(_draw_coulomb, grow=("torque",), loop=_coulomb),
     "viscous_friction": Kind(_draw_viscous, grow=("damping",), loop=_viscous),
-    "stribeck_friction": Kind(_draw_stribeck, grow=("coulomb", "static"), loop=_stribeck),
-    "capstan_friction": Kind(_draw_capstan, grow=("exponent",), loop=_capstan),
-    "position_dependent_friction": Kind(_draw_wavy, grow=("torque",), loop=_wavy),
-    "hysteresis": Kind(_draw_hysteresis, grow=("amplitude",), path=_hysteresis, bare=True),
+    "stribeck_friction": Kind(_draw_stribeck, grow=("torque", "static_torque"), loop=_stribeck),
+    "capstan_friction": Kind(_draw_capstan, grow=("wrap",), loop=_capstan),
+    "position_dependent_friction": Kind(_draw_wavy, grow=("torque", "swing"), loop=_wavy),
+    "hysteresis": Kind(_draw_hysteresis, grow=("width",), path=_hysteresis, bare=True),
 }

@@ -12,7 +12,7 @@ from truth.kinds.kind import Array, Kind, Params, Scene, at, column, draw_sign, 
 from truth.loop import Loop
 from truth.operators import kelvin_voigt, second_order
 
-__all__ = ["KINDS", "seen_late"]
+__all__ = ["KINDS", "seen_late", "side_of"]
 
 SLIP_SECONDS = 0.04  # a cable slips in this time
 
@@ -20,14 +20,16 @@ SLIP_SECONDS = 0.04  # a cable slips in this time
 def _draw_creep(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     load = scene.load(j)
     size = max(float(np.sqrt(np.mean(load**2))), unit(j, 0.2, 0.5))
-    return {"gain": float(scene.noise[j]) / size, "time_constant": float(np.exp(rng.uniform(np.log(2), np.log(30))))}
+    return {
+        "compliance": float(scene.noise[j]) / size,
+        "time_constant": float(np.exp(rng.uniform(np.log(2), np.log(30)))),
+    }
 
 
 def _creep(params: Params, j: int, history: History, q: Array) -> Array:
     load = np.ascontiguousarray(history.motion.load[:, j])
-    return column(
-        len(q), j, kelvin_voigt(history.reference.session_time, load, params["gain"], params["time_constant"])
-    )
+    time = history.reference.time  # on through a break between sessions, in which the arm hangs at rest
+    return column(len(q), j, kelvin_voigt(time, load, params["compliance"], params["time_constant"]))
 
 
 def _draw_drift(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -44,7 +46,7 @@ def _drift(params: Params, j: int, history: History, q: Array) -> Array:
 
 
 def _draw_delay(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"seconds": float(rng.uniform(0.002, 0.01))}
+    return {"delay": float(rng.uniform(0.002, 0.01))}
 
 
 def delayed(values: Array, time: Array, late: Array) -> Array:
@@ -62,7 +64,7 @@ def seen_late(readings: Readings, time: Array, late: Array) -> Readings:
 
 def _delay(params: Params, j: int, history: History, readings: Readings) -> Readings:
     time = history.reference.time
-    late = np.full(len(time), params["seconds"])
+    late = np.full(len(time), params["delay"])
     return seen_late(readings, time, late)
 
 
@@ -70,13 +72,19 @@ def _draw_slip(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     reference = scene.history.reference
     moving = np.flatnonzero((reference.trajectory >= 0) & (np.abs(scene.history.motion.speed[:, j]) > 0))
     low, high = np.searchsorted(moving, [0.2 * moving[-1], 0.8 * moving[-1]])
-    instant = float(reference.time[int(rng.choice(moving[low:high]))])
-    return {"step": draw_sign(rng) * 1.5 * float(scene.noise[j]), "time": instant}
+    tick = int(rng.choice(moving[low:high]))
+    return {
+        "step": draw_sign(rng) * 1.5 * float(scene.noise[j]),
+        "instant": float(reference.session_time[tick]),
+        "session": int(reference.session[tick]),
+    }
 
 
 def _slip(params: Params, j: int, history: History, q: Array) -> Array:
-    since = (history.reference.time - params["time"]) / SLIP_SECONDS
-    return column(len(q), j, params["step"] * np.clip(since, 0.0, 1.0))
+    """Return an offset that comes in an instant and stays until the next homing."""
+    reference = history.reference
+    since = (reference.session_time - params["instant"]) / SLIP_SECONDS
+    return column(len(q), j, params["step"] * np.clip(since, 0.0, 1.0) * (reference.session == params["session"]))
 
 
 def _draw_saturation(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -92,25 +100,31 @@ def _draw_stop(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     side = draw_sign(rng)
     share = float(rng.uniform(0.05, 0.15))  # of the samples lie beyond
     place = np.quantile(scene.path(j), 1.0 - share if side > 0 else share)
-    return {"position": float(place), "side": side, "stiffness": float(unit(j, 3.0, 800.0))}
+    end = "upper" if side > 0 else "lower"
+    return {"stiffness": float(unit(j, 3.0, 800.0)), "limit": float(place), "end": end}
+
+
+def side_of(params: Params) -> float:
+    """Return 1 for a stop at the upper end, -1 at the lower."""
+    return 1.0 if params["end"] == "upper" else -1.0
 
 
 def _stop(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
     changed = loop._replace(
-        stop_place=at(loop.stop_place, j, params["position"]),
-        stop_side=at(loop.stop_side, j, params["side"]),
+        stop_place=at(loop.stop_place, j, params["limit"]),
+        stop_side=at(loop.stop_side, j, side_of(params)),
         stop_stiffness=at(loop.stop_stiffness, j, params["stiffness"]),
     )
     return changed, body
 
 
 def _draw_resonance(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"frequency": float(rng.uniform(7.0, 14.0)), "damping": float(rng.uniform(0.02, 0.08))}
+    return {"frequency": float(rng.uniform(7.0, 14.0)), "damping_ratio": float(rng.uniform(0.02, 0.08))}
 
 
 def _resonance(params: Params, j: int, history: History, q: Array) -> Array:
     path = np.ascontiguousarray(q[:, j])
-    answer = second_order(path, 2 * np.pi * params["frequency"], params["damping"], history.step)
+    answer = second_order(path, 2 * np.pi * params["frequency"], params["damping_ratio"], history.step)
     return column(len(q), j, path - answer)
 
 
@@ -118,11 +132,8 @@ def _draw_quantisation(rng: np.random.Generator, j: int, scene: Scene) -> Params
     return {"step": float(np.sqrt(12) * scene.noise[j])}
 
 
-def _quantisation(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
-    return loop._replace(encoder_step=at(loop.encoder_step, j, params["step"])), body
-
-
 def _quantised(params: Params, j: int, history: History, readings: Readings) -> Readings:
+    """Write positions down in steps; the controller works with finer ones."""
     counts = np.floor(readings.reported[:, j] / params["step"] + 0.5)
     return replace(readings, reported=_column_of(readings.reported, j, counts * params["step"]))
 
@@ -134,28 +145,31 @@ def _column_of(values: Array, j: int, new: Array) -> Array:
 
 
 def _draw_noise(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    number = scene.history.reference.trajectory.max() + 1
-    return {"factor": 1.0, "from_trajectory": int(rng.integers(number // 4, number // 2 + 1))}
+    """Return a moment between two trajectories of a session, from a quarter to a half of it, of every session."""
+    reference = scene.history.reference
+    first = reference.session == 0
+    number = reference.trajectory[first].max() + 1
+    begins = int(rng.integers(number // 4, number // 2 + 1))
+    since = reference.session_time[first & (reference.trajectory == begins)][0]
+    return {"std": float(scene.noise[j]), "since": float(since)}
 
 
 def _noise(params: Params, j: int, history: History, readings: Readings) -> Readings:
-    """From a trajectory on, more noise: `factor` times the declared comes on top, root of squares."""
-    later = history.reference.trajectory >= params["from_trajectory"]
+    """From a moment on, more noise, white and normal."""
+    later = history.reference.session_time >= params["since"]
     extra = np.array(readings.extra_noise)
-    extra[:, j] = np.hypot(extra[:, j], np.where(later, params["factor"], 0.0))
+    extra[:, j] = np.hypot(extra[:, j], np.where(later, params["std"], 0.0))
     return replace(readings, extra_noise=extra)
 
 
 KINDS = {
-    "creep": Kind(_draw_creep, grow=("gain",), path=_creep),
+    "creep": Kind(_draw_creep, grow=("compliance",), path=_creep),
     "drift": Kind(_draw_drift, grow=("rate",), path=_drift, bare=True),
-    "delay": Kind(_draw_delay, where="all", grow=("seconds",), read=_delay, bare=True),
+    "delay": Kind(_draw_delay, where="all", grow=("delay",), read=_delay, bare=True),
     "cable_slip": Kind(_draw_slip, grow=("step",), path=_slip, bare=True),
     "torque_saturation": Kind(_draw_saturation, shrink=("limit",), power={"limit": 0.05}, loop=_saturation, peaks=True),
     "joint_stop": Kind(_draw_stop, grow=("stiffness",), loop=_stop, peaks=True),
     "resonance": Kind(_draw_resonance, shrink=("frequency",), power={"frequency": 0.5}, path=_resonance, bare=True),
-    "encoder_quantisation": Kind(
-        _draw_quantisation, grow=("step",), loop=_quantisation, read=_quantised, bare=True, channel="reported"
-    ),
-    "noise_change": Kind(_draw_noise, grow=("factor",), read=_noise, bare=True, channel="noise"),
+    "encoder_quantisation": Kind(_draw_quantisation, grow=("step",), read=_quantised, bare=True, channel="reported"),
+    "noise_change": Kind(_draw_noise, grow=("std",), read=_noise, bare=True, channel="noise"),
 }
