@@ -22,7 +22,7 @@ from gpcorrect.corrector import CommandCorrector
 from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray
 
-__all__ = ["KIND", "SCHEMA", "load", "model_hash", "read_parts", "save"]
+__all__ = ["KIND", "SCHEMA", "load", "model_hash", "read_parts", "save", "seal_of"]
 
 SCHEMA = 1
 KIND = "gpcorrect.command_corrector"
@@ -49,10 +49,17 @@ def save(corrector: CommandCorrector, path: str | Path) -> None:
         "digests": {name: _digest(array) for name, array in arrays.items()},
         "check": _check_answers(corrector, arrays),
     }
+    header = {**header, "seal": seal_of(header)}
     text = np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)
     contents: dict[str, Any] = {"header": text, **arrays}
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez(file, **contents)
+
+
+def seal_of(header: Header) -> str:
+    """SHA-256 of a header's own text, its `seal` left out: what shows that it was edited."""
+    text = json.dumps({name: value for name, value in header.items() if name != "seal"}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def load(path: str | Path) -> CommandCorrector:
@@ -120,6 +127,8 @@ def _check_header(path: str | Path, header: Any) -> None:
             f"model file {path} has schema {schema}; this version reads up to {SCHEMA}.",
             hint=f"It was written by gpcorrect {header.get('version')}: upgrade, or fit the model again.",
         )
+    if header.get("seal") != seal_of(header):
+        raise _refused(path, "its header was altered")
     if not isinstance(header.get("digests"), dict):
         raise _refused(path, "it carries no digests")
 

@@ -28,6 +28,7 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, Pos
 __all__ = ["Evaluation", "Experiment", "Measured", "evaluate", "run_experiment", "split_trajectories"]
 
 METHODS = ("raw", "rigid", "corrected")
+UNITS = {"position_mm": "mm", "rotation_deg": "deg"}
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -79,6 +80,19 @@ class Evaluation:
     dirty: Measured
     cleaning: CleaningReport
 
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What a reader must know before using the model: parts where learning did not beat the registration."""
+        errors, said = self.clean.errors(), []
+        for part, unit in UNITS.items():
+            rigid, corrected = (errors[m].get(part, {}).get("norm", {}).get("rmse") for m in ("rigid", "corrected"))
+            if rigid is not None and corrected is not None and corrected >= rigid:
+                said.append(
+                    f"on held-out trajectories the learned part does not lessen the {part.split('_')[0]} error (RMSE "
+                    f"{rigid:.3g} {unit} after registration, {corrected:.3g} {unit} corrected): record more motion"
+                )
+        return tuple(said)
+
     def to_dict(self) -> dict[str, Any]:
         """Return `errors` (samples that pass cleaning), `errors_dirty` (all) and the coverage of the 95 % intervals."""
         shares = self.clean.coverage95
@@ -89,6 +103,7 @@ class Evaluation:
             "coverage95": float(shares[known].mean()) if known.any() else math.nan,
             "coverage95_axes": dict(zip(COMPONENTS, shares.tolist(), strict=True)),
             "in_domain": float(self.clean.in_domain.mean()),
+            "cautions": list(self.cautions),
         }
 
 

@@ -93,7 +93,17 @@ def test_a_header_altered_is_refused_by_the_check_queries(model: Path) -> None:
     """A number changed in the header changes the answers, and those were recorded."""
     header = header_of(model)
     header["rigid"]["t"][0] += 0.01  # type: ignore[index]
+    header["seal"] = artifact.seal_of(header)
     with pytest.raises(ArtifactError, match="check queries"):
+        artifact.load(rewritten(model, header=as_entry(header)))
+
+
+@pytest.mark.parametrize("name", ["summary", "intervals", "schema"])
+def test_an_edited_header_is_refused(model: Path, name: str) -> None:
+    """What no check query asks about cannot be edited either: the header carries its own sum."""
+    header = header_of(model)
+    header[name] = 0 if name == "schema" else {**header[name], "edited": True}  # type: ignore[dict-item]
+    with pytest.raises(ArtifactError, match="header was altered"):
         artifact.load(rewritten(model, header=as_entry(header)))
 
 

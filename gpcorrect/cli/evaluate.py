@@ -9,7 +9,7 @@ import typer
 
 from gpcorrect import artifact
 from gpcorrect.cli.console import err, out, print_json, show_errors
-from gpcorrect.cli.options import Arm, AsIs, Columns, Json, Logs, Namespace, Tracker, read_logs
+from gpcorrect.cli.options import Arm, AsIs, Columns, Disordered, Json, Logs, Namespace, Tracker, read_logs
 from gpcorrect.corrector import on_one_clock
 from gpcorrect.experiment import evaluate as evaluate_model
 
@@ -25,6 +25,7 @@ def evaluate(
     tracker_topic: Tracker = None,
     arm: Arm = None,
     as_is: AsIs = False,
+    drop_disordered: Disordered = False,
     json: Json = False,
 ) -> None:
     """Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.
@@ -32,7 +33,15 @@ def evaluate(
     Example: gpcorrect evaluate model.gpc tuesday.csv wednesday.bag
     """
     corrector = artifact.load(model)
-    log = read_logs(logs, columns, as_is=as_is, namespace=namespace, tracker_topic=tracker_topic, arm=arm)
+    log = read_logs(
+        logs,
+        columns,
+        as_is=as_is,
+        drop_disordered=drop_disordered,
+        namespace=namespace,
+        tracker_topic=tracker_topic,
+        arm=arm,
+    )
     log, clocks = on_one_clock(log, time_offset)
     measured = evaluate_model(corrector, log)
     result = {

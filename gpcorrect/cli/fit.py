@@ -12,7 +12,7 @@ from gpcorrect import artifact
 from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.cleaning import CleaningReport, CleaningSettings, Segment
 from gpcorrect.cli.console import err, out, print_json, progress_bar, show_errors, split_names
-from gpcorrect.cli.options import Arm, AsIs, Columns, Json, Logs, Namespace, Tracker, read_logs
+from gpcorrect.cli.options import Arm, AsIs, Columns, Disordered, Json, Logs, Namespace, Tracker, read_logs
 from gpcorrect.corrector import FitSettings
 from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect.experiment import Experiment, run_experiment
@@ -60,6 +60,7 @@ def fit(
     tracker_topic: Tracker = None,
     arm: Arm = None,
     as_is: AsIs = False,
+    drop_disordered: Disordered = False,
     json: Json = False,
 ) -> None:
     """Learn what to command from recordings, and measure it on trajectories that were held out.
@@ -75,7 +76,15 @@ def fit(
     require_folder(output)
     if report is not None:
         _make_folder(report)
-    log = read_logs(logs, columns, as_is=as_is, namespace=namespace, tracker_topic=tracker_topic, arm=arm)
+    log = read_logs(
+        logs,
+        columns,
+        as_is=as_is,
+        drop_disordered=drop_disordered,
+        namespace=namespace,
+        tracker_topic=tracker_topic,
+        arm=arm,
+    )
     settings = FitSettings(
         features=split_names(features),
         clean=clean,
@@ -152,6 +161,8 @@ def _write_dropped(reports: list[tuple[str, CleaningReport]], path: Path) -> Non
 def _show(experiment: Experiment, result: dict[str, Any], output: Path, report: Path | None) -> None:
     for remark in experiment.fit.remarks:
         err.print(f"[yellow]note:[/] {remark}")
+    for caution in experiment.evaluation.cautions if experiment.evaluation else ():
+        err.print(f"[yellow]caution:[/] {caution}")
     if result["errors"]:
         show_errors(f"Held-out error, {result['n_test']} samples that pass cleaning", result["errors"])
         show_errors("All held-out samples as they came", result["errors_dirty"])

@@ -11,7 +11,18 @@ from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import join_logs, read_log, refuse_misread
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["Arm", "AsIs", "Columns", "Json", "Logs", "Namespace", "Tracker", "read_logs", "seven_or_three"]
+__all__ = [
+    "Arm",
+    "AsIs",
+    "Columns",
+    "Disordered",
+    "Json",
+    "Logs",
+    "Namespace",
+    "Tracker",
+    "read_logs",
+    "seven_or_three",
+]
 
 Logs = Annotated[
     list[Path],
@@ -26,6 +37,9 @@ Tracker = Annotated[str | None, typer.Option(help="Topic of the outside tracker 
 Arm = Annotated[str | None, typer.Option(help="Which arm of a raven_state topic: left or right.")]
 
 AsIs = Annotated[bool, typer.Option("--as-is", help="Take recordings whose units or frames look wrong as they are.")]
+Disordered = Annotated[
+    bool, typer.Option("--drop-disordered", help="Leave out samples whose time does not increase, and say how many.")
+]
 
 
 def read_logs(
@@ -33,6 +47,7 @@ def read_logs(
     columns: Path | None = None,
     *,
     as_is: bool = False,
+    drop_disordered: bool = False,
     namespace: str | None = None,
     tracker_topic: str | None = None,
     arm: str | None = None,
@@ -45,7 +60,15 @@ def read_logs(
         One of them cannot be read, or cannot be in the units and frames it is taken for, unless taken `as_is`.
     """
     logs = [
-        read_log(path, columns=columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm) for path in paths
+        read_log(
+            path,
+            columns=columns,
+            disorder="drop" if drop_disordered else "refuse",
+            namespace=namespace,
+            tracker_topic=tracker_topic,
+            arm=arm,
+        )
+        for path in paths
     ]
     for log in [] if as_is else logs:
         _refuse_misread(log)

@@ -12,7 +12,7 @@ from gpcorrect.adaptation import Update
 from gpcorrect.adaptation import update as update_model
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import err, out, print_json, progress_bar, show_errors
-from gpcorrect.cli.options import Arm, Columns, Json, Logs, Namespace, Tracker, read_logs
+from gpcorrect.cli.options import Arm, AsIs, Columns, Disordered, Json, Logs, Namespace, Tracker, read_logs
 from gpcorrect.corrector import on_one_clock
 
 __all__ = ["update"]
@@ -32,6 +32,8 @@ def update(
     time_offset: Annotated[str, typer.Option(help="Tracker's clock, as for fit: auto, none, or seconds.")] = "auto",
     holdout: Annotated[float, typer.Option(help="Share of the new trajectories to measure on; 0 for none.")] = 0.2,
     force: Annotated[bool, typer.Option("--force", help="Write also where the held-out error grew.")] = False,
+    as_is: AsIs = False,
+    drop_disordered: Disordered = False,
     namespace: Namespace = None,
     tracker_topic: Tracker = None,
     arm: Arm = None,
@@ -51,7 +53,15 @@ def update(
     target = output or model
     require_folder(target)
     corrector = artifact.load(model)
-    log = read_logs(logs, columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm)
+    log = read_logs(
+        logs,
+        columns,
+        as_is=as_is,
+        drop_disordered=drop_disordered,
+        namespace=namespace,
+        tracker_topic=tracker_topic,
+        arm=arm,
+    )
     log, _ = on_one_clock(log, time_offset)
     with progress_bar(quiet=json) as progress:
         found = update_model(corrector, log, holdout=holdout, progress=progress)

@@ -88,7 +88,9 @@ def check_order(
     more = f" ({wrong.size} such samples)" if wrong.size > 1 else ""
     found = f"time at {locate(first)} {what} inside trajectory {group[first]}{more}"
     if disorder == "refuse":
-        hint = "Time must strictly increase: give each motion its own trajectory number, or use disorder='drop'."
+        hint = (
+            "Time must increase: give each motion its own trajectory number, or leave samples out: --drop-disordered."
+        )
         raise LogError(f"{found}.", hint=hint)
     if disorder == "keep":
         return np.ones_like(ordered), [f"{found}; kept."]

@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect import plots
 from gpcorrect.atomic import atomic_path
 from gpcorrect.cleaning import CleaningReport
-from gpcorrect.experiment import COMPONENTS, METHODS, Evaluation, Experiment, Measured
+from gpcorrect.experiment import COMPONENTS, METHODS, UNITS, Evaluation, Experiment, Measured
 from gpcorrect.metrics import ErrorTable
 from gpcorrect.plots.style import LABELS
 from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
@@ -19,7 +19,6 @@ from gpcorrect.types import CalibrationLog
 __all__ = ["write_fit_report"]
 
 LEAVES = ("mean", "sd", "rmse", "p95", "max")
-UNITS = {"position_mm": "mm", "rotation_deg": "deg"}
 
 
 def write_fit_report(experiment: Experiment, path: Path) -> None:
@@ -86,6 +85,7 @@ def _facts(experiment: Experiment) -> list[tuple[str, str]]:
         ("features", ", ".join(summary["features"])),
         ("time", f"{experiment.seconds:.1f} s, seed {summary['fit']['seed']}"),
         *(("note", remark) for remark in experiment.fit.remarks),
+        *(("caution", c) for c in (experiment.evaluation.cautions if experiment.evaluation else ())),
     ]
 
 

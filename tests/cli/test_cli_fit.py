@@ -115,3 +115,15 @@ def test_the_real_recording_works_as_it_is(gpcorrect: CommandLine, tmp_path: Pat
     for part in ("position_mm", "rotation_deg"):
         raw, corrected = (result["errors"][m][part]["norm"]["rmse"] for m in ("raw", "corrected"))
         assert corrected < 0.85 * raw
+
+
+def test_a_correction_that_does_not_help_is_said_to_be_none(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """Where the miss is noise, learning cannot beat the registration, and the fit says so."""
+    log, rng = small_log(trajectories=6), np.random.default_rng(3)
+    assert log.setpoint_cp is not None
+    seen = log.setpoint_cp.position + 1e-3 * rng.standard_normal(log.setpoint_cp.position.shape)
+    pure_noise = replace(log, tracker_cp=PoseSignal(seen, log.setpoint_cp.quaternion))
+    done = gpcorrect("fit", written(pure_noise, tmp_path / "noise.csv"), "--output", tmp_path / "m.gpc", "--json").json
+    ratio = [done["errors"][m]["position_mm"]["norm"]["rmse"] for m in ("corrected", "rigid")]
+    assert any("position" in caution for caution in done["cautions"]) == (ratio[0] >= ratio[1])
+    assert ratio[0] > 0.95 * ratio[1]

@@ -44,7 +44,9 @@ class Stamps:
 
 
 def _stamp(code: str, message: str, rows: IntArray) -> Finding:
-    hint = "Leave them out (disorder='drop'), or give each motion its own trajectory number."
+    hint = (
+        "Leave them out (--drop-disordered; in Python disorder='drop'), or give each motion its own trajectory number."
+    )
     return Finding("error", code, "time", message, hint, len(rows), examples(rows))
 
 
