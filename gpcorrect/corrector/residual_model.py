@@ -78,9 +78,15 @@ def fit_residual_model(
 
 
 def trajectory_folds(trajectory: IntArray) -> IntArray:
-    """Fold `(n,)` of each sample: whole trajectories in turn, or blocks of time when there are fewer than two."""
-    ids, index = np.unique(trajectory, return_inverse=True)
+    """Fold `(n,)` of each sample: neighbouring whole trajectories, or blocks of time when there are fewer than two.
+
+    Neighbours are left out together, for an arm changes slowly: a trajectory between two that were learned from is
+    predicted better than any to come. (Taken in turn they gave intervals on simulated debridement that covered 79 to
+    85 % of the worst axis of later trajectories, blocks 87 to 97 %.)
+    """
+    ids, first, index = np.unique(trajectory, return_index=True, return_inverse=True)
     if len(ids) < 2:
         return np.arange(len(trajectory)) * FOLDS // len(trajectory)
-    folds: IntArray = index % min(FOLDS, len(ids))
+    order = np.argsort(np.argsort(first))  # of recording, whatever the numbers
+    folds: IntArray = order[index] * min(FOLDS, len(ids)) // len(ids)
     return folds
