@@ -11,6 +11,7 @@ from gpcorrect.cli.correct import correct
 from gpcorrect.cli.evaluate import evaluate
 from gpcorrect.cli.fit import fit
 from gpcorrect.cli.query import query_app
+from gpcorrect.cli.reproduce import reproduce_app
 from gpcorrect.cli.serve import serve
 from gpcorrect.cli.simulate import simulate
 from gpcorrect.cli.validate import validate
@@ -38,6 +39,7 @@ app.command()(correct)
 app.command()(serve)
 app.add_typer(query_app, name="query")
 app.command()(simulate)
+app.add_typer(reproduce_app, name="reproduce")
 
 
 def main() -> None:

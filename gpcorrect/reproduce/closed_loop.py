@@ -1,9 +1,10 @@
 """Table II: the robot is sent to places again and again, and where its tool really comes to stand is compared.
 
 Every repetition visits all places in an order of its own, so that the arm comes from elsewhere each time and its play
-and friction stand elsewhere. Three commands for the same desired poses, in the tracker's frame: the desired path itself;
-the path corrected sample by sample; and straight reaches to corrected end poses only. Each is sent through the inverse
-kinematics, the servo loop and the transmission of the machine that made the training data, later in the same session.
+and friction stand elsewhere. Three commands for the same desired poses, in the tracker's frame: the desired path
+itself; the path corrected sample by sample; and straight reaches to corrected end poses only. Each is sent through the
+inverse kinematics, the servo loop and the transmission of the machine that made the training data, later in the same
+session.
 """
 
 from __future__ import annotations
@@ -44,11 +45,11 @@ class Reached:
     error: FloatArray
 
     def to_dict(self) -> dict[str, float]:
-        """Mean and SD of the errors' lengths, and the RMS spread of a place's visits about their mean, mm and degrees."""
+        """Mean and SD of the errors' lengths, and RMS spread of a place's visits about their mean, mm and degrees."""
         lengths = np.linalg.norm(self.error.reshape(*self.error.shape[:2], 2, 3), axis=-1)
         about_mean = self.error - self.error.mean(axis=0)
         spread = np.sqrt((about_mean.reshape(*self.error.shape[:2], 2, 3) ** 2).sum(axis=-1).mean(axis=(0, 1)))
-        figures = {}
+        figures: dict[str, float] = {}
         for i, (name, scale) in enumerate((("position_mm", 1e3), ("rotation_deg", 180 / np.pi))):
             figures |= {
                 f"{name}_mean": scale * float(lengths[..., i].mean()),

@@ -39,7 +39,9 @@ def what_limits(seed: int, reaches: int, progress: Progress) -> tuple[Limit, ...
     """Return the errors before correction, of the tracker alone, and after correction as more is known."""
     progress.step("limits", 0.0)
     seen = debridement_log(seed, reaches=reaches, faults=False)
-    exact = debridement_log(seed, reaches=reaches, faults=False, model=preset(PRESET).model_copy(update={"noise": None}))
+    exact = debridement_log(
+        seed, reaches=reaches, faults=False, model=preset(PRESET).model_copy(update={"noise": None})
+    )
     as_seen = run_experiment(seen, FitSettings(clean=False, time_offset="none", seed=seed))
     progress.step("limits", 0.3)
     as_is = run_experiment(exact, FitSettings(clean=False, time_offset="none", seed=seed))

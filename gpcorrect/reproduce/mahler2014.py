@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from gpcorrect.corrector import FitSettings
 from gpcorrect.errors import DataError
 from gpcorrect.reproduce.closed_loop import Landing, closed_loop, places_to_visit, session_end
 from gpcorrect.reproduce.limits import Limit, what_limits
 from gpcorrect.reproduce.published import MAHLER_2014, MISSING
-from gpcorrect.reproduce.table1 import NORMS, TableOne, table_one
+from gpcorrect.reproduce.table1 import TableOne, table_one
 from gpcorrect.reproduce.training_size import TrainingSize, training_sizes
 from gpcorrect.sim import debridement_log, machine_of, preset
 from gpcorrect.sim.debridement import PRESET
@@ -34,13 +35,13 @@ TARGETS = {
 }
 
 COMPARABLE = (
-    "The task: 303 reaches in 8 x 8 x 2 cm at 5 cm/s, 100 Hz, about 24,000 pairs, the last fifth of the reaches held out.",
+    "The task: 303 reaches in 8 x 8 x 2 cm at 5 cm/s, 100 Hz, about 24,000 pairs, the last fifth of reaches held out.",
     "The order of the six methods, and each error relative to the uncorrected one.",
     "How error and fitting time change with the number of training states, as a shape.",
 )
 NOT_COMPARABLE = (
-    "Millimetres and degrees: our robot is simulated, and its offsets, friction, play and tracker noise were set so that "
-    "the raw error has the size of the paper's. That the raw rows agree is therefore no result.",
+    "Millimetres and degrees: our robot is simulated, and its offsets, friction, play and tracker noise were set so "
+    "that the raw error has the size of the paper's. That the raw rows agree is therefore no result.",
     "Ratios only with care: what cannot be corrected (memory, tracker noise) is our choice of parameters too.",
     "Seconds: another computer, eleven years younger, and another method (all data through inducing points).",
     "The dirty set: its error hangs on whether the one long block of a lost fiducial falls into the held-out fifth; "
@@ -61,12 +62,15 @@ class Scope:
         Of Table II.
     shares : tuple of float
         Parts of the training states for Fig. 5.
+    settings : FitSettings
+        What all fits have in common.
     """
 
     reaches: int = 303
     places: int = 10
     repetitions: int = 10
     shares: tuple[float, ...] = (0.006, 0.012, PAPERS_SHARE, 0.05, 0.1, 0.25, 0.5, 1.0)
+    settings: FitSettings = field(default_factory=FitSettings)
 
     def __post_init__(self) -> None:
         if self.reaches < FEWEST_REACHES:
@@ -77,8 +81,9 @@ class Scope:
 
     @classmethod
     def quick(cls, reaches: int) -> Scope:
-        """Return a small scope that shows every part."""
-        return cls(min(reaches, 48), places=4, repetitions=3, shares=(0.05, 0.25, 1.0))
+        """Return a small scope that shows every part: few reaches and inducing points, no search for a marker's place."""
+        settings = FitSettings(marker="none", inducing=200)
+        return cls(min(reaches, FEWEST_REACHES), places=4, repetitions=3, shares=(0.05, 1.0), settings=settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +148,7 @@ class Mahler2014:
         return {
             "study": "mahler2014",
             "seed": self.seed,
-            "scope": asdict(self.scope),
+            "scope": {name: value for name, value in asdict(self.scope).items() if name != "settings"},
             "samples": self.samples,
             "seconds": self.seconds,
             "table1": {which: dict(getattr(table, which)) for which in sets},
@@ -183,14 +188,15 @@ def reproduce_mahler2014(scope: Scope, seed: int = 0, progress: Progress | None 
         The scope is too small for the parts to be measured.
     """
     start, progress = time.perf_counter(), progress or Progress()
+    settings = replace(scope.settings, seed=seed)
     log = debridement_log(seed, reaches=scope.reaches)
-    table1 = table_one(log, seed, progress)
-    fig5 = training_sizes(table1.full, scope.shares, seed, progress)
+    table1 = table_one(log, settings, progress)
+    fig5 = training_sizes(table1.full, scope.shares, settings, progress)
     progress.step("Table II", 0.0)
     rng = np.random.default_rng([seed, 6])
     places = places_to_visit(table1.full, scope.places, rng)
     corrector, machine = table1.full.corrector, machine_of(preset(PRESET))
     table2 = closed_loop(corrector, machine, places, scope.repetitions, session_end(log), rng)
     progress.step("Table II", 1.0)
-    limits = what_limits(seed, scope.reaches, progress)
+    limits = what_limits(scope.reaches, settings, progress)
     return Mahler2014(scope, seed, len(log), table1, fig5, table2, limits, time.perf_counter() - start)

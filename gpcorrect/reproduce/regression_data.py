@@ -29,7 +29,7 @@ class RegressionData:
 
     @classmethod
     def of(cls, corrector: CommandCorrector, log: CalibrationLog, keep: BoolArray) -> Self:
-        """Samples of `log` with both poses and a velocity, among those kept, through the corrector's registration."""
+        """Take the samples of `log` with both poses and a velocity, among those kept, after registration."""
         observed, command = pose_pair(log)
         twist = observed_twists(log.time, log.trajectory, observed, keep, corrector.velocity_step)
         rows = np.flatnonzero(keep & observed.finite & command.finite & np.isfinite(twist).all(axis=1))

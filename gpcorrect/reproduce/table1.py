@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,11 +19,11 @@ from gpcorrect.types import CalibrationLog, FloatArray, Progress
 __all__ = ["COMPONENTS", "METHODS", "NORMS", "Errors", "TableOne", "table_one"]
 
 FULL = "offset + GPR + velocity + cleaning"
-FITS = {
-    "GPR": FitSettings(features=("pose",), rigid=False, clean=False),
-    "offset + GPR": FitSettings(features=("pose",), clean=False),
-    "offset + GPR + velocity": FitSettings(clean=False),
-    FULL: FitSettings(),
+FITS: dict[str, dict[str, Any]] = {
+    "GPR": {"features": ("pose",), "rigid": False, "clean": False},
+    "offset + GPR": {"features": ("pose",), "clean": False},
+    "offset + GPR + velocity": {"clean": False},
+    FULL: {},
 }
 METHODS = ("no correction", "offset", *FITS)
 COMPONENTS = ("x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg")
@@ -70,12 +71,12 @@ class TableOne:
         return {norm: 100 * (1 - with_it[norm]["sd"] / without[norm]["sd"]) for norm in NORMS}
 
 
-def table_one(log: CalibrationLog, seed: int, progress: Progress) -> TableOne:
+def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress) -> TableOne:
     """Fit the four regressions on the first 80 % of the reaches and measure all six methods on the others."""
     experiments: dict[str, Experiment] = {}
-    for done, (name, settings) in enumerate(FITS.items()):
+    for done, (name, changes) in enumerate(FITS.items()):
         progress.step("Table I", done / len(FITS))
-        experiments[name] = run_experiment(log, _seeded(settings, seed))
+        experiments[name] = run_experiment(log, replace(settings, **changes))
     progress.step("Table I", 1.0)
     measured = {"no correction": ("offset + GPR", "raw"), "offset": ("offset + GPR", "rigid")}
     measured |= {name: (name, "corrected") for name in FITS}
@@ -84,10 +85,6 @@ def table_one(log: CalibrationLog, seed: int, progress: Progress) -> TableOne:
         for which in ("clean", "dirty")
     )
     return TableOne(clean, dirty, {name: done.seconds for name, done in experiments.items()}, experiments[FULL])
-
-
-def _seeded(settings: FitSettings, seed: int) -> FitSettings:
-    return FitSettings(features=settings.features, rigid=settings.rigid, clean=settings.clean, seed=seed)
 
 
 def _errors(experiment: Experiment, which: str, kind: str) -> Errors:
