@@ -180,9 +180,9 @@ def _table2(result: Mahler2014) -> Section:
         "place's visits about their mean. At rest: half a second after arrival.",
     )
     words = [
-        f"{result.scope.places} places, {result.scope.repetitions} visits each, in another order every time. The command "
-        "is sent through the inverse kinematics, the servo loop and the transmission of the simulated arm, and the tool's "
-        "true pose is compared with the desired one: no tracker noise is in these figures.",
+        f"{result.scope.places} places, {result.scope.repetitions} visits each, in another order every time. "
+        "The command is sent through the inverse kinematics, the servo loop and the transmission of the simulated arm, "
+        "and the tool's true pose is compared with the desired one: no tracker noise is in these figures.",
     ]
     figure = FigureImage(
         plots.png(plots.visits({name: landing.at_rest.error for name, landing in result.table2.items()})),

@@ -7,7 +7,7 @@ letting the tracker be perfect, and by telling the regression the true state of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -35,18 +35,18 @@ class Limit:
     rotation_deg: float
 
 
-def what_limits(seed: int, reaches: int, progress: Progress) -> tuple[Limit, ...]:
+def what_limits(reaches: int, settings: FitSettings, progress: Progress) -> tuple[Limit, ...]:
     """Return the errors before correction, of the tracker alone, and after correction as more is known."""
     progress.step("limits", 0.0)
-    seen = debridement_log(seed, reaches=reaches, faults=False)
-    exact = debridement_log(
-        seed, reaches=reaches, faults=False, model=preset(PRESET).model_copy(update={"noise": None})
-    )
-    as_seen = run_experiment(seen, FitSettings(clean=False, time_offset="none", seed=seed))
+    noiseless = preset(PRESET).model_copy(update={"noise": None})
+    seen = debridement_log(settings.seed, reaches=reaches, faults=False)
+    exact = debridement_log(settings.seed, reaches=reaches, faults=False, model=noiseless)
+    settings = replace(settings, clean=False, time_offset="none")
+    as_seen = run_experiment(seen, settings)
     progress.step("limits", 0.3)
-    as_is = run_experiment(exact, FitSettings(clean=False, time_offset="none", seed=seed))
+    as_is = run_experiment(exact, settings)
     progress.step("limits", 0.6)
-    told = _told_the_transmission(as_seen, exact, seed)
+    told = _told_the_transmission(as_seen, exact, settings)
     progress.step("limits", 1.0)
     assert as_seen.evaluation is not None
     assert as_seen.test is not None
@@ -74,7 +74,7 @@ def _tracker_noise(test: CalibrationLog, exact: CalibrationLog) -> FloatArray:
     return pose_residual(_tracked(exact.select(rows)), _tracked(test))
 
 
-def _told_the_transmission(experiment: Experiment, exact: CalibrationLog, seed: int) -> dict[str, float]:
+def _told_the_transmission(experiment: Experiment, exact: CalibrationLog, settings: FitSettings) -> dict[str, float]:
     """Mean errors when motor minus joint of every axis, which play and stretch make, are features as well."""
     assert experiment.test is not None
     assert exact.measured_jp is not None
@@ -89,9 +89,10 @@ def _told_the_transmission(experiment: Experiment, exact: CalibrationLog, seed: 
     (X, train), (X_test, test) = parts
     columns = tuple(range(train.X.shape[1], X.shape[1]))
     regressor = SparseGPR(
+        n_inducing=settings.inducing,
         feature_groups=(*experiment.corrector.features.groups, columns),
         output_groups=(POSITION, ROTATION),
-        random_state=seed,
+        random_state=settings.seed,
     )
     with threadpool_limits(limits=1):
         regressor.fit(X, train.residual, groups=train.trajectory, times=train.time)

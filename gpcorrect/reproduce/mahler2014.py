@@ -81,7 +81,7 @@ class Scope:
 
     @classmethod
     def quick(cls, reaches: int) -> Scope:
-        """Return a small scope that shows every part: few reaches and inducing points, no search for a marker's place."""
+        """Return a small scope that shows every part: few reaches and inducing points, no search for a marker."""
         settings = FitSettings(marker="none", inducing=200)
         return cls(min(reaches, FEWEST_REACHES), places=4, repetitions=3, shares=(0.05, 1.0), settings=settings)
 
