@@ -13,6 +13,7 @@ from gpcorrect.reproduce.training_size import TrainingSize
 __all__ = ["training_curves"]
 
 STYLES = {"exact": ("raw", "o"), "sparse": ("corrected", "s")}
+HEADROOM = 1.15  # of the axis above the largest error
 NAMES = {"exact": "exact posterior", "sparse": "inducing points (default)"}
 
 
@@ -27,8 +28,8 @@ def training_curves(points: Sequence[TrainingSize], published_seconds: Mapping[i
     for ax, (name, label) in zip(axes, quantities, strict=True):
         _lines(ax, points, name)
         ax.set(xscale="log", xlabel="training states", ylabel=label)
-    for ax in axes[:2]:
-        ax.set_ylim(bottom=0)
+    for ax, (name, _) in zip(axes[:2], quantities, strict=False):
+        ax.set_ylim(0, HEADROOM * max(getattr(point, name) for point in points))
     states = list(published_seconds)
     axes[2].plot(states, list(published_seconds.values()), "x", color=COLOURS["ink"], label="the paper's")
     axes[2].set_yscale("log")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from gpcorrect import plots
@@ -102,15 +103,11 @@ def _bound(name: str, target: float) -> str:
 
 
 def _table1(result: Mahler2014) -> Section:
-    names = (*COMPONENTS, *NORMS)
-    tables = []
-    for which, whole in (("clean", "samples that pass cleaning"), ("dirty", "all samples as they came")):
-        errors = getattr(result.table1, which)
-        rows = [
-            [method, *(f"{errors[method][n]['mean']:.2f} ± {errors[method][n]['sd']:.2f}" for n in names)]
-            for method in METHODS
-        ]
-        tables.append(TableData([f"{which} set", *(HEADS[n] for n in names)], rows, f"Mean ± SD over {whole}."))
+    tables = [
+        TableData([f"{which} set", *(HEADS[n] for n in names)], _rows(result, which, names), f"Mean ± SD over {whole}.")
+        for which, whole in (("clean", "samples that pass cleaning"), ("dirty", "all samples as they came"))
+        for names in (NORMS, COMPONENTS)
+    ]
     quoted = [
         [method, *(f"{MAHLER_2014[f'{part}_{when}'].value:g}" for part in ("position", "rotation"))]
         for method, when in (("no correction", "raw"), (METHODS[-1], "corrected"))
@@ -120,9 +117,17 @@ def _table1(result: Mahler2014) -> Section:
     words = [
         "Absolute errors of the command that each method would have given for the observed pose. Roll, pitch and yaw "
         "are differences of angles about fixed axes, as the paper's; rotation is the angle of the whole error.",
-        "All but the last column of methods learn from the recording as it came, faults included.",
+        "All methods but the last learn from the recording as it came, faults included.",
     ]
     return Section("Table I: six methods", words, tables)
+
+
+def _rows(result: Mahler2014, which: str, names: Sequence[str]) -> list[list[str]]:
+    errors = getattr(result.table1, which)
+    return [
+        [method, *(f"{errors[method][n]['mean']:.2f} ± {errors[method][n]['sd']:.2f}" for n in names)]
+        for method in METHODS
+    ]
 
 
 def _fig4(result: Mahler2014) -> Section:
@@ -133,7 +138,7 @@ def _fig4(result: Mahler2014) -> Section:
     number = plots.typical_trajectory(measured, full.test)
     captions = (
         "What each method would have commanded on the held-out reach with the median error, and what was commanded.",
-        "Error of the fully corrected command on the same reach, inside its 95 % interval.",
+        "Error of the fully corrected command on the same reach, and its 95 % interval.",
     )
     drawn = (plots.trajectory_paths, plots.trajectory_errors)
     figures = [

@@ -53,8 +53,8 @@ def what_limits(reaches: int, settings: FitSettings, progress: Progress) -> tupl
     return (
         _limit("no correction", as_seen.evaluation.dirty.raw),
         _limit("pose and velocity as the tracker sees them", as_seen.evaluation.dirty.corrected),
-        _limit("pose and velocity exactly (a tracker without noise): what is left is memory", _corrected(as_is)),
-        Limit("as seen, and the true state of the transmission: what is left is the tracker's noise", **told),
+        _limit("pose and velocity exactly (a tracker without noise): what is left is mostly memory", _corrected(as_is)),
+        Limit("as seen, and the true state of the transmission: what is left is mostly the tracker's noise", **told),
         _limit("the tracker's noise alone: observed against true pose", _tracker_noise(as_seen.test, exact)),
     )
 
