@@ -13,6 +13,7 @@ from gpcorrect.cli.evaluate import evaluate
 from gpcorrect.cli.explore import explore
 from gpcorrect.cli.fit import fit
 from gpcorrect.cli.query import query_app
+from gpcorrect.cli.reproduce import reproduce_app
 from gpcorrect.cli.serve import serve
 from gpcorrect.cli.simulate import simulate
 from gpcorrect.cli.update import update
@@ -44,6 +45,7 @@ app.command()(explore)
 app.command()(serve)
 app.add_typer(query_app, name="query")
 app.command()(simulate)
+app.add_typer(reproduce_app, name="reproduce")
 
 
 def main() -> None:
