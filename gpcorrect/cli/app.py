@@ -10,10 +10,12 @@ from gpcorrect.cli.console import bad_input
 from gpcorrect.cli.correct import correct
 from gpcorrect.cli.evaluate import evaluate
 from gpcorrect.cli.fit import fit
+from gpcorrect.cli.joint import joint_app
 from gpcorrect.cli.query import query_app
 from gpcorrect.cli.serve import serve
 from gpcorrect.cli.simulate import simulate
 from gpcorrect.cli.validate import validate
+from gpcorrect.cli.zigzag import zigzag_command
 from gpcorrect.errors import GpCorrectError
 
 __all__ = ["app", "main"]
@@ -38,6 +40,8 @@ app.command()(correct)
 app.command()(serve)
 app.add_typer(query_app, name="query")
 app.command()(simulate)
+app.command(name="zigzag")(zigzag_command)
+app.add_typer(joint_app, name="joint")
 
 
 def main() -> None:

@@ -8,11 +8,13 @@ from gpcorrect.plots.overview import overview
 from gpcorrect.plots.style import png
 from gpcorrect.plots.trajectory import trajectory_errors, trajectory_paths, typical_trajectory
 from gpcorrect.plots.workspace import residual_maps, workspace_coverage
+from gpcorrect.plots.zigzag import joint_trajectory
 
 __all__ = [
     "dropped_samples",
     "error_by_speed",
     "error_distribution",
+    "joint_trajectory",
     "offset_curve",
     "overview",
     "png",
