@@ -77,8 +77,9 @@ class PolynomialCalibrator(Calibrator):
         A = polynomial_terms(scaler.apply(X), self.degree)
         penalty = self.ridge * len(A) * np.eye(A.shape[1])
         penalty[0, 0] = 0.0  # the offset is free
-        weights = np.linalg.solve(A.T @ A + penalty, A.T @ Y)
-        return PolynomialMap(self.degree, scaler, weights, np.asarray((Y - A @ weights).std(axis=0)))
+        weights: FloatArray = np.linalg.solve(A.T @ A + penalty, A.T @ Y)
+        std: FloatArray = (Y - A @ weights).std(axis=0)
+        return PolynomialMap(self.degree, scaler, weights, std)
 
 
 class NetworkCalibrator(Calibrator):

@@ -204,12 +204,11 @@ def _beginnings(log: CalibrationLog, q: FloatArray) -> BoolArray:
     """
     step = np.diff(log.time, prepend=log.time[0] if len(log) else 0.0)
     typical = float(np.median(step[1:])) if len(step) > 1 else 0.0
-    known = np.isfinite(q).all(axis=1)
-    apart: BoolArray = np.asarray((step > GAP_STEPS * typical) | (step < 0))
+    known = np.asarray(np.isfinite(q).all(axis=1))
+    apart = (step > GAP_STEPS * typical) | (step < 0)
     homed = np.diff(log.session, prepend=log.session[:1]) != 0
-    new = apart | homed | ~known
-    new[1:] |= ~known[:-1]
-    new[:1] = True
+    before = np.concatenate([[False], known])[:-1]
+    new: BoolArray = np.asarray(apart | homed | ~known | ~before)
     return new
 
 

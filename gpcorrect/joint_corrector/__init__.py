@@ -1,5 +1,6 @@
 """Joint calibration from log to model: fit, measure, save, set zeros anew."""
 
+from gpcorrect.joint_corrector.clocks import joints_on_one_clock
 from gpcorrect.joint_corrector.corrector import JointCorrector, JointEstimate, Method
 from gpcorrect.joint_corrector.fit import (
     METHODS,
@@ -22,5 +23,6 @@ __all__ = [
     "evaluate_joint",
     "fit_joint",
     "joint_units",
+    "joints_on_one_clock",
     "method_named",
 ]
