@@ -12,6 +12,7 @@ from gpcorrect.cli.evaluate import evaluate
 from gpcorrect.cli.fit import fit
 from gpcorrect.cli.joint import joint_app
 from gpcorrect.cli.query import query_app
+from gpcorrect.cli.reproduce import reproduce_app
 from gpcorrect.cli.serve import serve
 from gpcorrect.cli.simulate import simulate
 from gpcorrect.cli.validate import validate
@@ -42,6 +43,7 @@ app.add_typer(query_app, name="query")
 app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")
+app.add_typer(reproduce_app, name="reproduce")
 
 
 def main() -> None:

@@ -16,7 +16,7 @@ from rich.table import Table
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.types import Progress as ProgressCallback
 
-__all__ = ["bad_input", "err", "out", "print_json", "progress_bar", "show_errors", "split_names"]
+__all__ = ["bad_input", "err", "json_ready", "out", "print_json", "progress_bar", "show_errors", "split_names"]
 
 out = Console(highlight=False, soft_wrap=True)
 err = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -37,14 +37,14 @@ def _plain(text: str) -> str:
     return text.replace("[", r"\[")
 
 
-def _json_ready(value: Any) -> Any:
+def json_ready(value: Any) -> Any:
     """Replace what JSON cannot say (NaN, infinity, NumPy scalars and arrays, tuples) by what it can."""
     if isinstance(value, dict):
-        return {str(k): _json_ready(v) for k, v in value.items()}
+        return {str(k): json_ready(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_json_ready(v) for v in value]
+        return [json_ready(v) for v in value]
     if hasattr(value, "tolist"):
-        return _json_ready(value.tolist())
+        return json_ready(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
@@ -52,7 +52,7 @@ def _json_ready(value: Any) -> Any:
 
 def print_json(value: Any) -> None:
     """Print `value` as JSON on standard output: the only thing there when `--json` was given."""
-    typer.echo(json.dumps(_json_ready(value), indent=2))
+    typer.echo(json.dumps(json_ready(value), indent=2))
 
 
 def split_names(text: str) -> tuple[str, ...]:

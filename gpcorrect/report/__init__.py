@@ -1,5 +1,6 @@
 """Reports for people: one self-contained page each."""
 
 from gpcorrect.report.fit_page import write_fit_report
+from gpcorrect.report.mahler_page import write_mahler_report
 
-__all__ = ["write_fit_report"]
+__all__ = ["write_fit_report", "write_mahler_report"]

@@ -1,0 +1,180 @@
+"""Table II: the robot is sent to places again and again, and where its tool really comes to stand is compared.
+
+Every repetition visits all places in an order of its own, so that the arm comes from elsewhere each time and its play
+and friction stand elsewhere. Three commands for the same desired poses, in the tracker's frame: the desired path
+itself; the path corrected sample by sample; and straight reaches to corrected end poses only. Each is sent through the
+inverse kinematics, the servo loop and the transmission of the machine that made the training data, later in the same
+session.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.arms import Arm, arm_named
+from gpcorrect.corrector import CommandCorrector
+from gpcorrect.errors import LogError
+from gpcorrect.experiment import Experiment
+from gpcorrect.rigid import pose_residual
+from gpcorrect.sim import Machine, Outcome, Plan, Segment, plan_of, run
+from gpcorrect.sim.debridement import PACE
+from gpcorrect.sim.reaching import Tour, joint_tour, tour
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
+
+__all__ = ["COMMANDS", "Landing", "Reached", "closed_loop", "places_to_visit"]
+
+SETTLING = 0.5  # s of rest after each reach: the arm comes to a stand
+AFTER_TRAINING = 60.0  # s between the recording's end and the first repetition, and between repetitions
+COMMANDS = ("none", "full trajectory", "endpoint")
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """How far from a desired pose the tool stood: position and rotation errors of every visit.
+
+    Parameters
+    ----------
+    error : (repetitions, places, 6) array
+        Desired minus reached pose, m and rad, tracker frame.
+    """
+
+    error: FloatArray
+
+    def to_dict(self) -> dict[str, float]:
+        """Mean and SD of the errors' lengths, and RMS spread of a place's visits about their mean, mm and degrees."""
+        lengths = np.linalg.norm(self.error.reshape(*self.error.shape[:2], 2, 3), axis=-1)
+        about_mean = self.error - self.error.mean(axis=0)
+        spread = np.sqrt((about_mean.reshape(*self.error.shape[:2], 2, 3) ** 2).sum(axis=-1).mean(axis=(0, 1)))
+        figures: dict[str, float] = {}
+        for i, (name, scale) in enumerate((("position_mm", 1e3), ("rotation_deg", 180 / np.pi))):
+            figures |= {
+                f"{name}_mean": scale * float(lengths[..., i].mean()),
+                f"{name}_sd": scale * float(lengths[..., i].std()),
+                f"{name}_repeatability": scale * float(spread[i]),
+            }
+        return figures
+
+
+@dataclass(frozen=True, eq=False)
+class Landing:
+    """Where the tool was with one kind of command: at rest half a second after arrival, and on arrival."""
+
+    at_rest: Reached
+    on_arrival: Reached
+
+
+def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator) -> FloatArray:
+    """End poses `(count + 1, 4, 4)` of held-out reaches as the tracker saw them; the first is where each run starts."""
+    assert experiment.test is not None
+    assert experiment.evaluation is not None
+    log, kept = experiment.test, np.flatnonzero(experiment.evaluation.cleaning.keep)
+    assert log.tracker_cp is not None
+    assert log.tracker_cp.quaternion is not None
+    number = log.trajectory[kept]
+    ends = kept[np.flatnonzero(np.diff(number, append=-1) != 0)]
+    if len(ends) <= count:
+        raise LogError(
+            f"{count} places need {count + 1} held-out reaches, there are {len(ends)}.", hint="Simulate more reaches."
+        )
+    rows = rng.permutation(ends)[: count + 1]
+    return se3.from_parts(log.tracker_cp.position[rows], log.tracker_cp.quaternion[rows])
+
+
+def closed_loop(
+    corrector: CommandCorrector,
+    machine: Machine,
+    places: FloatArray,
+    repetitions: int,
+    begin: float,
+    rng: np.random.Generator,
+) -> dict[str, Landing]:
+    """Visit all places `repetitions` times with each kind of command.
+
+    Parameters
+    ----------
+    corrector : CommandCorrector
+        Fitted to recordings of this machine.
+    machine : Machine
+        The robot.
+    places : (k + 1, 4, 4) array
+        Desired poses in the tracker frame; the runs start at the first.
+    repetitions : int
+        Runs.
+    begin : float
+        Session time of the recording's end, s: the robot has drifted since.
+    rng : numpy.random.Generator
+        Orders of the visits.
+    """
+    arm = arm_named(machine.arm)
+    orders = [rng.permutation(len(places) - 1) for _ in range(repetitions)]
+    commanding: Mapping[str, Callable[[FloatArray], Tour]] = {
+        "none": lambda stops: _tour(stops, machine),
+        "full trajectory": lambda stops: _corrected(corrector, _tour(stops, machine), machine),
+        "endpoint": lambda stops: _tour(_corrected_stops(corrector, stops), machine),
+    }
+    tours = {
+        name: [command(places[np.concatenate([[0], 1 + order])]) for order in orders]
+        for name, command in commanding.items()
+    }
+    return {name: _landing(machine, arm, paths, orders, places[1:], begin) for name, paths in tours.items()}
+
+
+def _landing(
+    machine: Machine, arm: Arm, tours: list[Tour], orders: list[IntArray], places: FloatArray, begin: float
+) -> Landing:
+    starts = begin + AFTER_TRAINING * (1 + np.arange(len(tours)))
+    segments = [
+        Segment(joint_tour(arm, path), path.trajectory, start=start) for path, start in zip(tours, starts, strict=True)
+    ]
+    plan = plan_of(segments, machine.log_rate_hz)
+    outcome = run(machine, plan)
+    rest = round(SETTLING * machine.log_rate_hz)
+    return Landing(*(Reached(_errors(machine, plan, outcome, orders, places, back)) for back in (0, rest)))
+
+
+def _errors(
+    machine: Machine, plan: Plan, outcome: Outcome, orders: list[IntArray], places: FloatArray, back: int
+) -> FloatArray:
+    """Errors `(repetitions, places, 6)`, `back` samples before the end of each visit."""
+    assert outcome.T_base_tip is not None
+    errors = np.empty((len(orders), len(places), 6))
+    for i, order in enumerate(orders):
+        ends = np.flatnonzero(np.diff(plan.trajectory[:, i], append=-1) != 0)[: len(order)] - back
+        T = se3.compose(machine.T_tracker_base, outcome.T_base_tip[ends, i], machine.T_tip_marker)
+        errors[i, order] = pose_residual(_signal(T), _signal(places[order]))
+    return errors
+
+
+def _tour(stops: FloatArray, machine: Machine) -> Tour:
+    count = len(stops) - 1
+    return tour(stops, range(count), [replace(PACE, pause=SETTLING)] * count, machine.log_rate_hz)
+
+
+def _corrected(corrector: CommandCorrector, path: Tour, machine: Machine) -> Tour:
+    times = np.arange(len(path.T_base_tip)) / machine.log_rate_hz
+    answer = corrector.correct_path(_poses(path.T_base_tip), times)
+    assert answer.quaternions is not None
+    return Tour(se3.from_parts(answer.positions, answer.quaternions), path.trajectory)
+
+
+def _corrected_stops(corrector: CommandCorrector, stops: FloatArray) -> FloatArray:
+    answers = [corrector.correct(pose) for pose in _poses(stops)]
+    quaternions = [answer.quaternion for answer in answers if answer.quaternion is not None]
+    return se3.from_parts(np.array([answer.position for answer in answers]), np.array(quaternions))
+
+
+def _poses(T: FloatArray) -> FloatArray:
+    return np.hstack(se3.to_parts(T))
+
+
+def _signal(T: FloatArray) -> PoseSignal:
+    return PoseSignal(*se3.to_parts(T))
+
+
+def session_end(log: CalibrationLog) -> float:
+    """Session time, s, at which a recording of one session ends."""
+    return float(log.time[-1])

@@ -1,0 +1,118 @@
+"""Table I: six methods on held-out reaches, on the samples that pass cleaning and on all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gpcorrect import se3
+from gpcorrect.corrector import FitSettings
+from gpcorrect.errors import LogError
+from gpcorrect.experiment import Experiment, Measured, run_experiment
+from gpcorrect.metrics import spread
+from gpcorrect.types import CalibrationLog, FloatArray, Progress
+
+__all__ = ["COMPONENTS", "METHODS", "NORMS", "Errors", "TableOne", "table_one"]
+
+FULL = "offset + GPR + velocity + cleaning"
+FITS: dict[str, dict[str, Any]] = {
+    "GPR": {"features": ("pose",), "rigid": False, "clean": False},
+    "offset + GPR": {"features": ("pose",), "clean": False},
+    "offset + GPR + velocity": {"clean": False},
+    FULL: {},
+}
+METHODS = ("no correction", "offset", *FITS)
+COMPONENTS = ("x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg")
+NORMS = ("position_mm", "rotation_deg")
+TURN = 2 * np.pi
+
+Errors = dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class TableOne:
+    """Errors of the six methods, in the paper's order.
+
+    Parameters
+    ----------
+    clean, dirty : mappings from method to errors
+        Mean and SD of the absolute error of each component, of the length of the position error (`position_mm`) and of
+        the angle of the rotation error (`rotation_deg`).
+    seconds : mapping from method to s
+        Of the whole experiment: cleaning, fit, intervals, measurement.
+    full : Experiment
+        The experiment of the last column, for further figures.
+    """
+
+    clean: Mapping[str, Errors]
+    dirty: Mapping[str, Errors]
+    seconds: Mapping[str, float]
+    full: Experiment
+
+    def percent_of_raw(self, which: str, method: str = FULL) -> dict[str, float]:
+        """Mean length of a method's error, per cent of the uncorrected one, of the set `which` ("clean", "dirty")."""
+        errors: Mapping[str, Errors] = getattr(self, which)
+        return {norm: 100 * errors[method][norm]["mean"] / errors["no correction"][norm]["mean"] for norm in NORMS}
+
+    def gain_of_velocity(self, which: str) -> dict[str, float]:
+        """Per cent by which velocity features lessen the mean length of the error."""
+        errors: Mapping[str, Errors] = getattr(self, which)
+        without, with_it = errors["offset + GPR"], errors["offset + GPR + velocity"]
+        return {norm: 100 * (1 - with_it[norm]["mean"] / without[norm]["mean"]) for norm in NORMS}
+
+    def gain_of_cleaning(self, which: str) -> dict[str, float]:
+        """Per cent by which cleaning the training data lessens the SD of the error's length."""
+        errors: Mapping[str, Errors] = getattr(self, which)
+        without, with_it = errors["offset + GPR + velocity"], errors[FULL]
+        return {norm: 100 * (1 - with_it[norm]["sd"] / without[norm]["sd"]) for norm in NORMS}
+
+
+def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress) -> TableOne:
+    """Fit the four regressions on the first 80 % of the reaches and measure all six methods on the others."""
+    experiments: dict[str, Experiment] = {}
+    for done, (name, changes) in enumerate(FITS.items()):
+        progress.step("Table I", done / len(FITS))
+        experiments[name] = run_experiment(log, replace(settings, **changes))
+    progress.step("Table I", 1.0)
+    measured = {"no correction": ("offset + GPR", "raw"), "offset": ("offset + GPR", "rigid")}
+    measured |= {name: (name, "corrected") for name in FITS}
+    clean, dirty = (
+        {name: _errors(experiments[fit], which, kind) for name, (fit, kind) in measured.items()}
+        for which in ("clean", "dirty")
+    )
+    return TableOne(clean, dirty, {name: done.seconds for name, done in experiments.items()}, experiments[FULL])
+
+
+def _errors(experiment: Experiment, which: str, kind: str) -> Errors:
+    if experiment.evaluation is None or experiment.test is None:
+        raise LogError("nothing was held out to measure on.")
+    measured: Measured = getattr(experiment.evaluation, which)
+    residual: FloatArray = getattr(measured, kind)
+    position, angles = 1e3 * residual[:, :3], np.rad2deg(_euler_errors(residual[:, 3:], experiment.test, measured))
+    rows = dict(zip(COMPONENTS, [*position.T, *angles.T], strict=True))
+    rows |= {
+        "position_mm": np.linalg.norm(position, axis=1),
+        "rotation_deg": np.rad2deg(np.linalg.norm(residual[:, 3:], axis=1)),
+    }
+    return {name: {leaf: spread(values)[leaf] for leaf in ("mean", "sd")} for name, values in rows.items()}
+
+
+def _euler_errors(turn: FloatArray, test: CalibrationLog, measured: Measured) -> FloatArray:
+    """Differences `(n, 3)` of roll, pitch and yaw between what was commanded and what a method gives, within +-pi."""
+    assert test.setpoint_cp is not None
+    assert test.setpoint_cp.quaternion is not None
+    R_command = se3.matrix_from_quaternion(test.setpoint_cp.quaternion[measured.rows])
+    R_given = np.swapaxes(se3.matrix_from_rotvec(turn), -1, -2) @ R_command
+    difference = _roll_pitch_yaw(R_command) - _roll_pitch_yaw(R_given)
+    wrapped: FloatArray = difference - TURN * np.round(difference / TURN)
+    return wrapped
+
+
+def _roll_pitch_yaw(R: FloatArray) -> FloatArray:
+    """Angles `(n, 3)` about fixed x, y and z, as docs/conventions.md has them."""
+    angles: FloatArray = Rotation.from_matrix(R).as_euler("xyz")
+    return angles

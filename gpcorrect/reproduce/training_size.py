@@ -1,0 +1,81 @@
+"""Fig. 5: error and fitting time against the number of training states."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gpcorrect.corrector import FitSettings
+from gpcorrect.experiment import Experiment
+from gpcorrect.gpr import ExactGPR, SparseGPR
+from gpcorrect.reproduce.regression_data import RegressionData
+from gpcorrect.types import IntArray, Progress
+
+__all__ = ["TrainingSize", "training_sizes"]
+
+POSITION = ROTATION = 3
+MOST_EXACT = 1000  # beyond it the exact posterior costs more than it gains
+
+
+@dataclass(frozen=True)
+class TrainingSize:
+    """One fit: number of states, method, time (s, hyperparameters included), and mean errors on held-out reaches."""
+
+    states: int
+    method: str
+    seconds: float
+    position_mm: float
+    rotation_deg: float
+
+
+def training_sizes(
+    experiment: Experiment, shares: tuple[float, ...], settings: FitSettings, progress: Progress
+) -> tuple[TrainingSize, ...]:
+    """Fit on random states of the clean training set: exactly where they are few, and sparsely from few to all.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Gives registration, features, cleaned training and held-out samples.
+    shares : tuple of float
+        Parts of the training states, 0 to 1.
+    settings : FitSettings
+        Seed, also of which states are taken, and number of inducing points.
+    progress : Progress
+        Told after each fit.
+    """
+    assert experiment.test is not None
+    assert experiment.evaluation is not None
+    train = RegressionData.of(experiment.corrector, experiment.fit.log, experiment.fit.cleaning.keep)
+    test = RegressionData.of(experiment.corrector, experiment.test, experiment.evaluation.cleaning.keep)
+    order = np.random.default_rng([settings.seed, 5]).permutation(len(train.X))
+    counts = [max(2, round(share * len(order))) for share in shares]
+    plan = [("exact", n) for n in counts if n <= MOST_EXACT] + [("sparse", n) for n in counts]
+    points = []
+    for done, (method, count) in enumerate(plan):
+        progress.step("Fig. 5", done / len(plan))
+        points.append(_fit(experiment, train, test, order[:count], method, settings))
+    progress.step("Fig. 5", 1.0)
+    return tuple(points)
+
+
+def _fit(
+    experiment: Experiment,
+    train: RegressionData,
+    test: RegressionData,
+    rows: IntArray,
+    method: str,
+    settings: FitSettings,
+) -> TrainingSize:
+    groups = experiment.corrector.features.groups
+    regressor = ExactGPR() if method == "exact" else SparseGPR(n_inducing=min(settings.inducing, len(rows)))
+    regressor.set_params(feature_groups=groups, output_groups=(POSITION, ROTATION), random_state=settings.seed)
+    rows = np.sort(rows)
+    with threadpool_limits(limits=1):
+        start = time.perf_counter()
+        regressor.fit(train.X[rows], train.residual[rows], groups=train.trajectory[rows], times=train.time[rows])
+        seconds = time.perf_counter() - start
+    return TrainingSize(len(rows), method, seconds, **test.mean_errors(regressor.predict(test.X)))
