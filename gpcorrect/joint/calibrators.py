@@ -77,7 +77,7 @@ class PolynomialCalibrator(Calibrator):
         A = polynomial_terms(scaler.apply(X), self.degree)
         penalty = self.ridge * len(A) * np.eye(A.shape[1])
         penalty[0, 0] = 0.0  # the offset is free
-        weights: FloatArray = np.linalg.solve(A.T @ A + penalty, A.T @ Y)
+        weights = np.asarray(np.linalg.solve(A.T @ A + penalty, A.T @ Y), dtype=np.float64)
         std: FloatArray = (Y - A @ weights).std(axis=0)
         return PolynomialMap(self.degree, scaler, weights, std)
 

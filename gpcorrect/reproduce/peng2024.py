@@ -63,9 +63,9 @@ def reproduce_peng2024(scope: PengScope, seed: int = 0, progress: Progress | Non
     Returns
     -------
     dict
-        `table1` (a direction a row, methods beside raw), `fig5` (sparsity and minutes), `fig6` (hours), `fig9` (homings),
-        `table2` (error against end to end), `table5` (seconds), `published`, and `seconds`; errors are RMSE in deg, deg,
-        mm.
+        `table1` (a direction a row, methods beside raw), `fig5` (sparsity and minutes), `fig6` (hours), `fig9`
+        (homings), `table2` (error against end to end), `table5` (seconds), `published` and `seconds`. Errors are RMSE
+        in deg, deg, mm.
     """
     begun = time.perf_counter()
     progress = progress or Progress()
@@ -114,7 +114,7 @@ def _row(train: CalibrationLog, test: CalibrationLog, scope: PengScope) -> dict[
 def _sparsity(study: RavenStudy, sparsity: int, test: CalibrationLog, scope: PengScope) -> dict[str, Any]:
     train = study.zigzags(scope.directions[-1], sparsity)
     minutes = float(np.ptp(train.time)) / 60.0
-    row = {method: _rmse(_fit(train, method, scope), test) for method in METHODS}
+    row: dict[str, Any] = {method: _rmse(_fit(train, method, scope), test) for method in METHODS}
     return {"sparsity": sparsity, "minutes": minutes, **row}
 
 
@@ -160,7 +160,7 @@ def _targets(train: CalibrationLog, test: CalibrationLog, scope: PengScope) -> d
 
 def _speed(train: CalibrationLog, test: CalibrationLog, scope: PengScope) -> dict[str, Any]:
     """Seconds to fit, and milliseconds a sample in one batch of a test run."""
-    rows = {}
+    rows: dict[str, Any] = {}
     for method in METHODS:
         model = _fit(train, method, scope)
         data = model.data(test)

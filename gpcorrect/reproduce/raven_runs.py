@@ -18,7 +18,11 @@ DEGREE = np.deg2rad(1.0)
 LIMITS = np.array([[20 * DEGREE, 60 * DEGREE], [55 * DEGREE, 110 * DEGREE], [0.33, 0.42]])
 SPEED = np.array([5 * DEGREE, 5 * DEGREE, 0.02])
 TEST_LIMITS = LIMITS.mean(axis=1)[:, None] + np.ptp(LIMITS, axis=1)[:, None] * np.array([-0.3, 0.3])
-HOMING_SPREAD = {1: 0.1 * DEGREE, 2: 0.3 * DEGREE, 3: 1e-4}  # joint 2 moves most, as in the study
+HOMING_SPREAD: dict[int | str, float] = {
+    1: 0.1 * DEGREE,
+    2: 0.3 * DEGREE,
+    3: 1e-4,
+}  # joint 2 moves most, as in the study
 HOUR = 3600.0
 
 
