@@ -72,7 +72,7 @@ def peng2024(
 ) -> None:
     """Peng et al.: joint calibration of a simulated RAVEN-II, by direction, sparsity, hours of use and homings.
 
-    Errors are RMSE in deg, deg, mm. About five minutes; --quick takes one.
+    Errors are RMSE in deg, deg, mm. Roughly half an hour of one thread; --quick takes several minutes.
 
     Example: gpcorrect reproduce peng2024 --output peng2024
     """

@@ -13,6 +13,7 @@ from gpcorrect.types import FloatArray, IntArray, Progress
 __all__ = ["GPMap", "learn_gp"]
 
 RIDGE = 1e-5
+FEWEST_STRETCHES = 40  # into which the recording is cut for noise that neighbours share: long ones cost their cube
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,5 +65,17 @@ def learn_gp(
         n_variance=min(inducing, 150),
         output_groups=[1] * Y.shape[1],
         random_state=seed,
-    ).fit(X[:, columns], left, groups=trajectory, times=time, progress=progress)
+    ).fit(X[:, columns], left, groups=_stretches(trajectory), times=time, progress=progress)
     return GPMap(linear, np.asarray(columns), regressor.predictor_), zero.last
+
+
+def _stretches(trajectory: IntArray) -> IntArray:
+    """Trajectories, cut further so that no stretch is longer than its share of the recording."""
+    longest = -(-len(trajectory) // FEWEST_STRETCHES)
+    before = np.flatnonzero(np.diff(trajectory, prepend=trajectory[:1]) != 0)
+    starts = np.concatenate([[0], before])
+    own = np.repeat(starts, np.diff(np.concatenate([starts, [len(trajectory)]])))
+    place = np.arange(len(trajectory))
+    cut = ((place - own) // longest) * longest + own
+    labels: IntArray = np.unique(cut, return_inverse=True)[1].astype(np.int64)
+    return labels
