@@ -22,7 +22,7 @@ from gpcorrect.corrector import CommandCorrector
 from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray
 
-__all__ = ["KIND", "SCHEMA", "load", "model_hash", "read_parts", "save", "seal_of"]
+__all__ = ["KIND", "SCHEMA", "load", "model_hash", "read_parts", "refused", "save", "seal_of", "write_parts"]
 
 SCHEMA = 1
 KIND = "gpcorrect.command_corrector"
@@ -41,13 +41,23 @@ def save(corrector: CommandCorrector, path: str | Path) -> None:
         The folder cannot be written.
     """
     header, arrays = corrector.to_parts()
+    write_parts(path, KIND, {**header, "check": _check_answers(corrector, arrays)}, arrays)
+
+
+def write_parts(path: str | Path, kind: str, header: Header, arrays: Arrays) -> None:
+    """Write a model file of any kind atomically: its header gets kind, schema, version and digests.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
+    """
     header = {
         **header,
-        "kind": KIND,
+        "kind": kind,
         "schema": SCHEMA,
         "version": version("gpcorrect"),
         "digests": {name: _digest(array) for name, array in arrays.items()},
-        "check": _check_answers(corrector, arrays),
     }
     header = {**header, "seal": seal_of(header)}
     text = np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)
@@ -75,12 +85,12 @@ def load(path: str | Path) -> CommandCorrector:
     try:
         corrector = CommandCorrector.from_parts(header, arrays)
     except (KeyError, TypeError, ValueError) as error:
-        raise _refused(path, f"its contents do not form a model ({error})") from error
+        raise refused(path, f"its contents do not form a model ({error})") from error
     _verify_answers(path, corrector, header, arrays)
     return corrector
 
 
-def read_parts(path: str | Path) -> tuple[Header, Arrays]:
+def read_parts(path: str | Path, kind: str = KIND) -> tuple[Header, Arrays]:
     """Read and verify header and arrays without building the model.
 
     Raises
@@ -90,12 +100,12 @@ def read_parts(path: str | Path) -> tuple[Header, Arrays]:
     """
     contents = _read_archive(path)
     if "header" not in contents:
-        raise _refused(path, "it holds no header")
+        raise refused(path, "it holds no header")
     try:
         header = json.loads(contents.pop("header").tobytes().decode())
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise _refused(path, "its header is not JSON") from error
-    _check_header(path, header)
+        raise refused(path, "its header is not JSON") from error
+    _check_header(path, header, kind)
     _check_digests(path, header["digests"], contents)
     return header, contents
 
@@ -111,16 +121,16 @@ def _read_archive(path: str | Path) -> dict[str, Any]:
         raise ArtifactError(f"there is no model file {path}.", hint="Fit one with: gpcorrect fit LOG --output MODEL")
     try:
         if not zipfile.is_zipfile(path):
-            raise _refused(path, "it is truncated, or no model file at all")
+            raise refused(path, "it is truncated, or no model file at all")
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
-        raise _refused(path, "it is truncated or altered") from error
+        raise refused(path, "it is truncated or altered") from error
 
 
-def _check_header(path: str | Path, header: Any) -> None:
-    if not isinstance(header, dict) or header.get("kind") != KIND:
-        raise _refused(path, f"it is not a {KIND} file")
+def _check_header(path: str | Path, header: Any, kind: str) -> None:
+    if not isinstance(header, dict) or header.get("kind") != kind:
+        raise refused(path, f"it is not a {kind} file")
     schema = header.get("schema")
     if not isinstance(schema, int) or schema > SCHEMA:
         raise ArtifactError(
@@ -128,17 +138,17 @@ def _check_header(path: str | Path, header: Any) -> None:
             hint=f"It was written by gpcorrect {header.get('version')}: upgrade, or fit the model again.",
         )
     if header.get("seal") != seal_of(header):
-        raise _refused(path, "its header was altered")
+        raise refused(path, "its header was altered")
     if not isinstance(header.get("digests"), dict):
-        raise _refused(path, "it carries no digests")
+        raise refused(path, "it carries no digests")
 
 
 def _check_digests(path: str | Path, digests: dict[str, str], arrays: Arrays) -> None:
     if set(digests) != set(arrays):
-        raise _refused(path, "arrays were added or removed")
+        raise refused(path, "arrays were added or removed")
     changed = [name for name, array in arrays.items() if _digest(array) != digests[name]]
     if changed:
-        raise _refused(path, f"array {changed[0]} was altered")
+        raise refused(path, f"array {changed[0]} was altered")
 
 
 def _digest(array: FloatArray) -> str:
@@ -161,10 +171,11 @@ def _verify_answers(path: str | Path, corrector: CommandCorrector, header: Heade
     expected = np.array(header.get("check"))
     given = np.array(_check_answers(corrector, arrays))
     if expected.shape != given.shape or not np.allclose(expected, given, rtol=0, atol=CHECK_TOLERANCE):
-        raise _refused(path, "it answers its own check queries otherwise than when it was saved")
+        raise refused(path, "it answers its own check queries otherwise than when it was saved")
 
 
-def _refused(path: str | Path, why: str) -> ArtifactError:
+def refused(path: str | Path, why: str) -> ArtifactError:
+    """Return the error that says why a model file is not used."""
     return ArtifactError(
         f"model file {path} is refused: {why}.", hint="Copy it again from its source, or fit the model again."
     )

@@ -29,7 +29,7 @@ def pack(value: Any, prefix: str) -> tuple[Any, Arrays]:
     if isinstance(value, np.ndarray):
         return ARRAY + prefix, {prefix: value}
     if is_dataclass(value) and not isinstance(value, type):
-        return _pack_items({f.name: getattr(value, f.name) for f in fields(value)}, prefix)
+        return _pack_items({f.name: getattr(value, f.name) for f in fields(value) if f.init}, prefix)
     if isinstance(value, Mapping):
         return _pack_items({str(k): v for k, v in value.items()}, prefix)
     if isinstance(value, tuple | list):

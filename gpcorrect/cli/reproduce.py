@@ -12,7 +12,7 @@ from rich.table import Table
 from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.cli.console import json_ready, out, print_json, progress_bar
 from gpcorrect.cli.options import Json
-from gpcorrect.reproduce import Scope, reproduce_mahler2014
+from gpcorrect.reproduce import PengScope, Scope, reproduce_mahler2014, reproduce_peng2024
 
 __all__ = ["reproduce_app"]
 
@@ -61,6 +61,56 @@ def mahler2014(
         print_json(figures)
     else:
         _show(figures, output)
+
+
+@reproduce_app.command()
+def peng2024(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for reproduce.json.")] = Path("peng2024"),
+    seed: Annotated[int, typer.Option(help="Seed of the recordings.")] = 0,
+    quick: Annotated[bool, typer.Option("--quick", help="A small study: every part, rough figures.")] = False,
+    json: Json = False,
+) -> None:
+    """Peng et al.: joint calibration of a simulated RAVEN-II, by direction, sparsity, hours of use and homings.
+
+    Errors are RMSE in deg, deg, mm. Roughly half an hour of one thread; --quick takes several minutes.
+
+    Example: gpcorrect reproduce peng2024 --output peng2024
+    """
+    require_folder(output)
+    with progress_bar(quiet=json) as progress:
+        result = reproduce_peng2024(PengScope.quick() if quick else PengScope(), seed, progress)
+    output.mkdir(exist_ok=True)
+    figures = json_ready(result)
+    with atomic_path(output / "reproduce.json") as path:
+        path.write_text(json_text.dumps(figures, indent=2), encoding="utf-8")
+    if json:
+        print_json(figures)
+    else:
+        _show_peng(figures, output)
+
+
+def _show_peng(figures: dict[str, Any], output: Path) -> None:
+    table = Table(title="Table I, RMSE by training direction (deg, deg, mm)", title_justify="left", box=None)
+    rows = figures["table1"]
+    for column in ("trained on", *next(iter(rows.values()))):
+        table.add_column(column, no_wrap=True)
+    for direction, row in rows.items():
+        table.add_row(direction, *(_three(cell["mean"]) for cell in row.values()))
+    out.print(table)
+    published = figures["published"]
+    out.print(f"published: raw {_three(published['raw_rmse'])}, offset {_three(published['fixed_offset_rmse'])}")
+    for row in figures["fig5"]:
+        out.print(f"sparsity 1/{row['sparsity']}, {row['minutes']:.1f} min: network {_three(row['network'])}")
+        out.print(f"    ours {_three(row['gp'])}")
+    for name, use in figures["fig6"].items():
+        out.print(f"after 6 h {name}: {_three(use['rmse'][-1])} (fresh {_three(use['rmse'][0])})")
+    for row in figures["fig9"]:
+        out.print(f"{row['homings']} homings: {_three(row['as it was'])}; new zero {_three(row['new zero'])}")
+    out.print(f"{figures['seconds']:.0f} s; figures: {output / 'reproduce.json'}")
+
+
+def _three(values: list[float]) -> str:
+    return " ".join(f"{value:.3f}" for value in values)
 
 
 def _show(figures: dict[str, Any], output: Path) -> None:

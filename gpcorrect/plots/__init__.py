@@ -11,12 +11,14 @@ from gpcorrect.plots.style import png
 from gpcorrect.plots.training_size import training_curves
 from gpcorrect.plots.trajectory import trajectory_errors, trajectory_paths, typical_trajectory
 from gpcorrect.plots.workspace import residual_maps, workspace_coverage
+from gpcorrect.plots.zigzag import joint_trajectory
 
 __all__ = [
     "drift_history",
     "dropped_samples",
     "error_by_speed",
     "error_distribution",
+    "joint_trajectory",
     "offset_curve",
     "overview",
     "png",

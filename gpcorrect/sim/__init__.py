@@ -1,6 +1,7 @@
 """A cable-driven arm that misses: arm, transmission, controller and sensors simulated into a calibration log."""
 
 from gpcorrect.sim.debridement import debridement_log
+from gpcorrect.sim.driven_paths import DrivenPath, driven_log
 from gpcorrect.sim.effects import EFFECTS, Effect, effect_from_dict
 from gpcorrect.sim.faults import Fault, TrackerFaults
 from gpcorrect.sim.joint_motion import joint_motion_log
@@ -16,6 +17,7 @@ from gpcorrect.sim.sensors import Noise
 
 __all__ = [
     "EFFECTS",
+    "DrivenPath",
     "Effect",
     "Fault",
     "Machine",
@@ -26,6 +28,7 @@ __all__ = [
     "Segment",
     "TrackerFaults",
     "debridement_log",
+    "driven_log",
     "effect_from_dict",
     "joint_motion_log",
     "machine_of",

@@ -1,0 +1,44 @@
+"""Joint calibrators on the real wrist and arm of a dVRK, last fifth held out, beside the reference points of the task.
+
+Then the model of that motion on two recordings of another kind: the wrist wiggled at two poses of the arm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from support import print_table, real_data, save_results
+
+from gpcorrect.joint_corrector import METHODS, JointSettings, evaluate_joint, fit_joint
+from gpcorrect.logs import read_log
+
+REFERENCES = {
+    "linear with history (ref.)": [np.nan, np.nan, np.nan, 2.3, 5.5, 4.4],
+    "plain GP with velocity (ref.)": [0.045, 0.041, 0.144, 1.06, 7.6, 6.3],
+    "offset, gain, coupling, play (ref.)": [np.nan, np.nan, np.nan, 2.2, 3.6, 2.9],
+    "play ladder and GP (ref.)": [0.042, 0.035, 0.110, 1.36, 3.7, 2.65],
+}
+HEAD = ["RMSE", "J1 deg", "J2 deg", "J3 mm", "J4 deg", "J5 deg", "J6 deg", "seconds"]
+
+
+def main() -> None:
+    log = read_log(real_data("dvrk_random.csv"))
+    rows: list[list[object]] = []
+    for method in METHODS:
+        experiment = fit_joint(log, replace(JointSettings(), method=method))
+        if not rows:
+            rows.append(["raw", *(row["rmse"] for row in experiment.errors["raw"]), 0.0])
+        rows.append([method, *(row["rmse"] for row in experiment.errors["corrected"]), experiment.seconds])
+    rows += [[name, *values, np.nan] for name, values in REFERENCES.items()]
+    print_table(HEAD, rows)
+    others = []
+    for number in (1, 2):
+        errors = evaluate_joint(experiment.corrector, read_log(real_data(f"dvrk_wiggle_{number}.csv")))["errors"]
+        others += [[f"wiggle {number}, {name}", *(r["rmse"] for r in part), np.nan] for name, part in errors.items()]
+    print_table(HEAD, others)
+    save_results("joint_compare", {"rows": rows, "others": others})
+
+
+if __name__ == "__main__":
+    main()

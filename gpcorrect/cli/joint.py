@@ -1,0 +1,215 @@
+"""`gpcorrect joint`: calibrate joints from logs with outside encoders; measure, compare, set zeros anew."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from gpcorrect.atomic import require_folder
+from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
+from gpcorrect.cli.options import Columns, Json, Logs, read_logs
+from gpcorrect.errors import DataError
+from gpcorrect.joint import Direction, InputSignal
+from gpcorrect.joint_artifact import load_joint, save_joint
+from gpcorrect.joint_corrector import (
+    METHODS,
+    JointErrors,
+    JointSettings,
+    evaluate_joint,
+    fit_joint,
+    joint_units,
+    method_named,
+)
+
+__all__ = ["joint_app"]
+
+joint_app = typer.Typer(
+    no_args_is_help=True, help="Joint-space calibration: reported joints to true ones, or commands."
+)
+
+Method = Annotated[str, typer.Option(help=f"One of {', '.join(METHODS)}.")]
+Features = Annotated[
+    str | None,
+    typer.Option(help="position, velocity, effort, memory, state; the method's own when absent.", show_default=False),
+]
+Input = Annotated[
+    str | None,
+    typer.Option("--input", help="measured_jp or setpoint_jp; the reported one where logged.", show_default=False),
+]
+Way = Annotated[str, typer.Option("--direction", help="estimate (reported to true) or command (desired to commanded).")]
+Holdout = Annotated[float, typer.Option(help="Share of whole trajectories, the last ones, to measure on.")]
+Clock = Annotated[str, typer.Option("--time-offset", help="Clock of the outside encoders: auto, none, or seconds.")]
+Seed = Annotated[int, typer.Option(help="Seed of everything random.")]
+Model = Annotated[Path, typer.Argument(help="Model file that `gpcorrect joint fit` wrote.", show_default=False)]
+Output = Annotated[Path, typer.Option("--output", "-o", help="Model file to write.", show_default=False)]
+
+
+@joint_app.command()
+def fit(
+    logs: Logs,
+    output: Output,
+    method: Method = "gp",
+    features: Features = None,
+    input_signal: Input = None,
+    direction: Way = "estimate",
+    holdout: Holdout = 0.2,
+    end_to_end: Annotated[bool, typer.Option("--end-to-end", help="Learn the true positions, not the error.")] = False,
+    columns: Columns = None,
+    time_offset: Clock = "auto",
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Learn joint errors from recordings with outside encoders, and measure on trajectories that were held out.
+
+    For example:
+
+    gpcorrect joint fit zigzags.csv --method gp --output joints.gpc
+
+    gpcorrect joint fit monday.csv --method network --features position,effort --output net.gpc --json
+    """
+    require_folder(output)
+    settings = replace(
+        _settings(features, input_signal, direction, holdout, time_offset, seed), method=method_named(method)
+    )
+    settings = replace(settings, end_to_end=end_to_end)
+    with progress_bar(quiet=json) as progress:
+        experiment = fit_joint(read_logs(logs, columns), settings, progress)
+    save_joint(experiment.corrector, output)
+    if json:
+        print_json(experiment.to_dict())
+        return
+    _show(f"Held-out errors, {experiment.n_test} samples", experiment.errors)
+    out.print(f"trained on {experiment.n_train} samples in {experiment.seconds:.1f} s -> {output}")
+
+
+@joint_app.command()
+def evaluate(
+    model: Model, logs: Logs, columns: Columns = None, time_offset: Clock = "auto", json: Json = False
+) -> None:
+    """Measure a joint model on recordings it has not seen.
+
+    Example: gpcorrect joint evaluate joints.gpc tuesday.csv
+    """
+    result = evaluate_joint(load_joint(model), read_logs(logs, columns), time_offset)
+    if json:
+        print_json(result)
+    else:
+        _show(f"Errors on {result['n_test']} samples", result["errors"])
+
+
+@joint_app.command()
+def compare(
+    logs: Logs,
+    features: Features = None,
+    input_signal: Input = None,
+    direction: Way = "estimate",
+    holdout: Holdout = 0.2,
+    columns: Columns = None,
+    time_offset: Clock = "auto",
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Fit every method on the same trajectories and print their held-out RMSE, a row a method.
+
+    Example: gpcorrect joint compare zigzags.csv
+    """
+    log = read_logs(logs, columns)
+    rows: list[dict[str, Any]] = []
+    settings = _settings(features, input_signal, direction, holdout, time_offset, seed)
+    with progress_bar(quiet=json) as progress:
+        for number, method in enumerate(METHODS):
+            progress.step("methods", number / len(METHODS))
+            experiment = fit_joint(log, replace(settings, method=method))
+            if not experiment.errors:
+                raise DataError("comparing needs held-out trajectories.", hint="Give --holdout above 0.")
+            if not rows:
+                rows.append({"method": "raw", "seconds": 0.0, "errors": experiment.errors["raw"]})
+            rows.append({"method": method, "seconds": experiment.seconds, "errors": experiment.errors["corrected"]})
+    if json:
+        print_json({"n_train": experiment.n_train, "n_test": experiment.n_test, "methods": rows})
+    else:
+        _compared(rows, experiment.n_test)
+
+
+@joint_app.command()
+def rezero(model: Model, logs: Logs, output: Output, columns: Columns = None, json: Json = False) -> None:
+    """Set the zeros of a model anew from a short run, as after a homing: a minute instead of a calibration.
+
+    Example: gpcorrect joint rezero joints.gpc minute.csv --output joints-today.gpc
+    """
+    require_folder(output)
+    corrector, log = load_joint(model), read_logs(logs, columns)
+    fresh = corrector.rezeroed(log)
+    names, scale = joint_units(corrector.types)
+    shift, moved = (fresh.zero - corrector.zero) * scale, corrector.moved(log) != 0
+    save_joint(fresh, output)
+    rows = [
+        {"joint": j + 1, "unit": names[j], "shift": float(shift[j]), "moved": bool(moved[j])} for j in range(len(names))
+    ]
+    if json:
+        print_json({"zeros": rows})
+        return
+    for row in rows:
+        note = "moved" if row["moved"] else "within the model's own uncertainty"
+        out.print(f"joint {row['joint']}: zero {row['shift']:+.4f} {row['unit']}, {note}")
+    out.print(f"model: {output}")
+
+
+def _settings(
+    features: str | None, input_signal: str | None, direction: str, holdout: float, time_offset: str, seed: int
+) -> JointSettings:
+    return JointSettings(
+        features=split_names(features or ""),
+        input_signal=_input(input_signal),
+        direction=_direction(direction),
+        holdout=holdout,
+        time_offset=time_offset,
+        seed=seed,
+    )
+
+
+def _input(name: str | None) -> InputSignal | None:
+    match name:
+        case None | "measured_jp" | "setpoint_jp":
+            return name
+    raise DataError(f"the input is measured_jp or setpoint_jp; got {name!r}.")
+
+
+def _direction(name: str) -> Direction:
+    match name:
+        case "estimate" | "command":
+            return name
+    raise DataError(f"the direction is estimate or command; got {name!r}.")
+
+
+def _show(title: str, errors: dict[str, JointErrors]) -> None:
+    if not errors:
+        err.print("[yellow]note:[/] nothing was held out, so nothing was measured")
+        return
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for column in ("joint", "unit", "", "rmse", "mean", "SD", "p95", "max"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, rows in errors.items():
+        for row in rows:
+            leaves = [f"{row[k]:.4f}" for k in ("rmse", "mean", "sd", "p95", "max")]
+            table.add_row(str(row["joint"]), str(row["unit"]), name, *leaves)
+    out.print(table)
+
+
+def _compared(rows: list[dict[str, Any]], n_test: int) -> None:
+    table = Table(title=f"Held-out RMSE, {n_test} samples", title_justify="left", box=None, pad_edge=False)
+    table.add_column("method")
+    for leaf in rows[0]["errors"]:
+        table.add_column(f"J{leaf['joint']} [{leaf['unit']}]".replace("[", r"\["), justify="right")
+    table.add_column("seconds", justify="right")
+    best = np.argmin([[leaf["rmse"] for leaf in row["errors"]] for row in rows], axis=0)
+    for i, row in enumerate(rows):
+        cells = [f"{leaf['rmse']:.4f}" for leaf in row["errors"]]
+        cells = [f"[bold]{cell}[/]" if best[j] == i else cell for j, cell in enumerate(cells)]
+        table.add_row(row["method"], *cells, f"{row['seconds']:.1f}")
+    out.print(table)

@@ -1,0 +1,169 @@
+"""Play of cables that pull on each other: dry friction holds each joint, coupled springs drag them.
+
+The joints y follow what the motors ask for, q, through cables of stiffness K, and stick while the cables pull less than
+friction:
+
+    y_t = argmin_y  (q_t - y)^T K (q_t - y) / 2 + sum_i F_i |y_i - y_{t-1,i}|
+
+With a diagonal K these are independent plays of half gap F_i / K_ii; the entries beside it turn the slack of a wrist
+whose cables run over one another. The law has no clock: only the path counts (Moreau 1977, Evolution problem associated
+with a moving convex set in a Hilbert space).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from scipy.optimize import least_squares
+
+from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
+
+__all__ = ["CoupledPlay", "learn_coupled_play", "play_lags"]
+
+FIRST_GAP = 0.08  # half gap that learning starts from, in units of half the range
+STRONGEST = 0.9  # coupling, as a correlation of stiffness
+LEAST_EIGENVALUE = 0.05
+COUPLING_PENALTY = 0.3  # standard deviations a unit: keeps couplings that the data do not speak of near 0
+MOST_ROWS = 6000
+MOST_SEARCH = 30
+SWEEPS = 30
+TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledPlay:
+    """Stiffness and friction in units of half the joints' ranges.
+
+    Parameters
+    ----------
+    stiffness : (d, d) array
+        Symmetric, positive definite, unit diagonal or more.
+    gap : (d,) array
+        Half gaps F_i / K_ii.
+    """
+
+    stiffness: FloatArray
+    gap: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stiffness", frozen_array(self.stiffness))
+        object.__setattr__(self, "gap", frozen_array(self.gap))
+
+    def lags(self, path: FloatArray, new: BoolArray) -> FloatArray:
+        """Return the lags `(n, d)` of the joints behind `path` (n, d); where `new`, a path starts without any."""
+        lags: FloatArray = _lags(np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new)
+        return lags
+
+
+def play_lags(path: FloatArray, radii: FloatArray, new: BoolArray) -> FloatArray:
+    """Return the lags `(n, h, d)` of independent plays of radii `(h,)`; where `new`, a path starts without any."""
+    lags: FloatArray = _plays(np.ascontiguousarray(path), np.array(radii, dtype=np.float64), new)
+    return lags
+
+
+def learn_coupled_play(path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray) -> CoupledPlay:
+    """Learn stiffness and friction, so that errors are linear in path and lags as nearly as can be.
+
+    Weights are solved for inside each step (variable projection, Golub and Pereyra 1973).
+
+    Parameters
+    ----------
+    path : (n, d) array
+        Positions in units of half the ranges.
+    errors : (n, d) array
+        What the lags are to explain; NaN where unknown.
+    new : (n,) bool array
+        Where a path starts.
+    rows : (k,) int array
+        Rows whose errors may be looked at.
+    """
+    path, errors, new, rows = _thinned(path, errors, new, rows)
+    dof = path.shape[1]
+    linear = np.hstack([np.ones((len(path), 1)), path])
+    scale = np.maximum(_left(linear, errors, rows).std(axis=0), 1e-300)
+
+    def residual(p: FloatArray) -> FloatArray:
+        play = _play_of(p, dof)
+        left = _left(np.hstack([linear, play.lags(path, new)]), errors, rows)
+        return np.concatenate([(left / scale).ravel(), COUPLING_PENALTY * p[dof:]])
+
+    start = np.concatenate([np.full(dof, np.log(FIRST_GAP)), np.zeros(dof * (dof - 1) // 2)])
+    found: Any = least_squares(residual, start, diff_step=[1e-3], max_nfev=MOST_SEARCH)
+    return _play_of(found.x, dof)
+
+
+def _play_of(p: FloatArray, dof: int) -> CoupledPlay:
+    stiffness = np.eye(dof)
+    upper = np.triu_indices(dof, 1)
+    stiffness[upper] = STRONGEST * np.tanh(p[dof:])
+    stiffness = stiffness + np.triu(stiffness, 1).T
+    least = float(np.linalg.eigvalsh(stiffness)[0])
+    return CoupledPlay(
+        stiffness + max(LEAST_EIGENVALUE - least, 0.0) * np.eye(dof), np.exp(np.clip(p[:dof], -9.0, 1.0))
+    )
+
+
+def _left(A: FloatArray, errors: FloatArray, rows: IntArray) -> FloatArray:
+    inside = A[rows]
+    left: FloatArray = errors[rows] - inside @ np.linalg.lstsq(inside, errors[rows], rcond=None)[0]
+    return left
+
+
+def _thinned(
+    path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray
+) -> tuple[FloatArray, FloatArray, BoolArray, IntArray]:
+    """Every k-th sample: the law has no clock, so a fast recording says little more than a slow one."""
+    stride = -(-len(path) // MOST_ROWS)
+    if stride == 1:
+        return path, errors, new, rows
+    wanted = np.zeros(len(path), dtype=bool)
+    wanted[rows] = True
+    label = np.cumsum(new)[::stride]
+    fresh = np.concatenate([[True], np.diff(label) > 0])
+    return path[::stride], errors[::stride], fresh, np.flatnonzero(wanted[::stride])
+
+
+@njit(cache=True)
+def _lags(path: FloatArray, K: FloatArray, gap: FloatArray, new: BoolArray) -> FloatArray:  # pragma: no cover
+    """Coordinate descent from the joints' last place: each sweep solves one joint's stick or slip exactly."""
+    n, d = path.shape
+    lag = np.zeros((n, d))
+    y = path[0].copy()
+    before = y.copy()
+    for t in range(n):
+        if new[t]:
+            y[:] = path[t]
+            continue
+        before[:] = y
+        for _ in range(SWEEPS):
+            change = 0.0
+            for i in range(d):
+                pull = 0.0
+                for j in range(d):
+                    if j != i:
+                        pull += K[i, j] * (path[t, j] - y[j])
+                rest = path[t, i] + pull / K[i, i]
+                place = min(max(before[i], rest - gap[i]), rest + gap[i])
+                change = max(change, abs(place - y[i]))
+                y[i] = place
+            if change < TOLERANCE:
+                break
+        lag[t] = path[t] - y
+    return lag
+
+
+@njit(cache=True)
+def _plays(path: FloatArray, radii: FloatArray, new: BoolArray) -> FloatArray:  # pragma: no cover
+    n, d = path.shape
+    lag = np.zeros((n, len(radii), d))
+    for t in range(1, n):
+        if new[t]:
+            continue
+        for h in range(len(radii)):
+            for j in range(d):
+                moved = lag[t - 1, h, j] + path[t, j] - path[t - 1, j]
+                lag[t, h, j] = min(max(moved, -radii[h]), radii[h])
+    return lag

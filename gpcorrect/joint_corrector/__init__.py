@@ -1,0 +1,28 @@
+"""Joint calibration from log to model: fit, measure, save, set zeros anew."""
+
+from gpcorrect.joint_corrector.clocks import joints_on_one_clock
+from gpcorrect.joint_corrector.corrector import JointCorrector, JointEstimate, Method
+from gpcorrect.joint_corrector.fit import (
+    METHODS,
+    JointExperiment,
+    JointSettings,
+    evaluate_joint,
+    fit_joint,
+    method_named,
+)
+from gpcorrect.joint_corrector.metrics import JointErrors, joint_units
+
+__all__ = [
+    "METHODS",
+    "JointCorrector",
+    "JointErrors",
+    "JointEstimate",
+    "JointExperiment",
+    "JointSettings",
+    "Method",
+    "evaluate_joint",
+    "fit_joint",
+    "joint_units",
+    "joints_on_one_clock",
+    "method_named",
+]

@@ -1,0 +1,82 @@
+"""Recordings of the joint-level calibration study on the simulated RAVEN-II: zig-zags, hours of use, homings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.joint import direction_named, random_sinusoids, timed, zigzag
+from gpcorrect.sim import DrivenPath, Model, driven_log, preset
+from gpcorrect.sim.effects.homing_offset import HomingOffset
+from gpcorrect.types import CalibrationLog, FloatArray
+
+__all__ = ["RavenStudy"]
+
+DEGREE = np.deg2rad(1.0)
+LIMITS = np.array([[20 * DEGREE, 60 * DEGREE], [55 * DEGREE, 110 * DEGREE], [0.33, 0.42]])
+SPEED = np.array([5 * DEGREE, 5 * DEGREE, 0.02])
+TEST_LIMITS = LIMITS.mean(axis=1)[:, None] + np.ptp(LIMITS, axis=1)[:, None] * np.array([-0.3, 0.3])
+HOMING_SPREAD: dict[int | str, float] = {
+    1: 0.1 * DEGREE,
+    2: 0.3 * DEGREE,
+    3: 1e-4,
+}  # joint 2 moves most, as in the study
+HOUR = 3600.0
+
+
+@dataclass(frozen=True)
+class RavenStudy:
+    """The simulated arm and its seed.
+
+    Parameters
+    ----------
+    seed : int
+        Of noise, homings and random motion.
+    homings : int
+        Homings after the first.
+    """
+
+    seed: int = 0
+    homings: int = 5
+
+    def zigzags(self, direction: str, sparsity: int) -> CalibrationLog:
+        """Return one zig-zag in the first session, on the fresh robot."""
+        corners = zigzag(direction_named(direction), sparsity, LIMITS)
+        return self._log([DrivenPath(timed(corners, SPEED, self._rate()).q)], 1)
+
+    def random_run(self, minutes: float, *, session: int = 0, start: float = 600.0, salt: int = 2) -> CalibrationLog:
+        """Return random sinusoids inside the block that the zig-zags sweep."""
+        return self._log([DrivenPath(self._sines(minutes, salt), session, start)], salt)
+
+    def after_hours(
+        self, hours: Sequence[float], minutes: float, payload: float | None, *, idle: bool
+    ) -> CalibrationLog:
+        """Return a random run after each number of hours of use, loaded or not, or of idling."""
+        still = 0.0 if idle else 1.0
+        paths = [
+            DrivenPath(self._sines(minutes, 40 + k), 0, still * h * HOUR + 600.0, payload) for k, h in enumerate(hours)
+        ]
+        return self._log(paths, 40)
+
+    def _sines(self, minutes: float, salt: int) -> FloatArray:
+        rng = np.random.default_rng([self.seed, salt])
+        return random_sinusoids(TEST_LIMITS, SPEED, 60.0 * minutes, self._rate(), rng).q
+
+    def _log(self, paths: Sequence[DrivenPath], salt: int) -> CalibrationLog:
+        return driven_log(self._model(), paths, self.seed * 1000 + salt)
+
+    def _model(self) -> Model:
+        model = preset("raven2_calibration")
+        rng = np.random.default_rng([self.seed, 1])
+        others = [e for e in model.effects if not isinstance(e, HomingOffset)]
+        homed = []
+        for effect in (e for e in model.effects if isinstance(e, HomingOffset)):
+            first = float(np.atleast_1d(effect.offset)[0])
+            shifts = HOMING_SPREAD[effect.joint] * rng.standard_normal(self.homings)
+            homed.append(HomingOffset(effect.joint, (first, *(first + shifts).tolist())))
+        return model.with_effects(*homed, *others)
+
+    def _rate(self) -> float:
+        return float(preset("raven2_calibration").log_rate_hz)

@@ -1,0 +1,48 @@
+"""Recordings of given joint paths: zig-zags and other calibration motions, over sessions, payloads and hours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpcorrect.sim.model import Model
+from gpcorrect.sim.plan import Segment, plan_of
+from gpcorrect.sim.record import simulate
+from gpcorrect.sim.resolve import machine_of
+from gpcorrect.types import CalibrationLog, FloatArray
+
+__all__ = ["DrivenPath", "driven_log"]
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenPath:
+    """One path to drive.
+
+    Parameters
+    ----------
+    q : (n, dof) array
+        Desired joints at the model's log rate, rad or m.
+    session : int
+        Index of the homing.
+    start : float
+        Seconds since the session began.
+    payload : float or None
+        kg at the tip.
+    """
+
+    q: FloatArray
+    session: int = 0
+    start: float = 0.0
+    payload: float | None = None
+
+
+def driven_log(model: Model, paths: Sequence[DrivenPath], seed: int = 0) -> CalibrationLog:
+    """Simulate a model that drives these paths, a trajectory each, and record it with its outside encoders."""
+    segments = [
+        Segment(path.q, np.full(len(path.q), k), path.session, path.start, path.payload) for k, path in enumerate(paths)
+    ]
+    log = simulate(machine_of(model), plan_of(segments, model.log_rate_hz), seed)
+    # The calibration study has outside encoders only, and no tracker.
+    return replace(log, tracker_cp=None, setpoint_cp=None, measured_cp=None)

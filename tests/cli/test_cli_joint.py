@@ -1,0 +1,70 @@
+"""`gpcorrect joint` and `gpcorrect zigzag` through the front door."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from cli_support import CommandLine, assert_refused, written
+
+from gpcorrect.logs import read_log
+
+sys.path.append(str(Path(__file__).parent.parent / "joint"))
+from joint_logs import joint_log
+
+
+@pytest.fixture
+def joints(tmp_path: Path) -> Path:
+    return written(joint_log(1, trajectories=6), tmp_path / "joints.csv")
+
+
+def test_fit_and_evaluate_say_what_other_programs_rely_on(gpcorrect: CommandLine, joints: Path, tmp_path: Path) -> None:
+    """The JSON fields are there, in millimetres where the joint slides, and a saved model can be measured again."""
+    words = ("joint", "fit", joints, "--method", "linear", "--input", "measured_jp", "--output", tmp_path / "m.gpc")
+    result = gpcorrect(*words, "--json").json
+    assert {"n_train", "n_test", "seconds", "errors"} <= set(result)
+    assert set(result["errors"]) == {"raw", "fixed_offset", "corrected"}
+    row = result["errors"]["corrected"][2]
+    assert {"joint", "unit", "rmse", "mean", "sd", "p95", "max"} <= set(row)
+    assert [r["unit"] for r in result["errors"]["raw"]] == ["deg", "deg", "mm"]
+    again = gpcorrect("joint", "evaluate", tmp_path / "m.gpc", joints, "--json").json
+    assert again["errors"]["corrected"][1]["rmse"] < 0.2 * again["errors"]["raw"][1]["rmse"]
+
+
+def test_compare_has_a_row_for_every_method(gpcorrect: CommandLine, joints: Path) -> None:
+    """Raw and six methods, each with every joint."""
+    result = gpcorrect("joint", "compare", joints, "--json").json
+    names = [row["method"] for row in result["methods"]]
+    assert names == ["raw", "offset", "linear", "quadratic", "network", "ukf", "gp"]
+    assert all(len(row["errors"]) == 3 for row in result["methods"])
+
+
+def test_rezero_writes_a_model_with_the_new_zero(gpcorrect: CommandLine, joints: Path, tmp_path: Path) -> None:
+    """A shift of joint 2 is reported, and in the new model."""
+    gpcorrect("joint", "fit", joints, "--method", "linear", "--output", tmp_path / "m.gpc")
+    minute = written(joint_log(2, trajectories=2, shift=0.05), tmp_path / "minute.csv")
+    zeros = gpcorrect("joint", "rezero", tmp_path / "m.gpc", minute, "--output", tmp_path / "n.gpc", "--json").json
+    assert zeros["zeros"][1]["shift"] == pytest.approx(2.865, abs=0.5)
+    assert zeros["zeros"][1]["moved"]
+
+
+def test_zigzag_writes_a_trajectory_and_its_duration(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """The file reads back as a log of commanded joints inside the limits; the picture is there."""
+    path, picture = tmp_path / "traj.csv", tmp_path / "traj.png"
+    facts = gpcorrect(
+        "zigzag", "--direction", "J2-J3", "--sparsity", 4, "--output", path, "--plot", picture, "--json"
+    ).json
+    log = read_log(path)
+    assert log.setpoint_jp is not None
+    assert facts["seconds"] == pytest.approx(log.time[-1] - log.time[0], abs=0.04)
+    assert picture.stat().st_size > 1000
+
+
+def test_bad_requests_end_with_status_2(gpcorrect: CommandLine, joints: Path, tmp_path: Path) -> None:
+    """Unknown method, direction, feature or limits: one message each."""
+    out = ("--output", tmp_path / "x.gpc")
+    assert_refused(gpcorrect("joint", "fit", joints, "--method", "magic", *out), "magic", "quadratic")
+    assert_refused(gpcorrect("joint", "fit", joints, "--features", "colour", *out), "colour")
+    assert_refused(gpcorrect("joint", "fit", joints, "--input", "tracker", *out), "measured_jp")
+    assert_refused(gpcorrect("zigzag", "--limits", "60:20,55:110,330:420", *out), "lowest")

@@ -1,0 +1,62 @@
+"""Plays whose cables pull on each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from joint_logs import HALF, LIMITS, PLAY, joint_log
+
+from gpcorrect.joint import CoupledPlay, joint_data
+from gpcorrect.joint.coupled_play import learn_coupled_play, play_lags
+from gpcorrect.joint.zero import zero_path
+
+
+def walk(seed: int = 0, n: int = 400) -> np.ndarray:
+    return np.cumsum(0.05 * np.random.default_rng(seed).standard_normal((n, 3)), axis=0)
+
+
+def test_without_coupling_each_joint_is_a_play_of_its_own() -> None:
+    """A diagonal stiffness gives the lags of single plays."""
+    path, new = walk(), np.arange(400) == 0
+    lags = CoupledPlay(np.eye(3), np.full(3, 0.1)).lags(path, new)
+    np.testing.assert_allclose(lags, play_lags(path, np.array([0.1]), new)[:, 0], atol=1e-12)
+
+
+def test_no_joint_is_pulled_harder_than_friction_bears() -> None:
+    """The cables' pull K lag stays within K_ii gap_i, and is that where a joint slips."""
+    path = walk(1)
+    lags = PLAY.lags(path, np.arange(400) == 0)
+    pull, limit = lags @ PLAY.stiffness, np.diag(PLAY.stiffness) * PLAY.gap
+    assert (np.abs(pull) <= limit + 1e-7).all()
+    slips = np.abs(np.diff(path - lags, axis=0)) > 1e-6
+    np.testing.assert_allclose(np.abs(pull[1:])[slips], np.broadcast_to(limit, slips.shape)[slips], atol=1e-6)
+
+
+def test_only_the_path_counts_not_its_speed() -> None:
+    """Samples put between two others on a straight line change no lag where joints do not pull on each other."""
+    path = walk(2, 100)
+    fine = np.repeat(path, 2, axis=0)[:-1]
+    fine[1::2] = (path[:-1] + path[1:]) / 2
+    play = CoupledPlay(np.eye(3), PLAY.gap)
+    coarse = play.lags(path, np.arange(len(path)) == 0)
+    np.testing.assert_allclose(play.lags(fine, np.arange(len(fine)) == 0)[::2], coarse, atol=1e-12)
+
+
+def test_planted_slack_is_found() -> None:
+    """Stiffness and gaps come back from errors that they made."""
+    data = joint_data(joint_log(5))
+    path = (data.q - LIMITS.mean(axis=1)) / HALF
+    found = learn_coupled_play(path, data.error, data.new, np.arange(len(data)))
+    np.testing.assert_allclose(found.gap, PLAY.gap, rtol=0.1)
+    assert found.stiffness[0, 1] == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_zero_that_wanders_is_followed_and_one_that_holds_is_not() -> None:
+    """Steps of the first joint's zero are found to their end; noise alone gives no zero."""
+    rng = np.random.default_rng(4)
+    number = np.repeat(np.arange(20), 50)
+    errors = 0.05 * rng.standard_normal((1000, 2))
+    errors[:, 0] += 0.1 * number
+    zero = zero_path(errors, number)
+    assert zero.last[0] == pytest.approx(0.95, abs=0.2)
+    assert zero.last[1] == 0.0
