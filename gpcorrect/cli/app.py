@@ -8,6 +8,7 @@ import typer
 
 from gpcorrect.cli.console import bad_input
 from gpcorrect.cli.correct import correct
+from gpcorrect.cli.discrepancy import discrepancy_app
 from gpcorrect.cli.evaluate import evaluate
 from gpcorrect.cli.fit import fit
 from gpcorrect.cli.query import query_app
@@ -33,6 +34,7 @@ app.command()(correct)
 app.command()(serve)
 app.add_typer(query_app, name="query")
 app.command()(simulate)
+app.add_typer(discrepancy_app, name="discrepancy")
 
 
 def main() -> None:

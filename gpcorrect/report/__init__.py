@@ -1,5 +1,6 @@
 """Reports for people: one self-contained page each."""
 
+from gpcorrect.report.discrepancy_page import write_discrepancy_report
 from gpcorrect.report.fit_page import write_fit_report
 
-__all__ = ["write_fit_report"]
+__all__ = ["write_discrepancy_report", "write_fit_report"]
