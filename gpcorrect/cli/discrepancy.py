@@ -13,9 +13,16 @@ from rich.table import Table
 from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.cli.console import err, out, print_json, progress_bar
 from gpcorrect.cli.options import Columns, Json, read_logs
+from gpcorrect.discrepancy.generate import LABELS as SEALED
+from gpcorrect.discrepancy.generate import generate as generate_cases
+from gpcorrect.discrepancy.generate import label_of, read_spec, seal
 from gpcorrect.discrepancy.resume import find_or_resume
 from gpcorrect.discrepancy.run import RunSettings
+from gpcorrect.discrepancy.score_reports import read_labels, read_reports, score_reports
+from gpcorrect.discrepancy.score_text import score_text
 from gpcorrect.discrepancy.words import channel_words, in_reader_units, number, verdict_sentence
+from gpcorrect.logs import write_log
+from gpcorrect.logs.digest import recording_digest
 from gpcorrect.sim import read_model, write_model
 
 __all__ = ["discrepancy_app"]
@@ -93,3 +100,64 @@ def _gap_table(gaps: Mapping[str, Mapping[str, Any]]) -> Table:
         closed = "–" if gap["closed"] is None else f"{100 * gap['closed']:.0f} %"
         table.add_row(f"{channel_words(name)} [{symbol}]".replace("[", r"\["), *sizes, closed)
     return table
+
+
+@discrepancy_app.command("generate")
+def generate(
+    spec: Annotated[Path, typer.Option(help="What to simulate and what to hide (TOML).", show_default=False)],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the logs; made if absent.", show_default=False)],
+    json: Json = False,
+) -> None:
+    """Simulate recordings with hidden effects, and seal the labels apart from them.
+
+    Writes nominal.toml (what the workflow is given), a log a case, labels.sha256, and sealed/labels.json: keep that
+    folder from whoever is tested, the hash shows later that it was not changed.
+
+    For example, spec.toml:
+
+    model = "nominal.toml"
+
+    [draw]
+
+    cases = 20
+
+    effect_to_noise = [2.0, 1.0]
+
+    gpcorrect discrepancy generate --spec spec.toml --output blind/
+    """
+    require_folder(output)
+    wanted = read_spec(spec)
+    output.mkdir(exist_ok=True)
+    labels: dict[str, Any] = {}
+    with progress_bar(quiet=json) as progress:
+        for case in generate_cases(wanted, progress):
+            path = output / f"{case.name}.parquet"
+            write_log(case.log, path)
+            labels[case.name] = label_of(case, recording_digest(path))
+    write_model(wanted.model, output / "nominal.toml")
+    digest = seal({"cases": labels}, output)
+    if json:
+        print_json({"cases": sorted(labels), "labels": str(output / SEALED / "labels.json"), "sha256": digest})
+    else:
+        out.print(f"{len(labels)} logs -> {output}; labels sealed in {output / SEALED} (SHA-256 {digest[:16]}...)")
+
+
+@discrepancy_app.command("score")
+def score(
+    labels: Annotated[Path, typer.Option(help="labels.json of `generate`.", show_default=False)],
+    reports: Annotated[
+        list[Path], typer.Option(help="Output folder of `run`, or a folder of them. Repeatable.", show_default=False)
+    ],
+    json: Json = False,
+) -> None:
+    """Hold reports against sealed labels: target table with Wilson intervals, confusion matrix, detection limits.
+
+    For example:
+
+    gpcorrect discrepancy score --labels blind/sealed/labels.json --reports runs/
+    """
+    found = score_reports(read_labels(labels), read_reports(reports))
+    if json:
+        print_json(found.to_dict())
+        return
+    out.print(score_text(found))

@@ -14,7 +14,7 @@ import numpy as np
 
 from gpcorrect.atomic import atomic_path
 from gpcorrect.discrepancy.result import Evidence
-from gpcorrect.discrepancy.score import Step
+from gpcorrect.discrepancy.state import Step
 
 __all__ = ["StageStore", "inputs_key"]
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 __all__ = [
+    "VISIBLE",
     "Closed", "channel_words", "closed_by", "effect_words", "in_reader_units", "number", "parameter_words", "place", "verdict_sentence"]
 
 READER_UNITS = {
@@ -18,6 +19,7 @@ READER_UNITS = {
     "m/s": ("mm/s", 1e3),
     "1": ("", 1.0),
 }
+VISIBLE = 1.15  # of the noise: a residual below shows nothing
 SHOWN = 3  # places in the sentence; what is elsewhere is counted
 
 
@@ -114,6 +116,8 @@ class Closed:
 def closed_by(report: Mapping[str, Any], joint: int | str | None = None) -> Closed | None:
     """Return the channel that had the largest gap over its noise, and how much of it is closed.
 
+    Outside sensors come first: motor encoders see the transmission only through the servo's tiny answer to the load.
+
     Parameters
     ----------
     report : mapping
@@ -123,7 +127,9 @@ def closed_by(report: Mapping[str, Any], joint: int | str | None = None) -> Clos
     """
     gaps = {name: g for name, g in report["gap"].items() if g["closed"] is not None and g["noise"]}
     own = {name: g for name, g in gaps.items() if isinstance(joint, int) and name.endswith(f"_{joint}")}
-    found = [Closed(n, float(g["closed"]), g["before"] / g["noise"]) for n, g in (own or gaps).items()]
+    chosen = own or gaps
+    outside = {n: g for n, g in chosen.items() if not n.startswith("measured_jp") and g["before"] > VISIBLE * g["noise"]}
+    found = [Closed(n, float(g["closed"]), g["before"] / g["noise"]) for n, g in (outside or chosen).items()]
     return max(found, key=lambda c: c.excess, default=None)
 
 

@@ -58,6 +58,6 @@ def _panel(ax: Axes, gaps: Mapping[str, Mapping[str, Any]], unit: str) -> None:
     for key, marker, colour, label in MARKS:
         ax.plot(values[key], lines, marker, color=COLOURS[colour], markersize=11 if marker == "|" else 6, label=label)
     ax.set_yticks(lines, [channel_words(name) for name in gaps])
-    ax.set_xlabel(f"root mean square of measured - simulated, sealed part [{symbol}]", fontsize=8)
+    ax.set_xlabel(f"root mean square of the residual [{symbol}]", fontsize=8)
     ax.set_xscale("log")
     ax.set_ylim(-0.6, len(gaps) - 0.4)

@@ -48,7 +48,8 @@ def loop_plots(evidence: Evidence, channels: Sequence[tuple[int, str, str]], bod
         for ax in (left, right):
             position_unit = in_reader_units(0.0, "m" if body.types[column] == "P" else "rad")[1]
             ax.set_xlabel(f"motor position, joint {body.joints[column]} [{position_unit}]", fontsize=8)
-    axes[0].legend(frameon=False, fontsize=8, ncols=2, loc="upper right", markerscale=3)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=2, frameon=False, fontsize=8, markerscale=4)
     return figure
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from gpcorrect import plots
 from gpcorrect.discrepancy.result import Evidence
 from gpcorrect.discrepancy.words import (
+    VISIBLE,
     channel_words,
     in_reader_units,
     number,
@@ -26,7 +27,6 @@ MOST_CHANNELS = 6  # with a loop plot
 MOST_MAPS = 2
 MOST_FINDINGS = 10
 MOST_LABELS = 14  # in the correlation matrix
-WORTH_DRAWING = 1.15  # of the noise: a residual below shows nothing
 
 
 def write_discrepancy_report(report: Mapping[str, Any], evidence: Evidence, model: Model, path: Path) -> None:
@@ -120,7 +120,7 @@ def _worst(report: Mapping[str, Any]) -> list[tuple[int, str, str]]:
     numbered = [(i, name, g) for i, (name, g) in enumerate(report["gap"].items())]
     seen = [(i, n, g) for i, n, g in numbered if g["before"] is not None and g["noise"]]
     seen.sort(key=lambda entry: -entry[2]["before"] / entry[2]["noise"])
-    worth = [(i, n, g["unit"]) for i, n, g in seen if g["before"] > WORTH_DRAWING * g["noise"]]
+    worth = [(i, n, g["unit"]) for i, n, g in seen if g["before"] > VISIBLE * g["noise"]]
     return worth or [(i, n, g["unit"]) for i, n, g in seen[:1]]
 
 

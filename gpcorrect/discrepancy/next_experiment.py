@@ -1,0 +1,251 @@
+"""What to record next: of two names that remain, the run with the largest expected evidence after the rival has been refitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gpcorrect.discrepancy.bench import Bench, build_bench
+from gpcorrect.discrepancy.candidates import Candidate, Member, all_candidates
+from gpcorrect.discrepancy.future import Future, Site, futures
+from gpcorrect.discrepancy.lens import Lens, lens_on
+from gpcorrect.discrepancy.named import Alternative, Named
+from gpcorrect.discrepancy.noise import ChannelNoise
+from gpcorrect.discrepancy.result import Experiment
+from gpcorrect.discrepancy.scene import Scene, build_scene
+from gpcorrect.discrepancy.split import Split
+from gpcorrect.errors import DataError
+from gpcorrect.sim import Model, machine_of, simulate
+from gpcorrect.sim.effects import Effect, Run
+from gpcorrect.sim.faults import TrackerFaults
+from gpcorrect.sim.sensors import Noise
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
+
+__all__ = ["ENOUGH", "advise", "expected_nats"]
+
+ENOUGH = 3.0  # nats: below, two effects are equivalent with these sensors
+OPEN = 0.01  # posterior from which on an alternative is worth an experiment
+STEP = 0.02  # of a coordinate, for slopes
+EVALUATIONS = 12
+BULK = (2.0, 98.0)  # percentiles of the motor path: the range that runs stay in
+REHOMED = {"R": 5e-3, "P": 5e-4}  # by which a homing moves a joint's zero
+
+
+def advise(
+    scene: Scene, members: Sequence[Member], named: Sequence[Named], noises: Sequence[ChannelNoise], seed: int
+) -> Experiment | None:
+    """Find the run that tells the two leaders apart whose question is the most open.
+
+    Parameters
+    ----------
+    scene : Scene
+        The recording that there is.
+    members : sequence of Member
+        Effects that were named.
+    named : sequence of Named
+        All that were weighed, with their alternatives.
+    noises : sequence of ChannelNoise
+        Of each channel.
+    seed : int
+        Not used for chance: everything is simulated without noise.
+
+    Returns
+    -------
+    Experiment or None
+        None when nothing is open.
+    """
+    question = _question(named)
+    if question is None:
+        return None
+    leader, rival = question
+    own = leader.member.candidate
+    rest = [m for m in members if m.candidate.key != own.key]
+    duel = Duel(scene, tuple(rest), leader.member, _variants(scene, rival), tuple(noises))
+    runs = _separating(own, duel.rivals)
+    best = max(_gains(duel, futures(_site(scene, own.joint), runs)), key=lambda g: g[1], default=None)
+    if best is None or best[1] < ENOUGH:
+        everything = [run for run in Run if run not in runs]
+        more = _gains(duel, futures(_site(scene, own.joint), everything))
+        best = max([*([] if best is None else [best]), *more], key=lambda g: g[1], default=None)
+    if best is None:
+        return None
+    words = best[0].words if best[1] >= ENOUGH else _sensor(scene, own)
+    return Experiment(words, (own.label, rival.label), best[1], best[0].minutes)
+
+
+@dataclass(frozen=True, eq=False)
+class Duel:
+    """Two explanations of one recording.
+
+    Parameters
+    ----------
+    scene : Scene
+        Recording.
+    rest : tuple of Member
+        What both share.
+    leader : Member
+        Taken for true.
+    rivals : tuple of Candidate
+        The other one, in its shape variants; none for "nothing".
+    noises : tuple of ChannelNoise
+        Of each channel.
+    """
+
+    scene: Scene
+    rest: tuple[Member, ...]
+    leader: Member
+    rivals: tuple[Candidate, ...]
+    noises: tuple[ChannelNoise, ...]
+
+
+def _question(named: Sequence[Named]) -> tuple[Named, Alternative] | None:
+    """The effect whose best alternative is the most probable, with that alternative."""
+    asked = []
+    for n in named:
+        own = n.member.candidate.label
+        others = [a for a in n.alternatives if a.label not in (own, "unknown") and a.probability >= OPEN]
+        if n.level != "EXACT" and others:
+            asked.append((n, max(others, key=lambda a: a.probability)))
+    return max(asked, key=lambda pair: pair[1].probability * pair[0].nats, default=None)
+
+
+def _variants(scene: Scene, rival: Alternative) -> tuple[Candidate, ...]:
+    every = all_candidates(scene.joints, scene.machine.body.types, scene.n_sessions)
+    return tuple(c for c in every if c.label == rival.label)
+
+
+def _separating(own: Candidate, rivals: Sequence[Candidate]) -> list[Run]:
+    """Runs that the two descriptions recommend."""
+    return list(dict.fromkeys(run for c in (own, *rivals[:1]) for run in c.kind.about.separating_runs))
+
+
+def _site(scene: Scene, joint: int | str) -> Site:
+    motor, body = scene.motor_path(), scene.machine.body
+    steps = np.diff(scene.time)
+    return Site(
+        ranges=np.percentile(motor, BULK, axis=0).T,
+        types=body.types,
+        column=scene.joints.index(joint) if isinstance(joint, int) else None,
+        rate_hz=float(1.0 / np.median(steps[steps > 0])),
+        loads=body.chain is not None,
+        servo=scene.plan is not None,
+    )
+
+
+def _gains(duel: Duel, runs: Sequence[Future]) -> list[tuple[Future, float]]:
+    return [(future, expected_nats(duel, future)) for future in runs]
+
+
+def expected_nats(duel: Duel, future: Future) -> float:
+    """Return the evidence that a run should bring: half the whitened squares between the leader and the rival refitted to it.
+
+    Only the run counts, not what the present recording says of the rival's numbers: the true gain is at least this.
+    """
+    views = [_view(duel, future, plan_index) for plan_index in range(len(future.plans))]
+    starts = [np.array(c.start) for c in duel.rivals]
+    fits = [_misfit(duel, views, c, u) for c, u in zip(duel.rivals, starts, strict=True)]
+    return min(fits, default=_unexplained(duel, views))
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """One recording of a run as it would be seen, with what the leader says of it."""
+
+    bench: Bench
+    lens: Lens
+    said: FloatArray
+
+
+def _view(duel: Duel, future: Future, index: int) -> _View:
+    plan, gain = future.plans[index]
+    model = _changed(duel.scene.model, gain)
+    quiet = model.model_copy(update={"noise": Noise(), "faults": TrackerFaults()})
+    log = _same_signals(simulate(machine_of(quiet.model_copy(update={"effects": ()})), plan), duel.scene)
+    scene = build_scene(log, quiet, np.ones(len(log), dtype=np.bool_))
+    effects = [m.effect for m in duel.rest] + [_homed(duel.leader.effect, duel, future)]
+    scene = replace(scene, observed=scene.predict(effects))  # the tracker would be registered on what it then sees
+    whole = Split(log.trajectory, np.zeros(len(log), dtype=np.int64), "")
+    bench = build_bench(scene, whole, max_rows=max(1, len(log) // _stride(duel.scene)))
+    said = bench.predict(effects)
+    every: BoolArray = np.ones(len(bench), dtype=np.bool_)
+    return _View(bench, lens_on(bench, np.zeros(said.shape), every, duel.noises), said)
+
+
+def _changed(model: Model, gain: float) -> Model:
+    if gain == 1.0 or model.controller is None:
+        return model
+    gains = {name: tuple(gain * k for k in getattr(model.controller, name)) for name in ("kp", "kd")}
+    return model.model_copy(update={"controller": model.controller.model_copy(update=gains)})
+
+
+def _same_signals(log: CalibrationLog, scene: Scene) -> CalibrationLog:
+    """Log without the signals that the present recording lacks."""
+    seen = {c.signal for c in scene.channels}
+    outside = "external_jp" if "external_jp" in seen else "tracker_cp"
+    other = "tracker_cp" if outside == "external_jp" else "external_jp"
+    hidden = {other: None} if "measured_jp" in seen else {other: None, "measured_jf": None}
+    return replace(log, **hidden)
+
+
+def _stride(scene: Scene) -> int:
+    """Samples that are condensed into one row, as for the present recording."""
+    return max(1, int(np.ceil(len(scene) / 9000)))
+
+
+def _homed(effect: Effect, duel: Duel, future: Future) -> Effect:
+    """The leader with another value after a homing, where it has one a session."""
+    single = [p for p in effect.about.parameters if p.per_session]
+    if future.sessions == 1 or not single:
+        return effect
+    name = single[0].name
+    value = float(np.atleast_1d(getattr(effect, name))[0])
+    scene = duel.scene
+    kind = scene.machine.body.types[scene.joints.index(effect.joint)] if effect.joint in scene.joints else "R"
+    return replace(effect, **{name: (value, value + REHOMED[kind])})
+
+
+def _unexplained(duel: Duel, views: Sequence[_View]) -> float:
+    shared = [m.effect for m in duel.rest]
+    return sum(0.5 * float((v.lens.look_one(v.said - v.bench.predict(shared)) ** 2).sum()) for v in views)
+
+
+def _misfit(duel: Duel, views: Sequence[_View], candidate: Candidate, start: FloatArray) -> float:
+    """Half the squares that a rival leaves after its numbers were fitted to the run."""
+    shared = [m.effect for m in duel.rest]
+    low, high = np.array([c.bounds for c in candidate.coordinates]).T
+
+    def errors(u: FloatArray) -> FloatArray:
+        effects = [*shared, candidate.build(u)]
+        return np.concatenate([v.lens.look_one(v.said - v.bench.predict(effects)) for v in views])
+
+    def slopes(u: FloatArray) -> FloatArray:
+        here, columns = errors(u), []
+        for j in range(len(u)):
+            step = STEP * max(abs(u[j]), 0.1) * (1.0 if u[j] + STEP < high[j] else -1.0)
+            columns.append((errors(u + step * (np.arange(len(u)) == j)) - here) / step)
+        return np.stack(columns, axis=1)
+
+    inside = np.clip(start, np.nextafter(low, high), np.nextafter(high, low))
+    try:
+        fit = least_squares(errors, inside, jac=slopes, bounds=(low, high), max_nfev=EVALUATIONS, ftol=1e-4)
+    except DataError:  # the rival does not fit this run, such as two homings
+        return _unexplained(duel, views)
+    return float(fit.cost)
+
+
+def _sensor(scene: Scene, own: Candidate) -> str:
+    """What would have to be measured, when no run with the present sensors tells the two apart."""
+    seen = {c.signal for c in scene.channels}
+    where = f"joint {own.joint}" if isinstance(own.joint, int) else "each joint"
+    if "external_jp" not in seen:
+        sensor = f"an encoder behind the transmission of {where}"
+    elif scene.effort is None:
+        sensor = f"the motor effort of {where}"
+    elif scene.machine.body.chain is None:
+        sensor = "a tracker at the tool tip, with an arm whose kinematics are known"
+    else:
+        sensor = f"the cable force of {where}"
+    return f"equivalent with these sensors, whatever is recorded: measure {sensor}"
