@@ -94,6 +94,11 @@ class Body:
         """Tip poses `(..., 4, 4)`, base frame, at moving joints `(..., k)`; None for bare joints."""
         return None if self.chain is None else self.chain.forward(self.all_joints(q))
 
+    @property
+    def tip_force(self) -> FloatArray:
+        """Weight `(N, 3)` of what hangs at the tip in each run, base frame, N."""
+        return self.links.payload[:, None] * self.gravity
+
     def compact(self) -> Body:
         """Return the same body with a held, massless tail of joints made part of the tool: fewer frames to compute."""
         k = len(self.joints)

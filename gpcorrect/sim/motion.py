@@ -48,6 +48,8 @@ class Motion:
         the friction behind the cable.
     gravity_load : (n, N, dof) array
         The part of it that holds the links up.
+    tip_force : (N, 3) array or None
+        Force on the tip in each run, base frame, N: the payload's weight. None is none.
     """
 
     joints: tuple[int, ...]
@@ -57,6 +59,7 @@ class Motion:
     velocity: FloatArray
     load: FloatArray
     gravity_load: FloatArray
+    tip_force: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

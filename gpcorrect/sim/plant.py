@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.sim.body import Body
-from gpcorrect.sim.effects import Effect, PathEffect, TipEffect, of_kind
+from gpcorrect.sim.effects import Effect, PathEffect, Stage, TipEffect, of_kind
 from gpcorrect.sim.loads import JointPath, LinkLoad, link_load, mean_inertia
 from gpcorrect.sim.machine import Drive, Machine
 from gpcorrect.sim.motion import Motion
@@ -38,7 +38,7 @@ class Outcome:
     torque : (n, N, dof) array
         Commanded by the controllers, joint units.
     q : (n, N, dof) array
-        True joint path.
+        True joint path, when outside sensors see it.
     T_base_tip : (n, N, 4, 4) array or None
         True tool poses; None for bare joints.
     """
@@ -72,12 +72,13 @@ def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
     path = _first_guess(machine, plan, body, command)
     for _ in range(passes):
         load = link_load(body, path)
-        reference = command.reference(load.total - mass * path.acceleration, machine.drive.motor_inertia + mass)
+        reference = command.reference(load.total, mass * path.acceleration, machine.drive.motor_inertia + mass)
         servo = follow(machine.drive, reference, clock, body.joints, machine.effects)
-        motion = _motion(body.joints, plan, servo, load)
-        q = joint_path(machine.effects, motion)
+        motion = _motion(body, plan, servo, load)
+        q = joint_path(_mechanical(machine), motion)
         path = JointPath(q, servo.velocity, np.gradient(servo.velocity, 1.0 / plan.rate_hz, axis=0))
-    return Outcome(motion, servo.torque, q, tip_path(machine.effects, body.forward(q), motion))
+    seen = _through([e for e in machine.effects if e.stage == Stage.CLOCK], q, motion)
+    return Outcome(motion, servo.torque, seen, tip_path(machine.effects, body.forward(seen), motion))
 
 
 def _first_guess(machine: Machine, plan: Plan, body: Body, command: _Command) -> JointPath:
@@ -88,16 +89,13 @@ def _first_guess(machine: Machine, plan: Plan, body: Body, command: _Command) ->
     unmet = load.total + machine.drive.motor_inertia * desired.acceleration - fed
     position = desired.q - unmet / machine.drive.kp
     servo = ServoPath(position, desired.velocity, unmet, np.zeros(position.shape))
-    q = joint_path(machine.effects, _motion(body.joints, plan, servo, load))
+    q = joint_path(_mechanical(machine), _motion(body, plan, servo, load))
     return JointPath(q, desired.velocity, desired.acceleration)
 
 
 def joint_path(effects: Sequence[Effect], motion: Motion) -> FloatArray:
     """Return the true joint path `(n, N, dof)`: the reported motor path through every effect up to the link."""
-    q = motion.position
-    for effect in of_kind(effects, PathEffect):
-        q = effect.act(q, motion)
-    return q
+    return _through(effects, motion.position, motion)
 
 
 def tip_path(effects: Sequence[Effect], T_base_tip: FloatArray | None, motion: Motion) -> FloatArray | None:
@@ -107,6 +105,17 @@ def tip_path(effects: Sequence[Effect], T_base_tip: FloatArray | None, motion: M
     for effect in of_kind(effects, TipEffect):
         T_base_tip = effect.act(T_base_tip, motion)
     return T_base_tip
+
+
+def _mechanical(machine: Machine) -> list[Effect]:
+    """Return the effects without those of the clock: when the arm is seen changes no load."""
+    return [effect for effect in machine.effects if effect.stage != Stage.CLOCK]
+
+
+def _through(effects: Sequence[Effect], q: FloatArray, motion: Motion) -> FloatArray:
+    for effect in of_kind(effects, PathEffect):
+        q = effect.act(q, motion)
+    return q
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,9 +139,10 @@ class _Command:
         feedforward = _interpolated(_feedforward(machine.drive, desired, load), clock.stride)
         return cls(desired, load, spline(steps), spline(steps, 1), feedforward, clock)
 
-    def reference(self, load: FloatArray, inertia: FloatArray) -> Reference:
-        beyond = _interpolated(load, self.clock.stride)
-        return Reference(self.position, self.velocity, self.feedforward, beyond, inertia)
+    def reference(self, carried: FloatArray, of_inertia: FloatArray, inertia: FloatArray) -> Reference:
+        whole = _interpolated(carried, self.clock.stride)
+        beyond = whole - _interpolated(of_inertia, self.clock.stride)
+        return Reference(self.position, self.velocity, self.feedforward, beyond, inertia, whole)
 
 
 def _feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> FloatArray:
@@ -145,15 +155,16 @@ def _feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> Fl
             return nominal_load.total + drive.motor_inertia * desired.acceleration
 
 
-def _motion(joints: tuple[int, ...], plan: Plan, servo: ServoPath, load: LinkLoad) -> Motion:
+def _motion(body: Body, plan: Plan, servo: ServoPath, load: LinkLoad) -> Motion:
     return Motion(
-        joints=joints,
+        joints=body.joints,
         time=plan.session_time,
         session=plan.session,
         position=servo.position,
         velocity=servo.velocity,
         load=load.total + servo.joint_friction,
         gravity_load=load.gravity,
+        tip_force=body.tip_force,
     )
 
 

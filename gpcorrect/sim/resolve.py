@@ -11,6 +11,7 @@ from gpcorrect.arms import Arm, Chain, arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body, Links
 from gpcorrect.sim.defaults import default_controller, motor_inertia
+from gpcorrect.sim.effects import ChainEffect, LoadEffect, TipEffect
 from gpcorrect.sim.faults import TrackerFaults
 from gpcorrect.sim.machine import Drive, Machine
 from gpcorrect.sim.model import LinkTable, Model, Pose
@@ -35,6 +36,8 @@ def machine_of(model: Model) -> Machine:
     if model.noise is not None:
         for name in ("external_jp_white", "external_jp_ar_std", "encoder_step"):
             _check_length(f"noise.{name}", getattr(model.noise, name), dof, optional=True)
+    if body.chain is None:
+        _check_no_arm_effects(model)
     return Machine(
         arm=model.arm,
         body=body,
@@ -46,6 +49,15 @@ def machine_of(model: Model) -> Machine:
         T_tracker_base=_matrix(model.T_tracker_base),
         T_tip_marker=_matrix(model.T_tip_marker),
     )
+
+
+def _check_no_arm_effects(model: Model) -> None:
+    for effect in model.effects:
+        if isinstance(effect, LoadEffect | ChainEffect | TipEffect):
+            raise DataError(
+                f"effect {effect.about.name} needs an arm, the model has bare joints.",
+                hint="Name the arm, or leave the effect out.",
+            )
 
 
 def _drive(model: Model, body: Body) -> Drive:

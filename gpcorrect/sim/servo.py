@@ -1,8 +1,9 @@
 """The servo loop: a PD controller on each motor against inertia, load and friction, step by step.
 
-Runs and joints advance together. Dry friction is set-valued (Moreau's time stepping): a step first moves freely, then
-friction takes away what speed it can and no more, so that a joint really sticks and no threshold speed is needed
-(Acary and Brogliato 2008, Numerical Methods for Nonsmooth Dynamical Systems, Ch. 10).
+Dry friction is set-valued (Moreau's time stepping): a step first moves freely, then friction takes away what speed it
+can and no more, so that a joint really sticks and no threshold speed is needed (Acary and Brogliato 2008, Numerical
+Methods for Nonsmooth Dynamical Systems, Ch. 10). Effects of the catalogue act by their laws, in the compiled steps;
+any other is asked before each step.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects import Effect, FrictionEffect, TorqueEffect, of_kind
+from gpcorrect.sim.effects import Effect, FrictionEffect, LawfulFriction, LawfulTorque, TorqueEffect, of_kind
+from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw
+from gpcorrect.sim.effects.stages import SIDES
 from gpcorrect.sim.machine import Drive
 from gpcorrect.sim.motion import DriveState
-from gpcorrect.sim.resistance import Resistance
+from gpcorrect.sim.servo_steps import Given, Laws, Outside, advance, no_outside
 from gpcorrect.types import FloatArray
 
 __all__ = ["Clock", "Reference", "ServoPath", "follow"]
@@ -51,6 +54,8 @@ class Reference:
         Torque that the links ask of the motor, beyond `inertia` times its acceleration.
     inertia : (dof,) array
         Motor and mean link inertia that the loop accelerates, kg m^2 or kg.
+    carried : array or None
+        Torque that the links ask of the joint altogether, on which friction may depend; `load` when None.
     """
 
     position: FloatArray
@@ -58,12 +63,14 @@ class Reference:
     feedforward: FloatArray
     load: FloatArray
     inertia: FloatArray
+    carried: FloatArray | None = None
 
 
 class ServoPath(NamedTuple):
     """Motor motion at the log's samples, `(n, N, dof)` each.
 
-    `torque` is what the controller commands, `joint_friction` the friction that acts behind the transmission.
+    `torque` is what the controller commands, `joint_friction` the friction and the stops that act behind the
+    transmission.
     """
 
     position: FloatArray
@@ -83,73 +90,79 @@ def follow(
         The gains make the sampled loop unstable.
     """
     _check_stable(drive, reference.inertia, clock.step)
-    gain = clock.step / np.broadcast_to(reference.inertia, reference.position.shape[1:])
-    wanted = drive.kp * reference.position + drive.kd * reference.velocity + reference.feedforward
-    loop = _Loop(
-        thrust=gain * (wanted - reference.load),
-        spring=gain * drive.kp,
-        damper=gain * drive.kd,
-        gain=gain,
-        load=reference.load,
-        resistance=Resistance(of_kind(effects, FrictionEffect), joints, gain),
-        torques=of_kind(effects, TorqueEffect),
-        joints=joints,
-    )
+    given = _given(drive, reference, clock)
     balance = (reference.feedforward[0] - reference.load[0]) / drive.kp
-    return loop.advance(reference.position[0] + balance, np.array(reference.velocity[0]), clock)
+    position, velocity = reference.position[0] + balance, np.array(reference.velocity[0])
+    steps = len(reference.position)
+    samples = np.empty((4, 1 + (steps - 1) // clock.stride, *velocity.shape))
+    laws, lawless = _laws(effects, joints), _Lawless.of(effects, joints)
+    outside = no_outside(*velocity.shape)
+    if not lawless.effects:
+        advance(0, steps, clock.stride, given, laws, outside, position, velocity, samples)
+    else:
+        for i in range(steps):
+            lawless.ask(given, i, position, velocity, outside)
+            advance(i, i + 1, clock.stride, given, laws, outside, position, velocity, samples)
+    return ServoPath(*samples)
+
+
+def _given(drive: Drive, reference: Reference, clock: Clock) -> Given:
+    gain = clock.step / reference.inertia
+    kp, kd, gain = (np.asarray(a, dtype=np.float64) for a in (drive.kp, drive.kd, gain))
+    carried = reference.load if reference.carried is None else reference.carried
+    paths = (reference.position, reference.velocity, reference.feedforward, reference.load, carried)
+    position, velocity, feedforward, load, carried = (np.ascontiguousarray(p, dtype=np.float64) for p in paths)
+    return Given(kp, kd, gain, clock.step, position, velocity, feedforward, load, carried)
+
+
+def _laws(effects: Sequence[Effect], joints: tuple[int, ...]) -> Laws:
+    """Laws of the catalogue's effects as arrays."""
+    frictions, torques = of_kind(effects, LawfulFriction), of_kind(effects, LawfulTorque)
+    return Laws(
+        friction=np.array([e.law() for e in frictions]).reshape(-1, len(FrictionLaw._fields)),
+        friction_column=np.array([e.column(joints) for e in frictions], dtype=np.int64),
+        friction_side=np.array([SIDES.index(e.side) for e in frictions], dtype=np.int64),
+        torque=np.array([e.law() for e in torques]).reshape(-1, len(TorqueLaw._fields)),
+        torque_column=np.array([e.column(joints) for e in torques], dtype=np.int64),
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _Loop:
-    """The loop's constants, torques turned into the speed that they give in one step (`gain` times them)."""
+class _Lawless:
+    """Effects that have a method instead of a law: asked before each step, which is much slower."""
 
-    thrust: FloatArray
-    spring: FloatArray
-    damper: FloatArray
-    gain: FloatArray
-    load: FloatArray
-    resistance: Resistance
     torques: tuple[TorqueEffect, ...]
+    frictions: tuple[FrictionEffect, ...]
     joints: tuple[int, ...]
 
-    def advance(self, position: FloatArray, velocity: FloatArray, clock: Clock) -> ServoPath:
-        """Step through the reference. The hot loop: in place, a dozen array operations a step (style rule 16)."""
-        spring, damper, resistance = self.spring, self.damper, self.resistance
-        watched = bool(self.torques) or resistance.varies
-        push, work, taken = np.empty(velocity.shape), np.empty(velocity.shape), np.zeros(velocity.shape)
-        samples = np.empty((4, 1 + (len(self.thrust) - 1) // clock.stride, *velocity.shape))
-        for i in range(len(self.thrust)):
-            np.multiply(spring, position, out=work)
-            np.subtract(self.thrust[i], work, out=push)
-            np.multiply(damper, velocity, out=work)
-            np.subtract(push, work, out=push)
-            state = DriveState(self.joints, position, velocity, self.load[i]) if watched else None
-            k, past_sample = divmod(i, clock.stride)
-            if not past_sample:
-                samples[:3, k] = position, velocity, push / self.gain + self.load[i]
-            if state is not None and self.torques:
-                push = self._altered(push, state)
-            np.add(velocity, push, out=velocity)
-            if resistance.present:
-                slowing = resistance.at(state)
-                np.multiply(velocity, slowing.factor, out=velocity)
-                np.minimum(velocity, slowing.ceiling, out=taken)
-                np.maximum(taken, slowing.floor, out=taken)
-                np.subtract(velocity, taken, out=velocity)
-            if not past_sample:
-                before = DriveState(self.joints, samples[0, k], samples[1, k], self.load[i])
-                samples[3, k] = resistance.behind(before, velocity, taken)
-            np.multiply(velocity, clock.step, out=work)
-            np.add(position, work, out=position)
-        return ServoPath(*samples)
+    @classmethod
+    def of(cls, effects: Sequence[Effect], joints: tuple[int, ...]) -> _Lawless:
+        torques = tuple(e for e in of_kind(effects, TorqueEffect) if not isinstance(e, LawfulTorque))
+        frictions = tuple(e for e in of_kind(effects, FrictionEffect) if not isinstance(e, LawfulFriction))
+        return cls(torques, frictions, joints)
 
-    def _altered(self, push: FloatArray, state: DriveState) -> FloatArray:
-        """Push `(N, dof)` once the torque effects have changed the commanded torque."""
-        torque = push / self.gain + state.load
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """All of them."""
+        return (*self.torques, *self.frictions)
+
+    def ask(self, given: Given, i: int, position: FloatArray, velocity: FloatArray, outside: Outside) -> None:
+        """Put what the effects do in step i into `outside`."""
+        state = DriveState(self.joints, position.copy(), velocity.copy(), given.carried[i])
+        commanded = given.kp * (given.position[i] - position) + given.kd * (given.velocity[i] - velocity)
+        commanded += given.feedforward[i]
+        torque = commanded
         for effect in self.torques:
             torque = effect.act(torque, state)
-        altered: FloatArray = self.gain * (torque - state.load)
-        return altered
+        outside.torque[:] = torque - commanded
+        for array in (outside.forward, outside.backward, outside.damping):
+            array.fill(0.0)
+        for friction in self.frictions:
+            where = SIDES.index(friction.side), slice(None), friction.column(self.joints)
+            limit, damping, backward = friction.act(state)
+            outside.forward[where] += limit
+            outside.backward[where] += limit if backward is None else backward
+            outside.damping[where] += damping
 
 
 def _check_stable(drive: Drive, inertia: FloatArray, step: float) -> None:

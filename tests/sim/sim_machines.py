@@ -43,7 +43,7 @@ def raven(*effects: Effect, drive: Drive | None = None, inertia: float = 1e-3) -
     return Machine("raven2_left", body, drive or globals()["drive"](), RATE_HZ, effects)
 
 
-def moves(seed: int = 0, runs: int = 3, seconds: float = 6.0) -> Plan:
+def moves(seed: int = 0, runs: int = 3, seconds: float = 6.0, payload: float | None = None) -> Plan:
     """Minimum-jerk moves of three joints around RAVEN-II's home, each run one trajectory."""
     rng = np.random.default_rng(seed)
     home, reach = np.array([0.52, 1.57, 0.36]), np.array([0.3, 0.3, 0.04])
@@ -55,7 +55,7 @@ def moves(seed: int = 0, runs: int = 3, seconds: float = 6.0) -> Plan:
             goal = home + reach * rng.uniform(-1, 1, 3)
             parts.append(here + minimum_jerk(rng.uniform(0.8, 2.0), RATE_HZ)[1:, None] * (goal - here))
             here = goal
-        segments.append(Segment(np.concatenate(parts)[:n], np.full(n, number)))
+        segments.append(Segment(np.concatenate(parts)[:n], np.full(n, number), payload=payload))
     return plan_of(segments, RATE_HZ)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import play
 from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
@@ -42,6 +42,7 @@ class Backlash(PathEffect):
                 revolute=Range("rad", 0.0, 0.3, 0.01),
                 prismatic=Range("m", 0.0, 0.02, 5e-4),
                 positive=True,
+                ladder=Ladder(Per.RANGE, (0.003, 0.01, 0.03, 0.1)),
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
@@ -50,6 +51,7 @@ class Backlash(PathEffect):
             Neighbour("hysteresis", "minor loops: curved returns against straight ones"),
         ),
         separating_runs=(Run.AMPLITUDES, Run.LOAD_SWAP, Run.GAIN_CHANGE, Run.SPEED_LADDER),
+        sites=(Site.JOINT,),
     )
 
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:

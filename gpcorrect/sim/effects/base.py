@@ -54,6 +54,7 @@ class Effect(ABC):
                 f"effect {self.about.name}: joint must be a number from 1 or one of {', '.join(WHOLE_ARM)}, "
                 f"got {self.joint!r}."
             )
+        _check_site(self.about, self.joint)
         for parameter in self.about.parameters:
             _check(self.about.name, parameter, getattr(self, parameter.name))
 
@@ -82,6 +83,14 @@ class Effect(ABC):
         """Return name, joint and parameters as plain values; `effect_from_dict` reads them back."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return {"name": self.about.name} | {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+
+
+def _check_site(about: Description, joint: int | str) -> None:
+    named = [str(site) for site in about.sites if site in WHOLE_ARM]
+    numbered = len(named) < len(about.sites)
+    if about.sites and not (numbered if isinstance(joint, int) else joint in named):
+        places = (["the number of a joint"] if numbered else []) + [f'"{name}"' for name in named]
+        raise DataError(f"effect {about.name}: joint must be {' or '.join(places)}, got {joint!r}.")
 
 
 def _check(effect: str, parameter: Parameter, value: Any) -> None:

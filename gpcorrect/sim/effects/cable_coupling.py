@@ -6,7 +6,18 @@ from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.description import (
+    Description,
+    Family,
+    Ladder,
+    Neighbour,
+    Parameter,
+    Per,
+    Range,
+    Run,
+    Site,
+)
+from gpcorrect.sim.effects.operators import play
 from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -16,7 +27,10 @@ __all__ = ["CableCoupling"]
 
 @dataclass(frozen=True)
 class CableCoupling(PathEffect):
-    """An off-diagonal term of the coupling matrix is wrong or missing.
+    """An off-diagonal term of the coupling matrix is wrong or missing; it may drag behind the source.
+
+    A cable that is wound by friction first sticks to the source's motion and lets go of it at a reversal: this part is
+    the source less its play, which follows the last bit of motion after a reversal and no more.
 
     Parameters
     ----------
@@ -25,19 +39,25 @@ class CableCoupling(PathEffect):
     source : int
         Number of the joint k whose motion causes it.
     coefficient : float
-        Reported minus true position of j for each unit of k.
+        c, reported minus true position of j for each unit of k.
+    drag : float
+        d, the same for each unit of k's motion since its last reversal.
+    drag_radius : float
+        r, motion of k after which the drag has reached its whole size, from one side to the middle, rad or m.
     """
 
     source: int
     coefficient: float
+    drag: float = 0.0
+    drag_radius: float = 0.0
 
     stage = Stage.TRANSMISSION
     about = Description(
         name="cable_coupling",
         slot="T",
         family=Family.GEOMETRY,
-        equation="q_j_reported = q_j + c q_k",
-        source="RAVEN-II control software, motor-to-joint map q = C^-1 m / N",
+        equation="q_j_reported = q_j + c q_k + d (q_k - play(q_k, r))",
+        source="RAVEN-II control software, motor-to-joint map q = C^-1 m / N; play as in backlash",
         parameters=(
             Parameter(
                 "coefficient",
@@ -46,10 +66,30 @@ class CableCoupling(PathEffect):
                 prismatic=Range("m per unit of source", -0.05, 0.05, 0.002),
                 positive=False,
             ),
+            Parameter(
+                "drag",
+                "reported minus true position of this joint for each unit of the source's motion since its reversal",
+                revolute=Range("rad per unit of source", -5.0, 5.0, 0.2),
+                prismatic=Range("m per unit of source", -0.25, 0.25, 0.01),
+                positive=False,
+                shaped_by="drag_radius",
+            ),
+            Parameter(
+                "drag_radius",
+                "half the source's motion over which the drag turns round",
+                revolute=Range("rad or m of source", 0.0, 1.0, 0.05),
+                prismatic=Range("rad or m of source", 0.0, 1.0, 0.05),
+                positive=True,
+                ladder=Ladder(Per.RANGE, (0.0, 0.02, 0.06, 0.15)),
+            ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(Neighbour("gravity_sag", "move the source alone and hold this joint"),),
-        separating_runs=(Run.ONE_JOINT,),
+        neighbours=(
+            Neighbour("gravity_sag", "move the source alone and hold this joint"),
+            Neighbour("backlash", "move the source alone: a drag follows its reversals, not this joint's"),
+        ),
+        separating_runs=(Run.ONE_JOINT, Run.AMPLITUDES),
+        sites=(Site.PAIR,),
     )
 
     def __post_init__(self) -> None:
@@ -68,4 +108,7 @@ class CableCoupling(PathEffect):
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:
         """Take the source's share off this joint's path."""
         j, k = self.column(motion.joints), self.column(motion.joints, self.source)
-        return with_column(q, j, q[..., j] - self.coefficient * q[..., k])
+        wound = self.coefficient * q[..., k]
+        if self.drag:
+            wound = wound + self.drag * (q[..., k] - play(q[..., k], self.drag_radius))
+        return with_column(q, j, q[..., j] - wound)

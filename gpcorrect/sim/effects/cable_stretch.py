@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -52,6 +52,7 @@ class CableStretch(PathEffect):
             ),
         ),
         separating_runs=(Run.LOAD_SWAP, Run.POSE_SPREAD, Run.SPEED_LADDER),
+        sites=(Site.JOINT,),
     )
 
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:

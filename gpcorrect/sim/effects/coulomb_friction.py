@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
-from gpcorrect.sim.effects.stages import Friction, FrictionEffect
-from gpcorrect.sim.motion import DriveState
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.laws import FrictionLaw
+from gpcorrect.sim.effects.stages import SIDES, LawfulFriction
 
 __all__ = ["CoulombFriction"]
 
 
 @dataclass(frozen=True)
-class CoulombFriction(FrictionEffect):
+class CoulombFriction(LawfulFriction):
     """Dry friction of fixed size; through a proportional gain it is an error of Fc / kp that changes sign at reversals.
 
     Parameters
@@ -49,8 +49,10 @@ class CoulombFriction(FrictionEffect):
             Neighbour("backlash", "vary the controller's gain or the load"),
         ),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
+        sites=(Site.JOINT,),
+        choices=(("side", SIDES),),
     )
 
-    def act(self, state: DriveState) -> Friction:
+    def law(self) -> FrictionLaw:
         """Return the constant limit."""
-        return Friction(limit=self.torque, damping=0.0)
+        return FrictionLaw(torque=self.torque)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy import stats
 
-__all__ = ["Description", "Family", "Neighbour", "Parameter", "Range", "Run", "Slot"]
+__all__ = ["Description", "Family", "Ladder", "Neighbour", "Parameter", "Per", "Range", "Run", "Site", "Slot"]
 
 Slot = Literal["M", "T", "J", "L", "B", "S"]  # motor/drive, transmission, joint, link/tool, base/camera, sensor/time
 
@@ -39,6 +39,44 @@ class Run(StrEnum):
     REHOMING = "home again and repeat"
     REFERENCE_RETURNS = "return to one reference pose again and again"
     TWO_INSERTIONS = "the same path at two insertion depths"
+
+
+class Site(StrEnum):
+    """Where an effect may sit: what its `joint` (and `source`) may be."""
+
+    JOINT = "any joint"
+    PAIR = "any joint, with any other as source"
+    INSERTION = "any joint, with any prismatic one as source"
+    ALL = "all"
+    TOOL = "tool"
+    BASE = "base"
+
+
+class Per(StrEnum):
+    """What the rungs of a ladder are counted in."""
+
+    VALUE = "the parameter's own unit"
+    PRIOR = "the prior's typical value"
+    RANGE = "the joint's range"
+    PLACE = "the joint's range, from its lower end"
+    SWEEP = "rad of phase over the joint's range"
+    SESSION = "the session's duration"
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """A few values at which a search should try a parameter that an effect's trace does not simply grow with.
+
+    Parameters
+    ----------
+    per : Per
+        What the rungs are counted in.
+    rungs : tuple of float
+        Values.
+    """
+
+    per: Per
+    rungs: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -72,11 +110,18 @@ class Parameter:
     revolute, prismatic : Range
         Unit, range and prior on a joint of either type.
     positive : bool
-        Whether negative values have no meaning; the prior is then log-normal, a factor of three wide, else normal.
+        Whether negative values have no meaning; the prior is then log-normal, else normal.
     identity : float
         The value at which the effect does nothing.
     per_session : bool
         Whether there may be one value a session.
+    factor : float
+        Width of the log-normal prior of a positive parameter: its geometric standard deviation.
+    ladder : Ladder or None
+        Values to try, for a parameter that shapes the effect's trace; None where the trace grows with the parameter
+        (or with its inverse, when it does nothing at infinity).
+    shaped_by : str
+        Name of the parameter without which this one does nothing; empty when there is none.
     """
 
     name: str
@@ -86,6 +131,9 @@ class Parameter:
     positive: bool
     identity: float = 0.0
     per_session: bool = False
+    factor: float = 3.0
+    ladder: Ladder | None = None
+    shaped_by: str = ""
 
     def range(self, joint_type: str) -> Range:
         """Range on a joint of type "R" or "P"."""
@@ -95,7 +143,7 @@ class Parameter:
         """Frozen SciPy distribution of the parameter on a joint of type "R" or "P"."""
         typical = self.range(joint_type).typical
         if self.positive:
-            return stats.lognorm(s=np.log(3.0), scale=typical)
+            return stats.lognorm(s=np.log(self.factor), scale=typical)
         return stats.norm(loc=0.0, scale=typical)
 
 
@@ -129,6 +177,10 @@ class Description:
         Its look-alikes.
     separating_runs : tuple of Run
         Recordings that separate it from them.
+    sites : tuple of Site
+        Where it may sit; empty leaves that to whoever puts it there, and a search leaves it out.
+    choices : tuple of (field, values)
+        Fields that are no numbers, and what they may be.
     """
 
     name: str
@@ -140,3 +192,5 @@ class Description:
     needs: tuple[str, ...]
     neighbours: tuple[Neighbour, ...]
     separating_runs: tuple[Run, ...]
+    sites: tuple[Site, ...] = ()
+    choices: tuple[tuple[str, tuple[str, ...]], ...] = ()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -53,6 +53,7 @@ class Drift(PathEffect):
                 revolute=Range("s", 10.0, float("inf"), 3600.0),
                 prismatic=Range("s", 10.0, float("inf"), 3600.0),
                 positive=True,
+                ladder=Ladder(Per.SESSION, (float("inf"), 0.5, 0.1)),
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
@@ -61,6 +62,7 @@ class Drift(PathEffect):
             Neighbour("cable_slip", "change-point in time; return to a reference pose"),
         ),
         separating_runs=(Run.REFERENCE_RETURNS, Run.HOLD_UNLOAD),
+        sites=(Site.JOINT,),
     )
 
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:

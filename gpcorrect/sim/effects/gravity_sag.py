@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -51,6 +51,7 @@ class GravitySag(PathEffect):
             Neighbour("cable_stretch", "accelerate: the sag knows gravity only"),
         ),
         separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP, Run.SPEED_LADDER),
+        sites=(Site.JOINT,),
     )
 
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -53,6 +53,7 @@ class HomingOffset(PathEffect):
             Neighbour("gravity_sag", "vary the pose or the load; home again"),
         ),
         separating_runs=(Run.POSE_SPREAD, Run.REHOMING),
+        sites=(Site.JOINT,),
     )
 
     def __post_init__(self) -> None:

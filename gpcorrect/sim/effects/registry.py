@@ -10,11 +10,31 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.backlash import Backlash
 from gpcorrect.sim.effects.base import Effect
 from gpcorrect.sim.effects.cable_coupling import CableCoupling
+from gpcorrect.sim.effects.cable_slip import CableSlip
 from gpcorrect.sim.effects.cable_stretch import CableStretch
+from gpcorrect.sim.effects.capstan_friction import CapstanFriction
 from gpcorrect.sim.effects.coulomb_friction import CoulombFriction
+from gpcorrect.sim.effects.creep import Creep
+from gpcorrect.sim.effects.delay import Delay
+from gpcorrect.sim.effects.dh_error import DhError
 from gpcorrect.sim.effects.drift import Drift
+from gpcorrect.sim.effects.encoder_quantisation import EncoderQuantisation
 from gpcorrect.sim.effects.gravity_sag import GravitySag
 from gpcorrect.sim.effects.homing_offset import HomingOffset
+from gpcorrect.sim.effects.hysteresis import Hysteresis
+from gpcorrect.sim.effects.joint_stop import JointStop
+from gpcorrect.sim.effects.length_dependent_stiffness import LengthDependentStiffness
+from gpcorrect.sim.effects.noise_change import NoiseChange
+from gpcorrect.sim.effects.nonlinear_stretch import NonlinearStretch
+from gpcorrect.sim.effects.payload import Payload
+from gpcorrect.sim.effects.position_dependent_friction import PositionDependentFriction
+from gpcorrect.sim.effects.pulley_eccentricity import PulleyEccentricity
+from gpcorrect.sim.effects.rcm_shift import RcmShift
+from gpcorrect.sim.effects.registration_error import RegistrationError
+from gpcorrect.sim.effects.resonance import Resonance
+from gpcorrect.sim.effects.shaft_bending import ShaftBending
+from gpcorrect.sim.effects.stribeck_friction import StribeckFriction
+from gpcorrect.sim.effects.torque_saturation import TorqueSaturation
 from gpcorrect.sim.effects.transmission_ratio import TransmissionRatio
 from gpcorrect.sim.effects.viscous_friction import ViscousFriction
 
@@ -24,12 +44,32 @@ CATALOGUE: tuple[type[Effect], ...] = (
     HomingOffset,
     TransmissionRatio,
     CableCoupling,
+    PulleyEccentricity,
+    RegistrationError,
+    DhError,
     CableStretch,
+    NonlinearStretch,
+    LengthDependentStiffness,
     GravitySag,
+    Payload,
+    ShaftBending,
+    RcmShift,
     Backlash,
     CoulombFriction,
     ViscousFriction,
+    StribeckFriction,
+    CapstanFriction,
+    PositionDependentFriction,
+    Hysteresis,
+    Creep,
     Drift,
+    Delay,
+    CableSlip,
+    TorqueSaturation,
+    JointStop,
+    Resonance,
+    EncoderQuantisation,
+    NoiseChange,
 )
 EFFECTS: Mapping[str, type[Effect]] = {kind.about.name: kind for kind in CATALOGUE}
 

@@ -16,13 +16,17 @@ from gpcorrect.arms import Chain
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Links
 from gpcorrect.sim.effects.base import Effect, Stage
+from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw, contact_along, resisting_along
 from gpcorrect.sim.motion import DriveState, Motion, Readings
 from gpcorrect.types import FloatArray
 
 __all__ = [
+    "SIDES",
     "ChainEffect",
     "Friction",
     "FrictionEffect",
+    "LawfulFriction",
+    "LawfulTorque",
     "LoadEffect",
     "PathEffect",
     "ReadingEffect",
@@ -36,10 +40,14 @@ SIDES = ("motor", "joint")
 
 
 class Friction(NamedTuple):
-    """Friction of one joint: dry `limit` (N m or N) and `damping` (N m s/rad or N s/m); numbers or arrays."""
+    """Friction of one joint: dry `limit` (N m or N) and `damping` (N m s/rad or N s/m); numbers or arrays.
+
+    `backward` is the limit against motion in the negative direction, where it is another one.
+    """
 
     limit: float | FloatArray
     damping: float | FloatArray
+    backward: float | FloatArray | None = None
 
 
 class LoadEffect(Effect):
@@ -97,6 +105,34 @@ class FrictionEffect(Effect):
     @abstractmethod
     def act(self, state: DriveState) -> Friction:
         """Return the friction of this joint in a state of leading shape `(...)`."""
+
+
+class LawfulTorque(TorqueEffect):
+    """A torque effect that the compiled loop evaluates itself, from a law."""
+
+    @abstractmethod
+    def law(self) -> TorqueLaw:
+        """Return what becomes of the commanded torque."""
+
+    def act(self, torque: FloatArray, state: DriveState) -> FloatArray:
+        """Cut this joint's torque at the limit and take off what the stop pushes back."""
+        j, law = self.column(state.joints), self.law()
+        delivered = np.clip(torque[..., j], -law.limit, law.limit)
+        return with_column(torque, j, delivered - contact_along(law, state.position[..., j]))
+
+
+class LawfulFriction(FrictionEffect):
+    """A friction that the compiled loop evaluates itself, from a law."""
+
+    @abstractmethod
+    def law(self) -> FrictionLaw:
+        """Return the friction's law."""
+
+    def act(self, state: DriveState) -> Friction:
+        """Evaluate the law."""
+        j, law = self.column(state.joints), self.law()
+        limits = resisting_along(law, state.position[..., j], state.velocity[..., j], state.load[..., j])
+        return Friction(limits[0], law.damping, limits[1])
 
 
 class PathEffect(Effect):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -46,6 +46,7 @@ class TransmissionRatio(PathEffect):
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
         neighbours=(Neighbour("gravity_sag", "the same joint value at another pose of the outer joints; payload"),),
         separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP),
+        sites=(Site.JOINT,),
     )
 
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run
-from gpcorrect.sim.effects.stages import Friction, FrictionEffect
-from gpcorrect.sim.motion import DriveState
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.laws import FrictionLaw
+from gpcorrect.sim.effects.stages import SIDES, LawfulFriction
 
 __all__ = ["ViscousFriction"]
 
 
 @dataclass(frozen=True)
-class ViscousFriction(FrictionEffect):
+class ViscousFriction(LawfulFriction):
     """Damping; through a proportional gain it becomes a lag of b / kp seconds in this joint.
 
     Parameters
@@ -48,8 +48,10 @@ class ViscousFriction(FrictionEffect):
             Neighbour("coulomb_friction", "vary the speed"),
         ),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
+        sites=(Site.JOINT,),
+        choices=(("side", SIDES),),
     )
 
-    def act(self, state: DriveState) -> Friction:
+    def law(self) -> FrictionLaw:
         """Return the constant damping."""
-        return Friction(limit=0.0, damping=self.damping)
+        return FrictionLaw(damping=self.damping)

@@ -1,0 +1,89 @@
+"""Cable slip: at some instant the cable jumps on its drum, and stays there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import (
+    Description,
+    Family,
+    Ladder,
+    Neighbour,
+    Parameter,
+    Per,
+    Range,
+    Run,
+    Site,
+)
+from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["CableSlip"]
+
+
+@dataclass(frozen=True)
+class CableSlip(PathEffect):
+    """A step of the offset between reported and true position; the next homing takes it away.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    step : float
+        b, reported minus true position from then on, rad or m.
+    instant : float
+        When, in seconds since the session began.
+    session : int
+        Index of the session, from 0.
+    """
+
+    step: float
+    instant: float
+    session: int = 0
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="cable_slip",
+        slot="T",
+        family=Family.TIME,
+        equation="q_reported = q + b [t >= t0]",
+        source="a step at a change-point: Page 1954, Biometrika 41",
+        parameters=(
+            Parameter(
+                "step",
+                "reported minus true position after the slip",
+                revolute=Range("rad", -0.5, 0.5, 0.01),
+                prismatic=Range("m", -0.05, 0.05, 5e-4),
+                positive=False,
+            ),
+            Parameter(
+                "instant",
+                "when it slips, in session time",
+                revolute=Range("s", 0.0, 1e6, 600.0),
+                prismatic=Range("s", 0.0, 1e6, 600.0),
+                positive=True,
+                ladder=Ladder(Per.SESSION, (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)),
+            ),
+        ),
+        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("drift", "change-point in time; return to a reference pose"),
+            Neighbour("homing_offset", "the offset is new inside a session, not between two"),
+        ),
+        separating_runs=(Run.REFERENCE_RETURNS, Run.REHOMING),
+        sites=(Site.JOINT,),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (isinstance(self.session, int) and self.session >= 0):
+            raise DataError(f"effect cable_slip: session must be an index from 0, got {self.session!r}.")
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Take the step off the path from its instant on."""
+        j = self.column(motion.joints)
+        slipped = (motion.time >= self.instant) & (motion.session == self.session)
+        return with_column(q, j, q[..., j] - self.step * slipped)

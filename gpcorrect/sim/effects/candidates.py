@@ -1,0 +1,171 @@
+"""What may be missing: every effect of the catalogue, wherever it may sit, in a few shapes. For searches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, dataclass, fields
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.sim.effects.base import Effect
+from gpcorrect.sim.effects.description import Description, Parameter, Per, Site
+from gpcorrect.sim.effects.registry import EFFECTS
+from gpcorrect.sim.effects.stages import ChainEffect, LoadEffect, TipEffect
+from gpcorrect.types import FloatArray
+
+__all__ = ["Candidate", "Scope", "candidates"]
+
+
+@dataclass(frozen=True, eq=False)
+class Scope:
+    """The machine and the recording in which something may be missing.
+
+    Parameters
+    ----------
+    joints : tuple of int
+        Joint numbers.
+    types : str
+        "R" or "P" for each.
+    ranges : (dof, 2) array
+        Lowest and highest value that each joint takes, rad or m.
+    session_seconds : float
+        Duration of a session.
+    kinematics : bool
+        Whether there is an arm, or bare joints only.
+    """
+
+    joints: tuple[int, ...]
+    types: str
+    ranges: FloatArray
+    session_seconds: float
+    kinematics: bool = True
+
+    def type_of(self, joint: int | str) -> str:
+        """Return "R" or "P"; what belongs to no joint counts in metres."""
+        return self.types[self.joints.index(joint)] if isinstance(joint, int) else "P"
+
+    def range_of(self, joint: int | str) -> FloatArray:
+        """Lowest and highest value `(2,)` of a joint."""
+        return self.ranges[self.joints.index(joint)] if isinstance(joint, int) else np.array([0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect in a place and a shape, its amplitudes still open.
+
+    Parameters
+    ----------
+    kind : type of Effect
+        What.
+    place : mapping
+        Fields that say where: `joint`, and `source`, `side` or `end` where it has them.
+    shape : mapping
+        Values of the parameters that have a ladder.
+    amplitudes : tuple of Parameter
+        Parameters with which its trace grows (or with whose inverse, where the identity is infinite); none where the
+        shape says all.
+    joint_type : str
+        "R" or "P": which of a parameter's ranges holds.
+    """
+
+    kind: type[Effect]
+    place: Mapping[str, Any]
+    shape: Mapping[str, float]
+    amplitudes: tuple[Parameter, ...]
+    joint_type: str
+
+    def effect(self, **amplitudes: float) -> Effect:
+        """Return the effect with these amplitudes, the others at what does nothing.
+
+        Raises
+        ------
+        DataError
+            A value has no meaning.
+        """
+        neutral: dict[str, Any] = {p.name: p.identity for p in self.amplitudes}
+        return self.kind(**{**self.place, **self.shape, **neutral, **amplitudes})
+
+    def typical(self) -> Effect:
+        """Return the effect with amplitudes of the prior's typical size."""
+        return self.effect(**{p.name: p.range(self.joint_type).typical for p in self.amplitudes})
+
+
+def candidates(scope: Scope) -> Iterator[Candidate]:
+    """Yield everything that the catalogue could name in a machine, from the descriptions alone.
+
+    Parameters
+    ----------
+    scope : Scope
+        Machine and recording.
+
+    Yields
+    ------
+    Candidate
+    """
+    for kind in EFFECTS.values():
+        if scope.kinematics or not issubclass(kind, ChainEffect | LoadEffect | TipEffect):
+            for place in _places(kind.about, scope):
+                yield from _shapes(kind, place, scope)
+
+
+def _places(about: Description, scope: Scope) -> Iterator[dict[str, Any]]:
+    options = [
+        dict(zip((f for f, _ in about.choices), v, strict=True)) for v in product(*(v for _, v in about.choices))
+    ]
+    for site in about.sites:
+        for place, option in product(_of_site(site, scope), options):
+            yield place | option
+
+
+def _of_site(site: Site, scope: Scope) -> list[dict[str, Any]]:
+    pairs = product(scope.joints, zip(scope.joints, scope.types, strict=True))
+    match site:
+        case Site.JOINT:
+            return [{"joint": j} for j in scope.joints]
+        case Site.PAIR:
+            return [{"joint": j, "source": k} for j, (k, _) in pairs if k != j]
+        case Site.INSERTION:
+            return [{"joint": j, "source": k} for j, (k, joint_type) in pairs if joint_type == "P"]
+        case _:
+            return [{"joint": str(site)}]
+
+
+def _shapes(kind: type[Effect], place: dict[str, Any], scope: Scope) -> Iterator[Candidate]:
+    """Candidates at every combination of the ladders' rungs; amplitudes that a shape makes void are left out."""
+    joint_type = scope.type_of(place["joint"])
+    shaped = [p for p in kind.about.parameters if p.ladder is not None]
+    rungs = [dict.fromkeys(_rungs(p, place, scope)) for p in shaped]
+    for values in product(*rungs):
+        shape = dict(zip((p.name for p in shaped), values, strict=True))
+        amplitudes = tuple(p for p in kind.about.parameters if p.ladder is None and not _void(p, kind, shape))
+        yield Candidate(kind, place, shape, amplitudes, joint_type)
+
+
+def _void(parameter: Parameter, kind: type[Effect], shape: Mapping[str, float]) -> bool:
+    """Whether the parameter that gives this one a meaning is absent."""
+    if not parameter.shaped_by:
+        return False
+    absent = {f.name: f.default for f in fields(kind) if f.default is not MISSING}
+    return shape.get(parameter.shaped_by) == absent.get(parameter.shaped_by)
+
+
+def _rungs(parameter: Parameter, place: Mapping[str, Any], scope: Scope) -> list[float]:
+    assert parameter.ladder is not None
+    joint = place["joint"]
+    low, high = scope.range_of(place.get("source", joint))
+    match parameter.ladder.per:
+        case Per.VALUE:
+            return list(parameter.ladder.rungs)
+        case Per.PRIOR:
+            scale, start = parameter.range(scope.type_of(joint)).typical, 0.0
+        case Per.RANGE:
+            scale, start = high - low, 0.0
+        case Per.PLACE:
+            scale, start = high - low, low
+        case Per.SWEEP:
+            scale, start = 1.0 / max(high - low, 1e-9), 0.0
+        case Per.SESSION:
+            scale, start = scope.session_seconds, 0.0
+    return [float(start + scale * rung) for rung in parameter.ladder.rungs]

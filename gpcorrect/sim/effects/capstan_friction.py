@@ -1,0 +1,56 @@
+"""Capstan friction: a cable that runs around pulleys and sheaths loses tension in proportion to what it carries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.laws import FrictionLaw
+from gpcorrect.sim.effects.stages import SIDES, LawfulFriction
+
+__all__ = ["CapstanFriction"]
+
+
+@dataclass(frozen=True)
+class CapstanFriction(LawfulFriction):
+    """Friction that grows with the load, more against it than with it.
+
+    The motor pays tau exp(mu theta) to lift a load tau and tau exp(-mu theta) to let it down; in between it sticks.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    wrap : float
+        mu theta: friction coefficient times wrap angle.
+    side : str
+        "motor" or "joint".
+    """
+
+    wrap: float = field(kw_only=True)
+
+    about = Description(
+        name="capstan_friction",
+        slot="T",
+        family=Family.REVERSAL,
+        equation="T2 = T1 exp(mu theta sign v): F = tau (exp(mu theta sign(v tau)) - 1)",
+        source="Euler and Eytelwein's belt; Kaneko, Yamashita, Tanie 1991, tendon transmissions, ICAR",
+        parameters=(
+            Parameter(
+                "wrap",
+                "friction coefficient times wrap angle",
+                revolute=Range("1", 0.0, 3.0, 0.15),
+                prismatic=Range("1", 0.0, 3.0, 0.15),
+                positive=True,
+            ),
+        ),
+        needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
+        neighbours=(Neighbour("coulomb_friction", "the loop's width grows with the load"),),
+        separating_runs=(Run.LOAD_SWAP, Run.POSE_SPREAD),
+        sites=(Site.JOINT,),
+        choices=(("side", SIDES),),
+    )
+
+    def law(self) -> FrictionLaw:
+        """Return the share of the load that the wrap takes."""
+        return FrictionLaw(wrap=self.wrap)

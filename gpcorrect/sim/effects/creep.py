@@ -1,0 +1,83 @@
+"""Creep: a loaded cable goes on stretching slowly, and recovers slowly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import (
+    Description,
+    Family,
+    Ladder,
+    Neighbour,
+    Parameter,
+    Per,
+    Range,
+    Run,
+    Site,
+)
+from gpcorrect.sim.effects.operators import lag
+from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["Creep"]
+
+
+@dataclass(frozen=True)
+class Creep(PathEffect):
+    """The joint lags behind the motor by a stretch that follows the load with a delay of seconds to minutes.
+
+    It starts in balance with its first load: each run was held where it begins.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    compliance : float
+        alpha, stretch for each unit of load once it has settled, rad/(N m) or m/N.
+    time_constant : float
+        tau_c, s.
+    """
+
+    compliance: float
+    time_constant: float
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="creep",
+        slot="T",
+        family=Family.TIME,
+        equation="q = m - x, tau_c x' + x = alpha F",
+        source="Kelvin-Voigt element; Findley, Lai, Onaran 1976, Creep and Relaxation of Nonlinear Materials, Ch. 5",
+        parameters=(
+            Parameter(
+                "compliance",
+                "settled stretch for each unit of load",
+                revolute=Range("rad/(N m)", 0.0, 0.1, 2e-3),
+                prismatic=Range("m/N", 0.0, 1e-3, 2e-5),
+                positive=True,
+            ),
+            Parameter(
+                "time_constant",
+                "time in which it settles",
+                revolute=Range("s", 0.1, 1e4, 10.0),
+                prismatic=Range("s", 0.1, 1e4, 10.0),
+                positive=True,
+                ladder=Ladder(Per.PRIOR, (0.1, 1.0, 10.0)),
+            ),
+        ),
+        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("drift", "hold, unload and watch it recover: drift does not"),
+            Neighbour("cable_stretch", "hold: an elastic cable stays where it is"),
+        ),
+        separating_runs=(Run.HOLD_UNLOAD, Run.LOAD_SWAP),
+        sites=(Site.JOINT,),
+    )
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Take the slow stretch off the path."""
+        j = self.column(motion.joints)
+        stretch = self.compliance * lag(motion.load[..., j], motion.time, self.time_constant)
+        return with_column(q, j, q[..., j] - stretch)

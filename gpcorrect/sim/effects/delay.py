@@ -1,0 +1,66 @@
+"""Delay: the outside sensors tell of a moment that has passed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.stages import PathEffect
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["Delay"]
+
+_DELAY = Range("s", -0.5, 0.5, 0.03)
+
+
+@dataclass(frozen=True)
+class Delay(PathEffect):
+    """Every joint is seen where it was `delay` seconds ago; outside the recorded time it stood still.
+
+    Between samples the path is a monotone cubic, which never overshoots a play's corners.
+
+    Parameters
+    ----------
+    joint : str
+        "all".
+    delay : float
+        s; negative where the robot's own reports are the late ones.
+    """
+
+    delay: float
+
+    stage = Stage.CLOCK
+    about = Description(
+        name="delay",
+        slot="S",
+        family=Family.TIME,
+        equation="y(t) = x(t - d), all joints alike",
+        source="Fritsch and Carlson 1980, SIAM J. Numer. Anal. 17(2), for the values between samples",
+        parameters=(Parameter("delay", "age of what is seen", revolute=_DELAY, prismatic=_DELAY, positive=False),),
+        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("viscous_friction", "look at the torque, or for a lag common to all joints"),
+            Neighbour("resonance", "fast motion: the amplitude has a peak, a delay's has none"),
+        ),
+        separating_runs=(Run.SPEED_LADDER, Run.ONE_JOINT),
+        sites=(Site.ALL,),
+    )
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Return each run's path as it was before."""
+        if self.delay == 0 or len(q) < 2:
+            return q
+        return np.stack([self._of_run(q[:, i], motion.time[:, i]) for i in range(q.shape[1])], axis=1)
+
+    def _of_run(self, q: FloatArray, time: FloatArray) -> FloatArray:
+        moving = np.concatenate([[True], np.diff(time) > 0])  # padded runs repeat their last moment
+        if moving.sum() < 2:
+            return q
+        path = PchipInterpolator(time[moving], q[moving])
+        past: FloatArray = path(np.clip(time - self.delay, time[0], time[moving][-1]))
+        return past

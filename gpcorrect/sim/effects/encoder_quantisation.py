@@ -1,0 +1,94 @@
+"""Encoder quantisation: the robot reads its motors in steps, and may miss some."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.description import (
+    Description,
+    Family,
+    Ladder,
+    Neighbour,
+    Parameter,
+    Per,
+    Range,
+    Run,
+    Site,
+)
+from gpcorrect.sim.effects.stages import ReadingEffect, with_column
+from gpcorrect.sim.motion import Motion, Readings
+from gpcorrect.types import FloatArray
+
+__all__ = ["EncoderQuantisation"]
+
+_SHARE = Range("1", 0.0, 0.5, 0.01)
+
+
+@dataclass(frozen=True)
+class EncoderQuantisation(ReadingEffect):
+    """Reported positions are whole counts; each count is lost with some probability, so that the zero wanders.
+
+    It acts on the recorded `measured_jp`, not on what the controller works with.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    step : float
+        D, rad or m for one count.
+    lost : float
+        Share of the counts that are missed.
+    """
+
+    step: float
+    lost: float = 0.0
+
+    about = Description(
+        name="encoder_quantisation",
+        slot="S",
+        family=Family.NOISE,
+        equation="q_reported = D round(q / D), each count lost with probability p",
+        source="Widrow and Kollar 2008, Quantization Noise, Ch. 1",
+        parameters=(
+            Parameter(
+                "step",
+                "size of one count at the joint",
+                revolute=Range("rad", 0.0, 0.1, 1e-3),
+                prismatic=Range("m", 0.0, 0.01, 1e-4),
+                positive=True,
+                ladder=Ladder(Per.PRIOR, (0.3, 1.0, 3.0)),
+            ),
+            Parameter("lost", "share of the counts that are missed", revolute=_SHARE, prismatic=_SHARE, positive=True),
+        ),
+        needs=("measured_jp", "setpoint_jp|external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("cable_slip", "one step of any size at one instant against many of one count"),
+            Neighbour("noise_change", "its values lie on a grid"),
+        ),
+        separating_runs=(Run.ONE_JOINT, Run.REFERENCE_RETURNS),
+        sites=(Site.JOINT,),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.lost > 1:
+            raise DataError(f"effect encoder_quantisation: lost must be a share from 0 to 1, got {self.lost!r}.")
+
+    def act(self, readings: Readings, motion: Motion, rng: np.random.Generator) -> Readings:
+        """Return the readings with this joint's reported position in counts."""
+        if self.step == 0:
+            return readings
+        j = self.column(motion.joints)
+        counts = np.round(readings.measured_jp[..., j] / self.step)
+        reported = self.step * (counts - self._lost(counts, rng))
+        return replace(readings, measured_jp=with_column(readings.measured_jp, j, reported))
+
+    def _lost(self, counts: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Return the counts missed so far `(n, N)`, up ones less down ones."""
+        steps = np.diff(counts, axis=0, prepend=counts[:1])
+        missed = np.sign(steps) * rng.binomial(np.abs(steps).astype(np.int64), self.lost)
+        total: FloatArray = np.cumsum(missed, axis=0)
+        return total

@@ -1,0 +1,93 @@
+"""Joint stop: near one end of its range the joint runs into something springy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.description import (
+    Description,
+    Family,
+    Ladder,
+    Neighbour,
+    Parameter,
+    Per,
+    Range,
+    Run,
+    Site,
+)
+from gpcorrect.sim.effects.laws import TorqueLaw
+from gpcorrect.sim.effects.stages import LawfulTorque
+
+__all__ = ["JointStop"]
+
+ENDS = ("upper", "lower")
+
+
+@dataclass(frozen=True)
+class JointStop(LawfulTorque):
+    """A spring that pushes the joint back beyond a position, and only there.
+
+    It acts behind the transmission, which carries its torque: a motor whose cable stretches goes on a little while the
+    joint stands. The stiffness is that of stop and transmission in series, as the motor feels it, and the position
+    where the motor begins to feel it.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    stiffness : float
+        k, N m/rad or N/m; 0 is no stop.
+    limit : float
+        q_lim, rad or m.
+    end : str
+        "upper": it pushes above the limit; "lower": below.
+    """
+
+    stiffness: float
+    limit: float
+    end: str = "upper"
+
+    about = Description(
+        name="joint_stop",
+        slot="J",
+        family=Family.LIMIT,
+        equation="tau_stop = k max(0, q - q_lim)",
+        source="penalty contact of a unilateral constraint; Brogliato 2016, Nonsmooth Mechanics, Ch. 2",
+        parameters=(
+            Parameter(
+                "stiffness",
+                "stiffness of the stop",
+                revolute=Range("N m/rad", 0.0, 1e4, 100.0),
+                prismatic=Range("N/m", 0.0, 1e6, 1e4),
+                positive=True,
+            ),
+            Parameter(
+                "limit",
+                "where it begins",
+                revolute=Range("rad", -6.5, 6.5, 1.0),
+                prismatic=Range("m", -1.0, 1.0, 0.2),
+                positive=False,
+                ladder=Ladder(Per.PLACE, (0.1, 0.3, 0.7, 0.9)),
+            ),
+        ),
+        needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("nonlinear_stretch", "one-sided: it acts beyond one position only, whatever the load"),
+            Neighbour("torque_saturation", "it acts at one place, at any torque"),
+        ),
+        separating_runs=(Run.AMPLITUDES, Run.ONE_JOINT),
+        sites=(Site.JOINT,),
+        choices=(("end", ENDS),),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.end not in ENDS:
+            raise DataError(f"effect joint_stop: end must be {' or '.join(ENDS)}, got {self.end!r}.")
+
+    def law(self) -> TorqueLaw:
+        """Return the spring and where it begins."""
+        upper, lower = (self.limit, -inf) if self.end == "upper" else (inf, self.limit)
+        return TorqueLaw(stiffness=self.stiffness, upper=upper, lower=lower)

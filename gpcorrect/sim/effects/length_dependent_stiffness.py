@@ -1,0 +1,97 @@
+"""Length-dependent stiffness: the further the instrument goes in, the longer the cable that stretches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import (
+    Description,
+    Family,
+    Ladder,
+    Neighbour,
+    Parameter,
+    Per,
+    Range,
+    Run,
+    Site,
+)
+from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["LengthDependentStiffness"]
+
+
+@dataclass(frozen=True)
+class LengthDependentStiffness(PathEffect):
+    """The joint lags behind the motor by its torque over a stiffness that falls with the cable's length.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    source : int
+        Number of the prismatic joint that pays the cable out; it may be the joint itself.
+    rigidity : float
+        EA at the joint: stiffness times cable length, N m^2/rad or N; infinite is no stretch.
+    length : float
+        Cable length at the source's zero, m; a cable shorter than nothing is rigid.
+    """
+
+    source: int
+    rigidity: float
+    length: float
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="length_dependent_stiffness",
+        slot="T",
+        family=Family.COMPLIANCE,
+        equation="q = m - tau / k, k = EA / L, L = L0 + q3",
+        source="Hooke's law of a rod; Miyasaka et al. 2020, IEEE RA-L 5(2), cable-pulley network",
+        parameters=(
+            Parameter(
+                "rigidity",
+                "stiffness times cable length",
+                revolute=Range("N m^2/rad", 1.0, 5e4, 80.0),
+                prismatic=Range("N", 50.0, 5e6, 8e3),
+                positive=True,
+                identity=float("inf"),
+            ),
+            Parameter(
+                "length",
+                "cable length at the source's zero",
+                revolute=Range("m", 0.0, 5.0, 0.3),
+                prismatic=Range("m", 0.0, 5.0, 0.3),
+                positive=True,
+                ladder=Ladder(Per.VALUE, (0.0, 0.3)),
+            ),
+        ),
+        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("cable_stretch", "the same torque at two insertions"),
+            Neighbour("payload", "the same torque at two insertions"),
+        ),
+        separating_runs=(Run.TWO_INSERTIONS, Run.LOAD_SWAP),
+        sites=(Site.INSERTION,),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (isinstance(self.source, int) and self.source >= 1):
+            raise DataError(f"effect {self.about.name}: source must be a joint's number, got {self.source!r}.")
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """The joint and the one that pays its cable out."""
+        return (*super().joints, self.source)
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Take the stretch off the path."""
+        j, k = self.column(motion.joints), self.column(motion.joints, self.source)
+        length = np.maximum(self.length + motion.position[..., k], 0.0)
+        return with_column(q, j, q[..., j] - motion.load[..., j] * length / self.rigidity)

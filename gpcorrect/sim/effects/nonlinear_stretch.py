@@ -1,0 +1,92 @@
+"""Nonlinear stretch: a cable that stiffens as it is pulled, its strands bedding in first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import (
+    Description,
+    Family,
+    Ladder,
+    Neighbour,
+    Parameter,
+    Per,
+    Range,
+    Run,
+    Site,
+)
+from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["NonlinearStretch"]
+
+
+@dataclass(frozen=True)
+class NonlinearStretch(PathEffect):
+    """The joint lags behind the motor by the stretch d of a hardening spring.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    stiffness : float
+        k1, at small loads, N m/rad or N/m; infinite is no stretch.
+    cubic : float
+        k3, N m/rad^3 or N/m^3; 0 is a linear spring.
+    """
+
+    stiffness: float
+    cubic: float
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="nonlinear_stretch",
+        slot="T",
+        family=Family.COMPLIANCE,
+        equation="q = m - d, tau = k1 d + k3 d^3",
+        source="Spong 1987, J. Dyn. Syst. Meas. Control 109(4), elastic joints; Duffing's cubic spring",
+        parameters=(
+            Parameter(
+                "stiffness",
+                "stiffness at small loads",
+                revolute=Range("N m/rad", 2.0, 1e5, 200.0),
+                prismatic=Range("N/m", 100.0, 1e7, 2e4),
+                positive=True,
+                identity=float("inf"),
+            ),
+            Parameter(
+                "cubic",
+                "hardening",
+                revolute=Range("N m/rad^3", 0.0, 1e11, 2e6),
+                prismatic=Range("N/m^3", 0.0, 1e16, 1e11),
+                positive=True,
+                ladder=Ladder(Per.PRIOR, (0.05, 1.0, 20.0)),
+            ),
+        ),
+        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("cable_stretch", "several loads at one pose: the stretch is no line"),
+            Neighbour("backlash", "small loads: a gap jumps near zero torque only"),
+        ),
+        separating_runs=(Run.LOAD_SWAP, Run.SPEED_LADDER),
+        sites=(Site.JOINT,),
+    )
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Take the stretch off the path."""
+        j = self.column(motion.joints)
+        return with_column(q, j, q[..., j] - self.stretch(motion.load[..., j]))
+
+    def stretch(self, torque: FloatArray) -> FloatArray:
+        """Stretch at torques of any shape: the real root of the cubic, by hyperbolic functions."""
+        if np.isinf(self.stiffness) or self.cubic == 0:
+            return torque / self.stiffness
+        if self.stiffness == 0:
+            return np.cbrt(torque / self.cubic)
+        knee = np.sqrt(self.stiffness / (3.0 * self.cubic))
+        root: FloatArray = 2.0 * knee * np.sinh(np.arcsinh(1.5 * torque / (self.stiffness * knee)) / 3.0)
+        return root

@@ -1,0 +1,50 @@
+"""Payload: something hangs at the tip that the model does not know of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gpcorrect.sim.body import Links
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.stages import LoadEffect
+
+__all__ = ["Payload"]
+
+_MASS = Range("kg", 0.0, 3.0, 0.1)
+
+
+@dataclass(frozen=True)
+class Payload(LoadEffect):
+    """A point mass at the tip, beyond the payload that is known; it weighs and it resists acceleration.
+
+    Parameters
+    ----------
+    joint : str
+        "all".
+    mass : float
+        kg.
+    """
+
+    mass: float
+
+    about = Description(
+        name="payload",
+        slot="L",
+        family=Family.COMPLIANCE,
+        equation="tau = tau_0 + J^T m (a - g)",
+        source="Featherstone 2008, Rigid Body Dynamics Algorithms, Ch. 5",
+        parameters=(Parameter("mass", "unknown mass at the tip", revolute=_MASS, prismatic=_MASS, positive=True),),
+        needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour(
+                "gravity_sag", "vary insertion and tool direction: a mass at the tip loads the joints by its lever"
+            ),
+            Neighbour("length_dependent_stiffness", "the same torque at two insertions"),
+        ),
+        separating_runs=(Run.LOAD_SWAP, Run.TWO_INSERTIONS, Run.POSE_SPREAD),
+        sites=(Site.ALL,),
+    )
+
+    def act(self, links: Links) -> Links:
+        """Return the masses with more at the tip."""
+        return replace(links, payload=links.payload + self.mass)

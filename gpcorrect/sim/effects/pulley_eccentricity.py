@@ -1,0 +1,92 @@
+"""Pulley eccentricity: a pulley that does not run true adds a wave of its turns to the transmission."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import (
+    Description,
+    Family,
+    Ladder,
+    Neighbour,
+    Parameter,
+    Per,
+    Range,
+    Run,
+    Site,
+)
+from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["PulleyEccentricity"]
+
+
+@dataclass(frozen=True)
+class PulleyEccentricity(PathEffect):
+    """The reported position swings around the true one as the pulley turns.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    amplitude : float
+        a, rad or m.
+    waves : float
+        N, turns of the pulley for each turn of the joint; rad of its phase for each metre of a prismatic one.
+    phase : float
+        phi, rad.
+    """
+
+    amplitude: float
+    waves: float
+    phase: float
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="pulley_eccentricity",
+        slot="T",
+        family=Family.GEOMETRY,
+        equation="q_reported = q + a sin(N q_reported + phi)",
+        source="first harmonic of a pulley whose axis is off its centre; the phase is counted on the motor's side",
+        parameters=(
+            Parameter(
+                "amplitude",
+                "size of the wave, reported minus true position",
+                revolute=Range("rad", -0.1, 0.1, 0.003),
+                prismatic=Range("m", -0.01, 0.01, 2e-4),
+                positive=False,
+            ),
+            Parameter(
+                "waves",
+                "phase of the pulley for each unit of the joint",
+                revolute=Range("1", 0.1, 300.0, 10.0),
+                prismatic=Range("rad/m", 1.0, 5000.0, 150.0),
+                positive=True,
+                ladder=Ladder(Per.SWEEP, (np.pi, 2 * np.pi, 4 * np.pi, 8 * np.pi)),
+            ),
+            Parameter(
+                "phase",
+                "phase at zero",
+                revolute=Range("rad", -np.pi, np.pi, 1.0),
+                prismatic=Range("rad", -np.pi, np.pi, 1.0),
+                positive=False,
+                ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
+            ),
+        ),
+        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("position_dependent_friction", "the wave is the same in both directions, friction changes sign"),
+            Neighbour("transmission_ratio", "a range of at least half a wave"),
+        ),
+        separating_runs=(Run.AMPLITUDES, Run.ONE_JOINT),
+        sites=(Site.JOINT,),
+    )
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Take the wave off the path."""
+        j = self.column(motion.joints)
+        return with_column(q, j, q[..., j] - self.amplitude * np.sin(self.waves * q[..., j] + self.phase))

@@ -1,0 +1,77 @@
+"""Registration error: the tracker's frame is not where, nor as large as, the registration says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.stages import TipEffect
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["RegistrationError"]
+
+_SHIFT, _TURN, _SCALE = Range("m", -0.1, 0.1, 5e-3), Range("rad", -0.35, 0.35, 0.02), Range("1", -0.1, 0.1, 5e-3)
+_shift = partial(Parameter, revolute=_SHIFT, prismatic=_SHIFT, positive=False)
+_turn = partial(Parameter, revolute=_TURN, prismatic=_TURN, positive=False)
+
+
+@dataclass(frozen=True)
+class RegistrationError(TipEffect):
+    """Poses are seen through a similarity y = s R q + t, about the base origin and in base axes.
+
+    Parameters
+    ----------
+    joint : str
+        "base".
+    x, y, z : float
+        Translation t, m.
+    rx, ry, rz : float
+        Rotation vector of R, rad.
+    scale : float
+        s - 1: relative error of lengths.
+    """
+
+    x: float
+    y: float
+    z: float
+    rx: float
+    ry: float
+    rz: float
+    scale: float
+
+    stage = Stage.BASE
+    about = Description(
+        name="registration_error",
+        slot="B",
+        family=Family.GEOMETRY,
+        equation="y = (1 + s) R p + t",
+        source="Umeyama 1991, IEEE Trans. PAMI 13(4): similarity between two sets of points",
+        parameters=(
+            _shift("x", "shift along the base's x axis"),
+            _shift("y", "shift along the base's y axis"),
+            _shift("z", "shift along the base's z axis"),
+            _turn("rx", "rotation vector, x"),
+            _turn("ry", "rotation vector, y"),
+            _turn("rz", "rotation vector, z"),
+            Parameter("scale", "relative error of lengths", revolute=_SCALE, prismatic=_SCALE, positive=False),
+        ),
+        needs=("tracker_cp", "T_tracker_base given: a registration from the same data takes all but the scale"),
+        neighbours=(
+            Neighbour("dh_error", "nothing is left after a similarity fit"),
+            Neighbour("homing_offset", "vary the pose: a base shift does not turn with the other joints"),
+        ),
+        separating_runs=(Run.POSE_SPREAD,),
+        sites=(Site.BASE,),
+    )
+
+    def act(self, T_base_tip: FloatArray, motion: Motion) -> FloatArray:
+        """Move the poses by the similarity."""
+        R = se3.matrix_from_rotvec(np.array([self.rx, self.ry, self.rz]))
+        position = (1.0 + self.scale) * T_base_tip[..., :3, 3] @ R.T + np.array([self.x, self.y, self.z])
+        return se3.pose(R @ T_base_tip[..., :3, :3], position)

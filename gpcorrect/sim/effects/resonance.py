@@ -1,0 +1,89 @@
+"""Resonance: motor and link swing against each other on the cable between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.description import (
+    Description,
+    Family,
+    Ladder,
+    Neighbour,
+    Parameter,
+    Per,
+    Range,
+    Run,
+    Site,
+)
+from gpcorrect.sim.effects.operators import ring
+from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+__all__ = ["Resonance"]
+
+
+@dataclass(frozen=True)
+class Resonance(PathEffect):
+    """The joint follows the motor as a second-order system: overshoot and ringing after fast changes.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    frequency : float
+        Undamped natural frequency, Hz; infinite follows at once.
+    damping_ratio : float
+        zeta; 1 and above does not overshoot.
+    """
+
+    frequency: float
+    damping_ratio: float
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="resonance",
+        slot="M",
+        family=Family.DYNAMICS,
+        equation="q'' + 2 zeta w q' + w^2 q = w^2 m, w = 2 pi f",
+        source="Spong 1987, J. Dyn. Syst. Meas. Control 109(4), elastic joints, one mode",
+        parameters=(
+            Parameter(
+                "frequency",
+                "natural frequency",
+                revolute=Range("Hz", 3.0, 60.0, 14.0),
+                prismatic=Range("Hz", 3.0, 60.0, 14.0),
+                positive=True,
+                identity=float("inf"),
+                factor=1.9,
+                ladder=Ladder(Per.VALUE, (5.0, 10.0, 20.0, 40.0)),
+            ),
+            Parameter(
+                "damping_ratio",
+                "share of critical damping",
+                revolute=Range("1", 0.0, 2.0, 0.1),
+                prismatic=Range("1", 0.0, 2.0, 0.1),
+                positive=True,
+                ladder=Ladder(Per.VALUE, (0.03, 0.3)),
+            ),
+        ),
+        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp", "samples at 10 Hz or faster"),
+        neighbours=(
+            Neighbour("delay", "the amplitude has a peak, and one joint has it alone"),
+            Neighbour("cable_stretch", "hold: once it has rung down nothing is left"),
+        ),
+        separating_runs=(Run.SPEED_LADDER, Run.ONE_JOINT),
+        sites=(Site.JOINT,),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.frequency > 0:
+            raise DataError(f"effect resonance: frequency must be > 0, got {self.frequency!r}.")
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Let the joint swing after the path."""
+        j = self.column(motion.joints)
+        return with_column(q, j, ring(q[..., j], motion.time, self.frequency, self.damping_ratio))

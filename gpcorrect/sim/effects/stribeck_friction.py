@@ -1,0 +1,88 @@
+"""Stribeck friction: it takes more to start moving than to keep moving."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gpcorrect.sim.effects.description import (
+    Description,
+    Family,
+    Ladder,
+    Neighbour,
+    Parameter,
+    Per,
+    Range,
+    Run,
+    Site,
+)
+from gpcorrect.sim.effects.laws import FrictionLaw
+from gpcorrect.sim.effects.stages import SIDES, LawfulFriction
+
+__all__ = ["StribeckFriction"]
+
+
+@dataclass(frozen=True)
+class StribeckFriction(LawfulFriction):
+    """Dry friction that falls from a static to a kinetic value as the joint picks up speed.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    torque : float
+        Fc, at speed, N m or N.
+    static_torque : float
+        Fs, at rest, N m or N.
+    speed : float
+        vs, over which the one becomes the other, rad/s or m/s.
+    side : str
+        "motor" or "joint".
+    """
+
+    torque: float = field(kw_only=True)
+    static_torque: float = field(kw_only=True)
+    speed: float = field(kw_only=True)
+
+    about = Description(
+        name="stribeck_friction",
+        slot="M",
+        family=Family.REVERSAL,
+        equation="F = (Fc + (Fs - Fc) exp(-(v / vs)^2)) sign v",
+        source="Bo and Pavelescu 1982, Wear 82(3); Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
+        parameters=(
+            Parameter(
+                "torque",
+                "friction at speed",
+                revolute=Range("N m", 0.0, 20.0, 0.3),
+                prismatic=Range("N", 0.0, 100.0, 3.0),
+                positive=True,
+            ),
+            Parameter(
+                "static_torque",
+                "friction at rest",
+                revolute=Range("N m", 0.0, 30.0, 0.5),
+                prismatic=Range("N", 0.0, 150.0, 5.0),
+                positive=True,
+            ),
+            Parameter(
+                "speed",
+                "speed over which the one becomes the other",
+                revolute=Range("rad/s", 1e-4, 2.0, 0.05),
+                prismatic=Range("m/s", 1e-5, 0.2, 0.005),
+                positive=True,
+                ladder=Ladder(Per.PRIOR, (0.2, 1.0, 5.0)),
+            ),
+        ),
+        needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("coulomb_friction", "log-spaced speeds: its error falls with speed"),
+            Neighbour("viscous_friction", "log-spaced speeds"),
+        ),
+        separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
+        sites=(Site.JOINT,),
+        choices=(("side", SIDES),),
+    )
+
+    def law(self) -> FrictionLaw:
+        """Return both limits and the speed between them."""
+        return FrictionLaw(torque=self.torque, static=self.static_torque, speed=self.speed)

@@ -1,0 +1,66 @@
+"""Torque saturation: the motor or its amplifier cannot give more than so much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gpcorrect.sim.effects.description import (
+    Description,
+    Family,
+    Ladder,
+    Neighbour,
+    Parameter,
+    Per,
+    Range,
+    Run,
+    Site,
+)
+from gpcorrect.sim.effects.laws import TorqueLaw
+from gpcorrect.sim.effects.stages import LawfulTorque
+
+__all__ = ["TorqueSaturation"]
+
+
+@dataclass(frozen=True)
+class TorqueSaturation(LawfulTorque):
+    """The torque that acts is the commanded one, cut at a limit; `measured_jf` still says what was commanded.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    limit : float
+        N m or N; infinite is none.
+    """
+
+    limit: float
+
+    about = Description(
+        name="torque_saturation",
+        slot="M",
+        family=Family.LIMIT,
+        equation="tau = clip(tau_commanded, -tau_max, tau_max)",
+        source="RAVEN-II control software, DAC limit; Hippe 2006, Windup in Control, Ch. 1",
+        parameters=(
+            Parameter(
+                "limit",
+                "largest torque",
+                revolute=Range("N m", 1e-3, 1e4, 3.0),
+                prismatic=Range("N", 0.01, 1e6, 30.0),
+                positive=True,
+                identity=float("inf"),
+                ladder=Ladder(Per.PRIOR, (0.1, 0.3, 1.0, 3.0)),
+            ),
+        ),
+        needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
+        neighbours=(
+            Neighbour("viscous_friction", "the error begins at a threshold"),
+            Neighbour("joint_stop", "other places: a limit of torque does not care where the joint is"),
+        ),
+        separating_runs=(Run.SPEED_LADDER, Run.LOAD_SWAP),
+        sites=(Site.JOINT,),
+    )
+
+    def law(self) -> TorqueLaw:
+        """Return the limit."""
+        return TorqueLaw(limit=self.limit)

@@ -1,0 +1,123 @@
+"""What a search finds in the registry, and that all of it can be written down, read back and simulated."""
+
+from collections import Counter
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim import joint_motion_log, machine_of, model_from_dict, random_reaches_log, read_model, write_model
+from gpcorrect.sim.effects import EFFECTS, Per, Scope, Site, candidates
+from gpcorrect.types import CalibrationLog
+
+ARM = Scope((1, 2, 3), "RRP", np.array([[0.3, 1.2], [0.9, 2.0], [0.25, 0.45]]), 300.0)
+BARE = Scope((4, 5, 6), "RRR", np.array([[-1.0, 1.0]] * 3), 300.0, kinematics=False)
+FOUND = tuple(candidates(ARM))
+
+
+def model(*effects):
+    """Return three joints of an arm with these effects."""
+    return model_from_dict({"arm": "raven2_left", "joints": [1, 2, 3], "payload": 0.2, "effects": effects})
+
+
+def first_of_each():
+    """One candidate of every effect."""
+    return list({c.kind.about.name: c for c in reversed(FOUND)}.values())
+
+
+def test_every_effect_is_among_the_candidates():
+    """The registry alone says what may be missing: all 29 effects, each wherever it may sit."""
+    assert {c.kind.about.name for c in FOUND} == set(EFFECTS)
+    count = Counter(c.kind.about.name for c in FOUND if all(v in (0.0, np.inf) for v in c.shape.values()))
+    assert count["homing_offset"] == 3
+    assert count["cable_coupling"] == 6
+    assert count["dh_error"] == 4
+    assert count["coulomb_friction"] == 6
+    assert {c.place["joint"] for c in FOUND if Site.TOOL in c.kind.about.sites and len(c.kind.about.sites) == 1} == {
+        "tool"
+    }
+
+
+def test_no_two_candidates_are_the_same():
+    keys = [(c.kind, *sorted(c.place.items()), *sorted(c.shape.items())) for c in FOUND]
+    assert len(set(keys)) == len(keys)
+
+
+def test_an_arm_without_kinematics_has_no_tool():
+    """Bare joints offer nothing that only a pose or a mass could show, nor an insertion that they lack."""
+    names = {c.kind.about.name for c in candidates(BARE)}
+    absent = {"registration_error", "dh_error", "payload", "shaft_bending", "rcm_shift", "length_dependent_stiffness"}
+    assert names == set(EFFECTS) - absent
+
+
+@pytest.mark.parametrize("kind", EFFECTS.values(), ids=EFFECTS)
+def test_descriptions_tell_a_search_what_it_needs(kind):
+    """Every effect has sites; ladders lie in the physical range; choices and conditions name fields of the effect."""
+    about = kind.about
+    names = {f.name for f in fields(kind)}
+    assert about.sites
+    assert {field for field, _ in about.choices} <= names
+    for parameter in about.parameters:
+        assert parameter.shaped_by in {"", *names}
+        if parameter.ladder is not None and parameter.ladder.per in (Per.VALUE, Per.PRIOR):
+            for joint_type in "RP":
+                scale = parameter.range(joint_type)
+                unit = scale.typical if parameter.ladder.per is Per.PRIOR else 1.0
+                for rung in parameter.ladder.rungs:
+                    assert scale.low <= rung * unit <= scale.high or rung * unit == parameter.identity
+
+
+def test_neighbours_and_needs_are_known():
+    """Look-alikes are effects of the catalogue, and what is needed begins with signals of a log."""
+    for kind in EFFECTS.values():
+        assert {n.name for n in kind.about.neighbours} <= set(EFFECTS)
+        signals = {*CalibrationLog.POSES, *CalibrationLog.JOINTS, *CalibrationLog.SCALARS}
+        assert set(kind.about.needs[0].split("|")) <= signals
+
+
+def test_amplitudes_at_their_identity_leave_a_neutral_effect():
+    """A candidate without amplitudes given is the effect that does nothing, if it has amplitudes at all."""
+    for candidate in FOUND:
+        if candidate.amplitudes:
+            effect = candidate.effect()
+            assert all(getattr(effect, p.name) == p.identity for p in candidate.amplitudes)
+
+
+def test_a_drag_without_radius_is_no_candidate_of_its_own():
+    """The linear coupling is searched with its coefficient alone; the drag comes in with a radius."""
+    for candidate in FOUND:
+        if candidate.kind.about.name == "cable_coupling":
+            amplitudes = {p.name for p in candidate.amplitudes}
+            assert amplitudes == ({"coefficient", "drag"} if candidate.shape["drag_radius"] else {"coefficient"})
+
+
+def test_every_candidate_survives_the_model_file(tmp_path):
+    """Written to a model file and read back, each effect in each place and shape is the same, and fits the machine."""
+    effects = [candidate.typical() for candidate in FOUND]
+    whole = model().with_effects(*effects)
+    write_model(whole, tmp_path / "model.toml")
+    again = read_model(tmp_path / "model.toml")
+    assert again.effects == whole.effects
+    assert again == whole
+    assert len(machine_of(again).effects) == len(effects)
+
+
+@pytest.mark.parametrize("candidate", first_of_each(), ids=lambda c: c.kind.about.name)
+def test_every_effect_can_be_simulated(candidate):
+    """Each effect gives a recording without missing numbers, on three joints, and on all six with a tracker."""
+    log = joint_motion_log(model(candidate.typical()), trajectories=2, seconds=1.0)
+    for name in log.signals:
+        signal = getattr(log, name)
+        assert np.isfinite(signal.position if name.endswith("_cp") else signal).all()
+    six = model_from_dict({"arm": "dvrk_psm", "joints": [1, 2, 3, 4, 5, 6], "effects": [candidate.typical()]})
+    assert np.isfinite(random_reaches_log(n_trajectories=1, model=six, faults=False).tracker_cp.position).all()
+
+
+@pytest.mark.parametrize("name", ["dh_error", "payload", "shaft_bending", "rcm_shift", "registration_error"])
+def test_what_needs_an_arm_is_refused_on_bare_joints(name):
+    """A model file that puts a tool's effect on joints without a tool is told so."""
+    effect = next(c for c in FOUND if c.kind.about.name == name).typical()
+    bare = model_from_dict({"arm": "joints", "joints": [1, 2, 3], "effects": [effect]})
+    with pytest.raises(DataError, match=f"{name} needs an arm"):
+        machine_of(bare)

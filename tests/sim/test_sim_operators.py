@@ -1,0 +1,202 @@
+"""Memory: the compiled operators against independent integrators, and their invariants."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.integrate import solve_ivp
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects import bouc_wen, lag, play, ring
+
+values = st.floats(-10, 10, allow_nan=False)
+paths = arrays(np.float64, st.integers(2, 30), elements=values)
+widths = st.floats(0.01, 5)
+sharpnesses = st.floats(0.5, 12)
+
+
+def uneven(n=60, seed=0, mean=0.05):
+    """Return times and a random path with uneven steps."""
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.exponential(mean, n))
+    return time, np.cumsum(rng.standard_normal(n)) * 0.1
+
+
+def solved(rates, start, time, path):
+    """Integrate `rates(t, x, u, du/dt)` piece by piece along the piecewise linear path, with tight tolerances."""
+    states = [np.asarray(start, dtype=np.float64)]
+    for t0, t1, u0, u1 in zip(time[:-1], time[1:], path[:-1], path[1:], strict=True):
+        slope = (u1 - u0) / (t1 - t0)
+
+        def f(t, x, t0=t0, u0=u0, slope=slope):
+            return rates(t, x, u0 + slope * (t - t0), slope)
+
+        states.append(solve_ivp(f, (t0, t1), states[-1], rtol=1e-10, atol=1e-12, method="LSODA").y[:, -1])
+    return np.array(states)
+
+
+@pytest.mark.parametrize("sharpness", [0.7, 1.0, 2.0, 6.0])
+def test_bouc_wen_agrees_with_an_ode_solver(sharpness):
+    """The element integrated along the path is the textbook's differential equation in time."""
+    time, path = uneven()
+    width = 0.15
+
+    def rates(_, z, __, v):
+        return v * (1.0 - np.abs(z / width) ** sharpness * (1.0 + np.sign(z * v)) / 2.0)
+
+    exact = solved(rates, [0.0], time, path)[:, 0]
+    assert np.abs(exact).max() > 0.9 * width
+    np.testing.assert_allclose(bouc_wen(path, width, sharpness), exact, atol=2e-4 * width)
+
+
+@pytest.mark.parametrize("time_constant", [0.01, 0.3, 20.0])
+def test_lag_agrees_with_an_ode_solver(time_constant):
+    """A first-order lag on uneven samples is exact."""
+    time, path = uneven()
+    exact = solved(lambda _, x, u, __: (u - x) / time_constant, [path[0]], time, path)[:, 0]
+    np.testing.assert_allclose(lag(path, time, time_constant), exact, atol=1e-7)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.05, 0.7, 1.0, 2.5])
+@pytest.mark.parametrize("frequency", [1.0, 8.0])
+def test_ring_agrees_with_an_ode_solver(frequency, damping):
+    """A second-order response on uneven samples is exact, under, at and over critical damping."""
+    time, path = uneven()
+    omega = 2 * np.pi * frequency
+    exact = solved(
+        lambda _, x, u, __: [x[1], omega**2 * (u - x[0]) - 2 * damping * omega * x[1]], [path[0], 0.0], time, path
+    )[:, 0]
+    np.testing.assert_allclose(ring(path, time, frequency, damping), exact, atol=1e-6)
+
+
+@given(paths, widths, sharpnesses)
+def test_bouc_wen_stays_within_its_width(path, width, sharpness):
+    """The state never leaves [-w, w], and never moves further than the input."""
+    z = bouc_wen(path, width, sharpness)
+    assert (np.abs(z) <= width * (1 + 1e-12)).all()
+    assert (np.abs(np.diff(z)) <= np.abs(np.diff(path)) + 1e-9).all()
+
+
+@given(paths, widths, sharpnesses)
+def test_bouc_wen_never_gives_energy_back_over_a_loop(path, width, sharpness):
+    """Round any closed path repeated until it closes, the element takes work and returns less (dissipation >= 0)."""
+    fine = np.interp(np.linspace(0, len(path), 60 * len(path) + 1), np.arange(len(path) + 1), [*path, path[0]])
+    loops = np.concatenate([fine] + [fine[1:]] * 4)
+    z = bouc_wen(loops, width, sharpness)
+    last = slice(-len(fine), None)
+    u, force = loops[last], z[last]
+    work = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(u))
+    assert work >= -0.02 * width * (1.0 + np.abs(np.diff(u)).sum())
+
+
+@given(paths, widths, sharpnesses, st.integers(2, 4))
+def test_bouc_wen_does_not_depend_on_speed(path, width, sharpness, repeats):
+    """Cutting each monotone step into finer ones changes no value at the old samples."""
+    fine = np.interp(np.arange(0, (len(path) - 1) * repeats + 1) / repeats, np.arange(len(path)), path)
+    np.testing.assert_allclose(
+        bouc_wen(fine, width, sharpness)[::repeats], bouc_wen(path, width, sharpness), atol=2e-3 * width
+    )
+
+
+def test_a_sharp_bouc_wen_element_is_a_play():
+    """As the exponent grows, the input less the state becomes the play of the same radius."""
+    path = np.sin(np.linspace(0, 20, 800)) * np.linspace(1, 0.1, 800)
+    gaps = [np.abs(path - bouc_wen(path, 0.1, n) - play(path, 0.1)).max() for n in (2.0, 8.0, 200.0)]
+    assert gaps[0] > gaps[1] > gaps[2]
+    assert gaps[2] < 1e-3
+
+
+def test_minor_loops_are_curved():
+    """After a reversal beyond the straight return the state follows a curve, where a play has a corner."""
+    path = np.concatenate([np.linspace(0, 1, 101), np.linspace(1, 0.6, 101)])
+    curve = np.diff(bouc_wen(path, 0.1, 1.0)[102:], 2)
+    assert (curve > 0).sum() > 30
+    assert (np.abs(np.diff((path - play(path, 0.1))[102:], 2)) > 1e-12).sum() <= 2
+
+
+@pytest.mark.parametrize("frequency", [5.0, 12.0, 40.0])
+def test_resonance_peaks_where_it_should(frequency):
+    """The amplitude over frequency has its peak at f sqrt(1 - 2 d^2), of height 1 / (2 d sqrt(1 - d^2))."""
+    damping, rate = 0.1, 4000.0
+    swept = frequency * np.linspace(0.6, 1.4, 81)
+    time = np.arange(0, 60.0 / frequency, 1 / rate)[:, None] + np.zeros(81)
+    answer = ring(np.sin(2 * np.pi * swept * time), time, frequency, damping)[-round(2 * rate / frequency) :]
+    height = np.ptp(answer, axis=0) / 2
+    assert swept[np.argmax(height)] == pytest.approx(frequency * np.sqrt(1 - 2 * damping**2), rel=0.012)
+    assert height.max() == pytest.approx(1 / (2 * damping * np.sqrt(1 - damping**2)), rel=0.02)
+
+
+def test_creep_recovers():
+    """Loaded, the lag settles by 1 - 1/e in a time constant; unloaded it recovers by as much, and wholly in the end."""
+    time = np.arange(0.0, 60.0, 0.01)
+    force = np.where((time > 10) & (time < 30), 1.0, 0.0)
+    x = lag(force, time, 2.0)
+    assert x[time < 10].max() == 0.0
+    assert x[np.searchsorted(time, 12.0)] == pytest.approx(1 - np.exp(-1), abs=5e-3)
+    assert x[np.searchsorted(time, 32.0)] == pytest.approx(np.exp(-1), abs=5e-3)
+    assert abs(x[-1]) < 1e-6
+
+
+@given(paths)
+def test_limits_of_the_lag(path):
+    """A lag of no time is the identity; an endless one never leaves its start."""
+    time = np.arange(len(path)) * 0.1
+    np.testing.assert_allclose(lag(path, time, 0.0), path)
+    np.testing.assert_allclose(lag(path, time, 1e-9), path, atol=1e-6)
+    np.testing.assert_allclose(lag(path, time, 1e12), path[0], atol=1e-9)
+
+
+OPERATORS = {
+    "play": lambda u, t: play(u, 0.1),
+    "bouc_wen": lambda u, t: bouc_wen(u, 0.1, 2.0),
+    "lag": lambda u, t: lag(u, t, 0.2),
+    "ring": lambda u, t: ring(u, t, 5.0, 0.2),
+}
+
+
+@pytest.mark.parametrize("operator", OPERATORS.values(), ids=OPERATORS)
+def test_a_missing_sample_is_forgotten(operator):
+    """A missing sample is missing in the output, and what follows is as if it had never been taken."""
+    time, path = uneven()
+    holed = path.copy()
+    holed[20] = np.nan
+    kept = np.arange(len(path)) != 20
+    output = operator(holed, time)
+    assert np.isnan(output[20])
+    np.testing.assert_array_equal(output[kept], operator(path[kept], time[kept]))
+
+
+@pytest.mark.parametrize("operator", OPERATORS.values(), ids=OPERATORS)
+def test_columns_are_operated_on_each_by_itself(operator):
+    """Runs side by side come out as each alone, and the input is left as it was."""
+    pairs = [uneven(seed=s) for s in range(3)]
+    time, path = (np.stack(arrays_, axis=1) for arrays_ in zip(*pairs, strict=True))
+    before = path.copy()
+    alone = np.stack([operator(u, t) for t, u in pairs], axis=1)
+    np.testing.assert_array_equal(operator(path, time), alone)
+    np.testing.assert_array_equal(path, before)
+
+
+@pytest.mark.parametrize("operator", OPERATORS.values(), ids=OPERATORS)
+def test_a_moment_given_twice_does_no_harm(operator):
+    """Padded runs repeat their last sample: the output stays finite and stays where it was."""
+    time, path = uneven()
+    t, u = np.append(time, time[-1]), np.append(path, path[-1])
+    output = operator(u, t)
+    assert output[-1] == pytest.approx(output[-2], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda u: bouc_wen(u, -0.1, 1.0),
+        lambda u: bouc_wen(u, 0.1, 0.0),
+        lambda u: lag(u, u, -1.0),
+        lambda u: ring(u, u, 0.0, 0.1),
+        lambda u: ring(u, u, 1.0, -0.1),
+    ],
+)
+def test_meaningless_numbers_are_refused(call):
+    with pytest.raises(DataError):
+        call(np.zeros(3))
