@@ -29,7 +29,7 @@ __all__ = ["ENOUGH", "advise", "expected_nats"]
 ENOUGH = 3.0  # nats: below, two effects are equivalent with these sensors
 OPEN = 0.01  # posterior from which on an alternative is worth an experiment
 STEP = 0.02  # of a coordinate, for slopes
-EVALUATIONS = 12
+EVALUATIONS = 6  # of a refit: the rival starts near, and only the order of magnitude counts
 BULK = (2.0, 98.0)  # percentiles of the motor path: the range that runs stay in
 REHOMED = {"R": 5e-3, "P": 5e-4}  # by which a homing moves a joint's zero
 
@@ -65,11 +65,9 @@ def advise(
     rest = [m for m in members if m.candidate.key != own.key]
     duel = Duel(scene, tuple(rest), leader.member, _variants(scene, rival), tuple(noises))
     runs = _separating(own, duel.rivals)
-    best = max(_gains(duel, futures(_site(scene, own.joint), runs)), key=lambda g: g[1], default=None)
+    best = _best(duel, runs)
     if best is None or best[1] < ENOUGH:
-        everything = [run for run in Run if run not in runs]
-        more = _gains(duel, futures(_site(scene, own.joint), everything))
-        best = max([*([] if best is None else [best]), *more], key=lambda g: g[1], default=None)
+        best = _best(duel, [run for run in Run if run not in runs]) or best
     if best is None:
         return None
     words = best[0].words if best[1] >= ENOUGH else _sensor(scene, own)
@@ -113,7 +111,7 @@ def _question(named: Sequence[Named]) -> tuple[Named, Alternative] | None:
 
 
 def _variants(scene: Scene, rival: Alternative) -> tuple[Candidate, ...]:
-    every = all_candidates(scene.joints, scene.machine.body.types, scene.n_sessions)
+    every = all_candidates(scene)
     return tuple(c for c in every if c.label == rival.label)
 
 
@@ -135,8 +133,15 @@ def _site(scene: Scene, joint: int | str) -> Site:
     )
 
 
-def _gains(duel: Duel, runs: Sequence[Future]) -> list[tuple[Future, float]]:
-    return [(future, expected_nats(duel, future)) for future in runs]
+def _best(duel: Duel, runs: Sequence[Run]) -> tuple[Future, float] | None:
+    """The run with the largest gain over the rival's first shape; its other shapes then have their say on that run."""
+    first = replace(duel, rivals=duel.rivals[:1])
+    made = futures(_site(duel.scene, duel.leader.candidate.joint), runs)
+    gains = [(future, expected_nats(first, future)) for future in made]
+    best = max(gains, key=lambda g: g[1], default=None)
+    if best is None or len(duel.rivals) < 2 or best[1] < ENOUGH:
+        return best
+    return best[0], min(best[1], expected_nats(replace(duel, rivals=duel.rivals[1:]), best[0]))
 
 
 def expected_nats(duel: Duel, future: Future) -> float:
@@ -144,9 +149,8 @@ def expected_nats(duel: Duel, future: Future) -> float:
 
     Only the run counts, not what the present recording says of the rival's numbers: the true gain is at least this.
     """
-    views = [_view(duel, future, plan_index) for plan_index in range(len(future.plans))]
-    starts = [np.array(c.start) for c in duel.rivals]
-    fits = [_misfit(duel, views, c, u) for c, u in zip(duel.rivals, starts, strict=True)]
+    views = [_view(duel, future, index) for index in range(len(future.plans))]
+    fits = [_misfit(duel, views, c) for c in duel.rivals]
     return min(fits, default=_unexplained(duel, views))
 
 
@@ -212,7 +216,7 @@ def _unexplained(duel: Duel, views: Sequence[_View]) -> float:
     return sum(0.5 * float((v.lens.look_one(v.said - v.bench.predict(shared)) ** 2).sum()) for v in views)
 
 
-def _misfit(duel: Duel, views: Sequence[_View], candidate: Candidate, start: FloatArray) -> float:
+def _misfit(duel: Duel, views: Sequence[_View], candidate: Candidate) -> float:
     """Half the squares that a rival leaves after its numbers were fitted to the run."""
     shared = [m.effect for m in duel.rest]
     low, high = np.array([c.bounds for c in candidate.coordinates]).T
@@ -228,7 +232,7 @@ def _misfit(duel: Duel, views: Sequence[_View], candidate: Candidate, start: Flo
             columns.append((errors(u + step * (np.arange(len(u)) == j)) - here) / step)
         return np.stack(columns, axis=1)
 
-    inside = np.clip(start, np.nextafter(low, high), np.nextafter(high, low))
+    inside = np.clip(candidate.start, np.nextafter(low, high), np.nextafter(high, low))
     try:
         fit = least_squares(errors, inside, jac=slopes, bounds=(low, high), max_nfev=EVALUATIONS, ftol=1e-4)
     except DataError:  # the rival does not fit this run, such as two homings

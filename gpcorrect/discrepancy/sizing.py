@@ -93,7 +93,7 @@ def drawn_effect(
     scene = build_scene(scout, model, np.ones(len(scout), dtype=np.bool_))
     std = noise_of(model, scene)
     taken = {d.candidate.key for d in besides}
-    candidates = all_candidates(scene.joints, scene.machine.body.types, scene.n_sessions)
+    candidates = all_candidates(scene)
     open_ones = [c for c in candidates if c.key not in taken and (not names or c.name in names)]
     keys = list(dict.fromkeys(c.name for c in open_ones))
     for _ in range(TRIES if keys else 0):
