@@ -1,4 +1,4 @@
-"""What one would try first, on the same signatures: stepwise BIC a sample, thresholded least squares (SINDy), nearest signature."""
+"""What one would try first, on the same signatures: stepwise BIC a sample, STLSQ (SINDy), nearest signature."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ class Library:
 def library_of(log: CalibrationLog, model: Model, settings: RunSettings) -> Library:
     """Take residual and signatures of discovery and confirmation, as the workflow itself does."""
     laid = lay_out(log, model, settings.max_rows, np.random.default_rng(settings.seed))
-    bench, scene = laid.bench, laid.bench.scene
-    state = start_search(bench, all_candidates(scene.joints, scene.machine.body.types, scene.n_sessions))
+    bench = laid.bench
+    state = start_search(bench, all_candidates(bench.scene))
     std = np.array([n.std for n in state.lens.noises])
     residual = bench.residual()[bench.seen] / std
     good = np.isfinite(residual)
@@ -104,7 +104,7 @@ def _thresholded(library: Library, threshold: float) -> list[int]:
 
 
 def nearest_signature(library: Library) -> set[Place]:
-    """The signature with the largest cosine, when an F test a sample at 1 % over all of them finds anything."""
+    """Return the signature with the largest cosine, when a test a sample at 1 % over all of them finds anything."""
     y, x, n = library.residual, library.columns, len(library.residual)
     if x.shape[1] == 0:
         return set()

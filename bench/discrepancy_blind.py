@@ -1,11 +1,11 @@
 """How often does the discrepancy workflow name the right thing? The whole protocol, on recordings of another simulator.
 
-    python bench/discrepancy_blind.py                     # 2400 cases: days on one core, hours on a cluster
+    python bench/discrepancy_blind.py                     # 2400 cases: days on two cores
     python bench/discrepancy_blind.py --share 0.05        # a twentieth of every set
-    python bench/discrepancy_blind.py --short             # a few minutes: 12 trajectories of 10 s, a few cases of every set
+    python bench/discrepancy_blind.py --short             # minutes: 12 trajectories of 10 s, few cases
 
-Truth comes from bench/truth, which shares no code with the simulator that the workflow uses. Seeds start at 900000; none of
-them was used in development. Finished cases are kept line by line in --results, so that a killed run goes on where it was.
+Truth comes from bench/truth, which shares no code with the simulator that the workflow uses. Seeds start at 900000;
+none of them was used in development. Finished cases are kept line by line in --results, so that a killed run goes on.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ class Job:
 def label_of(labels: dict[str, Any]) -> dict[str, Any]:
     """Labels of the truth package as the scorer wants them."""
     effects = [
-        {"name": e["name"], "joint": e["joint"], "known": labels["kind"] != "outside"} | e["params"] for e in labels["effects"]
+        {"name": e["name"], "joint": e["joint"], "known": labels["kind"] != "outside"} | e["params"]
+        for e in labels["effects"]
     ]
     ratios = [e["ratio"] for e in labels["effects"]]
     return {
@@ -83,12 +84,18 @@ def solve(job: Job) -> dict[str, Any]:
         settings = RunSettings(seed=job.seed)
         try:
             report = find_discrepancy(case.log, model, settings).to_dict()
-        except GpCorrectError as error:  # a refusal is an answer too, and counts as inconclusive
-            return {"key": job.key, "refused": str(error), "suite": job.spec.suite}
+        except GpCorrectError as error:
+            return {"key": job.key, "suite": job.spec.suite, "refused": str(error), "outcome": _refused(job, label)}
         outcome = asdict(case_outcome(job.key, label, report))
         others = _baselines(case.log, model, settings, label) if job.baselines else {}
         said = {"level": report["verdict"]["level"], "effects": [_brief(e) for e in report["verdict"]["effects"]]}
         return {"key": job.key, "suite": job.spec.suite, "outcome": outcome, "said": said, "baselines": others}
+
+
+def _refused(job: Job, label: dict[str, Any]) -> dict[str, Any]:
+    """Return the score of a refusal, which is an answer too: it names nothing, and decides nothing."""
+    report = {"verdict": {"level": "INCONCLUSIVE", "effects": []}, "gap": {}, "provenance": {"seconds": 0.0}}
+    return asdict(case_outcome(job.key, label, report))
 
 
 def _brief(effect: dict[str, Any]) -> str:
@@ -127,19 +134,23 @@ def run(jobs: list[Job], results: Path, workers: int) -> list[dict[str, Any]]:
             file.write(json.dumps(entry) + "\n")
             file.flush()
             spent = time.monotonic() - started
-            print(f"\r{number}/{len(left)} cases, {spent * (len(left) - number) / number / 60:.0f} min left  ", end="", flush=True)
+            print(
+                f"\r{number}/{len(left)} cases, {spent * (len(left) - number) / number / 60:.0f} min left  ",
+                end="",
+                flush=True,
+            )
     print()
     return [done[job.key] for job in jobs]
 
 
 def show(entries: list[dict[str, Any]]) -> Score:
     """Print the target table, the confusion matrix, detection limits, and the baselines beside the workflow."""
-    outcomes = [_outcome(e["outcome"]) for e in entries if "outcome" in e]
+    outcomes = [_outcome(e["outcome"]) for e in entries]
     refused = [e for e in entries if "refused" in e]
     score = score_cases(outcomes)
     print(score_text(score))
     if refused:
-        print(f"\n{len(refused)} cases were refused, for example: {refused[0]['refused']}")
+        print(f"\n{len(refused)} cases were refused and count as undecided, for example: {refused[0]['refused']}")
     compare(entries)
     return score
 

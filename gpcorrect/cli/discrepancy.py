@@ -41,7 +41,8 @@ def run(
         list[Path], typer.Option(help="Recording; repeat it for several sessions of one machine.", show_default=False)
     ],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder for report, page and model; made if absent.", show_default=False)
+        Path,
+        typer.Option("--output", "-o", help="Folder for report, page and model; made if absent.", show_default=False),
     ],
     columns: Columns = None,
     seed: Annotated[int, typer.Option(help="Seed of the split and of everything drawn.")] = 0,
@@ -86,12 +87,19 @@ def _show(report: Mapping[str, Any], output: Path) -> None:
     advice = report["next_experiment"]
     if advice is not None:
         pair = " from ".join(advice["separates"])
-        out.print(f"next: {advice['run']}: {advice['expected_nats']:.0f} nats to tell {pair}, {advice['minutes']:.1f} min")
+        out.print(
+            f"next, to tell {pair}: {advice['run']} ({advice['expected_nats']:.0f} nats, {advice['minutes']:.1f} min)"
+        )
     out.print(f"page: {output / 'report.html'}   model: {output / 'model.toml'}")
 
 
 def _gap_table(gaps: Mapping[str, Mapping[str, Any]]) -> Table:
-    table = Table(title="Measured - simulated on the sealed part, root mean square", title_justify="left", box=None, pad_edge=False)
+    table = Table(
+        title="Measured - simulated on the sealed part, root mean square",
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+    )
     for column in ("", "before", "after", "noise", "closed"):
         table.add_column(column, justify="left" if not column else "right", no_wrap=True)
     for name, gap in gaps.items():
@@ -105,7 +113,9 @@ def _gap_table(gaps: Mapping[str, Mapping[str, Any]]) -> Table:
 @discrepancy_app.command("generate")
 def generate(
     spec: Annotated[Path, typer.Option(help="What to simulate and what to hide (TOML).", show_default=False)],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the logs; made if absent.", show_default=False)],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for the logs; made if absent.", show_default=False)
+    ],
     json: Json = False,
 ) -> None:
     """Simulate recordings with hidden effects, and seal the labels apart from them.

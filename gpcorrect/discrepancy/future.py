@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -55,12 +56,14 @@ class Site:
     @property
     def middle(self) -> FloatArray:
         """(dof,) centre of the ranges."""
-        return self.ranges.mean(axis=1)
+        centre: FloatArray = self.ranges.mean(axis=1)
+        return centre
 
     @property
     def half(self) -> FloatArray:
         """(dof,) half width of the ranges."""
-        return 0.5 * np.ptp(self.ranges, axis=1)
+        width: FloatArray = 0.5 * np.ptp(self.ranges, axis=1)
+        return width
 
     def moving(self) -> FloatArray:
         """(dof,) 1 for the joint in question, or for all."""
@@ -101,8 +104,7 @@ def futures(site: Site, wanted: Sequence[Run]) -> list[Future]:
 
 def _ladder(site: Site) -> list[FloatArray]:
     step = site.half * site.moving()
-    paths = [_tour(site, [site.middle - step, site.middle + step, site.middle - step], s) for s in LADDER]
-    return paths
+    return [_tour(site, [site.middle - step, site.middle + step, site.middle - step], s) for s in LADDER]
 
 
 def _speed_ladder(site: Site) -> Future:
@@ -159,7 +161,9 @@ def _pose_spread(site: Site) -> Future | None:
         _tour(site, [c - step, c + step, c - step], STROKE)
         for c in (site.middle - others, site.middle, site.middle + others)
     ]
-    return _future(site, Run.POSE_SPREAD, f"{Run.POSE_SPREAD.value}: {_who(site)} sweeps at three", [(p, None) for p in paths])
+    return _future(
+        site, Run.POSE_SPREAD, f"{Run.POSE_SPREAD.value}: {_who(site)} sweeps at three", [(p, None) for p in paths]
+    )
 
 
 def _gain_change(site: Site) -> Future | None:
@@ -217,7 +221,7 @@ def _tour(site: Site, stops: Sequence[FloatArray], seconds: float, rest: float =
     """Path `(n, dof)` through stops by minimum-jerk moves, with a rest at each."""
     parts = [stops[0][None]]
     pause = max(1, round(rest * site.rate_hz))
-    for a, b in zip(stops[:-1], stops[1:], strict=True):
+    for a, b in pairwise(stops):
         law = minimum_jerk(max(seconds, 2.0 / site.rate_hz), site.rate_hz)[1:, None]
         parts += [a + law * (b - a), np.repeat(b[None], pause, axis=0)]
     return np.concatenate(parts)
@@ -243,4 +247,3 @@ def _plan(
         segments.append(Segment(path, np.full(len(path), i), session(i), begin, payload))
         clock += len(path) / site.rate_hz
     return plan_of(segments, site.rate_hz), clock
-

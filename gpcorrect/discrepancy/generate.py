@@ -46,7 +46,7 @@ class CaseTable(Settings):
 
 
 class DrawTable(Settings):
-    """Effects drawn from the catalogue, their sizes such that they stand out of the noise by given ratios, taken in turn."""
+    """Effects drawn from the catalogue, which stand out of the noise by given ratios, taken in turn."""
 
     cases: Count
     effects: Count = 1

@@ -1,4 +1,4 @@
-"""What to record next: of two names that remain, the run with the largest expected evidence after the rival has been refitted to it."""
+"""What to record next: the run with the largest expected evidence between two names, the rival refitted to it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gpcorrect.discrepancy.result import Experiment
 from gpcorrect.discrepancy.scene import Scene, build_scene
 from gpcorrect.discrepancy.split import Split
 from gpcorrect.errors import DataError
-from gpcorrect.sim import Model, machine_of, simulate
+from gpcorrect.sim import Model, effect_from_dict, machine_of, simulate
 from gpcorrect.sim.effects import Effect, Run
 from gpcorrect.sim.faults import TrackerFaults
 from gpcorrect.sim.sensors import Noise
@@ -100,7 +100,7 @@ class Duel:
 
 
 def _question(named: Sequence[Named]) -> tuple[Named, Alternative] | None:
-    """The effect whose best alternative is the most probable, with that alternative."""
+    """Return the effect whose best alternative is the most probable, with that alternative."""
     asked = []
     for n in named:
         own = n.member.candidate.label
@@ -116,7 +116,7 @@ def _variants(scene: Scene, rival: Alternative) -> tuple[Candidate, ...]:
 
 
 def _separating(own: Candidate, rivals: Sequence[Candidate]) -> list[Run]:
-    """Runs that the two descriptions recommend."""
+    """Return runs that the two descriptions recommend."""
     return list(dict.fromkeys(run for c in (own, *rivals[:1]) for run in c.kind.about.separating_runs))
 
 
@@ -134,7 +134,7 @@ def _site(scene: Scene, joint: int | str) -> Site:
 
 
 def _best(duel: Duel, runs: Sequence[Run]) -> tuple[Future, float] | None:
-    """The run with the largest gain over the rival's first shape; its other shapes then have their say on that run."""
+    """Return the run with the largest gain over the rival's first shape; its others then have their say."""
     first = replace(duel, rivals=duel.rivals[:1])
     made = futures(_site(duel.scene, duel.leader.candidate.joint), runs)
     gains = [(future, expected_nats(first, future)) for future in made]
@@ -145,7 +145,7 @@ def _best(duel: Duel, runs: Sequence[Run]) -> tuple[Future, float] | None:
 
 
 def expected_nats(duel: Duel, future: Future) -> float:
-    """Return the evidence that a run should bring: half the whitened squares between the leader and the rival refitted to it.
+    """Return the evidence that a run should bring: half the whitened squares between leader and refitted rival.
 
     Only the run counts, not what the present recording says of the rival's numbers: the true gain is at least this.
     """
@@ -188,19 +188,17 @@ def _changed(model: Model, gain: float) -> Model:
 def _same_signals(log: CalibrationLog, scene: Scene) -> CalibrationLog:
     """Log without the signals that the present recording lacks."""
     seen = {c.signal for c in scene.channels}
-    outside = "external_jp" if "external_jp" in seen else "tracker_cp"
-    other = "tracker_cp" if outside == "external_jp" else "external_jp"
-    hidden = {other: None} if "measured_jp" in seen else {other: None, "measured_jf": None}
-    return replace(log, **hidden)
+    log = replace(log, external_jp=None) if "external_jp" not in seen else replace(log, tracker_cp=None)
+    return log if "measured_jp" in seen else replace(log, measured_jp=None, measured_jv=None, measured_jf=None)
 
 
 def _stride(scene: Scene) -> int:
-    """Samples that are condensed into one row, as for the present recording."""
+    """Return samples that are condensed into one row, as for the present recording."""
     return max(1, int(np.ceil(len(scene) / 9000)))
 
 
 def _homed(effect: Effect, duel: Duel, future: Future) -> Effect:
-    """The leader with another value after a homing, where it has one a session."""
+    """Return the leader with another value after a homing, where it has one a session."""
     single = [p for p in effect.about.parameters if p.per_session]
     if future.sessions == 1 or not single:
         return effect
@@ -208,7 +206,7 @@ def _homed(effect: Effect, duel: Duel, future: Future) -> Effect:
     value = float(np.atleast_1d(getattr(effect, name))[0])
     scene = duel.scene
     kind = scene.machine.body.types[scene.joints.index(effect.joint)] if effect.joint in scene.joints else "R"
-    return replace(effect, **{name: (value, value + REHOMED[kind])})
+    return effect_from_dict(effect.to_dict() | {name: [value, value + REHOMED[kind]]})
 
 
 def _unexplained(duel: Duel, views: Sequence[_View]) -> float:
@@ -241,7 +239,7 @@ def _misfit(duel: Duel, views: Sequence[_View], candidate: Candidate) -> float:
 
 
 def _sensor(scene: Scene, own: Candidate) -> str:
-    """What would have to be measured, when no run with the present sensors tells the two apart."""
+    """Return what would have to be measured, when no run with the present sensors tells the two apart."""
     seen = {c.signal for c in scene.channels}
     where = f"joint {own.joint}" if isinstance(own.joint, int) else "each joint"
     if "external_jp" not in seen:

@@ -27,7 +27,7 @@ class CaseOutcome:
     truth : tuple of str
         Canonical names of the hidden effects; the name of what is outside the catalogue.
     answers : tuple of str
-        For each of them what was said: its own name, another one, or one of :data:`NO_NAME`. One answer for a null case.
+        What was said of each: its own name, another one, or one of :data:`NO_NAME`. One answer for a null case.
     wrong : bool
         Whether a name (or a set without the truth) was given that is not true.
     unknown : bool
@@ -73,8 +73,8 @@ def case_outcome(name: str, label: Mapping[str, Any], report: Mapping[str, Any])
     name : str
         Of the case.
     label : mapping
-        `set`, `effects` (each with `name`, `joint`, `known` and parameters), `effect_to_noise`, and perhaps `nuisance`: effects
-        that are there too and may be named or not.
+        `set`, `effects` (each with `name`, `joint`, `known` and parameters), `effect_to_noise`, and perhaps `nuisance`:
+        effects that are there too and may be named or not.
     report : mapping
         The report's JSON form.
     """
@@ -106,7 +106,7 @@ def _flat(effect: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _key(effect: Mapping[str, Any]) -> Key:
-    """What an effect is, whatever its numbers: name, place, and the joint that it is driven by."""
+    """Return what an effect is, whatever its numbers: name, place, and the joint that it is driven by."""
     return (f"{effect['name']} {effect.get('source', '')}".strip(), effect["joint"])
 
 
@@ -119,7 +119,7 @@ def _possible(effect: Mapping[str, Any]) -> set[Key]:
 def _answer(
     truth: Mapping[str, Any], named: Sequence[Mapping[str, Any]], false: Sequence[Mapping[str, Any]], level: str
 ) -> str:
-    """What a report says in the place of one hidden effect."""
+    """Return what a report says in the place of one hidden effect."""
     if truth and truth["known"]:
         holding = [e for e in named if _key(truth) in _possible(e)]
         if any(e["level"] == "EXACT" for e in holding):
@@ -142,6 +142,10 @@ def _covered(truth: Sequence[Mapping[str, Any]], named: Sequence[Mapping[str, An
                 continue
             for parameter, said in answer["parameters"].items():
                 value = effect.get(parameter)
-                if isinstance(value, float) and isinstance(said["value"], float) and None not in (said["ci95"] or [None]):
+                if (
+                    isinstance(value, float)
+                    and isinstance(said["value"], float)
+                    and None not in (said["ci95"] or [None])
+                ):
                     found.append(bool(said["ci95"][0] <= value <= said["ci95"][1]))
     return tuple(found)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gpcorrect import __version__
 from gpcorrect.discrepancy.result import Evidence
 from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
 from gpcorrect.discrepancy.store import StageStore, inputs_key
 from gpcorrect.sim import Model, model_from_dict
 from gpcorrect.types import CalibrationLog, Progress
-from gpcorrect import __version__
 
 __all__ = ["STAGES", "Finished", "find_or_resume"]
 
@@ -60,11 +60,13 @@ def find_or_resume(
     DataError
         The log lacks a needed signal or is too short to split.
     """
-    store = StageStore(folder / STAGES, inputs_key(log.digest, len(log), model.model_dump_json(), settings, __version__))
+    store = StageStore(
+        folder / STAGES, inputs_key(log.digest, len(log), model.model_dump_json(), settings, __version__)
+    )
     report, evidence = store.load("report"), store.load_evidence()
     if report is not None and evidence is not None:
         return Finished(report["report"], evidence, model_from_dict(report["model"]), kept=True)
-    found = find_discrepancy(log, model, settings, progress)
+    found = find_discrepancy(log, model, settings, progress, store)
     values = found.model.model_dump(mode="json", exclude_none=True)
     store.save_evidence(found.evidence)
     store.save("report", {"report": found.to_dict(), "model": values})

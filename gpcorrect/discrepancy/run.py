@@ -11,6 +11,7 @@ import numpy as np
 from gpcorrect.discrepancy.candidates import Member, all_candidates, describe
 from gpcorrect.discrepancy.figures import evidence_of, gaps_of
 from gpcorrect.discrepancy.intervals import half_widths
+from gpcorrect.discrepancy.kept import searched
 from gpcorrect.discrepancy.laid import Laid, lay_out, localise_residual
 from gpcorrect.discrepancy.lens import estimate_noises, lens_on
 from gpcorrect.discrepancy.localise import Localisation
@@ -21,6 +22,7 @@ from gpcorrect.discrepancy.prune import name_members
 from gpcorrect.discrepancy.result import Discrepancy, Level, NamedEffect
 from gpcorrect.discrepancy.score import search
 from gpcorrect.discrepancy.state import Search, penalty, start_search
+from gpcorrect.discrepancy.store import StageStore
 from gpcorrect.discrepancy.trial import refine
 from gpcorrect.discrepancy.weigh import smooth_nats, view_of
 from gpcorrect.sim.effects import in_order
@@ -55,7 +57,11 @@ class RunSettings:
 
 
 def find_discrepancy(
-    log: CalibrationLog, model: Model, settings: RunSettings | None = None, progress: Progress | None = None
+    log: CalibrationLog,
+    model: Model,
+    settings: RunSettings | None = None,
+    progress: Progress | None = None,
+    store: StageStore | None = None,
 ) -> Discrepancy:
     """Find where a model and a recording disagree, name what is missing, add it, and measure what that closes.
 
@@ -69,6 +75,8 @@ def find_discrepancy(
         Seed, rounds, tolerance.
     progress : Progress, optional
         Told of every stage.
+    store : StageStore, optional
+        Keeps the finished search, so that a run that was killed need not search again.
 
     Returns
     -------
@@ -88,7 +96,7 @@ def find_discrepancy(
         laid, (), estimate_noises(bench, bench.residual(), bench.seen), settings.tolerance, rng
     )
     progress.step("localising", 1.0)
-    state, kept, dropped = _search(laid, before, settings, progress)
+    state, kept, dropped = _search(laid, before, settings, progress, store)
     members = _refit(state, [n.member for n in kept], bench.seen)
     effects = _with_numbers(state, kept, members, bench.seen)
     final = estimate_noises(bench, state.residual(members), bench.seen)
@@ -111,15 +119,17 @@ def find_discrepancy(
 
 
 def _search(
-    laid: Laid, before: Localisation, settings: RunSettings, progress: Progress
+    laid: Laid, before: Localisation, settings: RunSettings, progress: Progress, store: StageStore | None
 ) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
     """Search and naming, when there is something to name."""
     scene = laid.bench.scene
-    candidates = all_candidates(scene.joints, scene.machine.body.types, scene.n_sessions) if before.something else []
+    candidates = all_candidates(scene) if before.something else []
     state = start_search(laid.bench, candidates, progress=progress)
     if not state.traces:
         return state, (), ()
-    state = search(state, rounds=settings.rounds, progress=progress)
+    state = searched(
+        state, candidates, store, lambda start: search(start, rounds=settings.rounds, progress=progress)
+    )
     return name_members(state, laid.tests, laid.inputs, progress=progress)
 
 

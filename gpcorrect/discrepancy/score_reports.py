@@ -1,4 +1,4 @@
-"""Scores many reports against sealed labels: the target table with its Wilson intervals, the confusion matrix, what each effect needs."""
+"""Scores many reports against sealed labels: targets with Wilson intervals, confusion, detection limits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scipy.stats import binomtest
 from gpcorrect.discrepancy.outcomes import NO_NAME, CaseOutcome, case_outcome
 from gpcorrect.errors import DataError
 
-__all__ = ["Share", "Score", "Target", "read_labels", "read_reports", "score_cases", "score_reports"]
+__all__ = ["Score", "Share", "Target", "read_labels", "read_reports", "score_cases", "score_reports"]
 
 EXACT_TARGETS = {2.0: 0.97, 1.0: 0.95, 0.5: 0.90, 0.25: 0.70}  # of single effects, by effect to noise
 DETECTED = 0.7  # share of exact names from which on an effect counts as detected
@@ -32,7 +32,7 @@ class Share:
 
     @property
     def value(self) -> float:
-        """k / n."""
+        """K / n."""
         return self.k / self.n if self.n else float("nan")
 
     @property
@@ -86,7 +86,7 @@ class Score:
     confusion : dict of dict
         For each truth (effects, "nothing", and what is outside the catalogue) how often each answer was given.
     limits : dict
-        For each effect the smallest effect to noise from which on at least 70 % are named exactly; None when there is none.
+        For each effect the smallest effect to noise from which on 70 % are named exactly, or None.
     missing : tuple of str
         Labels without a report.
     """
@@ -138,7 +138,10 @@ def read_reports(folders: Iterable[Path]) -> list[tuple[str, dict[str, Any]]]:
     for folder in folders:
         paths = [folder / "report.json"] if (folder / "report.json").is_file() else sorted(folder.glob("*/report.json"))
         if not paths:
-            raise DataError(f"{folder} holds no report.json.", hint="Give the output folders of `discrepancy run`, or a folder of them.")
+            raise DataError(
+                f"{folder} holds no report.json.",
+                hint="Give the output folders of `discrepancy run`, or a folder of them.",
+            )
         for path in paths:
             try:
                 found.append((path.parent.name, json.loads(path.read_text(encoding="utf-8"))))
@@ -161,7 +164,9 @@ def score_reports(labels: Mapping[str, Any], reports: Iterable[tuple[str, Mappin
         hashes = [d["sha256"] for d in report["provenance"]["data"]]
         name = next((by_hash[h] for h in hashes if h in by_hash), folder)
         if name not in labels:
-            raise DataError(f"the report in {folder} is of no recording in the labels.", hint="Give the labels of these logs.")
+            raise DataError(
+                f"the report in {folder} is of no recording in the labels.", hint="Give the labels of these logs."
+            )
         outcomes[name] = case_outcome(name, labels[name], report)
     return score_cases(list(outcomes.values()), tuple(n for n in labels if n not in outcomes))
 
@@ -178,9 +183,15 @@ def _targets(outcomes: Sequence[CaseOutcome]) -> list[Target]:
     ]
     for ratio, wanted in EXACT_TARGETS.items():
         part = [o for o in outcomes if o.group == "single" and o.ratio is not None and _near(o.ratio, ratio)]
-        rows += _rows(part, f"single, effect/noise {ratio:g}", [("exact", _exact, wanted, 1.0), ("wrong name", _misnamed, 0.0, 0.02)])
+        rows += _rows(
+            part,
+            f"single, effect/noise {ratio:g}",
+            [("exact", _exact, wanted, 1.0), ("wrong name", _misnamed, 0.0, 0.02)],
+        )
     rows += [
-        *_share_rows(outcomes, "zigzag", [("right class or set", _right_or_set, 0.95, 1.0), ("wrong name", _misnamed, 0.0, 0.02)]),
+        *_share_rows(
+            outcomes, "zigzag", [("right class or set", _right_or_set, 0.95, 1.0), ("wrong name", _misnamed, 0.0, 0.02)]
+        ),
         *_share_rows(outcomes, "pair", [("both exact", _exact, 0.85, 1.0), ("wrong name", _misnamed, 0.0, 0.02)]),
         *_share_rows(outcomes, "triple", [("all exact", _exact, 0.70, 1.0), ("wrong name", _misnamed, 0.0, 0.02)]),
         *_share_rows(outcomes, "outside", [("UNKNOWN", _unknown, 0.90, 1.0), ("misnamed", _misnamed, 0.0, 0.05)]),
@@ -221,7 +232,9 @@ def _numbers(outcomes: Sequence[CaseOutcome]) -> list[Target]:
     rows = []
     if closed:
         rows = [
-            Target("gap closed, effect/noise at least 1: median", len(closed), float(np.median(closed)), nan, 0.95, np.inf),
+            Target(
+                "gap closed, effect/noise at least 1: median", len(closed), float(np.median(closed)), nan, 0.95, np.inf
+            ),
             Target("gap closed: 5th percentile", len(closed), float(np.percentile(closed, 5)), nan, 0.80, np.inf),
         ]
     if outcomes:
@@ -233,7 +246,11 @@ def _numbers(outcomes: Sequence[CaseOutcome]) -> list[Target]:
 
 def _near(ratio: float, wanted: float) -> bool:
     """Whether a ratio is nearest to this one of those that are asked for."""
-    return min(EXACT_TARGETS, key=lambda r: abs(np.log(r / ratio))) == wanted
+    return _nearest(ratio) == wanted
+
+
+def _nearest(ratio: float) -> float:
+    return min(EXACT_TARGETS, key=lambda r: abs(np.log(r / ratio)))
 
 
 def _misnamed(outcome: CaseOutcome) -> bool:
@@ -272,8 +289,7 @@ def _limits(outcomes: Sequence[CaseOutcome]) -> dict[str, float | None]:
     tried: dict[str, dict[float, list[bool]]] = {}
     for o in outcomes:
         if o.group == "single" and o.ratio is not None:
-            ratio = min(EXACT_TARGETS, key=lambda r: abs(np.log(r / o.ratio)))
-            tried.setdefault(o.truth[0], {}).setdefault(ratio, []).append(o.exact)
+            tried.setdefault(o.truth[0], {}).setdefault(_nearest(o.ratio), []).append(o.exact)
     limits: dict[str, float | None] = {}
     for name, by_ratio in sorted(tried.items()):
         limit = None

@@ -31,7 +31,14 @@ def _target(target: Target) -> list[str]:
     share = np.isfinite(target.interval[0])
     value = f"{100 * target.value:.1f} %" if share else f"{target.value:.3g}"
     interval = " to ".join(f"{100 * end:.1f}" for end in target.interval) if share else ""
-    return [target.what, str(target.n), value, interval, _asked(target, share=bool(share)), "yes" if target.met else "no"]
+    return [
+        target.what,
+        str(target.n),
+        value,
+        interval,
+        _asked(target, share=bool(share)),
+        "yes" if target.met else "no",
+    ]
 
 
 def _asked(target: Target, *, share: bool) -> str:
@@ -45,7 +52,9 @@ def _asked(target: Target, *, share: bool) -> str:
 def _table(rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = [
-        "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True)))
+        "  ".join(
+            cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))
+        )
         for row in rows
     ]
     return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])

@@ -1,4 +1,4 @@
-"""Effects of a wanted size: drawn from the catalogue, off any grid, and scaled until they stand out of the noise as asked."""
+"""Effects of a wanted size: drawn from the catalogue, and scaled until they stand out of the noise as asked."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Drawn:
 
 
 def noise_of(model: Model, scene: Scene) -> FloatArray:
-    """Standard deviation `(c,)` of the noise that the model gives each channel; NaN for motor encoders.
+    """Return standard deviation `(c,)` of the noise that the model gives each channel; NaN for motor encoders.
 
     Raises
     ------
@@ -45,15 +45,17 @@ def noise_of(model: Model, scene: Scene) -> FloatArray:
     zeros = (0.0,) * len(model.joints)
     joint = np.hypot(noise.external_jp_white or zeros, noise.external_jp_ar_std or zeros)
     tracker = float(np.hypot(noise.tracker_white, noise.tracker_ar_std))
-    kinds = {"external_jp": lambda i: joint[i], "tracker_cp": lambda i: tracker}
-    std = np.array([float(kinds[c.signal](c.index)) if c.signal in kinds else np.nan for c in scene.channels])
+    by_channel = {"external_jp": joint.tolist(), "tracker_cp": [tracker] * 3}
+    std = np.array([by_channel[c.signal][c.index] if c.signal in by_channel else np.nan for c in scene.channels])
     if not (std[np.isfinite(std)] > 0).all():
-        raise DataError("the model's [noise] gives an outside signal no noise.", hint="Give external_jp_white or tracker_white.")
+        raise DataError(
+            "the model's [noise] gives an outside signal no noise.", hint="Give external_jp_white or tracker_white."
+        )
     return std
 
 
 def effect_to_noise(scene: Scene, std: FloatArray, effects: Sequence[Effect]) -> float:
-    """Return the largest of the outside channels' ratios: root mean square of what the effects change, over the noise."""
+    """Return the largest of the outside channels' ratios: RMS of what the effects change, over the noise."""
     change = scene.predict(effects) - scene.predict()
     outside = np.isfinite(std)
     return float((np.sqrt(np.nanmean(change**2, axis=0))[outside] / std[outside]).max())
@@ -129,11 +131,13 @@ def _sized(candidate: Candidate, scene: Scene, std: FloatArray, ratio: float, rn
 
 
 def _at(candidate: Candidate, shape: FloatArray, sign: FloatArray, factor: float) -> FloatArray:
-    """Coordinates with all amplitudes moved to a common multiple of where they start, inside the bounds."""
+    """Return coordinates with all amplitudes moved to a common multiple of where they start, inside the bounds."""
     u = shape.copy()
     for i in candidate.amplitudes:
         base = candidate.coordinates[i].identity
         u[i] = base + factor * sign[i] * (candidate.start[i] - base)
+    if not candidate.amplitudes:  # its size is a number on a logarithmic scale, such as the radius of a play
+        u[0] += np.log(factor)
     low, high = np.array([c.bounds for c in candidate.coordinates]).T
     clipped: FloatArray = np.clip(u, low, high)
     return clipped

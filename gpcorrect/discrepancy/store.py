@@ -1,4 +1,4 @@
-"""A run's finished stages, kept in its folder, so that a killed run goes on where it was: JSON and plain arrays only."""
+"""A run's finished stages, kept in its folder as JSON and plain arrays, so that a killed run goes on."""
 
 from __future__ import annotations
 
@@ -68,7 +68,11 @@ class StageStore:
     def save_evidence(self, evidence: Evidence) -> None:
         """Keep what the figures are drawn from."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        texts = {"joint": evidence.joint, "labels": evidence.labels, "waterfall": [asdict(s) for s in evidence.waterfall]}
+        texts = {
+            "joint": evidence.joint,
+            "labels": evidence.labels,
+            "waterfall": [asdict(s) for s in evidence.waterfall],
+        }
         arrays = {name: getattr(evidence, name) for name in ARRAYS}
         with atomic_path(self.folder / "evidence.npz") as path:
             np.savez_compressed(path, header=np.array(json.dumps({"key": self.key} | texts)), **arrays)

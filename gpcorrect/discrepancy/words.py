@@ -10,7 +10,16 @@ import numpy as np
 
 __all__ = [
     "VISIBLE",
-    "Closed", "channel_words", "closed_by", "effect_words", "in_reader_units", "number", "parameter_words", "place", "verdict_sentence"]
+    "Closed",
+    "channel_words",
+    "closed_by",
+    "effect_words",
+    "in_reader_units",
+    "number",
+    "parameter_words",
+    "place",
+    "verdict_sentence",
+]
 
 READER_UNITS = {
     "rad": ("°", 180.0 / np.pi),
@@ -48,7 +57,7 @@ def place(joint: int | str | None) -> str:
 
 
 def parameter_words(parameter: Mapping[str, Any]) -> str:
-    """Return a parameter with its interval, such as "118 N m/rad (105 to 131)"; one a session separated by semicolons."""
+    """Return a parameter with its interval, such as "118 N m/rad (105 to 131)"; sessions separated by semicolons."""
     values, intervals, unit = parameter["value"], parameter["ci95"], parameter["unit"]
     if not isinstance(values, Sequence):
         values, intervals = [values], [intervals]
@@ -106,7 +115,7 @@ def _either(effect: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Closed:
-    """The channel with the largest gap of some, the share of the gap that is closed, and the gap over the noise before."""
+    """The channel with the largest gap of some, the share of it that is closed, and its size before over the noise."""
 
     channel: str
     share: float
@@ -128,7 +137,9 @@ def closed_by(report: Mapping[str, Any], joint: int | str | None = None) -> Clos
     gaps = {name: g for name, g in report["gap"].items() if g["closed"] is not None and g["noise"]}
     own = {name: g for name, g in gaps.items() if isinstance(joint, int) and name.endswith(f"_{joint}")}
     chosen = own or gaps
-    outside = {n: g for n, g in chosen.items() if not n.startswith("measured_jp") and g["before"] > VISIBLE * g["noise"]}
+    outside = {
+        n: g for n, g in chosen.items() if not n.startswith("measured_jp") and g["before"] > VISIBLE * g["noise"]
+    }
     found = [Closed(n, float(g["closed"]), g["before"] / g["noise"]) for n, g in (outside or chosen).items()]
     return max(found, key=lambda c: c.excess, default=None)
 
@@ -153,7 +164,8 @@ def _by_place(report: Mapping[str, Any], effects: Sequence[Mapping[str, Any]]) -
     for effect in effects:
         groups.setdefault(effect["joint"], []).append(effect)
     sizes = {where: closed_by(report, where) for where in groups}
-    order = sorted(groups, key=lambda where: -(sizes[where].excess if sizes[where] else 0.0))
+    excess = {where: 0.0 if size is None else size.excess for where, size in sizes.items()}
+    order = sorted(groups, key=lambda where: -excess[where])
     said = [_group_words(groups[where], sizes[where]) for where in order[:SHOWN]]
     others = sum(len(groups[where]) for where in order[SHOWN:])
     return "; ".join(said) + (f"; and {others} smaller elsewhere" if others else "")
@@ -176,7 +188,9 @@ def _nothing(report: Mapping[str, Any]) -> str:
 
 def _undecided(report: Mapping[str, Any]) -> str:
     if report["localisation"]:
-        return f"Not decided: simulation and recording differ{_where(report)}, but no name can be given from these data."
+        return (
+            f"Not decided: simulation and recording differ{_where(report)}, but no name can be given from these data."
+        )
     return "Not decided: nothing beats noise, but these data are too few or too noisy to show that nothing is missing."
 
 

@@ -46,7 +46,7 @@ def posterior_bars(effects: Sequence[tuple[str, Sequence[Mapping[str, Any]]]]) -
 
 
 def _with_none_and_unknown(alternatives: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The most probable ones; nothing and unknown always among them."""
+    """Return the most probable ones; nothing and unknown always among them."""
     fixed = [a for a in alternatives if a["label"] in ("nothing", "unknown")]
     named = [a for a in alternatives if a["label"] not in ("nothing", "unknown")]
     return sorted([*named[: MOST_BARS - len(fixed)], *fixed], key=lambda a: -float(a["probability"]))
@@ -70,7 +70,7 @@ def nats_waterfall(steps: Sequence[Step]) -> Figure:
 
 
 def signature_correlation(correlation: FloatArray, labels: Sequence[str]) -> Figure:
-    """Draw the cosines between whitened signatures `(p, p)`: near 1 or -1, two effects cannot be told apart from these data."""
+    """Draw the cosines `(p, p)` between whitened signatures: near 1 or -1, these data cannot tell two apart."""
     n = len(labels)
     figure, (ax,) = new_figure(3.6 + 0.42 * n, 1.9 + 0.42 * n)
     image = ax.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1)

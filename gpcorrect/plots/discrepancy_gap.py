@@ -1,4 +1,4 @@
-"""How much the named effects close: root mean squares before and after, between noise, placebo and what a black box reaches."""
+"""How much the named effects close: before and after, between noise, placebo and what a black box reaches."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MARKS = (
 
 
 def rms_at(gap: Mapping[str, Any], key: str) -> float:
-    """Return the root mean square that a figure of the gap stands for; ceiling and placebo are given as closed shares."""
+    """Return the RMS that a figure of the gap stands for; ceiling and placebo are given as closed shares."""
     value = gap[key]
     if value is None or key in ("before", "after", "noise"):
         return np.nan if value is None else float(value)

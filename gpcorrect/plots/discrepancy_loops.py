@@ -1,4 +1,4 @@
-"""Loop plots: what the simulator misses against position, by the direction of travel, without and with the named effects."""
+"""Loop plots: the residual against position, by the direction of travel, without and with the named effects."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def loop_plots(evidence: Evidence, channels: Sequence[tuple[int, str, str]], bod
 
 
 def joint_column(evidence: Evidence, index: int) -> int:
-    """Return the joint column that a channel is drawn against: its own, or the one whose position explains most of it."""
+    """Return the joint column to draw a channel against: its own, or the one that explains most of it."""
     if evidence.joint[index] >= 0:
         return evidence.joint[index]
     shares = [_explained(column, evidence.before[:, index]) for column in evidence.motor.T]

@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from gpcorrect.discrepancy.result import Evidence
@@ -38,7 +39,9 @@ def residual_over_joints(evidence: Evidence, index: int, unit: str, joints: tupl
     figure, axes = new_figure(9.0, 3.4, 1, 2)
     first, second = _pair(evidence, index)
     scale, symbol = in_reader_units(1.0, unit)
-    maps = [scale * _mean_map(evidence, values[:, index], (first, second)) for values in (evidence.before, evidence.after)]
+    maps = [
+        scale * _mean_map(evidence, values[:, index], (first, second)) for values in (evidence.before, evidence.after)
+    ]
     largest = float(np.nanmax(np.abs(maps[0]))) if np.isfinite(maps[0]).any() else 1.0
     for ax, image, title in zip(axes, maps, ("before", "with the named effects"), strict=True):
         drawn = _draw(ax, evidence, image, (first, second), types, largest)
@@ -55,7 +58,7 @@ def _axis(joint: int, kind: str) -> str:
 
 def _draw(
     ax: Axes, evidence: Evidence, image: FloatArray, pair: tuple[int, int], types: str, largest: float
-) -> object:
+) -> QuadMesh:
     edges = [in_reader_units(1.0, "m" if types[j] == "P" else "rad")[0] * _edges(evidence.motor[:, j]) for j in pair]
     ax.grid(visible=False)
     return ax.pcolormesh(edges[0], edges[1], image.T, cmap="RdBu_r", vmin=-largest, vmax=largest)

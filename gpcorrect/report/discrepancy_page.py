@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gpcorrect import plots
+from gpcorrect.discrepancy.next_experiment import ENOUGH
 from gpcorrect.discrepancy.result import Evidence
 from gpcorrect.discrepancy.words import (
     VISIBLE,
@@ -61,7 +62,9 @@ def _page(report: Mapping[str, Any], evidence: Evidence, model: Model) -> Page:
         _next(report),
         _noise(report),
     ]
-    return Page("gpcorrect discrepancy", verdict_sentence(report), _facts(report), [s for s in sections if s is not None])
+    return Page(
+        "gpcorrect discrepancy", verdict_sentence(report), _facts(report), [s for s in sections if s is not None]
+    )
 
 
 def _facts(report: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -82,10 +85,14 @@ def _where(report: Mapping[str, Any], evidence: Evidence, model: Model) -> Secti
         words = [f"None of the tests beats {limit:.1f} nats, the 99 % quantile of the luckiest test in noise."]
         return Section("Where", [*words, *_equivalence(report)])
     words = [
-        "Measured minus simulated, before anything was added, depends on these variables. Gains are on whole trajectories "
-        f"that the test had not seen; noise alone stays below {limit:.1f} nats in 99 of 100 recordings, the luckiest test included."
+        "Measured minus simulated, before anything was added, depends on these variables. Gains are on whole "
+        f"trajectories that the test had not seen; noise alone stays below {limit:.1f} nats in 99 of 100 recordings, "
+        "the luckiest test included."
     ]
-    rows = [[channel_words(f["channel"]), " and ".join(f["variables"]), f["region"], f"{f['nats']:,.0f}".replace(",", " ")] for f in found[:MOST_FINDINGS]]
+    rows = [
+        [channel_words(f["channel"]), " and ".join(f["variables"]), f["region"], f"{f['nats']:,.0f}".replace(",", " ")]
+        for f in found[:MOST_FINDINGS]
+    ]
     table = TableData(["channel", "depends on", "most at", "nats"], rows, text=(1, 2))
     left = report["provenance"]["remainder"]
     after = "Nothing is left after the named effects." if not left else f"After the named effects, {_left(left)}."
@@ -139,7 +146,7 @@ def _what(report: Mapping[str, Any]) -> Section | None:
     bars = [(f"{place(e['joint'])}: {e['name'].replace('_', ' ')}", _alternatives(e)) for e in effects]
     figures = []
     if bars:
-        caption = "What could stand in each effect's place. Grey: nothing, and a smooth model of anything outside the catalogue."
+        caption = "What could stand in each effect's place. Grey: nothing, and anything outside the catalogue."
         figures = [FigureImage(plots.png(plots.posterior_bars(bars)), caption)]
     return Section("What", words, tables, figures)
 
@@ -168,8 +175,9 @@ def _alternatives(effect: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
 
 def _how_much(report: Mapping[str, Any]) -> Section:
     words = [
-        "On the sealed part, which nothing was fitted to. Closed: 1 - (after² - noise²) / (before² - noise²). The black box is a "
-        "Gaussian process on the same inputs: what can be explained without a name. The placebo is the same fit to shuffled trajectories."
+        "On the sealed part, which nothing was fitted to. Closed: 1 - (after² - noise²) / (before² - noise²). The "
+        "black box is a Gaussian process on the same inputs: what can be explained without a name. The placebo is the "
+        "same fit to shuffled trajectories."
     ]
     rows = [_gap_row(name, gap) for name, gap in report["gap"].items()]
     head = ["channel", "before", "after", "noise", "closed", "95 % interval", "black box", "placebo"]
@@ -210,7 +218,9 @@ def _loops(report: Mapping[str, Any], evidence: Evidence, model: Model) -> Secti
         "Sealed part. Two separate lines are a loop: play, friction or hysteresis; one bent line is geometry or load; "
         "a line at zero is explained. Lines are running medians."
     )
-    return Section("Residual against position, by direction of travel", (), (), (FigureImage(plots.png(figure), caption),))
+    return Section(
+        "Residual against position, by direction of travel", (), (), (FigureImage(plots.png(figure), caption),)
+    )
 
 
 def _search(evidence: Evidence) -> Section | None:
@@ -222,7 +232,7 @@ def _search(evidence: Evidence) -> Section | None:
     if n > 1:
         part = min(n, MOST_LABELS)
         matrix = plots.signature_correlation(evidence.correlation[:part, :part], evidence.labels[:part])
-        likeness = "Likeness of the signatures as the noise lets us see them; near 1 or -1 these data cannot tell two effects apart."
+        likeness = "Likeness of the signatures as seen through the noise; near 1 or -1 two effects look the same here."
         figures.append(FigureImage(plots.png(matrix), likeness))
     return Section("How the search went", (), (), figures)
 
@@ -231,11 +241,21 @@ def _next(report: Mapping[str, Any]) -> Section:
     advice = report["next_experiment"]
     if advice is None:
         decided = report["verdict"]["level"] in ("EXACT", "NONE")
-        words = "Nothing is left to tell apart." if decided else "No two names compete: more trajectories, or another outside signal."
+        words = (
+            "Nothing is left to tell apart."
+            if decided
+            else "No two names compete: more trajectories, or another outside signal."
+        )
         return Section("What to record next", [words])
     first, second = advice["separates"]
     words = f"{advice['run'][:1].upper()}{advice['run'][1:]}."
-    gain = f"It should bring {advice['expected_nats']:.0f} nats between {first} and {second}, the rival refitted, in {advice['minutes']:.1f} minutes."
+    nats = advice["expected_nats"]
+    gain = (
+        f"It should bring {nats:.0f} nats between {first} and {second}, the rival refitted, in "
+        f"{advice['minutes']:.1f} minutes."
+        if nats >= ENOUGH
+        else f"The best run of all would bring {nats:.1f} nats between {first} and {second}; 3 are needed."
+    )
     return Section("What to record next", [words, gain])
 
 

@@ -20,7 +20,7 @@ __all__ = ["FigureImage", "Page", "Section", "TableData", "write_page"]
 
 @dataclass(frozen=True)
 class TableData:
-    """A table of ready text; the first column names the rows, the others are numbers but for those told to be `text`."""
+    """A table of ready text; the first column names the rows, the others but those in `text` are numbers."""
 
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
