@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
@@ -30,7 +33,9 @@ def black_box(inputs: FloatArray, residual: FloatArray, train: BoolArray, rng: n
     scales = np.full(x.shape[1], 2.0)
     kernel = ConstantKernel(1.0, (1e-2, 1e3)) * RBF(scales, (1e-1, 1e3)) + WhiteKernel(0.1, (1e-6, 1e1))
     model = GaussianProcessRegressor(kernel, normalize_y=True, random_state=0)
-    model.fit(x[rows], residual[rows] / size)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)  # a length scale at its bound: the input says nothing
+        model.fit(x[rows], residual[rows] / size)
     left: FloatArray = residual - size * model.predict(x)
     return left
 

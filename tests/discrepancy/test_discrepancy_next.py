@@ -62,7 +62,7 @@ def test_nothing_is_advised_when_nothing_is_open(scene: Scene) -> None:
 
 def test_an_effect_too_small_for_any_run_asks_for_a_sensor(scene: Scene) -> None:
     """Where no run brings three nats, the two are called equivalent and a sensor is named."""
-    advice = advise(scene, (), [question(candidate(scene, "homing_offset"), None, u=1e-4)], noises(scene), 0)
+    advice = advise(scene, (), [question(candidate(scene, "transmission_ratio"), None, u=1e-4)], noises(scene), 0)
     assert advice is not None
     assert advice.expected_nats < ENOUGH
     assert "equivalent" in advice.run
@@ -71,7 +71,7 @@ def test_an_effect_too_small_for_any_run_asks_for_a_sensor(scene: Scene) -> None
 
 def test_the_evidence_grows_with_the_effect(scene: Scene) -> None:
     """A larger effect promises more nats, about with its square."""
-    own = candidate(scene, "homing_offset")
+    own = candidate(scene, "transmission_ratio")
     small, large = (advise(scene, (), [question(own, None, u=u)], noises(scene), 0) for u in (0.01, 0.02))
     assert small is not None
     assert large is not None
