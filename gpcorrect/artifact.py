@@ -11,12 +11,12 @@ import hashlib
 import json
 import zipfile
 import zlib
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gpcorrect import __version__
 from gpcorrect.atomic import atomic_path
 from gpcorrect.corrector import CommandCorrector
 from gpcorrect.errors import ArtifactError
@@ -45,7 +45,7 @@ def save(corrector: CommandCorrector, path: str | Path) -> None:
         **header,
         "kind": KIND,
         "schema": SCHEMA,
-        "version": __version__,
+        "version": version("gpcorrect"),
         "digests": {name: _digest(array) for name, array in arrays.items()},
         "check": _check_answers(corrector, arrays),
     }
@@ -143,7 +143,7 @@ def _check_answers(corrector: CommandCorrector, arrays: Arrays) -> list[list[flo
 
 def _answer(corrector: CommandCorrector, query: FloatArray) -> list[float]:
     size = 7 if corrector.has_orientation else 3
-    answer = corrector.correct(query[:size], query[size:])
+    answer = corrector.correct(query[:size], query[7:])
     quaternion: list[float] = [] if answer.quaternion is None else answer.quaternion.tolist()
     return [float(v) for v in (*answer.position, *quaternion, *np.nan_to_num(answer.std))]
 

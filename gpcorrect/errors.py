@@ -71,5 +71,4 @@ class MissingExtraError(GpCorrectError, ImportError):
             f"{purpose} needs {library}, which is not installed.",
             hint=f"Run: pip install 'gpcorrect[{extra}]'",
         )
-        self.library = library
         self.extra = extra

@@ -203,7 +203,8 @@ def evaluate(corrector: CommandCorrector, log: CalibrationLog) -> Evaluation:
 
 def _measure(corrector: CommandCorrector, log: CalibrationLog, keep: BoolArray) -> Measured:
     observed, command = pose_pair(log)
-    twist = observed_twists(log.time, log.trajectory, observed, keep, corrector.velocity_step)
+    possible, _ = corrector.possible(observed, log.time, np.where(keep & observed.finite, log.trajectory, -1))
+    twist = observed_twists(log.time, log.trajectory, possible, keep, corrector.velocity_step)
     rows = np.flatnonzero(keep & observed.finite & command.finite & np.isfinite(twist[:, :3]).all(axis=1))
     if rows.size == 0:
         raise LogError(
@@ -212,7 +213,7 @@ def _measure(corrector: CommandCorrector, log: CalibrationLog, keep: BoolArray) 
             path=log.name,
         )
     observed, command, twist = observed[rows], command[rows], twist[rows]
-    path = corrector.correct_observed(observed, twist)
+    path = corrector.correct_observed(possible[rows], twist)
     return Measured(
         raw=pose_residual(observed, command),
         rigid=pose_residual(corrector.rigid.apply(observed), command),

@@ -40,7 +40,7 @@ def small_log(seed: int = 0, trajectories: int = 16, samples: int = 60, *, noise
         position.append(0.03 * swing[:, :3] + np.array([0.1, 0.0, -0.1]))
         rotvec.append(0.4 * swing[:, 3:])
     p, r = np.concatenate(position), np.concatenate(rotvec)
-    velocity = np.gradient(p, 0.02, axis=0)
+    velocity = np.concatenate([np.gradient(p[k == np.concatenate(number)], 0.02, axis=0) for k in range(trajectories)])
     seen = p + 0.004 * np.sin(20 * p[:, [1, 2, 0]]) - 0.01 * velocity + np.array([0.01, -0.005, 0.002])
     R = se3.matrix_from_rotvec(0.05 * np.sin(10 * p)) @ se3.matrix_from_rotvec(r)
     return CalibrationLog(

@@ -83,10 +83,10 @@ def test_flipped_bits_are_refused(model: Path) -> None:
 def test_an_array_altered_with_its_crc_mended_is_refused(model: Path) -> None:
     """The digests in the header catch what the archive's own sums do not."""
     with np.load(model) as archive:
-        alpha = archive["predictor.alpha"].copy()
+        alpha = archive["predictor.0.alpha"].copy()
     alpha.flat[0] += 1e-3
     with pytest.raises(ArtifactError, match="was altered"):
-        artifact.load(rewritten(model, **{"predictor.alpha": alpha}))
+        artifact.load(rewritten(model, **{"predictor.0.alpha": alpha}))
 
 
 def test_a_header_altered_is_refused_by_the_check_queries(model: Path) -> None:

@@ -19,9 +19,14 @@ from gpcorrect.errors import GpCorrectError
 
 __all__ = ["app", "main"]
 
+EXAMPLES = """A first try: `gpcorrect simulate debridement --reaches 40 --output log.csv`, then
+`gpcorrect fit log.csv --output model.gpc`, then `gpcorrect serve model.gpc`, and in another terminal
+`gpcorrect query model`. Each command says more: `gpcorrect fit --help`."""
+
 app = typer.Typer(
     name="gpcorrect",
     help="Learn how a cable-driven robot misses its commanded pose, and what to command instead.",
+    epilog=EXAMPLES,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="markdown",

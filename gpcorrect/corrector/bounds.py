@@ -40,11 +40,6 @@ class Bounds:
         rotation = np.linalg.norm(np.nan_to_num(residual[:, 3:]), axis=1)
         return cls(HEADROOM * float(position.max()), HEADROOM * float(rotation.max()), novelty)
 
-    def limit(self, residual: FloatArray) -> tuple[FloatArray, bool]:
-        """Return one residual `(6,)` or `(3,)`, shortened where it is too large, and whether it was."""
-        rows, limited = self.limit_rows(residual[None])
-        return rows[0], bool(limited[0])
-
     def limit_rows(self, residual: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return residuals `(n, 6)` or `(n, 3)`, shortened where they are too large, and a mask of those that were."""
         bounds = np.array([self.position, self.rotation][: residual.shape[1] // 3])

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpcorrect import se3_single
 from gpcorrect.cleaning import CleaningReport
 from gpcorrect.corrector.bounds import Bounds
-from gpcorrect.corrector.queries import checked_pose, checked_poses, checked_times, checked_twist
+from gpcorrect.corrector.bridging import MotionLimits
+from gpcorrect.corrector.one_pose import Frame, command, frame, inputs
+from gpcorrect.corrector.queries import bad_query, checked_poses, checked_times, pose_numbers, twist_numbers
 from gpcorrect.corrector.reference import reference_twists, rotations_of
 from gpcorrect.corrector.screening import Screen
 from gpcorrect.gpr import FeatureMap, IntervalCalibration, Predictor
@@ -23,6 +24,7 @@ from gpcorrect.types import (
     Correction,
     CorrectionStatus,
     FloatArray,
+    IntArray,
     PoseSignal,
     frozen_array,
 )
@@ -31,8 +33,11 @@ from gpcorrect.velocity import twists
 __all__ = ["CommandCorrector", "PathCorrection"]
 
 PREDICTOR = "predictor."
+POSITION = 3
+NO_MEMORY = np.zeros(0)
 AT_REST = "no twist was given: taken as at rest"
 LIMITED = "the learned part was cut to the largest one that training justifies"
+BRIDGED = "the path jumps here faster than the arm can move: bridged by straight motion"
 OUTSIDE = "outside the training region: the learned part fades to its mean, the interval to its widest"
 
 
@@ -62,6 +67,12 @@ class PathCorrection:
     status: tuple[str, ...]
     reason: tuple[str, ...]
 
+    def bridged(self, rows: BoolArray) -> Self:
+        """Return the same, saying of these rows (n,) that their poses were replaced."""
+        said = zip(rows.tolist(), self.status, self.reason, strict=True)
+        marked = [("LIMITED", "; ".join(filter(None, (BRIDGED, why)))) if cut else (how, why) for cut, how, why in said]
+        return replace(self, status=tuple(how for how, _ in marked), reason=tuple(why for _, why in marked))
+
 
 @dataclass(frozen=True, eq=False)
 class CommandCorrector:
@@ -84,6 +95,8 @@ class CommandCorrector:
         Largest residual that is believed, and the novelty beyond which a query is extrapolation.
     screen : Screen
         The training's ruler for judging other logs.
+    motion : MotionLimits or None
+        What no arm does from one pose of a path to the next; None believes every path, as a fit without cleaning does.
     velocity_step : float or None
         Step of the five-point stencil on recorded paths, s; None takes neighbouring samples.
     summary : mapping
@@ -98,9 +111,17 @@ class CommandCorrector:
     intervals: IntervalCalibration
     bounds: Bounds
     screen: Screen
+    motion: MotionLimits | None
     velocity_step: float | None
     summary: Mapping[str, Any]
     check_queries: FloatArray
+    _frame: Frame = field(init=False, repr=False)
+    _limits: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_frame", frame(self.rigid, self.features))
+        object.__setattr__(self, "_limits", np.array([self.bounds.position, self.bounds.rotation]))
+        self._warm_up()
 
     @property
     def has_orientation(self) -> bool:
@@ -124,15 +145,16 @@ class CommandCorrector:
         DataError
             The pose or the twist is not finite, has the wrong length, or its quaternion is not a unit quaternion.
         """
-        query = checked_pose(pose, orientation=self.has_orientation)
-        velocity = np.zeros(6) if twist is None else checked_twist(twist)
-        position, rotation, moved = self._reference(query, velocity)
-        mean, std, novelty = self.predictor.mean_std(self.features.transform_one(position, rotation, moved))
-        residual, limited = self.bounds.limit(mean)
+        query, velocity = pose_numbers(pose, orientation=self.has_orientation), twist_numbers(twist)
+        good, position, rotation, x = inputs(query, velocity, NO_MEMORY, self._frame)
+        if not good:
+            raise bad_query(query, velocity)
+        mean, std, novelty = self.predictor.mean_std(x)
+        position, quaternion, limited = command(position, rotation, mean, self._limits)
         in_domain = self.bounds.in_domain(novelty)
         return Correction(
-            position=position + residual[:3],
-            quaternion=self._turned(rotation, residual),
+            position=position,
+            quaternion=None if len(query) == POSITION else quaternion,
             std=_six(std),
             interval95=_six(self.intervals.interval95(std)),
             in_domain=in_domain,
@@ -142,6 +164,8 @@ class CommandCorrector:
 
     def correct_path(self, poses: ArrayLike, times: ArrayLike) -> PathCorrection:
         """Return what to command instead of a timed path; its velocities come from the five-point stencil on the path.
+
+        Lone jumps that no arm can follow are bridged, and their samples say so (status LIMITED).
 
         Parameters
         ----------
@@ -159,8 +183,15 @@ class CommandCorrector:
         seconds = checked_times(times, len(queries))
         desired = PoseSignal(queries[:, :3], queries[:, 3:] if queries.shape[1] > 3 else None)
         labels = np.zeros(len(queries), dtype=np.int64)
+        desired, replaced = self.possible(desired, seconds, labels)
         twist = twists(seconds, desired.position, rotations_of(desired), labels)
-        return self.correct_observed(desired, np.nan_to_num(twist))
+        return self.correct_observed(desired, np.nan_to_num(twist)).bridged(replaced)
+
+    def possible(self, desired: PoseSignal, time: FloatArray, labels: IntArray) -> tuple[PoseSignal, BoolArray]:
+        """Return desired paths with the lone jumps of each run bridged, and the mask (n,) of replaced poses."""
+        if self.motion is None:
+            return desired, np.zeros(len(desired), dtype=bool)
+        return self.motion.bridge(desired, self.rigid.apply(desired), time, labels)
 
     def correct_observed(self, desired: PoseSignal, twist: FloatArray) -> PathCorrection:
         """Return what to command instead of desired poses (n rows) with known twists `(n, 6)`."""
@@ -168,13 +199,13 @@ class CommandCorrector:
         moved = reference_twists(self.rigid, rotations_of(desired), twist)
         X = self.features.transform(reference.position, rotations_of(reference), moved)
         mean, std, novelty = self.predictor.mean_std_batch(X)
-        residual, limited = self.bounds.limit_rows(_six_columns(mean, 0.0))
-        command = apply_residual(reference, residual)
+        residual, limited = self.bounds.limit_rows(mean)
+        commanded = apply_residual(reference, _six_columns(residual, 0.0))
         in_domain = self.bounds.in_domain_rows(novelty)
         flags = list(zip(in_domain.tolist(), limited.tolist(), strict=True))
         return PathCorrection(
-            positions=command.position,
-            quaternions=command.quaternion,
+            positions=commanded.position,
+            quaternions=commanded.quaternion,
             std=_six_columns(std, np.nan),
             interval95=_six_columns(self.intervals.interval95(std), np.nan),
             in_domain=in_domain,
@@ -200,6 +231,7 @@ class CommandCorrector:
             "intervals": self.intervals.to_dict(),
             "bounds": self.bounds.to_dict(),
             "screen": screen,
+            "motion": None if self.motion is None else self.motion.to_dict(),
             "velocity_step": self.velocity_step,
             "summary": dict(self.summary),
         }
@@ -223,26 +255,15 @@ class CommandCorrector:
             intervals=IntervalCalibration.from_dict(header["intervals"]),
             bounds=Bounds.from_dict(header["bounds"]),
             screen=Screen.from_parts(header["screen"], arrays),
+            motion=None if header["motion"] is None else MotionLimits.from_dict(header["motion"]),
             velocity_step=header["velocity_step"],
             summary=header["summary"],
             check_queries=frozen_array(arrays["check_queries"]),
         )
 
-    def _reference(self, query: FloatArray, twist: FloatArray) -> tuple[FloatArray, FloatArray | None, FloatArray]:
-        """Position, rotation and twist of G(x) for one query: `RigidModel.apply` without stacks."""
-        rigid = self.rigid
-        if len(query) == 3:
-            return rigid.R_position @ query + rigid.t, None, reference_twists(rigid, None, twist)
-        R_obs = se3_single.matrix_from_quaternion(query[3:])
-        position = rigid.R_position @ (query[:3] + R_obs @ rigid.offset) + rigid.t
-        return position, rigid.R_left @ R_obs @ rigid.R_right, reference_twists(rigid, R_obs, twist)
-
-    def _turned(self, rotation: FloatArray | None, residual: FloatArray) -> FloatArray | None:
-        if rotation is None:
-            return None
-        if len(residual) > 3:
-            rotation = se3_single.matrix_from_rotvec(residual[3:]) @ rotation
-        return se3_single.quaternion_from_matrix(rotation)
+    def _warm_up(self) -> None:
+        """Answer a query, so that what is compiled at first use is compiled now."""
+        self.correct([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
 def _six(values: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from gpcorrect.cleaning import CleaningReport, CleaningSettings, Reason
 from gpcorrect.corrector.bounds import Bounds
+from gpcorrect.corrector.bridging import MotionLimits
 from gpcorrect.corrector.clocks import Clocks, on_one_clock
 from gpcorrect.corrector.command import CommandCorrector
 from gpcorrect.corrector.noise import stencil_step
@@ -220,6 +221,7 @@ def _learn(
         intervals=learned.intervals,
         bounds=Bounds.of(residual, learned.novelty),
         screen=screen,
+        motion=MotionLimits.of(screen.cleaner) if settings.clean else None,
         velocity_step=step,
         summary={},
         check_queries=_check_queries(pairs),

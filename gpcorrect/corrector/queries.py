@@ -5,25 +5,60 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gpcorrect.corrector.one_pose import QUATERNION_TOLERANCE
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["QUATERNION_TOLERANCE", "checked_pose", "checked_poses", "checked_times", "checked_twist"]
+__all__ = ["bad_query", "checked_poses", "checked_times", "pose_numbers", "twist_numbers"]
 
-QUATERNION_TOLERANCE = 1e-3  # as for recorded samples: a norm further from one is a mistake, not rounding
 POSE, POSITION, TWIST = 7, 3, 6
 
 
-def checked_pose(pose: ArrayLike, *, orientation: bool) -> FloatArray:
-    """Return one pose as `(7,)` with its quaternion normalised, or `(3,)` for a position-only model.
+def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
+    """Return a copy of one pose as `(7,)`, or `(3,)` where a position-only model was given no more.
+
+    Only the length is looked at; what the numbers are is looked at where they are used, see :func:`bad_query`.
 
     Raises
     ------
     DataError
-        Wrong length, not finite, or a quaternion that is not a unit quaternion.
+        Wrong length.
     """
-    one: FloatArray = checked_poses(np.asarray(pose, dtype=np.float64)[None], orientation=orientation)[0]
-    return one
+    values = np.array(pose, dtype=np.float64)
+    if values.shape != (POSE,) and (orientation or values.shape != (POSITION,)):
+        checked_poses(values[None], orientation=orientation)
+    return values
+
+
+def twist_numbers(twist: ArrayLike | None) -> FloatArray:
+    """Return a copy of a twist as `(6,)`: m/s, then rad/s; three numbers are a linear velocity, None is at rest.
+
+    Raises
+    ------
+    DataError
+        Wrong length.
+    """
+    if twist is None:
+        return np.zeros(TWIST)
+    values = np.array(twist, dtype=np.float64)
+    if values.shape == (POSITION,):
+        values = np.concatenate([values, np.zeros(TWIST - POSITION)])
+    if values.shape != (TWIST,):
+        raise DataError(f"a twist is 6 numbers (vx vy vz wx wy wz), got an array of shape {values.shape}.")
+    return values
+
+
+def bad_query(pose: FloatArray, twist: FloatArray) -> DataError:
+    """Return what is wrong with a query of the right lengths that cannot be answered."""
+    if not np.isfinite(twist).all():
+        return DataError(
+            "the twist holds a number that is not finite.", hint="Leave the twist out where it is not known."
+        )
+    try:
+        checked_poses(pose[None], orientation=len(pose) == POSE)
+    except DataError as error:
+        return error
+    return DataError("the pose cannot be mapped.")
 
 
 def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
@@ -34,7 +69,7 @@ def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
     Raises
     ------
     DataError
-        As :func:`checked_pose`.
+        Wrong length, not finite, or a quaternion that is not a unit quaternion.
     """
     values = np.array(poses, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] not in (POSITION, POSE):
@@ -63,24 +98,6 @@ def _unit(quaternions: FloatArray) -> FloatArray:
         )
     unit: FloatArray = quaternions / norms[:, None]
     return unit
-
-
-def checked_twist(twist: ArrayLike) -> FloatArray:
-    """Return a twist as `(6,)`: m/s, then rad/s; three numbers are a linear velocity.
-
-    Raises
-    ------
-    DataError
-        Wrong length or not finite.
-    """
-    values = np.array(twist, dtype=np.float64)
-    if values.shape not in ((TWIST,), (POSITION,)):
-        raise DataError(f"a twist is 6 numbers (vx vy vz wx wy wz), got an array of shape {values.shape}.")
-    if not np.isfinite(values).all():
-        raise DataError(
-            "the twist holds a number that is not finite.", hint="Leave the twist out where it is not known."
-        )
-    return np.concatenate([values, np.zeros(TWIST - len(values))])
 
 
 def checked_times(times: ArrayLike, count: int) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect.gpr.rotation_features import RotationKind, choose_rotation_kind, rotation_feature, rotation_features
+from gpcorrect.gpr.rotation_features import RotationKind, choose_rotation_kind, rotation_features
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
 __all__ = ["KINDS", "FeatureMap"]
@@ -127,21 +127,6 @@ class FeatureMap:
     ) -> FloatArray:
         """Return features `(n, d)`, NaN in rows that are not :meth:`usable`; without twists the poses are at rest."""
         features: FloatArray = self._raw(positions, rotations, twists) / self.spread
-        return features
-
-    def transform_one(
-        self, position: FloatArray, rotation: FloatArray | None, twist: FloatArray | None = None
-    ) -> FloatArray:
-        """Return features `(d,)` of one position `(3,)`, rotation `(3, 3)` and twist `(6,)`: the hot path.
-
-        Without a twist the pose is taken as at rest; the caller says so to whoever asked.
-        """
-        parts = [position]
-        if rotation is not None and self.rotation != "none":
-            parts.append(rotation_feature(rotation, self.rotation, self.R_mean))
-        if self.uses_velocity:
-            parts.append((np.zeros(6) if twist is None else twist)[: 6 if self.has_orientation else 3])
-        features: FloatArray = np.concatenate(parts) / self.spread
         return features
 
     @staticmethod

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
 
+from gpcorrect.gpr.compiled import Tables, predict_one, tables
 from gpcorrect.gpr.shared_predictor import SharedPredictor
 from gpcorrect.types import FloatArray
 
@@ -25,6 +26,11 @@ class Predictor:
     """
 
     parts: tuple[SharedPredictor, ...]
+    _tables: Tables = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_tables", tables(self.parts))
+        self.mean_std(self.parts[0].basis[0])  # compiled here (or read from numba's cache), never in the first query
 
     @property
     def signal(self) -> FloatArray:
@@ -51,10 +57,9 @@ class Predictor:
         novelty : float
             Share of the prior variance that is left, of the group told least of: 0 amid data, 1 far from all.
         """
-        if len(self.parts) == 1:
-            return self.parts[0].mean_std(x)
-        means, stds, novelties = zip(*[part.mean_std(x) for part in self.parts], strict=True)
-        return np.concatenate(means), np.concatenate(stds), max(novelties)
+        # A copy: another layout or a read-only array would be compiled for anew.
+        answer: tuple[FloatArray, FloatArray, float] = predict_one(np.array(x, dtype=np.float64), self._tables)
+        return answer
 
     def mean_std_batch(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Predict inputs `(n, d)`: means `(n, m)`, standard deviations `(n, m)` and novelties `(n,)`."""

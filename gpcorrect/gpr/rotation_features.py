@@ -11,10 +11,10 @@ from typing import Literal
 
 import numpy as np
 
-from gpcorrect import se3, se3_single
+from gpcorrect import se3
 from gpcorrect.types import FloatArray
 
-__all__ = ["RotationKind", "choose_rotation_kind", "fixed_axes_angles", "rotation_feature", "rotation_features"]
+__all__ = ["RotationKind", "choose_rotation_kind", "fixed_axes_angles", "rotation_features"]
 
 RotationKind = Literal["none", "rotvec", "columns", "euler"]
 
@@ -36,16 +36,6 @@ def rotation_features(rotations: FloatArray, kind: RotationKind, R_mean: FloatAr
     finite = np.isfinite(rotations).all(axis=(1, 2))
     features[finite] = se3.rotvec_from_matrix(rotations[finite] @ R_mean.T)
     return features
-
-
-def rotation_feature(rotation: FloatArray, kind: RotationKind, R_mean: FloatArray) -> FloatArray:
-    """Return :func:`rotation_features` of one rotation `(3, 3)`, without the cost of a stack."""
-    if kind == "columns":
-        columns: FloatArray = rotation.T[:2].ravel()
-        return columns
-    if kind == "euler":
-        return fixed_axes_angles(rotation)
-    return se3_single.rotvec_from_matrix(rotation @ R_mean.T)
 
 
 def fixed_axes_angles(rotations: FloatArray) -> FloatArray:

@@ -1,15 +1,14 @@
-"""Mean and standard deviation of outputs that share a kernel, for one input, from factors computed once.
+"""Mean and standard deviation of outputs that share a kernel, from factors computed once.
 
 With correlations k to the basis points the mean of output o is `k^T alpha_o` and its latent variance `s_o (1 - sum_j
 c_oj w_j^2)`, `w = P k`: the shared kernel lets one product `P k` serve every output, whatever its noise
-(docs/design/0002). The exponents of k are linear in the input but for one number a component, so k itself is one
-small product and one `exp`.
+(docs/design/0002).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Self
 
 import numpy as np
@@ -55,53 +54,15 @@ class SharedPredictor:
     explained: FloatArray
     signal: FloatArray
     noise: FloatArray
-    _origin: FloatArray = field(init=False, repr=False)
-    _slopes: FloatArray = field(init=False, repr=False)
-    _levels: FloatArray = field(init=False, repr=False)
-    _half_inverse: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         # C order always: another layout would round otherwise, and a reloaded model must answer to the last bit.
         for name in self._names():
             object.__setattr__(self, name, frozen_array(np.ascontiguousarray(getattr(self, name))))
-        origin, inverse = self.basis.mean(axis=0), self.length_scales**-2.0
-        shifted = self.basis - origin
-        slopes = shifted[None] * inverse[:, None]
-        levels = np.log(self.component_weights)[:, None] - 0.5 * inverse @ (shifted**2).T
-        object.__setattr__(self, "_origin", frozen_array(origin))
-        object.__setattr__(self, "_slopes", frozen_array(slopes.reshape(-1, slopes.shape[2])))
-        object.__setattr__(self, "_levels", frozen_array(levels))
-        object.__setattr__(self, "_half_inverse", frozen_array(0.5 * inverse))
 
     @classmethod
     def _names(cls) -> tuple[str, ...]:
-        return tuple(f.name for f in fields(cls) if f.init)
-
-    def mean_std(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """Predict one input.
-
-        Parameters
-        ----------
-        x : (d,) array
-
-        Returns
-        -------
-        mean : (m,) array
-        std : (m,) array
-            Standard deviation of a new observation: latent variance and noise.
-        novelty : float
-            Share of the prior variance that is left, of the output told most of: 0 amid data, 1 far from all.
-        """
-        k = self._correlations(x)
-        w = self.projection @ k[: self.projection.shape[1]]
-        w *= w
-        left = 1.0 - self.explained @ w
-        np.maximum(left, 0.0, out=left)
-        mean = self.alpha @ k
-        mean += self.offset
-        variance = left * self.signal
-        variance += self.noise
-        return mean, np.sqrt(variance, out=variance), float(left.min())
+        return tuple(f.name for f in fields(cls))
 
     def mean_std_batch(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Predict inputs `(n, d)`: means `(n, m)`, standard deviations `(n, m)` and novelties `(n,)`."""
@@ -117,16 +78,6 @@ class SharedPredictor:
             std[rows] = np.sqrt(left * self.signal + self.noise)
             novelty[rows] = left.min(axis=1)
         return mean, std, novelty
-
-    def _correlations(self, x: FloatArray) -> FloatArray:
-        """Correlations `(p,)` of one input with the basis: `-|u - z|^2 / 2` expanded about the basis' centre."""
-        u = x - self._origin
-        exponents = (self._slopes @ u).reshape(self._levels.shape)
-        exponents += self._levels
-        exponents -= (self._half_inverse @ (u * u))[:, None]
-        np.exp(exponents, out=exponents)
-        total: FloatArray = exponents[0] if len(exponents) == 1 else np.add.reduce(exponents)
-        return total
 
     def to_arrays(self) -> dict[str, FloatArray]:
         """Return the arrays by name, for a model file."""

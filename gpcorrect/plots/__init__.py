@@ -8,6 +8,7 @@ from gpcorrect.plots.discrepancy_loops import loop_plots
 from gpcorrect.plots.discrepancy_maps import residual_over_joints
 from gpcorrect.plots.errors import error_by_speed, error_distribution
 from gpcorrect.plots.intervals import reliability
+from gpcorrect.plots.overview import overview
 from gpcorrect.plots.style import png
 from gpcorrect.plots.trajectory import trajectory_errors, trajectory_paths, typical_trajectory
 from gpcorrect.plots.workspace import residual_maps, workspace_coverage
@@ -20,6 +21,7 @@ __all__ = [
     "loop_plots",
     "nats_waterfall",
     "offset_curve",
+    "overview",
     "png",
     "posterior_bars",
     "reliability",

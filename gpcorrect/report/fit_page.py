@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gpcorrect import plots
+from gpcorrect.atomic import atomic_path
 from gpcorrect.cleaning import CleaningReport
 from gpcorrect.experiment import COMPONENTS, METHODS, Evaluation, Experiment, Measured
 from gpcorrect.metrics import ErrorTable
@@ -22,7 +23,7 @@ UNITS = {"position_mm": "mm", "rotation_deg": "deg"}
 
 
 def write_fit_report(experiment: Experiment, path: Path) -> None:
-    """Write the self-contained page of an experiment.
+    """Write the self-contained page of an experiment, and its first picture beside it as `overview.png`.
 
     Raises
     ------
@@ -30,6 +31,9 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
         The folder cannot be written.
     """
     write_page(_page(experiment), path)
+    if experiment.evaluation is not None and experiment.test is not None:
+        with atomic_path(path.with_name("overview.png")) as picture:
+            picture.write_bytes(plots.png(plots.overview(experiment.evaluation.clean, experiment.test)))
 
 
 def _page(experiment: Experiment) -> Page:
@@ -37,6 +41,7 @@ def _page(experiment: Experiment) -> Page:
     measured, test = experiment.evaluation, experiment.test
     if measured is not None and test is not None:
         sections = [
+            _overview(measured.clean, test),
             _errors(measured),
             _trajectory(measured.clean, test),
             _workspace(experiment, measured.clean, test),
@@ -89,6 +94,13 @@ def _held_out(experiment: Experiment) -> str:
         return "nothing"
     count = len(experiment.evaluation.clean.rows)
     return f"{count} samples that pass cleaning, {len(experiment.test.trajectory_ids)} whole trajectories"
+
+
+def _overview(measured: Measured, test: CalibrationLog) -> Section:
+    caption = (
+        "The held-out trajectory with the median error, and the errors of all held-out samples that pass cleaning."
+    )
+    return Section("In one picture", (), (), (FigureImage(plots.png(plots.overview(measured, test)), caption),))
 
 
 def _errors(measured: Evaluation) -> Section:

@@ -42,7 +42,7 @@ def link_load(body: Body, path: JointPath) -> LinkLoad:
     posture = posture_at(body, path.q)
     if posture is None:
         return LinkLoad(np.zeros(path.q.shape), np.zeros(path.q.shape))
-    return LinkLoad(posture.gravity_load(), posture.inertial_load(path.velocity, path.acceleration))
+    return LinkLoad(*posture.loads(path.velocity, path.acceleration))
 
 
 def mean_inertia(body: Body, q: FloatArray) -> FloatArray:

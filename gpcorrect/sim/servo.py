@@ -87,15 +87,15 @@ def follow(
     Raises
     ------
     DataError
-        The gains make the sampled loop unstable.
+        The gains, or a stop's stiffness, make the sampled loop unstable.
     """
-    _check_stable(drive, reference.inertia, clock.step)
+    laws, lawless = _laws(effects, joints), _Lawless.of(effects, joints)
+    _check_stable(drive, _stops(laws, len(joints)), reference.inertia, clock.step)
     given = _given(drive, reference, clock)
     balance = (reference.feedforward[0] - reference.load[0]) / drive.kp
     position, velocity = reference.position[0] + balance, np.array(reference.velocity[0])
     steps = len(reference.position)
     samples = np.empty((4, 1 + (steps - 1) // clock.stride, *velocity.shape))
-    laws, lawless = _laws(effects, joints), _Lawless.of(effects, joints)
     outside = no_outside(*velocity.shape)
     if not lawless.effects:
         advance(0, steps, clock.stride, given, laws, outside, position, velocity, samples)
@@ -165,14 +165,21 @@ class _Lawless:
             outside.damping[where] += damping
 
 
-def _check_stable(drive: Drive, inertia: FloatArray, step: float) -> None:
+def _stops(laws: Laws, dof: int) -> FloatArray:
+    """Stiffness `(dof,)` of the stops of each joint together."""
+    stiffness = np.zeros(dof)
+    np.add.at(stiffness, laws.torque_column, laws.torque[:, TorqueLaw._fields.index("stiffness")])
+    return stiffness
+
+
+def _check_stable(drive: Drive, stops: FloatArray, inertia: FloatArray, step: float) -> None:
     """Eigenvalues of one joint's sampled loop, without load and friction, must not leave the unit circle."""
-    for j, (kp, kd, mass) in enumerate(zip(drive.kp, drive.kd, inertia, strict=True)):
+    for j, (kp, kd, mass) in enumerate(zip(drive.kp + stops, drive.kd, inertia, strict=True)):
         speed = np.array([-step * kp / mass, 1.0 - step * kd / mass])
         loop = np.array([[1.0, 0.0] + step * speed, speed])
         if np.abs(np.linalg.eigvals(loop)).max() > 1.0 + 1e-9:
             raise DataError(
-                f"the controller of column {j + 1} is unstable at a step of {step:.3g} s: kp {kp:.4g}, kd {kd:.4g}, "
-                f"inertia {mass:.4g}.",
-                hint="Lower kp and kd, or raise motor_inertia or rate_hz.",
+                f"the controller of column {j + 1} is unstable at a step of {step:.3g} s: kp (with the joint's stops) "
+                f"{kp:.4g}, kd {kd:.4g}, inertia {mass:.4g}.",
+                hint="Lower kp, kd or the stops' stiffness, or raise motor_inertia or rate_hz.",
             )

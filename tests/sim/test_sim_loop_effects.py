@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sim_machines import RATE_HZ, constant_speed, drive, hold, moves, raven, weightless
 
+from gpcorrect.errors import DataError
 from gpcorrect.sim import Segment, plan_of, run
 from gpcorrect.sim.effects import (
     CableStretch,
@@ -202,6 +203,12 @@ def test_a_stretching_cable_lets_the_motor_go_on():
     pressed = 80.0 * (motor - 0.1)
     assert pressed > 1.0
     assert motor - joint == pytest.approx(pressed / 100.0, rel=1e-6)
+
+
+def test_a_stop_too_stiff_for_the_step_is_refused():
+    """A stop that the sampled loop could not follow is named before it throws the joint about."""
+    with pytest.raises(DataError, match="stops"):
+        run(weightless(JointStop(1, 1e7, 0.1)), hold(np.array([0.2, 0.0, 0.0])))
 
 
 def test_a_hidden_payload_is_a_payload():

@@ -228,6 +228,19 @@ def test_delay_shifts_all_joints_alike():
         np.testing.assert_array_equal(seen[0], path[0])
 
 
+def test_delay_passes_over_missing_and_repeated_samples():
+    """Padded runs repeat their last moment and recordings have holes: what is known on both sides is enough."""
+    n = 200
+    time = np.minimum(np.arange(n) * 0.01, 1.8)[:, None]
+    path = np.sin(time[..., None] * [1.0, 2.0, 0.5])
+    holed = path.copy()
+    holed[50, 0, 1] = np.nan
+    state = replace(motion(n, runs=1), time=time)
+    seen = Delay("all", 0.1).act(holed, state)
+    assert np.isfinite(seen).all()
+    np.testing.assert_allclose(seen, Delay("all", 0.1).act(path, state), atol=1e-4)
+
+
 def test_delay_changes_no_load():
     """When it is seen is nothing that the arm feels: motors and torques are those without delay."""
     plan = moves(runs=1, seconds=1.0)

@@ -58,9 +58,10 @@ class Delay(PathEffect):
         return np.stack([self._of_run(q[:, i], motion.time[:, i]) for i in range(q.shape[1])], axis=1)
 
     def _of_run(self, q: FloatArray, time: FloatArray) -> FloatArray:
-        moving = np.concatenate([[True], np.diff(time) > 0])  # padded runs repeat their last moment
-        if moving.sum() < 2:
+        new = np.concatenate([[True], np.diff(time) > 0])  # padded runs repeat their last moment
+        known = new & np.isfinite(q).all(axis=1)
+        if known.sum() < 2:
             return q
-        path = PchipInterpolator(time[moving], q[moving])
-        past: FloatArray = path(np.clip(time - self.delay, time[0], time[moving][-1]))
+        times = time[known]
+        past: FloatArray = PchipInterpolator(times, q[known])(np.clip(time - self.delay, times[0], times[-1]))
         return past

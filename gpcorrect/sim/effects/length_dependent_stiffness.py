@@ -39,7 +39,8 @@ class LengthDependentStiffness(PathEffect):
     rigidity : float
         EA at the joint: stiffness times cable length, N m^2/rad or N; infinite is no stretch.
     length : float
-        Cable length at the source's zero, m; a cable shorter than nothing is rigid.
+        Cable length at the source's zero, m; negative where that zero, a convention of the arm's table, lies behind the
+        drum. A cable shorter than nothing is rigid.
     """
 
     source: int
@@ -65,9 +66,9 @@ class LengthDependentStiffness(PathEffect):
             Parameter(
                 "length",
                 "cable length at the source's zero",
-                revolute=Range("m", 0.0, 5.0, 0.3),
-                prismatic=Range("m", 0.0, 5.0, 0.3),
-                positive=True,
+                revolute=Range("m", -1.0, 5.0, 0.3),
+                prismatic=Range("m", -1.0, 5.0, 0.3),
+                positive=False,
                 ladder=Ladder(Per.VALUE, (0.0, 0.3)),
             ),
         ),

@@ -25,6 +25,8 @@ _turn = partial(Parameter, revolute=_TURN, prismatic=_TURN, positive=False)
 class RegistrationError(TipEffect):
     """Poses are seen through a similarity y = s R q + t, about the base origin and in base axes.
 
+    Where the tracker is registered from the same data, that registration takes all of it but the scale.
+
     Parameters
     ----------
     joint : str
@@ -61,7 +63,7 @@ class RegistrationError(TipEffect):
             _turn("rz", "rotation vector, z"),
             Parameter("scale", "relative error of lengths", revolute=_SCALE, prismatic=_SCALE, positive=False),
         ),
-        needs=("tracker_cp", "T_tracker_base given: a registration from the same data takes all but the scale"),
+        needs=("tracker_cp",),
         neighbours=(
             Neighbour("dh_error", "nothing is left after a similarity fit"),
             Neighbour("homing_offset", "vary the pose: a base shift does not turn with the other joints"),

@@ -29,6 +29,8 @@ __all__ = ["Resonance"]
 class Resonance(PathEffect):
     """The joint follows the motor as a second-order system: overshoot and ringing after fast changes.
 
+    Samples slower than twice its frequency do not show it.
+
     Parameters
     ----------
     joint : int
@@ -69,7 +71,7 @@ class Resonance(PathEffect):
                 ladder=Ladder(Per.VALUE, (0.03, 0.3)),
             ),
         ),
-        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp", "samples at 10 Hz or faster"),
+        needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
         neighbours=(
             Neighbour("delay", "the amplitude has a peak, and one joint has it alone"),
             Neighbour("cable_stretch", "hold: once it has rung down nothing is left"),

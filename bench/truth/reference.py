@@ -1,0 +1,208 @@
+"""What the arm is told to do: runs that tell look-alikes apart, or plain zig-zags; of a session parts are logged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truth.arm import RANGES
+from truth.loop import CONTROL_HZ, TICK_HZ
+
+__all__ = ["LOG_HZ", "Reference", "separating", "zigzag"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LOG_HZ = 100
+SETTLE = 1.0  # s of unlogged rest before each trajectory
+TRANSIT = 2.0  # s to the next start, when that is elsewhere
+PAUSE = 8.0  # s that the log's clock jumps between trajectories, the arm at rest
+SESSION_BREAK = 600.0  # s
+ZIGZAG_SPEED = np.array([0.12, 0.16, 0.014])  # rad/s, rad/s, m/s, drawn 20 % about
+BLEND = 0.1  # s; width of each of the two windows that round a zig-zag's corners
+PAYLOADS = (0.0, 0.18, 0.0, 0.33)  # kg, in turn
+
+Motion = tuple[Array, Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Desired motion at the control rate `(m, 3)`, and what holds at each tick `(n,)`.
+
+    `time` is the log's clock, `session_time` counts from each session's start; `trajectory` is -1 where none is logged.
+    """
+
+    position: Array
+    speed: Array
+    acceleration: Array
+    time: Array
+    session_time: Array
+    trajectory: Ints
+    session: Ints
+    payload: Array
+
+    @property
+    def logged(self) -> Ints:
+        """Ticks of the log's samples."""
+        stride = TICK_HZ // LOG_HZ
+        rows = np.flatnonzero(self.trajectory >= 0)
+        first = np.r_[True, np.diff(self.trajectory[rows]) != 0]
+        start = rows[first][np.cumsum(first) - 1]
+        return rows[(rows - start) % stride == 0]
+
+    def only(self, numbers: Ints) -> Reference:
+        """Return the reference of some of its trajectories, each with the unlogged rest before it.
+
+        They must start where the ones before them end.
+        """
+        owner = self._owner()
+        ticks = np.isin(owner, numbers)
+        control = np.repeat(ticks, CONTROL_HZ // TICK_HZ)
+        return Reference(
+            self.position[control], self.speed[control], self.acceleration[control], self.time[ticks],
+            self.session_time[ticks], self.trajectory[ticks], self.session[ticks], self.payload[ticks],
+        )  # fmt: skip
+
+    def _owner(self) -> Ints:
+        """Trajectory that each tick belongs to or leads up to."""
+        known = np.flatnonzero(self.trajectory >= 0)
+        nearest = known[np.minimum(np.searchsorted(known, np.arange(len(self.time))), len(known) - 1)]
+        return self.trajectory[nearest]
+
+
+def separating(rng: np.random.Generator, trajectories: int, seconds: float, sessions: int = 1) -> Reference:
+    """Speed ladder, amplitudes, holds, single joints, load swaps; every trajectory leaves and regains one pose."""
+    kinds: tuple[Callable[..., list[tuple[Array, float, float]]], ...] = (
+        _ladder, _amplitudes, _wander, _single, _holds, _wander,
+    )  # fmt: skip
+    home = RANGES.mean(axis=1) + 0.1 * np.ptp(RANGES, axis=1) * rng.uniform(-1, 1, 3)
+    parts = [_fill(kinds[k % len(kinds)](rng, home, k // len(kinds)), home, seconds) for k in range(trajectories)]
+    payload = [PAYLOADS[(k + k // len(kinds)) % len(PAYLOADS)] for k in range(trajectories)]
+    return _session(parts, payload, sessions)
+
+
+def zigzag(rng: np.random.Generator, trajectories: int, seconds: float, sessions: int = 1) -> Reference:
+    """Every joint to and fro at its own constant speed, from new starting points."""
+    speeds = ZIGZAG_SPEED * rng.uniform(0.8, 1.2, 3)
+    parts = [_zigzag(rng, speeds, seconds) for _ in range(trajectories)]
+    return _session(parts, [0.0] * trajectories, sessions)
+
+
+def _quintic(here: Array, there: Array, seconds: float) -> Motion:
+    """Minimum-jerk move without its last sample."""
+    s = np.arange(round(seconds * CONTROL_HZ))[:, None] / (seconds * CONTROL_HZ)
+    way = there - here
+    return (
+        here + way * s**3 * (10 - 15 * s + 6 * s * s),
+        way * 30 * s**2 * (1 - s) ** 2 / seconds,
+        way * 60 * s * (1 - s) * (1 - 2 * s) / seconds**2,
+    )
+
+
+def _rest(here: Array, seconds: float) -> Motion:
+    n = round(seconds * CONTROL_HZ)
+    return np.tile(here, (n, 1)), np.zeros((n, 3)), np.zeros((n, 3))
+
+
+def _join(parts: list[Motion]) -> Motion:
+    position, speed, acceleration = (np.concatenate(p) for p in zip(*parts, strict=True))
+    return position, speed, acceleration
+
+
+def _fill(moves: list[tuple[Array, float, float]], home: Array, seconds: float) -> Motion:
+    """As many of the moves (target, duration, rest) as fit, again and again, then home and rest."""
+    here, left, parts, k = home, seconds - 0.4, [_rest(home, 0.4)], 0
+    while True:
+        target, duration, rest = moves[k % len(moves)]
+        if duration + rest + 1.6 > left:
+            break
+        parts += [_quintic(here, target, duration), _rest(target, rest)]
+        here, left, k = target, left - round(duration, 3) - round(rest, 3), k + 1
+    back = min(left, 2.5)
+    parts.append(_quintic(here, home, back))
+    motion = _join(parts)
+    missing = seconds - len(motion[0]) / CONTROL_HZ
+    return _join([motion, _rest(home, missing)]) if missing > 0 else motion
+
+
+def _target(rng: np.random.Generator) -> Array:
+    return rng.uniform(RANGES[:, 0], RANGES[:, 1])
+
+
+def _ladder(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:
+    """Return the same way out and back at durations on a logarithmic scale."""
+    away = _target(rng)
+    return [move for duration in (0.9, 1.4, 2.2, 3.4) for move in ((away, duration, 0.1), (home, duration, 0.1))]
+
+
+def _amplitudes(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:
+    """To both sides by shrinking amounts: minor loops."""
+    reach = 0.45 * np.ptp(RANGES, axis=1) * rng.choice([-1.0, 1.0], 3)
+    middle = RANGES.mean(axis=1)
+    return [(middle + sign * share * reach, 0.8 + share, 0.0) for share in (1.0, 0.6, 0.3, 0.1) for sign in (1, -1)]
+
+
+def _wander(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:
+    return [(_target(rng), float(np.exp(rng.uniform(0.0, 1.4))), 0.2 * (rng.random() < 0.3)) for _ in range(15)]
+
+
+def _holds(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:
+    """Quick moves to far poses with long rests: load, hold, unload, recover."""
+    return [(_target(rng), 1.2, 2.8) for _ in range(8)]
+
+
+def _single(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:
+    """One joint moves while the others hold, at two poses of the others."""
+    moves: list[tuple[Array, float, float]] = []
+    joint = turn % 3
+    for _ in range(4):
+        pose = _target(rng)
+        moves.append((pose, 1.5, 0.2))
+        for share in (0.05, 0.95, 0.4):
+            pose = pose.copy()
+            pose[joint] = RANGES[joint, 0] + share * np.ptp(RANGES[joint])
+            moves.append((pose, 1.4, 0.2))
+    return moves
+
+
+def _zigzag(rng: np.random.Generator, speeds: Array, seconds: float) -> Motion:
+    n = round(seconds * CONTROL_HZ)
+    pad = CONTROL_HZ
+    t = np.r_[np.zeros(pad // 2), np.arange(n + pad // 2) / CONTROL_HZ][:, None]
+    span = np.ptp(RANGES, axis=1) * 0.94
+    phase = (rng.uniform(0, 2, 3) * span + speeds * t) % (2 * span)
+    q = RANGES[:, 0] + 0.03 * np.ptp(RANGES, axis=1) + np.minimum(phase, 2 * span - phase)
+    window = np.ones(round(BLEND * CONTROL_HZ)) / round(BLEND * CONTROL_HZ)
+    for _ in range(2):
+        q = np.column_stack([np.convolve(column, window, mode="same") for column in q.T])
+    speed = np.gradient(q, 1 / CONTROL_HZ, axis=0)
+    rows = slice(pad // 2 - 2 * len(window), pad // 2 - 2 * len(window) + n)
+    return q[rows], speed[rows], np.gradient(speed, 1 / CONTROL_HZ, axis=0)[rows]
+
+
+def _session(parts: list[Motion], payloads: list[float], sessions: int) -> Reference:
+    """Lay trajectories one after the other, with rests and transits between them."""
+    per_tick = CONTROL_HZ // TICK_HZ
+    motions, columns, clock, here = [], [], 0.0, parts[0][0][0]
+    groups = np.array_split(np.arange(len(parts)), sessions)
+    for session, numbers in enumerate(groups):
+        began = clock
+        for k in numbers:
+            start = parts[k][0][0]
+            lead = [_rest(start, SETTLE)]
+            if np.abs(start - here).max() > 1e-9:
+                lead.insert(0, _quintic(here, start, TRANSIT))
+            whole = _join([*lead, parts[k]])
+            n, n_lead = len(whole[0]) // per_tick, sum(len(m[0]) for m in lead) // per_tick
+            time = clock + np.arange(n) / TICK_HZ
+            label = np.where(np.arange(n) < n_lead, -1, k)
+            columns.append((time, time - began, label, np.full(n, session), np.full(n, payloads[k])))
+            motions.append(whole)
+            here = whole[0][-1]
+            clock = time[-1] + PAUSE
+        clock += SESSION_BREAK
+    time, session_time, trajectory, session_of, payload = (np.concatenate(c) for c in zip(*columns, strict=True))
+    return Reference(*_join(motions), time, session_time, trajectory, session_of, payload)

@@ -1,0 +1,237 @@
+"""One query in machine code, before and after the regression: `RigidModel.apply`, features and residual without stacks.
+
+Every step agrees with its namesake for stacks to rounding (tested). All of it is in one file: numba's cache notices a
+change of the file that holds the outermost function, and no other.
+"""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, isfinite, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from gpcorrect.gpr import FeatureMap
+from gpcorrect.rigid import RigidModel
+from gpcorrect.types import FloatArray
+
+__all__ = ["Frame", "command", "frame", "inputs"]
+
+SMALL = 1e-6  # rad: below it sin(x) / x is 1 to rounding
+QUATERNION_TOLERANCE = 1e-3  # as for recorded samples: a norm further from one is a mistake, not rounding
+NO_ROTATION, ROTVEC, COLUMNS, EULER = range(4)
+ROTATIONS = {"none": NO_ROTATION, "rotvec": ROTVEC, "columns": COLUMNS, "euler": EULER}
+
+
+class Frame(NamedTuple):
+    """What a query needs of registration and features; `kind` holds the rotation's code and the twist's length."""
+
+    R_position: FloatArray
+    t: FloatArray
+    offset: FloatArray
+    R_left: FloatArray
+    R_right: FloatArray
+    R_mean: FloatArray
+    spread: FloatArray
+    kind: FloatArray
+
+
+def frame(rigid: RigidModel, features: FeatureMap) -> Frame:
+    """Return what queries read of a registration and its features; copies, so that every array is contiguous."""
+    twist = (6 if features.has_orientation else 3) if features.uses_velocity else 0
+    kind = np.array([ROTATIONS[features.rotation], twist], dtype=np.float64)
+    parts = (
+        rigid.R_position,
+        rigid.t,
+        rigid.offset,
+        rigid.R_left,
+        rigid.R_right,
+        features.R_mean,
+        features.spread,
+        kind,
+    )
+    return Frame(*(np.array(part, order="C") for part in parts))
+
+
+@njit(cache=True, nogil=True)
+def inputs(
+    pose: FloatArray, twist: FloatArray, memory: FloatArray, f: Frame
+) -> tuple[bool, FloatArray, FloatArray, FloatArray]:
+    """Return the reference pose G(x) and the regression's input for one query.
+
+    Parameters
+    ----------
+    pose : (7,) or (3,) array
+        Desired pose, observer's frame.
+    twist : (6,) array
+        m/s and rad/s, observer's frame.
+    memory : (h,) array
+        Further inputs, not yet divided by their spread; none as a rule.
+    f : Frame
+
+    Returns
+    -------
+    good : bool
+        Whether every number is finite and the quaternion a unit one; the rest means nothing otherwise.
+    position, rotation : (3,) and (3, 3) arrays
+        Of the reference; no rotation without a quaternion.
+    x : (d,) array
+    """
+    x, rotation = np.empty(len(f.spread)), np.eye(3)
+    if not (_finite(pose) and _finite(twist)):
+        return False, pose, rotation, x
+    oriented = len(pose) == 7
+    linear, arm = twist[:3], np.zeros(3)
+    if oriented:
+        norm = sqrt(pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2 + pose[6] ** 2)
+        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+            return False, pose, rotation, x
+        R_obs = matrix_from_quaternion(pose[3:] / norm)
+        arm = _turn(R_obs, f.offset)
+        linear = linear + _cross(twist[3:], arm)
+        rotation = _product(_product(f.R_left, R_obs), f.R_right)
+    position = _turn(f.R_position, pose[:3] + arm) + f.t
+    x[:3] = position
+    filled = 3 + _write_rotation(rotation, f, x)
+    moving = int(f.kind[1])
+    if moving > 0:
+        x[filled : filled + 3] = _turn(f.R_position, linear)
+    if moving > 3:
+        x[filled + 3 : filled + 6] = _turn(f.R_left, twist[3:])
+    x[filled + moving :] = memory
+    return True, position, rotation, x / f.spread
+
+
+@njit(cache=True, nogil=True)
+def command(
+    position: FloatArray, rotation: FloatArray, mean: FloatArray, bounds: FloatArray
+) -> tuple[FloatArray, FloatArray, bool]:
+    """Return the command for a reference and its residual: position, quaternion, and whether a bound acted.
+
+    Parameters
+    ----------
+    position, rotation : (3,) and (3, 3) arrays
+        Of the reference.
+    mean : (6,) or (3,) array
+        Residual, m and rad.
+    bounds : (2,) array
+        Longest believed residual: m and rad.
+    """
+    shift, cut = _shortened(mean[:3], bounds[0])
+    if len(mean) > 3:
+        turn, cut_turn = _shortened(mean[3:], bounds[1])
+        rotation = _product(matrix_from_rotvec(turn), rotation)
+        cut = cut or cut_turn
+    return position + shift, quaternion_from_matrix(rotation), cut
+
+
+@njit(cache=True)
+def matrix_from_quaternion(q: FloatArray) -> FloatArray:
+    """Rotation matrix `(3, 3)` of one unit quaternion wxyz `(4,)`."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    R = np.empty((3, 3))
+    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return R
+
+
+@njit(cache=True)
+def quaternion_from_matrix(R: FloatArray) -> FloatArray:
+    """Return the unit quaternion wxyz `(4,)` with w >= 0 of one rotation matrix `(3, 3)` (Shepperd 1978)."""
+    q = np.empty(4)
+    q[0], q[1] = 1 + R[0, 0] + R[1, 1] + R[2, 2], 1 + R[0, 0] - R[1, 1] - R[2, 2]
+    q[2], q[3] = 1 - R[0, 0] + R[1, 1] - R[2, 2], 1 - R[0, 0] - R[1, 1] + R[2, 2]
+    largest = np.argmax(q)
+    a, b, c = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    d, e, g = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
+    if largest == 0:
+        q[1], q[2], q[3] = a, b, c
+    elif largest == 1:
+        q[0], q[2], q[3] = a, d, e
+    elif largest == 2:
+        q[0], q[1], q[3] = b, d, g
+    else:
+        q[0], q[1], q[2] = c, e, g
+    norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return q * ((-1.0 if q[0] < 0 else 1.0) / norm)
+
+
+@njit(cache=True)
+def matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:
+    """Rotation matrix `(3, 3)` of one rotation vector `(3,)`, rad."""
+    angle = _length(rotvec)
+    q = np.empty(4)
+    q[0] = cos(angle / 2)
+    q[1:] = rotvec * (0.5 if angle < SMALL else sin(angle / 2) / angle)
+    return matrix_from_quaternion(q)
+
+
+@njit(cache=True)
+def rotvec_from_matrix(R: FloatArray) -> FloatArray:
+    """Rotation vector `(3,)`, rad, of length at most pi, of one rotation matrix `(3, 3)`."""
+    q = quaternion_from_matrix(R)
+    sine = _length(q[1:])
+    return q[1:] * (2.0 if sine < SMALL else 2 * atan2(sine, q[0]) / sine)
+
+
+@njit(cache=True)
+def _write_rotation(R: FloatArray, f: Frame, x: FloatArray) -> int:
+    """Write the rotation's features behind the position's, see `gpr.rotation_features`; return how many there are."""
+    kind = int(f.kind[0])
+    if kind == NO_ROTATION:
+        return 0
+    if kind == COLUMNS:
+        x[3:6], x[6:9] = R[:, 0], R[:, 1]
+        return 6
+    if kind == EULER:
+        x[3], x[5] = atan2(R[2, 1], R[2, 2]), atan2(R[1, 0], R[0, 0])
+        x[4] = atan2(-R[2, 0], hypot(R[0, 0], R[1, 0]))
+        return 3
+    x[3:6] = rotvec_from_matrix(_product(R, f.R_mean.T))
+    return 3
+
+
+@njit(cache=True)
+def _shortened(vector: FloatArray, bound: float) -> tuple[FloatArray, bool]:
+    scale = min(1.0, bound / max(_length(vector), 1e-300))
+    return vector * scale, scale < 1.0
+
+
+@njit(cache=True)
+def _product(A: FloatArray, B: FloatArray) -> FloatArray:
+    """Product of two 3 x 3 matrices: a call of BLAS costs more."""
+    C = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            C[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+    return C
+
+
+@njit(cache=True)
+def _turn(R: FloatArray, v: FloatArray) -> FloatArray:
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2]
+    return out
+
+
+@njit(cache=True)
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    out = np.empty(3)
+    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return out
+
+
+@njit(cache=True)
+def _length(v: FloatArray) -> float:
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@njit(cache=True)
+def _finite(values: FloatArray) -> bool:
+    for value in values:  # noqa: SIM110 - numba compiles no generator
+        if not isfinite(value):
+            return False
+    return True

@@ -1,0 +1,172 @@
+"""The hot path in machine code: mean, deviation and novelty of all outputs for one input, without BLAS or Python.
+
+With correlations k to the basis points the mean of output o is `k^T alpha_o` and its latent variance `s_o (1 - sum_j
+c_oj w_j^2)`, `w = P k`: the shared kernel lets one product `P k` serve every output, whatever its noise
+(docs/design/0002). The exponents of k are linear in the input but for one number a component. One thread and no
+library's thread pool, so a query never waits for another's.
+
+All of it is in one file: numba's cache notices a change of the file that holds the outermost function, and no other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.types import FloatArray
+
+__all__ = ["Tables", "predict_one", "tables"]
+
+# Sums may be taken in any order, so that they are vectorised; NaN and infinity keep their meaning.
+LOOSE = {"reassoc", "contract", "nsz"}
+ROUND = 6755399441055744.0  # 1.5 * 2^52: adding it leaves the nearest integer in the low bits of a double
+LOG2_E = 1.4426950408889634
+LN2_HIGH, LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10  # ln 2 in two parts (Cody and Waite 1980)
+LOWEST = -700.0  # exp below it is as good as zero, and 2^n would leave the normal numbers
+MANTISSA_BITS, EXPONENT_BIAS = 52, 1023
+
+
+class Tables(NamedTuple):
+    """What a query reads, for g groups of m outputs (short ones padded), c components, d features, p and q points.
+
+    `inverse` is `1 / length_scale^2 / 2` `(g, c, d)`, zero where a component does not see a feature. `slopes` `(g, c,
+    d, p)` and `levels` `(g, c, p)` give the exponents `level + slope . u - inverse . u^2` of the correlations, u
+    counted from `origin` `(g, d)`. `sizes` `(g, 1)` are the numbers of outputs.
+    """
+
+    origin: FloatArray
+    inverse: FloatArray
+    slopes: FloatArray
+    levels: FloatArray
+    alpha: FloatArray
+    offset: FloatArray
+    projection: FloatArray
+    explained: FloatArray
+    signal: FloatArray
+    noise: FloatArray
+    sizes: FloatArray
+
+
+def tables(parts: Sequence[SharedPredictor]) -> Tables:
+    """Return what queries of these groups of outputs read; padding changes no answer."""
+    columns = [_group(part) for part in parts]
+    return Tables(*(_stack([column[i] for column in columns]) for i in range(len(Tables._fields))))
+
+
+def _group(part: SharedPredictor) -> Tables:
+    inverse = part.length_scales**-2.0
+    origin = part.basis.mean(axis=0)
+    shifted = part.basis - origin
+    return Tables(
+        origin=origin,
+        inverse=0.5 * inverse,
+        slopes=inverse[:, :, None] * shifted.T[None],
+        levels=np.log(part.component_weights)[:, None] - 0.5 * inverse @ (shifted**2).T,
+        alpha=part.alpha,
+        offset=part.offset,
+        projection=part.projection,
+        explained=part.explained,
+        signal=part.signal,
+        noise=part.noise,
+        sizes=np.array([len(part.offset)], dtype=np.float64),
+    )
+
+
+def _stack(arrays: Sequence[FloatArray]) -> FloatArray:
+    """Stack arrays, shorter ones filled up with zeros."""
+    shape = np.max([array.shape for array in arrays], axis=0).astype(np.int64)
+    stacked = np.zeros((len(arrays), *shape))
+    for row, array in zip(stacked, arrays, strict=True):
+        row[tuple(slice(n) for n in array.shape)] = array
+    return stacked
+
+
+@njit(cache=True, nogil=True, fastmath=LOOSE)
+def predict_one(x: FloatArray, t: Tables) -> tuple[FloatArray, FloatArray, float]:
+    """Predict one input `(d,)`: means `(m,)`, standard deviations `(m,)` and novelty of all outputs.
+
+    The novelty is the least share of prior variance left over the outputs of a group, and the largest over groups.
+    """
+    total = int(t.sizes.sum())
+    mean, std, novelty, first = np.empty(total), np.empty(total), 0.0, 0
+    k, w2 = np.empty(t.levels.shape[2]), np.empty(t.projection.shape[1])
+    for g in range(len(t.sizes)):
+        _correlations(x, g, t, k)
+        _squared_projection(t.projection[g], k, w2)
+        least = 1.0
+        for m in range(int(t.sizes[g, 0])):
+            left = max(1.0 - _dot(t.explained[g, m], w2), 0.0)
+            mean[first + m] = t.offset[g, m] + _dot(t.alpha[g, m], k)
+            std[first + m] = np.sqrt(left * t.signal[g, m] + t.noise[g, m])
+            least = min(least, left)
+        first += int(t.sizes[g, 0])
+        novelty = max(novelty, least)
+    return mean, std, novelty
+
+
+@njit(cache=True, nogil=True, fastmath=LOOSE)
+def _correlations(x: FloatArray, g: int, t: Tables, k: FloatArray) -> None:
+    """Correlations `(p,)` of one input with the basis, written to `k`."""
+    exponents, scratch = np.empty(len(k)), np.empty(len(k))
+    k[:] = 0.0
+    for c in range(t.levels.shape[1]):
+        exponents[:] = t.levels[g, c]
+        for d in range(len(x)):
+            inverse = t.inverse[g, c, d]
+            if inverse > 0.0:
+                u = x[d] - t.origin[g, d]
+                slope, drop = t.slopes[g, c, d], inverse * u * u
+                for j in range(len(k)):
+                    exponents[j] += u * slope[j] - drop
+        _add_exp(exponents, scratch, k)
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})  # said, or the caller's would hold: x + ROUND - ROUND must stay
+def _add_exp(x: FloatArray, scratch: FloatArray, total: FloatArray) -> None:
+    """Add `exp(x)` to `total`, to 1e-15 of it; `x` and `scratch` are used up. Calls of exp take five times as long.
+
+    `exp(x) = 2^n exp(r)`, `|r| <= ln 2 / 2`: Taylor's polynomial to r^13 for the latter, the bits of a double for 2^n.
+    """
+    bits = scratch.view(np.int64)
+    for j in range(len(x)):
+        value = max(x[j], LOWEST)
+        shifted = value * LOG2_E + ROUND
+        n = shifted - ROUND
+        r = (value - n * LN2_HIGH) - n * LN2_LOW
+        s = r * (1.0 / 6227020800.0) + 1.0 / 479001600.0
+        s = s * r + 1.0 / 39916800.0
+        s = s * r + 1.0 / 3628800.0
+        s = s * r + 1.0 / 362880.0
+        s = s * r + 1.0 / 40320.0
+        s = s * r + 1.0 / 5040.0
+        s = s * r + 1.0 / 720.0
+        s = s * r + 1.0 / 120.0
+        s = s * r + 1.0 / 24.0
+        s = s * r + 1.0 / 6.0
+        x[j] = ((s * r + 0.5) * r + 1.0) * r + 1.0
+        scratch[j] = shifted
+    for j in range(len(x)):
+        bits[j] = (bits[j] + EXPONENT_BIAS) << MANTISSA_BITS
+    for j in range(len(x)):
+        total[j] += x[j] * scratch[j]
+
+
+@njit(cache=True, nogil=True, fastmath=LOOSE)
+def _squared_projection(projection: FloatArray, k: FloatArray, w2: FloatArray) -> None:
+    """Squares `(r,)` of `P k`, over the first points of k."""
+    for i in range(len(projection)):
+        w = _dot(projection[i], k)
+        w2[i] = w * w
+
+
+@njit(cache=True, nogil=True, fastmath=LOOSE)
+def _dot(a: FloatArray, b: FloatArray) -> float:
+    """Sum of products over the length of `a`."""
+    total = 0.0
+    for j in range(len(a)):
+        total += a[j] * b[j]
+    return total
