@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, fields
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from gpcorrect.discrepancy.coordinates import Coordinate, coordinate_of
+from gpcorrect.discrepancy.scene import Scene
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects import EFFECTS, Effect, Stage
+from gpcorrect.sim.effects import Effect, Family, Scope
+from gpcorrect.sim.effects import Candidate as Shape
+from gpcorrect.sim.effects import candidates as shapes
 from gpcorrect.types import FloatArray
 
 __all__ = ["Candidate", "Member", "all_candidates"]
-
-WHOLE = {Stage.LOAD: "all", Stage.CLOCK: "all", Stage.TIP: "tool", Stage.BASE: "base"}
-SHAPES = (1.0, 0.25, 4.0)  # of the typical value: where a shape parameter is tried
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,8 @@ class Candidate:
         How many coordinates each parameter has, in the order of its description; 0 for those left at their default.
     start : tuple of float
         Coordinates at which its signature is taken.
+    amplitudes : tuple of int
+        Indices of the coordinates that its trace simply grows with; none where its shape says all.
     """
 
     kind: type[Effect]
@@ -45,6 +47,7 @@ class Candidate:
     coordinates: tuple[Coordinate, ...]
     counts: tuple[int, ...]
     start: tuple[float, ...]
+    amplitudes: tuple[int, ...]
 
     @property
     def name(self) -> str:
@@ -68,9 +71,16 @@ class Candidate:
         return f"{self.name.replace('_', ' ')} ({self.joint}{extra})"
 
     @property
-    def amplitudes(self) -> tuple[int, ...]:
-        """Indices of the coordinates that the effect grows with."""
-        return tuple(i for i, c in enumerate(self.coordinates) if c.amplitude)
+    def sizes(self) -> tuple[int, ...]:
+        """Indices of the coordinates that say how large it is."""
+        return self.amplitudes or (0,)
+
+    def single(self, index: int) -> FloatArray:
+        """Start, with every amplitude but one at what does nothing."""
+        u = np.array(self.start)
+        for i in self.amplitudes:
+            u[i] = self.start[i] if i == index else self.coordinates[i].identity
+        return u
 
     def build(self, u: FloatArray) -> Effect:
         """Return the effect at these coordinates."""
@@ -85,9 +95,9 @@ class Candidate:
         return self.kind(joint=self.joint, **dict(self.fixed), **values)
 
     def scaled(self, factors: FloatArray) -> FloatArray:
-        """Coordinates with the amplitudes moved to `factors` times their start, inside the bounds."""
+        """Coordinates with the amplitudes moved to `factors` times their start, inside the bounds; a shape stays."""
         u = np.array(self.start)
-        for i, factor in zip(self.amplitudes, factors, strict=True):
+        for i, factor in zip(self.amplitudes, factors, strict=False):
             base = self.coordinates[i].identity
             u[i] = base + factor * (u[i] - base)
         low, high = np.array([c.bounds for c in self.coordinates]).T
@@ -108,85 +118,64 @@ class Member:
         return self.candidate.build(self.u)
 
 
-def all_candidates(joints: tuple[int, ...], types: str, n_sessions: int) -> list[Candidate]:
-    """Everything in the catalogue that could be missing in a machine with these joints."""
-    found: list[Candidate] = []
-    for kind in EFFECTS.values():
-        for joint in _places(kind, joints):
-            joint_type = types[joints.index(joint)] if isinstance(joint, int) else "R"
-            for fixed in _fixed_choices(kind, joint, joints):
-                found += _variants(kind, joint, joint_type, fixed, n_sessions)
-    return found
+def all_candidates(scene: Scene) -> list[Candidate]:
+    """Everything in the catalogue that could be missing in this machine, in a few shapes each.
+
+    Effects on noise are left out: they change no mean, and are tested for by themselves.
+    """
+    motor = scene.motor_path()
+    body = scene.machine.body
+    clock = scene.motion.time
+    scope = Scope(
+        body.joints,
+        body.types,
+        np.stack([motor.min(axis=0), motor.max(axis=0)], axis=1),
+        float(np.ptp(clock)),
+        kinematics=body.chain is not None,
+    )
+    wanted = (s for s in shapes(scope) if s.kind.about.family != Family.NOISE)
+    found = [c for s in wanted for c in _of_shape(s, scene.n_sessions)]
+    return [c for c in found if _is_possible(c)]
 
 
-def _places(kind: type[Effect], joints: tuple[int, ...]) -> tuple[int | str, ...]:
-    declared = getattr(kind, "places", None)
-    if declared is not None:
-        return tuple(joints) if "joint" in declared else tuple(declared)
-    return (WHOLE[kind.stage],) if kind.stage in WHOLE else joints
-
-
-def _fixed_choices(
-    kind: type[Effect], joint: int | str, joints: tuple[int, ...]
-) -> list[tuple[tuple[str, Any], ...]]:
-    """Choices for the required fields that are no parameters: the only ones known are numbers of other joints."""
-    numbers = {p.name for p in kind.about.parameters}
-    required = [f for f in fields(kind) if f.name != "joint" and f.name not in numbers and _is_required(f)]
-    if not required:
-        return [()]
-    if len(required) > 1 or "int" not in str(required[0].type):
-        return []
-    return [((required[0].name, other),) for other in joints if other != joint]
-
-
-def _is_required(field: Field[Any]) -> bool:
-    return field.default is MISSING and field.default_factory is MISSING
-
-
-def _variants(
-    kind: type[Effect], joint: int | str, joint_type: str, fixed: tuple[tuple[str, Any], ...], n_sessions: int
-) -> list[Candidate]:
-    """Candidates with the required numbers open, at several values of the shape parameters; then with the optional ones open too."""
-    own = {f.name: f for f in fields(kind)}
-    required = tuple(_is_required(own[p.name]) for p in kind.about.parameters)
-    choices = [required] if all(required) else [required, tuple(True for _ in required)]
-    found = []
-    for free in choices:
-        coordinates, counts = _coordinates(kind, joint_type, free, n_sessions)
-        for start in _starts(coordinates):
-            candidate = Candidate(kind, joint, fixed, coordinates, counts, start)
-            if _is_possible(candidate):
-                found.append(candidate)
-    return found
+def _of_shape(shape: Shape, n_sessions: int) -> Iterator[Candidate]:
+    coordinates, counts, start, amplitudes = _coordinates(shape, n_sessions)
+    place = dict(shape.place)
+    joint = place.pop("joint")
+    own_session = "session" in {f.name for f in fields(shape.kind)}
+    for session in range(n_sessions) if own_session else (None,):
+        fixed = tuple(place.items()) + (() if session is None else (("session", session),))
+        yield Candidate(shape.kind, joint, fixed, coordinates, counts, start, amplitudes)
 
 
 def _coordinates(
-    kind: type[Effect], joint_type: str, free: tuple[bool, ...], n_sessions: int
-) -> tuple[tuple[Coordinate, ...], tuple[int, ...]]:
+    shape: Shape, n_sessions: int
+) -> tuple[tuple[Coordinate, ...], tuple[int, ...], tuple[float, ...], tuple[int, ...]]:
+    """Coordinates, how many a parameter has, where they start, and which are amplitudes."""
     coordinates: list[Coordinate] = []
-    counts = []
-    for i, (parameter, is_free) in enumerate(zip(kind.about.parameters, free, strict=True)):
-        count = (n_sessions if parameter.per_session else 1) if is_free else 0
-        coordinates += [coordinate_of(parameter, joint_type, amplitude=i == 0)] * count
+    counts, start, amplitudes = [], [], []
+    grows = {p.name for p in shape.amplitudes}
+    for parameter in shape.kind.about.parameters:
+        rung = shape.shape.get(parameter.name)
+        if rung is None and parameter.name not in grows or rung is not None and _says_nothing(shape.kind, parameter.name, rung):
+            counts.append(0)
+            continue
+        count = n_sessions if parameter.per_session else 1
+        coordinate = coordinate_of(parameter, shape.joint_type, amplitude=rung is None)
+        low, high = coordinate.bounds
+        at = coordinate.coordinate(coordinate.typical if rung is None else rung)
+        if rung is None:
+            amplitudes += range(len(coordinates), len(coordinates) + count)
+        coordinates += [coordinate] * count
+        start += [float(np.clip(at, low, high))] * count
         counts.append(count)
-    return tuple(coordinates), tuple(counts)
+    return tuple(coordinates), tuple(counts), tuple(start), tuple(amplitudes)
 
 
-def _starts(coordinates: tuple[Coordinate, ...]) -> list[tuple[float, ...]]:
-    """Typical values, and the shape parameters together at other ones."""
-    starts: dict[tuple[float, ...], None] = {}
-    for shape in SHAPES:
-        u = [_start_of(c, shape) for c in coordinates]
-        low, high = np.array([c.bounds for c in coordinates]).T
-        starts[tuple(np.clip(u, low, high).tolist())] = None
-    return list(starts)
-
-
-def _start_of(coordinate: Coordinate, shape: float) -> float:
-    if coordinate.kind == "log":
-        return float(np.log(shape))
-    # A one-sided amplitude shapes its own signature (the width of a play), a two-sided one only scales it.
-    return shape if coordinate.amplitude and coordinate.parameter.positive else 1.0
+def _says_nothing(kind: type[Effect], name: str, value: float) -> bool:
+    """Whether a rung is the value that the field has when nothing is said."""
+    default = next(f.default for f in fields(kind) if f.name == name)
+    return bool(value == default) or bool(np.isinf(value))
 
 
 def _is_possible(candidate: Candidate) -> bool:

@@ -70,7 +70,7 @@ class Coordinate:
         if self.kind == "inverse":
             return self.typical / value
         if self.kind == "log":
-            return float(np.log(value / self.typical))
+            return float(np.log(max(value, 1e-300) / self.typical))
         return value / self.typical
 
     def prior_residual(self, u: float) -> float:
@@ -87,4 +87,4 @@ def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> 
         kind = "log"
     else:
         kind = "scaled"
-    return Coordinate(parameter, kind, span.typical, span.low, span.high, span.unit, amplitude)
+    return Coordinate(parameter, kind, span.typical or 1.0, span.low, span.high, span.unit, amplitude)

@@ -40,7 +40,7 @@ def explained_by_others(search: Search, members: Sequence[Member], index: int) -
     """Share of a member's tangent (along its amplitude) that the other members' tangents make up."""
     slopes = try_set(search.bench, search.lens, search.observed, members).slopes
     ends = np.cumsum([0, *(len(m.u) for m in members)])
-    own = slopes[:, ends[index] + members[index].candidate.amplitudes[0]]
+    own = slopes[:, ends[index] + members[index].candidate.sizes[0]]
     others = np.delete(slopes, np.arange(ends[index], ends[index + 1]), axis=1)
     if others.shape[1] == 0 or not own.any():
         return 0.0

@@ -90,13 +90,13 @@ def _doubts_of_numbers(view: View, member: Member) -> list[str]:
     members = [*fixed, *near]
     index = next(i for i, m in enumerate(members) if m is member)
     width = half_widths(search, search.lens, members, index)
-    coordinates, amplitudes = member.candidate.coordinates, member.candidate.amplitudes
+    coordinates, sizes = member.candidate.coordinates, member.candidate.sizes
     doubts = []
-    for i in amplitudes:
+    for i in sizes:
         low, high = coordinates[i].bounds
         if not low + 1e-9 < member.u[i] < high - 1e-9:
             doubts.append(f"{coordinates[i].parameter.name} is at the edge of its physical range")
-    if max(abs(member.u[i] - coordinates[i].identity) - width[i] for i in amplitudes) <= 0:
+    if max(abs(member.u[i] - coordinates[i].identity) - width[i] for i in sizes) <= 0:
         doubts.append("its size cannot be told from zero")
     explained = explained_by_others(search, members, index)
     if explained > EXPLAINED:

@@ -68,6 +68,8 @@ def rank(
 
 
 def _is_physical(candidate: Candidate, factors: FloatArray) -> bool:
-    """Whether amplitudes that cannot be negative are not."""
+    """Whether amplitudes that cannot be negative are not, nor the whole of an effect that has none."""
+    if not candidate.amplitudes:
+        return bool((factors > 0).all())
     one_sided = [candidate.coordinates[i] for i in candidate.amplitudes]
     return all(f > 0 for c, f in zip(one_sided, factors, strict=True) if c.parameter.positive or c.kind == "inverse")

@@ -16,6 +16,7 @@ from gpcorrect.discrepancy.laid import Laid, lay_out, localise_residual
 from gpcorrect.discrepancy.lens import estimate_noises, lens_on
 from gpcorrect.discrepancy.localise import Localisation
 from gpcorrect.discrepancy.named import Named
+from gpcorrect.discrepancy.needs import split_by_needs
 from gpcorrect.discrepancy.next_experiment import advise
 from gpcorrect.discrepancy.provenance import provenance_of
 from gpcorrect.discrepancy.prune import name_members
@@ -96,7 +97,7 @@ def find_discrepancy(
         laid, (), estimate_noises(bench, bench.residual(), bench.seen), settings.tolerance, rng
     )
     progress.step("localising", 1.0)
-    state, kept, dropped = _search(laid, before, settings, progress, store)
+    state, kept, dropped = _search(log, laid, before, settings, progress, store)
     members = _refit(state, [n.member for n in kept], bench.seen)
     effects = _with_numbers(state, kept, members, bench.seen)
     final = estimate_noises(bench, state.residual(members), bench.seen)
@@ -119,12 +120,18 @@ def find_discrepancy(
 
 
 def _search(
-    laid: Laid, before: Localisation, settings: RunSettings, progress: Progress, store: StageStore | None
+    log: CalibrationLog,
+    laid: Laid,
+    before: Localisation,
+    settings: RunSettings,
+    progress: Progress,
+    store: StageStore | None,
 ) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
     """Search and naming, when there is something to name."""
     scene = laid.bench.scene
-    candidates = all_candidates(scene) if before.something else []
+    candidates, unable = split_by_needs(all_candidates(scene) if before.something else [], scene, log)
     state = start_search(laid.bench, candidates, progress=progress)
+    state = replace(state, silent=(*unable, *state.silent))
     if not state.traces:
         return state, (), ()
     state = searched(

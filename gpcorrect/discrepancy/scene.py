@@ -22,6 +22,7 @@ from gpcorrect.discrepancy.channels import (
     sampling_is_even,
 )
 from gpcorrect.discrepancy.layout import Layout, layout_of
+from gpcorrect.discrepancy.paths import PathMemory
 from gpcorrect.sim.body import Body
 from gpcorrect.sim.dynamics import posture_at
 from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, ReadingEffect, Stage, in_order, of_kind
@@ -29,7 +30,7 @@ from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.sim.plan import Plan, Segment, plan_of
-from gpcorrect.sim.plant import Outcome, joint_path, run, tip_path
+from gpcorrect.sim.plant import Outcome, run, tip_path
 from gpcorrect.sim.resolve import machine_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
@@ -87,6 +88,7 @@ class Scene:
     registered_on: BoolArray
     remarks: tuple[str, ...] = ()
     _loops: dict[tuple[Effect, ...], Outcome] = field(default_factory=dict, repr=False)
+    _paths: PathMemory = field(default_factory=PathMemory, repr=False)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -144,7 +146,8 @@ class Scene:
     def _readings(self, machine: Machine) -> Readings:
         replay = self._replay(machine)
         loop = self._loop(machine)
-        q = joint_path(machine.effects, replay)
+        before = tuple(e for e in machine.effects if e.stage in LOOP_STAGES)
+        q = self._paths.joint_path(machine.effects, replay, before)
         marker = None
         if self._sees("tracker_cp"):
             tip = tip_path(machine.effects, self._body(machine).forward(q), replay)

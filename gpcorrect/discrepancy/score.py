@@ -17,7 +17,7 @@ from gpcorrect.types import Progress
 __all__ = ["Search", "Step", "contribution", "search"]
 
 ROUNDS = 4  # at most one effect a joint in each
-REFINED = 3  # leaders that are refined before one is chosen
+REFINED = 2  # leaders that are refined before one is chosen
 NEAR_LEADER = 0.3  # of the leader's nats: below, a candidate is not worth refining
 
 
@@ -87,7 +87,7 @@ def _merged(state: Search, threshold: float) -> Search:
     for a, b in combinations(state.members, 2):
         if a.candidate.joint != b.candidate.joint:
             continue
-        rest = state.refit([m for m in state.members if m is not a and m is not b], a.candidate)
+        rest = tuple(m for m in state.members if m is not a and m is not b)
         bare = state.trial(rest, a.candidate)
         pair = gain_over(state, bare, state.members, b)
         ranked = rank(state, bare, [a.candidate, b.candidate], state.touched(a.candidate))[:1]
@@ -117,7 +117,7 @@ def _backward(state: Search, threshold: float) -> Search:
 
 
 def contribution(state: Search, index: int) -> float:
-    """Held-out nats that the set loses without one member, the others refitted."""
+    """Held-out nats that the set loses without one member, the others refitted to first order."""
     member = state.members[index]
-    rest = state.refit([m for m in state.members if m is not member], member.candidate)
+    rest = [m for m in state.members if m is not member]
     return gain_over(state, state.trial(rest, member.candidate), state.members, member)

@@ -20,25 +20,23 @@ __all__ = ["FOLDS", "Trial", "held_out", "refine", "signature", "tangents", "try
 FOLDS = 5
 STEP = 0.02  # of a coordinate, for finite differences
 SMALLEST_STEP = 2e-3
-MAX_EVALUATIONS = 12
+MAX_EVALUATIONS = 8
 
 
 def signature(bench: Bench, base: FloatArray, others: Sequence[Member], candidate: Candidate) -> FloatArray | None:
-    """Change of the channels `(m, c, a)` when a candidate is inserted at its start, a column for each amplitude.
+    """Change of the channels `(m, c, a)` when a candidate is inserted at its start, a column for each amplitude (or one).
 
-    `base` are the channels `(m, c)` without it. None when the simulator refuses the effect on this machine. An effect with one number a
-    session has a column a session.
+    `base` are the channels `(m, c)` without it. None when the simulator refuses the effect on this machine.
     """
-    try:
-        effect = candidate.build(np.array(candidate.start))
-        change = bench.predict([*(m.effect for m in others), effect]) - base
-    except DataError:
-        return None
-    n = len(candidate.amplitudes)
-    if n == 1:
-        return change[:, :, None]
-    session = np.round(bench.means(bench.scene.session.astype(np.float64))).astype(np.int64)
-    return change[:, :, None] * (session[:, None, None] == np.arange(n))
+    indices = candidate.amplitudes or (-1,)
+    columns = []
+    for i in indices:
+        try:
+            effect = candidate.build(candidate.single(i))
+            columns.append(bench.predict([*(m.effect for m in others), effect]) - base)
+        except DataError:
+            return None
+    return np.stack(columns, axis=2)
 
 
 def tangents(bench: Bench, fixed: Sequence[Member], free: Sequence[Member]) -> tuple[FloatArray, FloatArray]:

@@ -19,8 +19,8 @@ from gpcorrect.types import BoolArray, FloatArray
 
 __all__ = ["Rival", "Unknown", "View", "Weighed", "view_of", "weigh"]
 
-RIVALS = 3  # refined for each effect
-TRIED = 12  # looked at for likeness
+RIVALS = 2  # refined for each effect
+TRIED = 8  # looked at for likeness
 LIKENESS = 0.5  # cosine of two signatures, beyond what the other effects explain, below which they are no rivals
 SMOOTH_CHANNELS = 3  # of those an effect shows in, the ones where it shows most
 
