@@ -100,14 +100,17 @@ class Duel:
 
 
 def _question(named: Sequence[Named]) -> tuple[Named, Alternative] | None:
-    """Return the effect whose best alternative is the most probable, with that alternative."""
-    asked = []
-    for n in named:
-        own = n.member.candidate.label
-        others = [a for a in n.alternatives if a.label not in (own, "unknown") and a.probability >= OPEN]
-        if n.level != "EXACT" and others:
-            asked.append((n, max(others, key=lambda a: a.probability)))
-    return max(asked, key=lambda pair: pair[1].probability * pair[0].nats, default=None)
+    """Return the most open effect with its best alternative: among rivals, else, if no name holds, among all."""
+    asked = [n for n in named if n.level in ("CLASS", "SET")]
+    if not asked and not any(n.level == "EXACT" for n in named):
+        asked = list(named)
+    pairs = [(n, a) for n in asked for a in n.alternatives if _is_open(n, a)]
+    return max(pairs, key=lambda pair: pair[1].probability * pair[0].nats, default=None)
+
+
+def _is_open(named: Named, other: Alternative) -> bool:
+    """Return whether another explanation that can be simulated is still worth an experiment."""
+    return other.label not in (named.member.candidate.label, "unknown") and other.probability >= OPEN
 
 
 def _variants(scene: Scene, rival: Alternative) -> tuple[Candidate, ...]:

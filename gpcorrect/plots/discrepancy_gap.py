@@ -11,9 +11,11 @@ from matplotlib.figure import Figure
 
 from gpcorrect.discrepancy.words import channel_words, in_reader_units
 from gpcorrect.plots.style import COLOURS, new_figure
+from gpcorrect.types import FloatArray
 
 __all__ = ["gap_chart", "rms_at"]
 
+WIDE = 30.0  # largest over smallest: beyond, a linear scale hides the small ones
 MARKS = (
     ("before", "o", "raw", "before"),
     ("after", "o", "corrected", "with the named effects"),
@@ -59,5 +61,14 @@ def _panel(ax: Axes, gaps: Mapping[str, Mapping[str, Any]], unit: str) -> None:
         ax.plot(values[key], lines, marker, color=COLOURS[colour], markersize=11 if marker == "|" else 6, label=label)
     ax.set_yticks(lines, [channel_words(name) for name in gaps])
     ax.set_xlabel(f"root mean square of the residual [{symbol}]", fontsize=8)
-    ax.set_xscale("log")
+    _scale(ax, np.concatenate(list(values.values())))
     ax.set_ylim(-0.6, len(gaps) - 0.4)
+
+
+def _scale(ax: Axes, values: FloatArray) -> None:
+    """Start at zero; where channels differ by far, on a logarithmic scale instead."""
+    seen = values[np.isfinite(values) & (values > 0)]
+    if len(seen) and seen.max() > WIDE * seen.min():
+        ax.set_xscale("log")
+    else:
+        ax.set_xlim(left=0.0)

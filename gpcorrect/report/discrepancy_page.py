@@ -119,7 +119,8 @@ def _equivalence(report: Mapping[str, Any]) -> list[str]:
 def _left(left: Sequence[Mapping[str, Any]]) -> str:
     first = left[0]
     where = f"{channel_words(first['channel'])} over {' and '.join(first['variables'])}"
-    return f"{len(left)} tests still beat noise, the strongest {where} ({first['nats']:.0f} nats)"
+    count = "1 test still beats" if len(left) == 1 else f"{len(left)} tests still beat"
+    return f"{count} noise, the strongest {where} ({first['nats']:.0f} nats)"
 
 
 def _worst(report: Mapping[str, Any]) -> list[tuple[int, str, str]]:
@@ -187,7 +188,7 @@ def _how_much(report: Mapping[str, Any]) -> Section:
         TableData(head, rows, "Root mean squares; intervals by drawing whole trajectories."),
         TableData(tail_head, tails, "Sizes that 95 % of the samples stay below, and the largest."),
     )
-    caption = "Root mean squares on a logarithmic scale: the grey line is what the named effects close."
+    caption = "Root mean squares: the grey line is what the named effects close."
     return Section("How much", words, tables, (FigureImage(plots.png(plots.gap_chart(report["gap"])), caption),))
 
 
