@@ -15,6 +15,7 @@ NOT_USED = -1
 SHARES = (0.6, 0.2, 0.2)
 MIN_UNITS = 10  # fewer whole trajectories are cut into blocks
 MIN_SESSIONS = 3
+OPENING = 0.2  # of a session's trajectories
 GUARD = 0.05  # of a block's length is left out between blocks, so that slow noise does not reach across
 
 
@@ -81,7 +82,9 @@ def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: n
     n_sessions = len(np.unique(session))
     unit = session if n_sessions >= MIN_SESSIONS else block
     if n_sessions >= MIN_SESSIONS:
-        remark = f"split by session ({n_sessions} sessions)"
+        remark = (
+            f"split by session ({n_sessions} sessions), the opening of each in discovery: a homing is new every time"
+        )
     units = np.unique(unit[used])
     if len(units) < MIN_SESSIONS:
         raise DataError(
@@ -91,7 +94,19 @@ def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: n
     part_of_unit = _dealt(len(units), rng)
     part = np.full(len(time), NOT_USED)
     part[used] = part_of_unit[np.searchsorted(units, unit[used])]
+    if n_sessions >= MIN_SESSIONS:
+        part[_openings(block, session)] = 0
     return Split(block, part, remark)
+
+
+def _openings(block: IntArray, session: IntArray) -> BoolArray:
+    """Rows of the first fifth of every session's blocks: what is new in each session, a homing, must be learned somewhere."""
+    opening = np.zeros(len(block), dtype=np.bool_)
+    for number in np.unique(session):
+        blocks = np.unique(block[(session == number) & (block != NOT_USED)])
+        if len(blocks) > 1:
+            opening |= (session == number) & np.isin(block, blocks[: max(1, round(OPENING * len(blocks)))])
+    return opening
 
 
 def _dealt(n: int, rng: np.random.Generator) -> IntArray:
