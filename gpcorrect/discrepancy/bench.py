@@ -137,6 +137,4 @@ def build_bench(scene: Scene, split: Split, max_rows: int = 9000) -> Bench:
         part=split.part[rows],
         still=np.zeros(count, dtype=np.bool_),
     )
-    return Bench(
-        scene, group, bench.good, bench.means(scene.time), bench.block, bench.part, bench.means(still) == 1.0
-    )
+    return Bench(scene, group, bench.good, bench.means(scene.time), bench.block, bench.part, bench.means(still) == 1.0)

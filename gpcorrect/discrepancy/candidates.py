@@ -1,4 +1,7 @@
-"""Every effect of the catalogue on every joint it could act on: what may be missing. Nothing here knows an effect by name."""
+"""Every effect of the catalogue on every joint it could act on.
+
+What may be missing. Nothing here knows an effect by name.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,8 @@ import numpy as np
 from gpcorrect.discrepancy.coordinates import Coordinate, coordinate_of
 from gpcorrect.discrepancy.scene import Scene
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects import Effect, Family, Scope
 from gpcorrect.sim.effects import Candidate as Shape
+from gpcorrect.sim.effects import Effect, Family, Scope
 from gpcorrect.sim.effects import candidates as shapes
 from gpcorrect.types import FloatArray
 
@@ -157,7 +160,9 @@ def _coordinates(
     grows = {p.name for p in shape.amplitudes}
     for parameter in shape.kind.about.parameters:
         rung = shape.shape.get(parameter.name)
-        if rung is None and parameter.name not in grows or rung is not None and _says_nothing(shape.kind, parameter.name, rung):
+        if (rung is None and parameter.name not in grows) or (
+            rung is not None and _says_nothing(shape.kind, parameter.name, rung)
+        ):
             counts.append(0)
             continue
         count = n_sessions if parameter.per_session else 1

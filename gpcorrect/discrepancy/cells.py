@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -36,7 +36,7 @@ class Cells:
 
 
 def all_cells(covariates: Covariates) -> list[Cells]:
-    """Tests of every variable alone, and of the channel's own position and direction together with every other one."""
+    """Return tests of every variable alone, and of the channel's own position and direction with every other one."""
     names = list(covariates.values)
     pairs = [(a, b) for a, b in combinations(names, 2) if a in covariates.primary or b in covariates.primary]
     wanted = [*((name,) for name in names), *pairs][:MAX_TESTS]
@@ -44,7 +44,10 @@ def all_cells(covariates: Covariates) -> list[Cells]:
 
 
 def cells_of(variables: dict[str, FloatArray]) -> Cells:
-    """Cut one variable in 8 cells, or two in 5 by 5, that hold equally many rows; a variable of few values keeps them."""
+    """Cut one variable in 8 cells, or two in 5 by 5, that hold equally many rows.
+
+    A variable of few values keeps them.
+    """
     n_bins = BINS[len(variables)]
     codes, words = [], []
     for name, values in variables.items():
@@ -64,7 +67,7 @@ def _cut(values: FloatArray, n_bins: int) -> tuple[IntArray, list[str]]:
         return np.searchsorted(distinct, values).astype(np.int64), [f"= {v:.3g}" for v in distinct]
     edges = np.unique(np.quantile(values, np.linspace(0, 1, n_bins + 1)))
     code = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-    return code.astype(np.int64), [f"{a:.3g} to {b:.3g}" for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return code.astype(np.int64), [f"{a:.3g} to {b:.3g}" for a, b in pairwise(edges)]
 
 
 def indicator(cells: Cells, rows: IntArray) -> FloatArray:

@@ -40,7 +40,9 @@ class Channel:
 
 
 def joint_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) -> FloatArray:
-    """Columns `(n, k)` of a joint signal for these joint numbers; a log with just as many columns has them in this order.
+    """Columns `(n, k)` of a joint signal for these joint numbers.
+
+    A log with just as many columns has them in this order.
 
     Raises
     ------
@@ -97,9 +99,12 @@ def external_signal(log: CalibrationLog, *, kinematics: bool) -> str:
 
 
 def continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
-    """Label `(n,)` of the continuous motion each row belongs to: play and hysteresis remember across trajectory numbers.
+    """Label `(n,)` of the continuous motion each row belongs to.
 
-    Two trajectories of a session are one motion when time and motors `(n, k)` step from one to the next no further than they ever
+    Play and hysteresis remember across trajectory numbers.
+
+    Two trajectories of a session are one motion when time and motors `(n, k)` step from one to the next no further
+    than they ever
     do inside a trajectory.
     """
     change = np.diff(log.trajectory) != 0

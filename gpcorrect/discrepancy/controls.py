@@ -1,4 +1,7 @@
-"""Two yardsticks for a closed gap: what the same fit does to shuffled trajectories, and what a black box does with the same inputs."""
+"""Two yardsticks for a closed gap.
+
+What the same fit does to shuffled trajectories, and what a black box does with the same inputs.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ RIDGE = 1e-6
 
 
 def black_box(inputs: FloatArray, residual: FloatArray, train: BoolArray, rng: np.random.Generator) -> FloatArray:
-    """Residual `(n,)` after a Gaussian process on the inputs `(n, d)`, fitted to the training rows, has taken its part off.
+    """Residual `(n,)` once a Gaussian process on the inputs `(n, d)`, fitted to the training rows, is taken off.
 
     Notes
     -----
@@ -43,9 +46,11 @@ def black_box(inputs: FloatArray, residual: FloatArray, train: BoolArray, rng: n
 def placebo(
     signatures: FloatArray, residual: FloatArray, block: IntArray, train: BoolArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Residual `(n,)` after the effects' signatures `(n, k)` were fitted to training trajectories that had changed places.
+    """Residual `(n,)` once the effects' signatures `(n, k)`, fitted to trajectories that had changed places, are taken off.
 
-    Least squares of the signatures' sizes on a residual whose whole trajectories are dealt to the motion of others; nothing true can
+
+    Least squares of the signatures' sizes on a residual whose whole trajectories are dealt to the motion of others;
+    nothing true can
     be learned, so what it closes is what any fit of this freedom closes.
     """
     shuffled = _shuffled(residual, block, train, rng)

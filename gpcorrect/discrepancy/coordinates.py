@@ -1,4 +1,7 @@
-"""Parameters as an optimiser wants them: of order one, inside bounds, and with amplitudes that can go through the identity."""
+"""Parameters as an optimiser wants them.
+
+Of order one, inside bounds, and with amplitudes that can go through the identity.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,8 @@ class Coordinate:
     parameter : Parameter
         From the effect's description.
     kind : str
-        "scaled" (in units of the typical value), "inverse" (typical over value, for stiffness-like amplitudes) or "log".
+        "scaled" (in units of the typical value), "inverse" (typical over value, for stiffness-like amplitudes) or
+        "log".
     typical, low, high : float
         From its range on this type of joint.
     unit : str
@@ -74,7 +78,7 @@ class Coordinate:
         return value / self.typical
 
     def prior_residual(self, u: float) -> float:
-        """Standard score of a shape parameter under its prior; amplitudes are left free."""
+        """Return standard score of a shape parameter under its prior; amplitudes are left free."""
         return 0.0 if self.amplitude or self.kind != "log" else u / PRIOR_LOG
 
 

@@ -1,4 +1,7 @@
-"""Held-out evidence of linear models: gains of log-likelihood, in nats, on whole trajectories that the fit has not seen."""
+"""Held-out evidence of linear models.
+
+Gains of log-likelihood, in nats, on whole trajectories that the fit has not seen.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,10 @@ class Grams:
 
 
 def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
-    """Sum products of whitened columns `(n, p)` and residual `(n,)` or `(n, r)` over each block; labels from 0 without gaps, -1 left out."""
+    """Sum products of whitened columns `(n, p)` and residual `(n,)` or `(n, r)` over each block.
+
+    Labels from 0 without gaps, -1 left out.
+    """
     n_blocks = int(block.max(initial=-1)) + 1
     p = columns.shape[1]
     gram, moment = np.zeros((n_blocks, p, p)), np.zeros((n_blocks, p, *residual.shape[1:]))
@@ -46,7 +52,7 @@ def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
 
 
 def bordered(base: Grams, columns: FloatArray, new: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
-    """Sums of `columns` `(n, p)`, which are known already, with `new` columns `(n, q)` behind them."""
+    """Return sums of `columns` `(n, p)`, which are known already, with `new` columns `(n, q)` behind them."""
     n_blocks, p = base.moment.shape
     q = new.shape[1]
     gram, moment = np.zeros((n_blocks, p + q, p + q)), np.zeros((n_blocks, p + q))

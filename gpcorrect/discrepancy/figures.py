@@ -74,5 +74,3 @@ def _correlation(state: Search, changes: Sequence[FloatArray]) -> FloatArray:
     size = np.linalg.norm(seen, axis=0)
     cosine: FloatArray = seen.T @ seen / np.maximum(np.outer(size, size), 1e-300)
     return cosine
-
-

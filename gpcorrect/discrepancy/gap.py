@@ -1,4 +1,7 @@
-"""How much the named effects explain, on the part that nothing was fitted to: before, after, noise, placebo and black-box ceiling."""
+"""How much the named effects explain, on the part that nothing was fitted to.
+
+Before, after, noise, placebo and black-box ceiling.
+"""
 
 from __future__ import annotations
 

@@ -18,7 +18,9 @@ __all__ = ["explained_by_others", "half_widths"]
 
 
 def half_widths(search: Search, lens: Lens, members: Sequence[Member], index: int) -> dict[int, float]:
-    """Half widths of the 95 % intervals of one member's coordinates: the larger of sandwich (by trajectory) and Gauss-Newton.
+    """Half widths of the 95 % intervals of one member's coordinates.
+
+    The larger of sandwich (by trajectory) and Gauss-Newton.
 
     Notes
     -----

@@ -26,7 +26,8 @@ class Lens:
     time : (m,) array
         Seconds.
     blocks : tuple of (m,) int arrays
-        For each channel, block of each row, -1 where the channel is missing or the row not looked at; from 0 without gaps.
+        For each channel, block of each row, -1 where the channel is missing or the row not looked at; from 0 without
+        gaps.
     noises : tuple of ChannelNoise
         Of each channel.
     weight : (M,) array
@@ -76,7 +77,10 @@ def estimate_noises(bench: Bench, residual: FloatArray, rows: BoolArray) -> tupl
 
 
 def lens_on(bench: Bench, residual: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ...]) -> Lens:
-    """Look at some condensed rows `(m,)` through these noises, with weights that calm the tails of this residual `(m, c)`."""
+    """Look at some condensed rows `(m,)` through these noises.
+
+    With weights that calm the tails of this residual `(m, c)`.
+    """
     blocks = []
     wanted = np.unique(bench.block[rows])
     dense = np.full(int(bench.block.max()) + 1, -1)

@@ -1,4 +1,7 @@
-"""Where simulation and measurement disagree: the small tests whose held-out gain beats what noise alone would give in the luckiest of them."""
+"""Where simulation and measurement disagree.
+
+The small tests whose held-out gain beats what noise alone would give in the luckiest of them.
+"""
 
 from __future__ import annotations
 
@@ -138,7 +141,8 @@ def localise(
     draws : int
         Bootstrap samples.
     tolerance : dict, optional
-        Task tolerance of a channel in its unit; the equivalence limit is then the larger of it and a quarter of the noise.
+        Task tolerance of a channel in its unit; the equivalence limit is then the larger of it and a quarter of the
+        noise.
     """
     results = [_test_channel(c, rng, draws) for c in channels if (c.block >= 0).any()]
     if not results:

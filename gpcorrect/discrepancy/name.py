@@ -1,4 +1,7 @@
-"""Which names may be given: the posterior of each effect against none, its rivals and the unknown, and the level that follows."""
+"""Which names may be given: the posterior of each effect against none, its rivals and the unknown.
+
+And the level that follows.
+"""
 
 from __future__ import annotations
 
@@ -51,9 +54,12 @@ def _alternative(candidate: Candidate, nats: float) -> Alternative:
 
 
 def _unknown_nats(weighed: Weighed, cost: float) -> float:
-    """Nats of "something outside the catalogue" against this effect, each with the smooth model beside it where that pays.
+    """Nats of "something outside the catalogue" against this effect.
 
-    A flexible model can say whatever a simple effect says. It speaks against the effect only when it has much to say besides: an
+    Each with the smooth model beside it where that pays.
+
+    A flexible model can say whatever a simple effect says. It speaks against the effect only when it has much to say
+    besides: an
     effect with strong evidence and a small remainder stands.
     """
     unknown = weighed.unknown
@@ -100,7 +106,9 @@ def _doubts_of_numbers(view: View, member: Member) -> list[str]:
         doubts.append("its size cannot be told from zero")
     explained = explained_by_others(search, members, index)
     if explained > EXPLAINED:
-        doubts.append(f"{100 * explained:.1f} % of its signature is explained by the others: not nameable from these data")
+        doubts.append(
+            f"{100 * explained:.1f} % of its signature is explained by the others: not nameable from these data"
+        )
     return doubts
 
 

@@ -1,4 +1,7 @@
-"""What of a residual is noise: white plus slowly varying (first-order autoregressive) noise with heavy tails, in real time gaps."""
+"""What of a residual is noise.
+
+White plus slowly varying (first-order autoregressive) noise with heavy tails, in real time gaps.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +60,8 @@ def estimate_noise(
 ) -> ChannelNoise:
     """Estimate a channel's noise from how its residual changes over short time lags.
 
-    Half the squared change over a lag h has the expectation w^2 + a^2 (1 - exp(-h / T)), plus c h^2 from what moves smoothly with
+    Half the squared change over a lag h has the expectation w^2 + a^2 (1 - exp(-h / T)), plus c h^2 from what moves
+    smoothly with
     the motion. Medians are used for it, so that rare jumps at reversals and outliers count little.
 
     Parameters
@@ -89,7 +93,7 @@ def estimate_noise(
 
 
 def _hold_labels(block: IntArray, still: BoolArray) -> IntArray:
-    """A label per unbroken run of still rows in one block; -1 elsewhere."""
+    """Return a label per unbroken run of still rows in one block; -1 elsewhere."""
     starts = still & ~np.r_[False, still[:-1] & (block[1:] == block[:-1])]
     return np.where(still, np.cumsum(starts) - 1, -1)
 
@@ -136,7 +140,8 @@ def _tail(z: FloatArray) -> float:
 def whiten(noise: ChannelNoise, time: FloatArray, block: IntArray, values: FloatArray) -> FloatArray:
     """Turn columns that carry this noise into columns of independent noise of unit variance.
 
-    Innovations of the Kalman filter of the noise model, started afresh in every block; linear in `values`, gaps count in real time.
+    Innovations of the Kalman filter of the noise model, started afresh in every block; linear in `values`, gaps count
+    in real time.
 
     Parameters
     ----------

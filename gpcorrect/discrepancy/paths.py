@@ -1,4 +1,7 @@
-"""Joint paths through effects, remembered joint by joint: a change at one joint need not walk the others' paths again."""
+"""Joint paths through effects, remembered joint by joint.
+
+A change at one joint need not walk the others' paths again.
+"""
 
 from __future__ import annotations
 

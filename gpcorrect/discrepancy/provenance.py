@@ -41,7 +41,13 @@ def provenance_of(
         },
         "seconds": seconds,
         "noise": {
-            c.name: {"white": n.white, "slow": n.slow, "time_constant": n.time_constant, "tail": n.tail, "basis": n.basis}
+            c.name: {
+                "white": n.white,
+                "slow": n.slow,
+                "time_constant": n.time_constant,
+                "tail": n.tail,
+                "basis": n.basis,
+            }
             for c, n in zip(bench.scene.channels, state.lens.noises, strict=True)
         },
         "remarks": [*data.remarks, *_model_remarks(bench.scene)],
@@ -51,7 +57,11 @@ def provenance_of(
 
 def _model_remarks(scene: Scene) -> list[str]:
     model = scene.model
-    absent = [name for name in ("controller", "transmission", "links", "noise", "T_tracker_base") if getattr(model, name) is None]
+    absent = [
+        name
+        for name in ("controller", "transmission", "links", "noise", "T_tracker_base")
+        if getattr(model, name) is None
+    ]
     if not absent:
         return []
     return [f"absent from the model file, taken from the arm's description or from the data: {', '.join(absent)}"]

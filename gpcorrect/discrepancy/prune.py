@@ -1,4 +1,7 @@
-"""From a finished search to names: what cannot be named is taken out, one at a time, and the rest weighed again without it."""
+"""From a finished search to names.
+
+What cannot be named is taken out, one at a time, and the rest weighed again without it.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +77,10 @@ def name_members(
 
 
 def _better_rival(search: Search, opinions: dict[int, Opinion]) -> tuple[Member, ...] | None:
-    """The set with the rival that gains most beyond the member whose place it takes; None when no rival gains."""
+    """Return the set with the rival that gains most beyond the member whose place it takes.
+
+    None when no rival gains.
+    """
     best, place, new = 0.0, None, None
     for member in search.members:
         _, weighed = opinions[id(member)]
@@ -88,7 +94,7 @@ def _better_rival(search: Search, opinions: dict[int, Opinion]) -> tuple[Member,
 
 
 def _weakest(search: Search, opinions: dict[int, Opinion]) -> Member | None:
-    """The member with the fewest nats among those that may not be named."""
+    """Return the member with the fewest nats among those that may not be named."""
     poor = [m for m in search.members if not opinions[id(m)][0].may_be_named]
     return min(poor, key=lambda m: opinions[id(m)][0].nats) if poor else None
 
@@ -96,7 +102,7 @@ def _weakest(search: Search, opinions: dict[int, Opinion]) -> Member | None:
 def _changed(
     search: Search, members: Sequence[Member], opinions: dict[int, Opinion]
 ) -> tuple[Search, dict[int, Opinion]]:
-    """The search with another set, and the opinions on members that no change can have touched."""
+    """Return the search with another set, and the opinions on members that no change can have touched."""
     now = {id(m) for m in members}
     moved = [m for m in search.members if id(m) not in now]
     fresh = replace(search, members=tuple(members))

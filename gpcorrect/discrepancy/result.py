@@ -44,7 +44,8 @@ class NamedEffect:
             "class": candidate.family,
             "level": self.named.level,
             "probability": self.named.probability,
-            "parameters": {k: dict(v) for k, v in self.parameters.items()} | {k: {"value": v, "ci95": None, "unit": ""} for k, v in candidate.fixed},
+            "parameters": {k: dict(v) for k, v in self.parameters.items()}
+            | {k: {"value": v, "ci95": None, "unit": ""} for k, v in candidate.fixed},
             "rivals": [_alternative(r) for r in self.named.rivals],
             "alternatives": [_alternative(a) for a in self.named.alternatives],
             "nats": self.named.nats,
@@ -207,7 +208,13 @@ class Discrepancy:
                         for e in (self.remainder or self.localisation).equivalence
                     ],
                     "not_named": [
-                        {"label": n.member.candidate.label, "level": n.level, "probability": n.probability, "nats": n.nats, "why": list(n.reasons)}
+                        {
+                            "label": n.member.candidate.label,
+                            "level": n.level,
+                            "probability": n.probability,
+                            "nats": n.nats,
+                            "why": list(n.reasons),
+                        }
                         for n in self.unnamed
                     ],
                 },

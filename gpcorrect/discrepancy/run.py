@@ -93,9 +93,7 @@ def find_discrepancy(
     laid = lay_out(log, model, settings.max_rows, rng)
     bench = laid.bench
     progress.step("localising", 0.0)
-    before = localise_residual(
-        laid, (), estimate_noises(bench, bench.residual(), bench.seen), settings.tolerance, rng
-    )
+    before = localise_residual(laid, (), estimate_noises(bench, bench.residual(), bench.seen), settings.tolerance, rng)
     progress.step("localising", 1.0)
     state, kept, dropped = _search(log, laid, before, settings, progress, store)
     members = _refit(state, [n.member for n in kept], bench.seen)
@@ -134,9 +132,7 @@ def _search(
     state = replace(state, silent=(*unable, *state.silent))
     if not state.traces:
         return state, (), ()
-    state = searched(
-        state, candidates, store, lambda start: search(start, rounds=settings.rounds, progress=progress)
-    )
+    state = searched(state, candidates, store, lambda start: search(start, rounds=settings.rounds, progress=progress))
     return name_members(state, laid.tests, laid.inputs, progress=progress)
 
 
@@ -157,7 +153,7 @@ def _refit(state: Search, members: Sequence[Member], rows: BoolArray) -> tuple[M
 
 
 def _groups(state: Search, members: Sequence[Member]) -> list[list[int]]:
-    """Indices of members that are linked by common channels."""
+    """Return indices of members that are linked by common channels."""
     groups: list[list[int]] = []
     for i, member in enumerate(members):
         linked = [g for g in groups if any(state.alike(members[k].candidate, member.candidate) for k in g)]

@@ -1,7 +1,9 @@
 """The recording seen by the simulator: what the sensors should have said if the model, plus some effects, were true.
 
-The motor side is replayed: where motors are measured, everything behind them is predicted from their measured path, so that an error
-of the servo model cannot pass for one of the transmission. Where the model has a controller, and the log commands on an even clock, the
+The motor side is replayed: where motors are measured, everything behind them is predicted from their measured path,
+so that an error
+of the servo model cannot pass for one of the transmission. Where the model has a controller, and the log commands on
+an even clock, the
 closed loop is run as well and predicts the motors themselves.
 """
 
@@ -37,7 +39,10 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 __all__ = ["Scene", "build_scene"]
 
 REMEMBERED = 48  # closed-loop runs that are kept
-PIECE, WARM_UP = 200, 400  # rows; long motions are replayed in pieces side by side, after a warm-up that fills the memories
+PIECE, WARM_UP = (
+    200,
+    400,
+)  # rows; long motions are replayed in pieces side by side, after a warm-up that fills the memories
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
 
 
@@ -117,7 +122,7 @@ class Scene:
         return self.layout.gather(self._replay(self._machine(effects)).load, len(self))
 
     def predict(self, effects: Sequence[Effect] = ()) -> FloatArray:
-        """What the channels `(n, c)` should say with these effects beyond the model's own.
+        """Return what the channels `(n, c)` should say with these effects beyond the model's own.
 
         Raises
         ------

@@ -1,4 +1,7 @@
-"""Which effects explain the discrepancy: forward steps by held-out nats, refinement before the next step, backward deletion."""
+"""Which effects explain the discrepancy.
+
+Forward steps by held-out nats, refinement before the next step, backward deletion.
+"""
 
 from __future__ import annotations
 
@@ -55,10 +58,15 @@ def search(state: Search, *, rounds: int = ROUNDS, progress: Progress | None = N
 
 
 def _forward(state: Search, threshold: float, joints: set[int | str]) -> Search:
-    """Add the best of the refined leaders on a joint that is still open in this round; the same state when none pays."""
+    """Add the best of the refined leaders on a joint that is still open in this round.
+
+    The same state when none pays.
+    """
     trial = state.whole_trial()
     ranked = [r for r in rank(state, trial) if r.candidate.joint not in joints and r.nats > 0]
-    leaders = [r for r in ranked if r.nats > NEAR_LEADER * ranked[0].nats and state.alike(r.candidate, ranked[0].candidate)]
+    leaders = [
+        r for r in ranked if r.nats > NEAR_LEADER * ranked[0].nats and state.alike(r.candidate, ranked[0].candidate)
+    ]
     best: tuple[float, tuple[Member, ...]] | None = None
     for leader in leaders[:REFINED]:
         members = state.refit((*state.members, leader.member), leader.candidate)

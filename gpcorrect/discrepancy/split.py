@@ -1,4 +1,7 @@
-"""Who may look at what: trajectories are dealt once, before anything is seen, to discovery, confirmation and the sealed part."""
+"""Who may look at what: trajectories are dealt once, before anything is seen, to discovery.
+
+Confirmation and the sealed part.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +62,9 @@ class Split:
 
 
 def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: np.random.Generator) -> Split:
-    """Deal rows 60 : 20 : 20 by session where there are three or more, else by trajectory, else by blocks of long trajectories.
+    """Deal rows 60 : 20 : 20 by session where there are three or more, else by trajectory.
+
+    Else by blocks of long trajectories.
 
     Parameters
     ----------
@@ -100,7 +105,10 @@ def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: n
 
 
 def _openings(block: IntArray, session: IntArray) -> BoolArray:
-    """Rows of the first fifth of every session's blocks: what is new in each session, a homing, must be learned somewhere."""
+    """Rows of the first fifth of every session's blocks.
+
+    What is new in each session, a homing, must be learned somewhere.
+    """
     opening = np.zeros(len(block), dtype=np.bool_)
     for number in np.unique(session):
         blocks = np.unique(block[(session == number) & (block != NOT_USED)])

@@ -1,4 +1,7 @@
-"""A set of effects tried on the data: its signatures and tangents through the simulator, its refinement, its held-out nats."""
+"""A set of effects tried on the data.
+
+Its signatures and tangents through the simulator, its refinement, its held-out nats.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,9 @@ MAX_EVALUATIONS = 8
 
 
 def signature(bench: Bench, base: FloatArray, others: Sequence[Member], candidate: Candidate) -> FloatArray | None:
-    """Change of the channels `(m, c, a)` when a candidate is inserted at its start, a column for each amplitude (or one).
+    """Change of the channels `(m, c, a)` when a candidate is inserted at its start.
+
+    A column for each amplitude (or one).
 
     `base` are the channels `(m, c)` without it. None when the simulator refuses the effect on this machine.
     """
@@ -92,7 +97,9 @@ def refine(
         return np.concatenate([slopes, prior])
 
     inner = np.clip(start, np.nextafter(low, high), np.nextafter(high, low))
-    fit = least_squares(errors, inner, jac=jacobian, bounds=(low, high), x_scale=1.0, max_nfev=MAX_EVALUATIONS, ftol=1e-5)
+    fit = least_squares(
+        errors, inner, jac=jacobian, bounds=(low, high), x_scale=1.0, max_nfev=MAX_EVALUATIONS, ftol=1e-5
+    )
     return _at(free, fit.x)
 
 
@@ -129,7 +136,9 @@ def try_set(
 
 
 def held_out(lens: Lens, reference: FloatArray, z: FloatArray, slopes: FloatArray) -> FloatArray:
-    """Nats `(b,)` of each block that a set gains over a reference residual, its numbers refitted (to first order) without the block's fold.
+    """Nats `(b,)` of each block that a set gains over a reference residual.
+
+    Its numbers refitted (to first order) without the block's fold.
 
     Parameters
     ----------

@@ -1,7 +1,11 @@
-"""What no effect of the catalogue says: a smooth model of the residual, additive in all variables plus its strongest pairs.
+"""What no effect of the catalogue says.
 
-Piecewise linear in each variable, with a ridge whose strength is chosen on held-out trajectories: the additive-plus-pairwise Gaussian
-process of the method note, in a basis that is cheap to refit. It is fitted together with the effects' tangents, so that what it gains
+A smooth model of the residual, additive in all variables plus its strongest pairs.
+
+Piecewise linear in each variable, with a ridge whose strength is chosen on held-out trajectories: the additive-plus-
+pairwise Gaussian
+process of the method note, in a basis that is cheap to refit. It is fitted together with the effects' tangents, so
+that what it gains
 beside a set is orthogonal to it.
 """
 
@@ -54,7 +58,9 @@ def smooth_columns(
     residual: FloatArray,
     rows: BoolArray,
 ) -> FloatArray:
-    """Columns `(m, c, k)` of the smooth model of these channels: all single variables, and the pairs that explain most of a residual.
+    """Columns `(m, c, k)` of the smooth model of these channels.
+
+    All single variables, and the pairs that explain most of a residual.
 
     Parameters
     ----------
@@ -93,7 +99,10 @@ def _basis(values: Sequence[FloatArray]) -> FloatArray:
 
 
 def _hats(values: FloatArray, n_knots: int) -> FloatArray:
-    """Piecewise linear functions `(m, k)`, each one at one quantile and zero at the others; few values have one each."""
+    """Piecewise linear functions `(m, k)`, each one at one quantile and zero at the others.
+
+    Few values have one each.
+    """
     distinct = np.unique(values)
     knots = distinct if len(distinct) <= n_knots else np.unique(np.quantile(values, np.linspace(0, 1, n_knots)))
     columns: FloatArray = np.stack([np.interp(values, knots, unit) for unit in np.eye(len(knots))], axis=1)
@@ -117,7 +126,9 @@ def smooth_fit(
     columns: FloatArray,
     size: float,
 ) -> SmoothFit:
-    """Fit the smooth model beside a set's tangents, which take up what they can: what is left to it is orthogonal to them.
+    """Fit the smooth model beside a set's tangents, which take up what they can.
+
+    What is left to it is orthogonal to them.
 
     Parameters
     ----------

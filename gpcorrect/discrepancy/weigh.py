@@ -1,4 +1,7 @@
-"""Evidence for an effect and for what could stand in its place: rivals in the catalogue, something outside it, nothing."""
+"""Evidence for an effect and for what could stand in its place.
+
+Rivals in the catalogue, something outside it, nothing.
+"""
 
 from __future__ import annotations
 
@@ -153,7 +156,7 @@ def _likeness(a: FloatArray, b: FloatArray, slopes: FloatArray) -> float:
 
 
 def _loudest(view: View, member: Member, channels: BoolArray) -> BoolArray:
-    """The few channels in which a member is largest beside the noise."""
+    """Return the few channels in which a member is largest beside the noise."""
     search = view.search
     change = search.bench.predict([member.effect]) - search.bench.predict()
     size = np.sqrt(np.mean(change**2, axis=0)) / np.array([n.std for n in search.lens.noises])

@@ -1,4 +1,7 @@
-"""Localisation: silent in noise, loud where a residual depends on something, and honest about what it cannot exclude."""
+"""Localisation: silent in noise, loud where a residual depends on something.
+
+And honest about what it cannot exclude.
+"""
 
 from __future__ import annotations
 
@@ -42,6 +45,9 @@ def test_a_small_effect_is_found_where_it_is() -> None:
 
 
 def test_nothing_missing_needs_the_equivalence_too() -> None:
-    """Noise alone is shown to be free of anything larger than a quarter of it; with an effect of half of it that is not shown."""
+    """Noise alone is shown to be free of anything larger than a quarter of it.
+
+    With an effect of half of it that is not shown.
+    """
     assert found(1).nothing
     assert not found(1, size=0.5).nothing
