@@ -13,25 +13,18 @@ from __future__ import annotations
 import argparse
 import json
 import time
-import warnings
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from discrepancy_baselines import BASELINES, library_of
+from discrepancy_baselines import BASELINES
+from discrepancy_cases import Job, outcome_of, solve
 from joblib import Parallel, delayed
 from support import RESULTS, print_table
-from threadpoolctl import threadpool_limits
-from truth import SUITES, Spec, make_case, short, specs
+from truth import SUITES, short, specs
 
-from gpcorrect.discrepancy.outcomes import CaseOutcome, case_outcome
-from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
 from gpcorrect.discrepancy.score_reports import Score, Share, score_cases
 from gpcorrect.discrepancy.score_text import score_text
-from gpcorrect.errors import GpCorrectError
-from gpcorrect.sim import Model, model_from_dict
-from gpcorrect.types import CalibrationLog
 
 FIRST_SEED = 900_000
 NUMBERS = {
@@ -44,72 +37,6 @@ NUMBERS = {
     "outside": 300,
 }
 SHORT = {"null": 3, "null_awkward": 2, "one": 6, "zigzag": 2, "pairs": 1, "triples": 1, "outside": 3}
-GROUPS = {"null_awkward": "awkward_null", "one": "single", "pairs": "pair", "triples": "triple"}
-
-
-@dataclass(frozen=True)
-class Job:
-    """One case to make and solve."""
-
-    spec: Spec
-    seed: int
-    baselines: bool
-
-    @property
-    def key(self) -> str:
-        """Name of the case."""
-        return f"{self.spec.suite}_{self.seed}_{self.spec.trajectories}x{self.spec.seconds:g}"
-
-
-def label_of(labels: dict[str, Any]) -> dict[str, Any]:
-    """Labels of the truth package as the scorer wants them."""
-    effects = [
-        {"name": e["name"], "joint": e["joint"], "known": labels["kind"] != "outside"} | e["params"]
-        for e in labels["effects"]
-    ]
-    ratios = [e["ratio"] for e in labels["effects"]]
-    return {
-        "set": GROUPS.get(labels["suite"], labels["suite"]),
-        "effects": effects,
-        "effect_to_noise": min(ratios, default=None),
-    }
-
-
-def solve(job: Job) -> dict[str, Any]:
-    """Make a case, let the workflow and the baselines loose on it, and score them."""
-    with threadpool_limits(1), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        case = make_case(job.spec, job.seed)
-        label, model = label_of(dict(case.labels)), model_from_dict(case.nominal)
-        settings = RunSettings(seed=job.seed)
-        try:
-            report = find_discrepancy(case.log, model, settings).to_dict()
-        except GpCorrectError as error:
-            return {"key": job.key, "suite": job.spec.suite, "refused": str(error), "outcome": _refused(job, label)}
-        outcome = asdict(case_outcome(job.key, label, report))
-        others = _baselines(case.log, model, settings, label) if job.baselines else {}
-        said = {"level": report["verdict"]["level"], "effects": [_brief(e) for e in report["verdict"]["effects"]]}
-        return {"key": job.key, "suite": job.spec.suite, "outcome": outcome, "said": said, "baselines": others}
-
-
-def _refused(job: Job, label: dict[str, Any]) -> dict[str, Any]:
-    """Return the score of a refusal, which is an answer too: it names nothing, and decides nothing."""
-    report = {"verdict": {"level": "INCONCLUSIVE", "effects": []}, "gap": {}, "provenance": {"seconds": 0.0}}
-    return asdict(case_outcome(job.key, label, report))
-
-
-def _brief(effect: dict[str, Any]) -> str:
-    return f"{effect['level']} {effect['name']} {effect['joint']} {effect['probability']:.3f}"
-
-
-def _baselines(log: CalibrationLog, model: Model, settings: RunSettings, label: dict[str, Any]) -> dict[str, Any]:
-    library = library_of(log, model, settings)
-    true = {(e["name"], e["joint"]) for e in label["effects"] if e["known"]}
-    found = {}
-    for name, method in BASELINES.items():
-        named = method(library)
-        found[name] = {"exact": bool(true) and named == true, "wrong": bool(named - true), "silent": not named}
-    return found
 
 
 def jobs_of(arguments: argparse.Namespace) -> Iterator[Job]:
@@ -145,7 +72,7 @@ def run(jobs: list[Job], results: Path, workers: int) -> list[dict[str, Any]]:
 
 def show(entries: list[dict[str, Any]]) -> Score:
     """Print the target table, the confusion matrix, detection limits, and the baselines beside the workflow."""
-    outcomes = [_outcome(e["outcome"]) for e in entries]
+    outcomes = [outcome_of(e["outcome"]) for e in entries]
     refused = [e for e in entries if "refused" in e]
     score = score_cases(outcomes)
     print(score_text(score))
@@ -155,19 +82,13 @@ def show(entries: list[dict[str, Any]]) -> Score:
     return score
 
 
-def _outcome(values: dict[str, Any]) -> CaseOutcome:
-    lists = ("truth", "answers", "covered")
-    pairs = tuple((float(p), bool(right)) for p, right in values["probabilities"])
-    return CaseOutcome(**{**values, **{k: tuple(values[k]) for k in lists}, "probabilities": pairs})
-
-
 def compare(entries: list[dict[str, Any]]) -> None:
     """Print workflow and baselines on the same cases: named exactly, and with a wrong name."""
     both = [e for e in entries if e.get("baselines")]
     rows = []
     for suite in dict.fromkeys(e["suite"] for e in both):
         part = [e for e in both if e["suite"] == suite]
-        own = [_outcome(e["outcome"]) for e in part]
+        own = [outcome_of(e["outcome"]) for e in part]
         verdicts = {"workflow": [(o.exact, o.wrong) for o in own]}
         for name in BASELINES:
             verdicts[name] = [(e["baselines"][name]["exact"], e["baselines"][name]["wrong"]) for e in part]
