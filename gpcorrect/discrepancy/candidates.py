@@ -74,6 +74,11 @@ class Candidate:
         return f"{self.name.replace('_', ' ')} ({self.joint}{extra})"
 
     @property
+    def extra(self) -> int:
+        """Return how many parameters it has beyond the first; one with a value a session counts once."""
+        return sum(count > 0 for count in self.counts) - 1
+
+    @property
     def sizes(self) -> tuple[int, ...]:
         """Indices of the coordinates that say how large it is."""
         return self.amplitudes or (0,)

@@ -13,7 +13,7 @@ import numpy as np
 from gpcorrect.discrepancy.candidates import Candidate, Member
 from gpcorrect.discrepancy.intervals import explained_by_others, half_widths
 from gpcorrect.discrepancy.named import EXACT, STABLE, Alternative, EffectLevel, Named
-from gpcorrect.discrepancy.state import penalty
+from gpcorrect.discrepancy.state import COMPLEXITY, penalty
 from gpcorrect.discrepancy.weigh import View, Weighed, weigh
 
 __all__ = ["name_member", "nothing_but"]
@@ -22,6 +22,7 @@ CONFIRMED = 3.0  # nats on the confirmation part
 POSITIVE_SHARE = 0.6  # of the trajectories
 UNKNOWN_SHARE = 0.25  # of an effect's nats, found beside it by the smooth model: then that model competes in full
 STRONG = 30.0  # nats from which an effect with a small remainder stands against any smooth model
+EDGE = 0.01  # of a bound
 EXPLAINED = 0.95  # of a signature by the others: not nameable
 
 
@@ -29,11 +30,12 @@ def name_member(view: View, member: Member) -> tuple[Named, Weighed]:
     """Weigh one member of a finished search, and say at what level it may be named."""
     weighed = weigh(view, member)
     cost = penalty(view.search.n_kinds)
-    mine = _alternative(member.candidate, weighed.nats - cost)
+    temper = weighed.temper
+    mine = _alternative(member.candidate, weighed.nats - cost - temper * COMPLEXITY * member.candidate.extra)
     others = [
         Alternative("nothing", "", None, "", 0.0),
         Alternative("unknown", "", None, "", _unknown_nats(weighed, cost) - cost),
-        *(_alternative(r.candidate, r.nats - cost) for r in weighed.rivals),
+        *(_alternative(r.candidate, r.nats - cost - temper * COMPLEXITY * r.candidate.extra) for r in weighed.rivals),
     ]
     alternatives = _posterior([mine, *others], weighed.temper)
     doubts = _doubts(view, member, weighed, cost)
@@ -100,7 +102,7 @@ def _doubts_of_numbers(view: View, member: Member) -> list[str]:
     doubts = []
     for i in sizes:
         low, high = coordinates[i].bounds
-        if not low + 1e-9 < member.u[i] < high - 1e-9:
+        if not low + EDGE * abs(low) + 1e-9 < member.u[i] < high - EDGE * abs(high):
             doubts.append(f"{coordinates[i].parameter.name} is at the edge of its physical range")
     if max(abs(member.u[i] - coordinates[i].identity) - width[i] for i in sizes) <= 0:
         doubts.append("its size cannot be told from zero")

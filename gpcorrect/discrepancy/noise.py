@@ -17,8 +17,8 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 __all__ = ["ChannelNoise", "estimate_noise", "outliers", "standard_draws", "whiten"]
 
 MIN_PAIRS = 200  # of samples in holds, without which the whole recording is used
-LONGEST_LAG = 2.0  # s; beyond, motion and noise can no longer be told apart
-CORRELATION_TIMES = np.geomspace(0.02, 2.0, 25)  # s
+LONGEST_LAG = 0.8  # s; beyond, motion and noise can no longer be told apart
+CORRELATION_TIMES = np.geomspace(0.02, 0.5, 20)  # s; longer ones would take motion effects for noise
 NORMAL_MAD = 0.6744897501960817
 TAILS = (3.0, 4.0, 6.0, 10.0, np.inf)
 SPIKE = 6.0  # robust standard deviations from the running median

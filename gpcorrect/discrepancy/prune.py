@@ -13,7 +13,7 @@ from gpcorrect.discrepancy.cells import Cells
 from gpcorrect.discrepancy.covariates import Covariates
 from gpcorrect.discrepancy.name import name_member
 from gpcorrect.discrepancy.named import Named
-from gpcorrect.discrepancy.state import Search
+from gpcorrect.discrepancy.state import COMPLEXITY, Search
 from gpcorrect.discrepancy.weigh import Weighed, view_of
 from gpcorrect.types import Progress
 
@@ -86,6 +86,7 @@ def _better_rival(search: Search, opinions: dict[int, Opinion]) -> tuple[Member,
         _, weighed = opinions[id(member)]
         for rival in weighed.rivals[:1]:
             gain = (rival.nats - weighed.nats) / weighed.temper
+            gain -= COMPLEXITY * (rival.candidate.extra - member.candidate.extra)
             if gain > best:
                 best, place, new = gain, member, rival.member
     if new is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.candidates import Candidate, Member
 from gpcorrect.discrepancy.evidence import bordered, fold_of, held_out_nats, solve
-from gpcorrect.discrepancy.state import Search
+from gpcorrect.discrepancy.state import COMPLEXITY, Search
 from gpcorrect.discrepancy.trial import FOLDS, Trial
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -61,7 +61,7 @@ def rank(
         factors = solve(sums.gram.sum(axis=0), sums.moment.sum(axis=0))[p:]
         if not _is_physical(candidate, factors):
             continue
-        nats = float(held_out_nats(sums, fold).sum()) - base_nats
+        nats = float(held_out_nats(sums, fold).sum()) - base_nats - COMPLEXITY * candidate.extra
         if candidate.key not in best or nats > best[candidate.key].nats:
             best[candidate.key] = Ranked(candidate, nats, factors)
     return sorted(best.values(), key=lambda r: -r.nats)

@@ -14,9 +14,10 @@ from gpcorrect.discrepancy.traces import Trace, traces_of
 from gpcorrect.discrepancy.trial import Trial, refine, try_set
 from gpcorrect.types import BoolArray, FloatArray, Progress
 
-__all__ = ["Search", "Step", "penalty", "start_search"]
+__all__ = ["COMPLEXITY", "Search", "Step", "penalty", "start_search"]
 
 PRIOR = 0.01  # probability that any effect at all is added, before its share among the candidates
+COMPLEXITY = 4.0  # nats that each parameter beyond an effect's first must bring: limits of one effect are not another
 FREE_TOGETHER = 8  # members that are refitted with a new one
 
 
