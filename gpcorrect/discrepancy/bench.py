@@ -84,22 +84,22 @@ class Bench:
     @property
     def discovery(self) -> BoolArray:
         """(m,) rows in which effects are looked for."""
-        return self.part == 0
+        return np.asarray(self.part == 0)
 
     @property
     def confirmation(self) -> BoolArray:
         """(m,) rows on which what was found must hold again."""
-        return self.part == 1
+        return np.asarray(self.part == 1)
 
     @property
     def sealed(self) -> BoolArray:
         """(m,) rows that only the final figures see."""
-        return self.part == 2
+        return np.asarray(self.part == 2)
 
     @property
     def seen(self) -> BoolArray:
         """(m,) rows of discovery and confirmation."""
-        return self.part != 2
+        return np.asarray(self.part != 2)
 
 
 def build_bench(scene: Scene, split: Split, max_rows: int = 9000) -> Bench:

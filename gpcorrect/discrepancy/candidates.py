@@ -161,7 +161,9 @@ def _coordinates(
 ) -> tuple[tuple[Coordinate, ...], tuple[int, ...], tuple[float, ...], tuple[int, ...]]:
     """Coordinates, how many a parameter has, where they start, and which are amplitudes."""
     coordinates: list[Coordinate] = []
-    counts, start, amplitudes = [], [], []
+    counts: list[int] = []
+    start: list[float] = []
+    amplitudes: list[int] = []
     grows = {p.name for p in shape.amplitudes}
     for parameter in shape.kind.about.parameters:
         rung = shape.shape.get(parameter.name)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -46,9 +47,7 @@ def black_box(inputs: FloatArray, residual: FloatArray, train: BoolArray, rng: n
     return left
 
 
-def _short_ascent(
-    objective: Callable[[FloatArray], tuple[float, FloatArray]], start: FloatArray, bounds: FloatArray
-) -> tuple[FloatArray, float]:
+def _short_ascent(objective: Callable[..., Any], start: FloatArray, bounds: FloatArray) -> tuple[FloatArray, float]:
     """L-BFGS-B with few iterations: a yardstick need not be polished."""
     found = minimize(objective, start, jac=True, bounds=bounds, method="L-BFGS-B", options={"maxiter": ITERATIONS})
     return found.x, float(found.fun)

@@ -194,7 +194,7 @@ class Discrepancy:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report's JSON form, numbers that do not exist as None."""
-        return _finite(
+        report: dict[str, Any] = _finite(
             {
                 "verdict": {"level": self.level, "effects": [e.to_dict() for e in self.effects]},
                 "localisation": [_finding(f) for f in self.localisation.findings],
@@ -220,6 +220,7 @@ class Discrepancy:
                 },
             }
         )
+        return report
 
 
 def _finding(finding: Finding) -> dict[str, Any]:

@@ -181,7 +181,7 @@ def _verdict(
     if not before.something:
         return "NONE" if before.nothing else "INCONCLUSIVE"
     if effects:
-        return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # type: ignore[arg-type]  # kept effects have one of these
+        return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # kept effects have one of these
     everywhere = np.ones(len(laid.bench.scene.channels), dtype=np.bool_)
     left = smooth_nats(view_of(state, laid.tests, laid.inputs), members, everywhere)
     return "UNKNOWN" if left > penalty(max(state.n_kinds, 1)) else "INCONCLUSIVE"

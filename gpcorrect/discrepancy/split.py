@@ -43,22 +43,22 @@ class Split:
     @property
     def discovery(self) -> BoolArray:
         """(n,) rows in which effects are looked for."""
-        return self.part == 0
+        return np.asarray(self.part == 0)
 
     @property
     def confirmation(self) -> BoolArray:
         """(n,) rows on which what was found must hold again."""
-        return self.part == 1
+        return np.asarray(self.part == 1)
 
     @property
     def sealed(self) -> BoolArray:
         """(n,) rows that only the final figures see."""
-        return self.part == 2
+        return np.asarray(self.part == 2)
 
     @property
     def seen(self) -> BoolArray:
         """(n,) rows of discovery and confirmation."""
-        return (self.part == 0) | (self.part == 1)
+        return np.asarray((self.part == 0) | (self.part == 1))
 
 
 def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: np.random.Generator) -> Split:

@@ -152,7 +152,7 @@ def held_out(lens: Lens, reference: FloatArray, z: FloatArray, slopes: FloatArra
     block = lens.block
     n_blocks = int(block.max()) + 1
     before, after = np.bincount(block, reference**2, n_blocks), np.bincount(block, z**2, n_blocks)
-    gains = 0.5 * (before - after)
+    gains: FloatArray = 0.5 * (before - after).astype(np.float64)
     if slopes.shape[1] == 0:
         return gains
     sums = lens.grams(slopes, z)

@@ -77,7 +77,7 @@ def smooth_columns(
     """
     m, c = residual.shape
     parts: list[FloatArray] = []
-    for i in np.flatnonzero(channels):
+    for i in map(int, np.flatnonzero(channels)):
         pairs = [t for t in tests[i] if len(t.variables) == 2]
         strength = [_explained(t, residual[:, i], rows) for t in pairs]
         chosen = [pairs[k].variables for k in np.argsort(strength)[::-1][:PAIRS]]

@@ -124,7 +124,7 @@ def _gains(
     discovery = held_out(search.lens, reference[0], trial.z, trial.slopes)
     change = 0.5 * (reference[1] ** 2 - view.look(members)[1] ** 2)
     block = view.confirmation.block
-    return discovery, np.bincount(block, change) if len(block) else np.zeros(0)
+    return discovery, np.bincount(block, change).astype(np.float64) if len(block) else np.zeros(0)
 
 
 def _rivals(
@@ -152,7 +152,7 @@ def _likeness(a: FloatArray, b: FloatArray, slopes: FloatArray) -> float:
     if slopes.shape[1]:
         basis, _ = np.linalg.qr(slopes)
         a, b = a - basis @ (basis.T @ a), b - basis @ (basis.T @ b)
-    return float(abs(a @ b) / max(np.linalg.norm(a) * np.linalg.norm(b), 1e-300))
+    return float(abs(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300))
 
 
 def _loudest(view: View, member: Member, channels: BoolArray) -> BoolArray:
