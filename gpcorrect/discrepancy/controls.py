@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, minimize
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
@@ -49,7 +49,9 @@ def black_box(inputs: FloatArray, residual: FloatArray, train: BoolArray, rng: n
 
 def _short_ascent(objective: Callable[..., Any], start: FloatArray, bounds: FloatArray) -> tuple[FloatArray, float]:
     """L-BFGS-B with few iterations: a yardstick need not be polished."""
-    found = minimize(objective, start, jac=True, bounds=bounds, method="L-BFGS-B", options={"maxiter": ITERATIONS})
+    found = minimize(
+        objective, start, jac=True, bounds=Bounds(*bounds.T), method="L-BFGS-B", options={"maxiter": ITERATIONS}
+    )
     return found.x, float(found.fun)
 
 

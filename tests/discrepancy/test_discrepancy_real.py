@@ -12,7 +12,7 @@ from gpcorrect.sim import model_from_dict
 
 @pytest.mark.slow
 def test_the_wrist_is_explained() -> None:
-    """Offset in joint 4, coupling between joints 5 and 6, memory at reversals in both; J5 and J6 closed by 55 and 60 %."""
+    """Offset in joint 4, coupling between joints 5 and 6, memory in both; J5 and J6 closed by 55 and 60 %."""
     log = read_log(real_data("dvrk_random.csv"))
     model = model_from_dict({"arm": "joints", "joints": [4, 5, 6], "joint_types": "RRR"})
     found = find_discrepancy(log, model, RunSettings(seed=0))
