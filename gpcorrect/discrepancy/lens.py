@@ -15,6 +15,8 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 __all__ = ["Lens", "estimate_noises", "lens_on"]
 
 FLOOR = 1e-6  # rad or m; finer residuals are rounding
+MOTOR_SHARE = 0.25  # of the outside sensor's noise: an error of the motors below does not matter
+MOTOR_FLOOR = 2e-4  # rad or m, where no joint is seen from outside
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,12 @@ class Lens:
 def estimate_noises(bench: Bench, residual: FloatArray, rows: BoolArray) -> tuple[ChannelNoise, ...]:
     """Estimate the noise of every channel on these rows of a residual `(m, c)`."""
     block = np.where(rows, bench.block, -1)
-    return tuple(estimate_noise(bench.time, column, block, bench.still, FLOOR) for column in residual.T)
+    own = [estimate_noise(bench.time, column, block, bench.still, FLOOR) for column in residual.T]
+    channels = bench.scene.channels
+    outside = {c.joint: n.std for c, n in zip(channels, own, strict=True) if c.signal == "external_jp"}
+    floors = [0.0 if c.signal != "measured_jp" else MOTOR_SHARE * outside.get(c.joint, MOTOR_FLOOR) for c in channels]
+    # Encoders have hardly any noise: a servo model that is wrong by less than the outside sensors see is not missing.
+    return tuple(replace(n, white=max(n.white, floor)) for n, floor in zip(own, floors, strict=True))
 
 
 def lens_on(bench: Bench, residual: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ...]) -> Lens:
