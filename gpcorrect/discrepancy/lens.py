@@ -15,7 +15,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 __all__ = ["Lens", "estimate_noises", "lens_on"]
 
 FLOOR = 1e-6  # rad or m; finer residuals are rounding
-MOTOR_SHARE = 0.25  # of the outside sensor's noise: an error of the motors below does not matter
+MOTOR_SHARE = 0.5  # of the outside sensor's noise: an error of the motors below does not matter
 MOTOR_FLOOR = 2e-4  # rad or m, where no joint is seen from outside
 
 
