@@ -8,6 +8,7 @@ import typer
 
 from gpcorrect.cli.console import bad_input
 from gpcorrect.cli.correct import correct
+from gpcorrect.cli.discrepancy import discrepancy_app
 from gpcorrect.cli.drift import drift
 from gpcorrect.cli.evaluate import evaluate
 from gpcorrect.cli.explore import explore
@@ -50,6 +51,7 @@ app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")
 app.add_typer(reproduce_app, name="reproduce")
+app.add_typer(discrepancy_app, name="discrepancy")
 
 
 def main() -> None:

@@ -2,6 +2,10 @@
 
 from gpcorrect.plots.cleaning import dropped_samples
 from gpcorrect.plots.clocks import offset_curve
+from gpcorrect.plots.discrepancy_evidence import nats_waterfall, posterior_bars, signature_correlation
+from gpcorrect.plots.discrepancy_gap import gap_chart
+from gpcorrect.plots.discrepancy_loops import loop_plots
+from gpcorrect.plots.discrepancy_maps import residual_over_joints
 from gpcorrect.plots.drift import drift_history
 from gpcorrect.plots.errors import error_by_speed, error_distribution
 from gpcorrect.plots.intervals import reliability
@@ -18,12 +22,18 @@ __all__ = [
     "dropped_samples",
     "error_by_speed",
     "error_distribution",
+    "gap_chart",
     "joint_trajectory",
+    "loop_plots",
+    "nats_waterfall",
     "offset_curve",
     "overview",
     "png",
+    "posterior_bars",
     "reliability",
     "residual_maps",
+    "residual_over_joints",
+    "signature_correlation",
     "training_curves",
     "trajectory_errors",
     "trajectory_paths",

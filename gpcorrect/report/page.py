@@ -20,11 +20,12 @@ __all__ = ["FigureImage", "Page", "Section", "TableData", "write_page"]
 
 @dataclass(frozen=True)
 class TableData:
-    """A table of ready text; the first column names the rows, the others are numbers."""
+    """A table of ready text; the first column names the rows, the others but those in `text` are numbers."""
 
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
     note: str = ""
+    text: Sequence[int] = ()
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,126 @@
+"""How often does the discrepancy workflow name the right thing? The whole protocol, on recordings of another simulator.
+
+    python bench/discrepancy_blind.py                     # 2400 cases: days on two cores
+    python bench/discrepancy_blind.py --share 0.05        # a twentieth of every set
+    python bench/discrepancy_blind.py --short             # minutes: 12 trajectories of 10 s, few cases
+
+Truth comes from bench/truth, which shares no code with the simulator that the workflow uses. Seeds start at 900000;
+none of them was used in development. Finished cases are kept line by line in --results, so that a killed run goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from discrepancy_baselines import BASELINES
+from discrepancy_cases import Job, outcome_of, solve
+from joblib import Parallel, delayed
+from support import RESULTS, print_table
+from truth import SUITES, short, specs
+
+from gpcorrect.discrepancy.score_reports import Score, Share, score_cases
+from gpcorrect.discrepancy.score_text import score_text
+
+FIRST_SEED = 900_000
+NUMBERS = {
+    "null": 300,
+    "null_awkward": 300,
+    "one": 1000,
+    "zigzag": 200,
+    "pairs": 200,
+    "triples": 100,
+    "outside": 300,
+}
+SHORT = {"null": 3, "null_awkward": 2, "one": 6, "zigzag": 2, "pairs": 1, "triples": 1, "outside": 3}
+
+
+def jobs_of(arguments: argparse.Namespace) -> Iterator[Job]:
+    """Yield the cases that are asked for."""
+    for suite in arguments.suite or SUITES:
+        number = SHORT[suite] if arguments.short else max(1, round(arguments.share * NUMBERS[suite]))
+        for spec, seed in specs(suite, number, arguments.first_seed):
+            yield Job(short(spec) if arguments.short else spec, seed, not arguments.no_baselines)
+
+
+def run(jobs: list[Job], results: Path, workers: int) -> list[dict[str, Any]]:
+    """Solve what is not solved yet, each result written as soon as it is there."""
+    results.parent.mkdir(parents=True, exist_ok=True)
+    known = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
+    done = {entry["key"]: entry for entry in known}
+    left = [job for job in jobs if job.key not in done]
+    started = time.monotonic()
+    with results.open("a") as file:
+        solved = Parallel(n_jobs=workers, return_as="generator_unordered")(delayed(solve)(job) for job in left)
+        for number, entry in enumerate(solved, 1):
+            done[entry["key"]] = entry
+            file.write(json.dumps(entry) + "\n")
+            file.flush()
+            spent = time.monotonic() - started
+            print(
+                f"\r{number}/{len(left)} cases, {spent * (len(left) - number) / number / 60:.0f} min left  ",
+                end="",
+                flush=True,
+            )
+    print()
+    return [done[job.key] for job in jobs]
+
+
+def show(entries: list[dict[str, Any]]) -> Score:
+    """Print the target table, the confusion matrix, detection limits, and the baselines beside the workflow."""
+    outcomes = [outcome_of(e["outcome"]) for e in entries]
+    refused = [e for e in entries if "refused" in e]
+    score = score_cases(outcomes)
+    print(score_text(score))
+    if refused:
+        print(f"\n{len(refused)} cases were refused and count as undecided, for example: {refused[0]['refused']}")
+    compare(entries)
+    return score
+
+
+def compare(entries: list[dict[str, Any]]) -> None:
+    """Print workflow and baselines on the same cases: named exactly, and with a wrong name."""
+    both = [e for e in entries if e.get("baselines")]
+    rows = []
+    for suite in dict.fromkeys(e["suite"] for e in both):
+        part = [e for e in both if e["suite"] == suite]
+        own = [outcome_of(e["outcome"]) for e in part]
+        verdicts = {"workflow": [(o.exact, o.wrong) for o in own]}
+        for name in BASELINES:
+            verdicts[name] = [(e["baselines"][name]["exact"], e["baselines"][name]["wrong"]) for e in part]
+        for name, pairs in verdicts.items():
+            exact, wrong = (Share(sum(p[i] for p in pairs), len(pairs)) for i in (0, 1))
+            rows.append([f"{suite}: {name}", str(len(pairs)), _percent(exact), _percent(wrong)])
+    if rows:
+        print()
+        print_table(["the same cases", "n", "exact (95 %)", "a wrong name (95 %)"], rows)
+
+
+def _percent(share: Share) -> str:
+    low, high = share.interval
+    return f"{100 * share.value:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--short", action="store_true", help="a few small cases of every set")
+    parser.add_argument("--share", type=float, default=1.0, help="of the protocol's numbers")
+    parser.add_argument("--suite", action="append", choices=sorted(NUMBERS), help="only this set; repeatable")
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="published figures: 900000 and up")
+    parser.add_argument("--workers", type=int, default=-1, help="processes; all cores by default")
+    parser.add_argument("--no-baselines", action="store_true")
+    parser.add_argument("--results", type=Path, default=None, help="file that finished cases are kept in")
+    arguments = parser.parse_args()
+    name = "discrepancy_blind_short" if arguments.short else "discrepancy_blind"
+    results = arguments.results or RESULTS / f"{name}.jsonl"
+    jobs = list(jobs_of(arguments))
+    score = show(run(jobs, results, arguments.workers))
+    results.with_suffix(".json").write_text(json.dumps(score.to_dict(), indent=2))
+
+
+if __name__ == "__main__":
+    main()

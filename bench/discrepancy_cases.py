@@ -1,0 +1,93 @@
+"""One blind case: made by the truth's simulator, solved by the workflow and the baselines, and scored."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from discrepancy_baselines import BASELINES, library_of
+from threadpoolctl import threadpool_limits
+from truth import Spec, make_case
+
+from gpcorrect.discrepancy.outcomes import CaseOutcome, case_outcome
+from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
+from gpcorrect.errors import GpCorrectError
+from gpcorrect.sim import Model, model_from_dict
+from gpcorrect.types import CalibrationLog
+
+__all__ = ["Job", "label_of", "outcome_of", "solve"]
+
+GROUPS = {"null_awkward": "awkward_null", "one": "single", "pairs": "pair", "triples": "triple"}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One case to make and solve."""
+
+    spec: Spec
+    seed: int
+    baselines: bool
+
+    @property
+    def key(self) -> str:
+        """Name of the case."""
+        return f"{self.spec.suite}_{self.seed}_{self.spec.trajectories}x{self.spec.seconds:g}"
+
+
+def label_of(labels: dict[str, Any]) -> dict[str, Any]:
+    """Labels of the truth package as the scorer wants them."""
+    effects = [
+        {"name": e["name"], "joint": e["joint"], "known": labels["kind"] != "outside"} | e["params"]
+        for e in labels["effects"]
+    ]
+    ratios = [e["ratio"] for e in labels["effects"]]
+    return {
+        "set": GROUPS.get(labels["suite"], labels["suite"]),
+        "effects": effects,
+        "effect_to_noise": min(ratios, default=None),
+    }
+
+
+def solve(job: Job) -> dict[str, Any]:
+    """Make a case, let the workflow and the baselines loose on it, and score them."""
+    with threadpool_limits(1), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        case = make_case(job.spec, job.seed)
+        label, model = label_of(dict(case.labels)), model_from_dict(case.nominal)
+        settings = RunSettings(seed=job.seed)
+        try:
+            report = find_discrepancy(case.log, model, settings).to_dict()
+        except GpCorrectError as error:
+            return {"key": job.key, "suite": job.spec.suite, "refused": str(error), "outcome": _refused(job, label)}
+        outcome = asdict(case_outcome(job.key, label, report))
+        others = _baselines(case.log, model, settings, label) if job.baselines else {}
+        said = {"level": report["verdict"]["level"], "effects": [_brief(e) for e in report["verdict"]["effects"]]}
+        return {"key": job.key, "suite": job.spec.suite, "outcome": outcome, "said": said, "baselines": others}
+
+
+def _refused(job: Job, label: dict[str, Any]) -> dict[str, Any]:
+    """Return the score of a refusal, which is an answer too: it names nothing, and decides nothing."""
+    report = {"verdict": {"level": "INCONCLUSIVE", "effects": []}, "gap": {}, "provenance": {"seconds": 0.0}}
+    return asdict(case_outcome(job.key, label, report))
+
+
+def _brief(effect: dict[str, Any]) -> str:
+    return f"{effect['level']} {effect['name']} {effect['joint']} {effect['probability']:.3f}"
+
+
+def _baselines(log: CalibrationLog, model: Model, settings: RunSettings, label: dict[str, Any]) -> dict[str, Any]:
+    library = library_of(log, model, settings)
+    true = {(e["name"], e["joint"]) for e in label["effects"] if e["known"]}
+    found = {}
+    for name, method in BASELINES.items():
+        named = method(library)
+        found[name] = {"exact": bool(true) and named == true, "wrong": bool(named - true), "silent": not named}
+    return found
+
+
+def outcome_of(values: dict[str, Any]) -> CaseOutcome:
+    """Return the outcome that was written down as JSON."""
+    lists = ("truth", "answers", "covered")
+    pairs = tuple((float(p), bool(right)) for p, right in values["probabilities"])
+    return CaseOutcome(**{**values, **{k: tuple(values[k]) for k in lists}, "probabilities": pairs})

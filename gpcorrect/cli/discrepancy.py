@@ -1,0 +1,173 @@
+"""`gpcorrect discrepancy`: where simulation and recordings disagree, what is missing, and how much it explains."""
+
+from __future__ import annotations
+
+import json as json_text
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from gpcorrect.atomic import atomic_path, require_folder
+from gpcorrect.cli.console import err, out, print_json, progress_bar
+from gpcorrect.cli.options import Columns, Json, read_logs
+from gpcorrect.discrepancy.generate import LABELS as SEALED
+from gpcorrect.discrepancy.generate import generate as generate_cases
+from gpcorrect.discrepancy.generate import label_of, read_spec, seal
+from gpcorrect.discrepancy.resume import find_or_resume
+from gpcorrect.discrepancy.run import RunSettings
+from gpcorrect.discrepancy.score_reports import read_labels, read_reports, score_reports
+from gpcorrect.discrepancy.score_text import score_text
+from gpcorrect.discrepancy.words import channel_words, in_reader_units, number, verdict_sentence
+from gpcorrect.logs import write_log
+from gpcorrect.logs.digest import recording_digest
+from gpcorrect.sim import read_model, write_model
+
+__all__ = ["discrepancy_app"]
+
+discrepancy_app = typer.Typer(
+    help="Find where a simulator and recordings disagree, name what is missing, and measure what the name explains.",
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+)
+
+
+@discrepancy_app.command("run")
+def run(
+    model: Annotated[Path, typer.Option(help="What is known of the machine (TOML).", show_default=False)],
+    log: Annotated[
+        list[Path], typer.Option(help="Recording; repeat it for several sessions of one machine.", show_default=False)
+    ],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="Folder for report, page and model; made if absent.", show_default=False),
+    ],
+    columns: Columns = None,
+    seed: Annotated[int, typer.Option(help="Seed of the split and of everything drawn.")] = 0,
+    json: Json = False,
+) -> None:
+    """Name what is missing in a model, or say that nothing is, or that these data cannot tell.
+
+    Writes report.json, report.html (needs no other file) and model.toml: the model with the named effects, ready for
+    --model and for `gpcorrect simulate`. Ends with status 0 whatever the verdict, 2 for input that cannot be used.
+
+    Finished stages stay in OUTPUT/stages. The same command, killed and given again, goes on from there; other data,
+    another model or another seed start anew. The same inputs and seed give the same verdict.
+
+    For example:
+
+    gpcorrect discrepancy run --model nominal.toml --log monday.csv --log tuesday.csv --output missing/
+
+    gpcorrect discrepancy run --model missing/model.toml --log friday.csv --output left/ --json
+    """
+    from gpcorrect.report import write_discrepancy_report  # the report's libraries are an extra: say so before the work
+
+    require_folder(output)
+    machine, recording = read_model(model), read_logs(log, columns)
+    output.mkdir(exist_ok=True)
+    with progress_bar(quiet=json) as progress:
+        done = find_or_resume(recording, machine, RunSettings(seed=seed), output, progress)
+    with atomic_path(output / "report.json") as path:
+        path.write_text(json_text.dumps(done.report, indent=2), encoding="utf-8")
+    write_model(done.model, output / "model.toml")
+    write_discrepancy_report(done.report, done.evidence, done.model, output / "report.html")
+    if done.kept:
+        err.print(f"[yellow]note:[/] {output} already held this run, finished; only its files were written anew")
+    if json:
+        print_json(done.report)
+    else:
+        _show(done.report, output)
+
+
+def _show(report: Mapping[str, Any], output: Path) -> None:
+    out.print(f"[bold]{verdict_sentence(report)}[/]")
+    out.print(_gap_table(report["gap"]))
+    advice = report["next_experiment"]
+    if advice is not None:
+        pair = " from ".join(advice["separates"])
+        out.print(
+            f"next, to tell {pair}: {advice['run']} ({advice['expected_nats']:.0f} nats, {advice['minutes']:.1f} min)"
+        )
+    out.print(f"page: {output / 'report.html'}   model: {output / 'model.toml'}")
+
+
+def _gap_table(gaps: Mapping[str, Mapping[str, Any]]) -> Table:
+    table = Table(
+        title="Measured - simulated on the sealed part, root mean square",
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+    )
+    for column in ("", "before", "after", "noise", "closed"):
+        table.add_column(column, justify="left" if not column else "right", no_wrap=True)
+    for name, gap in gaps.items():
+        scale, symbol = in_reader_units(1.0, gap["unit"])
+        sizes = [number(None if gap[k] is None else scale * gap[k]) for k in ("before", "after", "noise")]
+        closed = "–" if gap["closed"] is None else f"{100 * gap['closed']:.0f} %"
+        table.add_row(f"{channel_words(name)} [{symbol}]".replace("[", r"\["), *sizes, closed)
+    return table
+
+
+@discrepancy_app.command("generate")
+def generate(
+    spec: Annotated[Path, typer.Option(help="What to simulate and what to hide (TOML).", show_default=False)],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for the logs; made if absent.", show_default=False)
+    ],
+    json: Json = False,
+) -> None:
+    """Simulate recordings with hidden effects, and seal the labels apart from them.
+
+    Writes nominal.toml (what the workflow is given), a log a case, labels.sha256, and sealed/labels.json: keep that
+    folder from whoever is tested, the hash shows later that it was not changed.
+
+    For example, spec.toml:
+
+    model = "nominal.toml"
+
+    [draw]
+
+    cases = 20
+
+    effect_to_noise = [2.0, 1.0]
+
+    gpcorrect discrepancy generate --spec spec.toml --output blind/
+    """
+    require_folder(output)
+    wanted = read_spec(spec)
+    output.mkdir(exist_ok=True)
+    labels: dict[str, Any] = {}
+    with progress_bar(quiet=json) as progress:
+        for case in generate_cases(wanted, progress):
+            path = output / f"{case.name}.parquet"
+            write_log(case.log, path)
+            labels[case.name] = label_of(case, recording_digest(path))
+    write_model(wanted.model, output / "nominal.toml")
+    digest = seal({"cases": labels}, output)
+    if json:
+        print_json({"cases": sorted(labels), "labels": str(output / SEALED / "labels.json"), "sha256": digest})
+    else:
+        out.print(f"{len(labels)} logs -> {output}; labels sealed in {output / SEALED} (SHA-256 {digest[:16]}...)")
+
+
+@discrepancy_app.command("score")
+def score(
+    labels: Annotated[Path, typer.Option(help="labels.json of `generate`.", show_default=False)],
+    reports: Annotated[
+        list[Path], typer.Option(help="Output folder of `run`, or a folder of them. Repeatable.", show_default=False)
+    ],
+    json: Json = False,
+) -> None:
+    """Hold reports against sealed labels: target table with Wilson intervals, confusion matrix, detection limits.
+
+    For example:
+
+    gpcorrect discrepancy score --labels blind/sealed/labels.json --reports runs/
+    """
+    found = score_reports(read_labels(labels), read_reports(reports))
+    if json:
+        print_json(found.to_dict())
+        return
+    out.print(score_text(found))

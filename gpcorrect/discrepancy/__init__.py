@@ -1,0 +1,1 @@
+"""Where a simulator and recordings disagree: what is missing, how sure that is, and how much it explains."""

@@ -1,0 +1,128 @@
+"""What a log lets us compare with the simulator: its channels, and the motor side that is replayed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.errors import DataError
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray
+
+__all__ = ["Channel", "continuous_runs", "external_signal", "joint_columns", "motor_side", "sampling_is_even"]
+
+EVEN = 0.02  # relative spread of the time steps of a clock that a servo loop can be run on
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One compared signal.
+
+    Parameters
+    ----------
+    name : str
+        Signal and joint or axis, such as "external_jp_2".
+    signal : str
+        Log signal.
+    index : int
+        Column among the model's joints, or axis of the tracker.
+    joint : int
+        Number of the joint it speaks of; 0 for the tracker's axes.
+    unit : str
+        "rad" or "m".
+    """
+
+    name: str
+    signal: str
+    index: int
+    joint: int
+    unit: str
+
+
+def joint_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) -> FloatArray:
+    """Columns `(n, k)` of a joint signal for these joint numbers.
+
+    A log with just as many columns has them in this order.
+
+    Raises
+    ------
+    DataError
+        The log has neither k columns nor one for each of the numbers.
+    """
+    values: FloatArray = getattr(log, signal)
+    if values.shape[1] == len(joints):
+        return values
+    if values.shape[1] < max(joints):
+        raise DataError(
+            f"the model speaks of joints {list(joints)}, {signal} of the log has {values.shape[1]} columns.",
+            hint="Name the recorded joints in the model's `joints`.",
+        )
+    return values[:, [j - 1 for j in joints]]
+
+
+def motor_side(log: CalibrationLog) -> str:
+    """Name of the signal that says where the motors were: measured, else commanded.
+
+    Raises
+    ------
+    DataError
+        The log has neither.
+    """
+    for name in ("measured_jp", "setpoint_jp"):
+        if getattr(log, name) is not None:
+            return name
+    raise DataError(
+        "the log has neither measured_jp nor setpoint_jp: nothing says where the motors were.",
+        hint="Log measured_jp (joint positions from the motor encoders) or setpoint_jp.",
+    )
+
+
+def external_signal(log: CalibrationLog, *, kinematics: bool) -> str:
+    """Name of the signal that sees the arm from outside.
+
+    Raises
+    ------
+    DataError
+        There is none that can be used.
+    """
+    if log.external_jp is not None:
+        return "external_jp"
+    if log.tracker_cp is not None and kinematics:
+        return "tracker_cp"
+    raise DataError(
+        "the log has no external_jp"
+        + ("" if kinematics else ", and a bare joint chain has no kinematics to use tracker_cp with")
+        + ("" if log.tracker_cp is not None or not kinematics else " and no tracker_cp")
+        + ": nothing says where the arm really was.",
+        hint="Log external_jp, or tracker_cp with an arm that has kinematics.",
+    )
+
+
+def continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
+    """Label `(n,)` of the continuous motion each row belongs to.
+
+    Play and hysteresis remember across trajectory numbers.
+
+    Two trajectories of a session are one motion when time and motors `(n, k)` step from one to the next no further
+    than they ever
+    do inside a trajectory.
+    """
+    change = np.diff(log.trajectory) != 0
+    if not change.any():
+        return np.zeros(len(log), dtype=np.int64)
+    step, moved = np.diff(log.time), np.abs(np.diff(motor, axis=0))
+    inside = ~change
+    if not inside.any():
+        return np.arange(len(log), dtype=np.int64)
+    near = (moved <= np.nanmax(moved[inside], axis=0)).all(axis=1)
+    joined = (step > 0) & (step <= step[inside].max()) & near & (np.diff(log.session) == 0)
+    breaks = change & ~joined
+    return np.concatenate([[0], np.cumsum(breaks)]).astype(np.int64)
+
+
+def sampling_is_even(time: FloatArray, run: IntArray) -> bool:
+    """Whether a servo loop can be run on this clock: all steps inside the runs agree."""
+    steps = np.diff(time)[np.diff(run) == 0]
+    if len(steps) == 0:
+        return False
+    return bool(np.abs(steps / np.median(steps) - 1.0).max() < EVEN)

@@ -1,0 +1,118 @@
+"""Held-out evidence of linear models.
+
+Gains of log-likelihood, in nats, on whole trajectories that the fit has not seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.types import FloatArray, IntArray
+
+__all__ = ["Grams", "bordered", "fold_of", "grams", "held_out_nats", "solve"]
+
+
+@dataclass(frozen=True, eq=False)
+class Grams:
+    """What least squares needs of each block.
+
+    Parameters
+    ----------
+    gram : (b, p, p) array
+        Products of the whitened columns with each other.
+    moment : (b, p) array or (b, p, r)
+        Products of the columns with the whitened residual (or with r of them).
+    """
+
+    gram: FloatArray
+    moment: FloatArray
+
+    def take(self, columns: IntArray | list[int]) -> Grams:
+        """Return the same of some columns only."""
+        index = np.asarray(columns, dtype=np.int64)
+        return Grams(self.gram[:, index[:, None], index], self.moment[:, index])
+
+
+def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
+    """Sum products of whitened columns `(n, p)` and residual `(n,)` or `(n, r)` over each block.
+
+    Labels from 0 without gaps, -1 left out.
+    """
+    n_blocks = int(block.max(initial=-1)) + 1
+    p = columns.shape[1]
+    gram, moment = np.zeros((n_blocks, p, p)), np.zeros((n_blocks, p, *residual.shape[1:]))
+    order, ends = _by_block(block, n_blocks)
+    x, y = columns[order], residual[order]
+    for b in range(n_blocks):
+        rows = slice(ends[b], ends[b + 1])
+        gram[b], moment[b] = x[rows].T @ x[rows], x[rows].T @ y[rows]
+    return Grams(gram, moment)
+
+
+def bordered(base: Grams, columns: FloatArray, new: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
+    """Return sums of `columns` `(n, p)`, which are known already, with `new` columns `(n, q)` behind them."""
+    n_blocks, p = base.moment.shape
+    q = new.shape[1]
+    gram, moment = np.zeros((n_blocks, p + q, p + q)), np.zeros((n_blocks, p + q))
+    gram[:, :p, :p], moment[:, :p] = base.gram, base.moment
+    order, ends = _by_block(block, n_blocks)
+    x, fresh, y = columns[order], new[order], residual[order]
+    for b in range(n_blocks):
+        rows = slice(ends[b], ends[b + 1])
+        cross = x[rows].T @ fresh[rows]
+        gram[b, :p, p:], gram[b, p:, :p] = cross, cross.T
+        gram[b, p:, p:], moment[b, p:] = fresh[rows].T @ fresh[rows], fresh[rows].T @ y[rows]
+    return Grams(gram, moment)
+
+
+def _by_block(block: IntArray, n_blocks: int) -> tuple[IntArray, IntArray]:
+    """Rows in the order of their blocks, and where each block's begin (and the last one's end)."""
+    order = np.argsort(block, kind="stable")
+    return order, np.searchsorted(block[order], np.arange(n_blocks + 1))
+
+
+def fold_of(n_blocks: int, n_folds: int) -> IntArray:
+    """Fold of each block, dealt in turn."""
+    return np.arange(n_blocks) % max(2, min(n_folds, n_blocks))
+
+
+def solve(gram: FloatArray, moment: FloatArray, ridge: float = 1e-6) -> FloatArray:
+    """Least squares with a small ridge in units of the columns' own energy; columns without energy get zero."""
+    energy = np.diag(gram).copy()
+    dead = energy <= 1e-12 * max(energy.max(initial=0.0), 1e-300)
+    energy[dead] = 1.0
+    root = np.sqrt(energy)
+    scaled = gram / np.outer(root, root)
+    scaled[dead] = 0.0
+    scaled[:, dead] = 0.0
+    scaled[np.diag_indices_from(scaled)] += np.where(dead, 1.0, ridge)
+    shape = (-1, *([1] * (moment.ndim - 1)))
+    right = np.where(dead.reshape(shape), 0.0, moment / root.reshape(shape))
+    solution: FloatArray = np.linalg.solve(scaled, right) / root.reshape(shape)
+    return solution
+
+
+def held_out_nats(data: Grams, fold: IntArray, prior_precision: float | FloatArray = 0.0) -> FloatArray:
+    """Gain in nats of each block `(b,)` (or `(b, r)`), its coefficients fitted to the other folds' blocks.
+
+    Parameters
+    ----------
+    data : Grams
+        Of every block.
+    fold : (b,) int array
+        Fold of each block.
+    prior_precision : float or (p,) array
+        Added to the normal equations' diagonal: shrinks coefficients that few samples speak of.
+    """
+    gains = np.zeros((len(fold), *data.moment.shape[2:]))
+    total_gram, total_moment = data.gram.sum(axis=0), data.moment.sum(axis=0)
+    for k in np.unique(fold):
+        out = np.flatnonzero(fold == k)
+        gram = total_gram - data.gram[out].sum(axis=0)
+        gram = gram + np.diag(np.broadcast_to(prior_precision, len(gram)))
+        beta = solve(gram, total_moment - data.moment[out].sum(axis=0))
+        for b in out:
+            gains[b] = (beta * data.moment[b]).sum(axis=0) - 0.5 * (beta * (data.gram[b] @ beta)).sum(axis=0)
+    return gains

@@ -1,0 +1,187 @@
+"""The workflow: split, localise, search, name, add, and figures on the part that nothing has seen."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpcorrect.discrepancy.candidates import Member, all_candidates, describe
+from gpcorrect.discrepancy.figures import evidence_of, gaps_of
+from gpcorrect.discrepancy.intervals import half_widths
+from gpcorrect.discrepancy.kept import searched
+from gpcorrect.discrepancy.laid import Laid, lay_out, localise_residual
+from gpcorrect.discrepancy.lens import estimate_noises, lens_on
+from gpcorrect.discrepancy.localise import Localisation
+from gpcorrect.discrepancy.named import Named
+from gpcorrect.discrepancy.needs import split_by_needs
+from gpcorrect.discrepancy.next_experiment import advise
+from gpcorrect.discrepancy.provenance import provenance_of
+from gpcorrect.discrepancy.prune import name_members
+from gpcorrect.discrepancy.result import Discrepancy, Level, NamedEffect
+from gpcorrect.discrepancy.score import search
+from gpcorrect.discrepancy.state import Search, penalty, start_search
+from gpcorrect.discrepancy.store import StageStore
+from gpcorrect.discrepancy.trial import refine
+from gpcorrect.discrepancy.weigh import smooth_nats, view_of
+from gpcorrect.sim.effects import in_order
+from gpcorrect.sim.model import Model
+from gpcorrect.types import BoolArray, CalibrationLog, Progress
+
+__all__ = ["RunSettings", "find_discrepancy"]
+
+ORDER: tuple[Level, ...] = ("EXACT", "CLASS", "SET")
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What may be chosen.
+
+    Parameters
+    ----------
+    seed : int
+        Of the split and everything drawn.
+    rounds : int
+        Of the search, at most one effect a joint in each.
+    tolerance : float or None
+        Task tolerance (rad or m) under which a systematic part does not matter.
+    max_rows : int
+        Condensed rows that evidence is taken from.
+    """
+
+    seed: int = 0
+    rounds: int = 4
+    tolerance: float | None = None
+    max_rows: int = 9000
+
+
+def find_discrepancy(
+    log: CalibrationLog,
+    model: Model,
+    settings: RunSettings | None = None,
+    progress: Progress | None = None,
+    store: StageStore | None = None,
+) -> Discrepancy:
+    """Find where a model and a recording disagree, name what is missing, add it, and measure what that closes.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        Recording with the motor side (measured_jp or setpoint_jp) and an outside signal (external_jp or tracker_cp).
+    model : Model
+        What is known of the machine, with the effects it already has.
+    settings : RunSettings, optional
+        Seed, rounds, tolerance.
+    progress : Progress, optional
+        Told of every stage.
+    store : StageStore, optional
+        Keeps the finished search, so that a run that was killed need not search again.
+
+    Returns
+    -------
+    Discrepancy
+
+    Raises
+    ------
+    DataError
+        The log lacks a needed signal or is too short to split.
+    """
+    settings, progress, started = settings or RunSettings(), progress or Progress(), time.monotonic()
+    rng = np.random.default_rng(settings.seed)
+    laid = lay_out(log, model, settings.max_rows, rng)
+    bench = laid.bench
+    progress.step("localising", 0.0)
+    before = localise_residual(laid, (), estimate_noises(bench, bench.residual(), bench.seen), settings.tolerance, rng)
+    progress.step("localising", 1.0)
+    state, kept, dropped = _search(log, laid, before, settings, progress, store)
+    members = _refit(state, [n.member for n in kept], bench.seen)
+    effects = _with_numbers(state, kept, members, bench.seen)
+    final = estimate_noises(bench, state.residual(members), bench.seen)
+    remainder = localise_residual(laid, members, final, settings.tolerance, rng) if before.something else None
+    progress.step("sealed part", 0.0)
+    gap = gaps_of(laid, members, final, rng)
+    progress.step("sealed part", 1.0)
+    return Discrepancy(
+        level=_verdict(laid, state, before, effects, members),
+        effects=effects,
+        unnamed=dropped,
+        localisation=before,
+        remainder=remainder,
+        gap=gap,
+        next_experiment=advise(bench.scene, members, [*kept, *dropped], final, settings.seed),
+        model=model.with_effects(*in_order((*model.effects, *(m.effect for m in members)))),
+        evidence=evidence_of(laid, state, members),
+        provenance=provenance_of(log, settings.seed, laid, state, before, time.monotonic() - started),
+    )
+
+
+def _search(
+    log: CalibrationLog,
+    laid: Laid,
+    before: Localisation,
+    settings: RunSettings,
+    progress: Progress,
+    store: StageStore | None,
+) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
+    """Search and naming, when there is something to name."""
+    scene = laid.bench.scene
+    candidates, unable = split_by_needs(all_candidates(scene) if before.something else [], scene, log)
+    state = start_search(laid.bench, candidates, progress=progress)
+    state = replace(state, silent=(*unable, *state.silent))
+    if not state.traces:
+        return state, (), ()
+    state = searched(state, candidates, store, lambda start: search(start, rounds=settings.rounds, progress=progress))
+    return name_members(state, laid.tests, laid.inputs, progress=progress)
+
+
+def _refit(state: Search, members: Sequence[Member], rows: BoolArray) -> tuple[Member, ...]:
+    """Estimate all numbers anew on these rows, together where effects show in common channels."""
+    if not members:
+        return ()
+    bench = state.bench
+    residual = state.residual(members)
+    lens = lens_on(bench, residual, rows, estimate_noises(bench, residual, rows))
+    done = list(members)
+    for group in _groups(state, members):
+        fixed = [m for i, m in enumerate(done) if i not in group]
+        fresh = refine(bench, lens, state.observed, fixed, [done[i] for i in group])
+        for i, member in zip(group, fresh, strict=True):
+            done[i] = member
+    return tuple(done)
+
+
+def _groups(state: Search, members: Sequence[Member]) -> list[list[int]]:
+    """Return indices of members that are linked by common channels."""
+    groups: list[list[int]] = []
+    for i, member in enumerate(members):
+        linked = [g for g in groups if any(state.alike(members[k].candidate, member.candidate) for k in g)]
+        groups = [g for g in groups if g not in linked] + [[k for g in linked for k in g] + [i]]
+    return groups
+
+
+def _with_numbers(
+    state: Search, kept: Sequence[Named], members: Sequence[Member], rows: BoolArray
+) -> tuple[NamedEffect, ...]:
+    if not members:
+        return ()
+    residual = state.residual(members)
+    lens = lens_on(state.bench, residual, rows, estimate_noises(state.bench, residual, rows))
+    found = []
+    for i, (named, member) in enumerate(zip(kept, members, strict=True)):
+        widths = half_widths(state, lens, members, i)
+        found.append(NamedEffect(replace(named, member=member), describe(member, widths)))
+    return tuple(sorted(found, key=lambda e: -e.named.nats))
+
+
+def _verdict(
+    laid: Laid, state: Search, before: Localisation, effects: Sequence[NamedEffect], members: Sequence[Member]
+) -> Level:
+    if not before.something:
+        return "NONE" if before.nothing else "INCONCLUSIVE"
+    if effects:
+        return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # kept effects have one of these
+    everywhere = np.ones(len(laid.bench.scene.channels), dtype=np.bool_)
+    left = smooth_nats(view_of(state, laid.tests, laid.inputs), members, everywhere)
+    return "UNKNOWN" if left > penalty(max(state.n_kinds, 1)) else "INCONCLUSIVE"

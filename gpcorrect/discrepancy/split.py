@@ -1,0 +1,145 @@
+"""Who may look at what: trajectories are dealt once, before anything is seen, to discovery.
+
+Confirmation and the sealed part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.errors import DataError
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["NOT_USED", "Split", "split_rows"]
+
+NOT_USED = -1
+SHARES = (0.6, 0.2, 0.2)
+MIN_UNITS = 10  # fewer whole trajectories are cut into blocks
+MIN_SESSIONS = 3
+OPENING = 0.2  # of a session's trajectories
+GUARD = 0.05  # of a block's length is left out between blocks, so that slow noise does not reach across
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """The parts of the rows, and the blocks that resampling keeps whole.
+
+    Parameters
+    ----------
+    block : (n,) int array
+        Trajectory, or piece of a long one, each row belongs to; -1 for rows left out.
+    part : (n,) int array
+        0 discovery, 1 confirmation, 2 sealed, -1 left out.
+    remark : str
+        How it was done.
+    """
+
+    block: IntArray
+    part: IntArray
+    remark: str
+
+    @property
+    def discovery(self) -> BoolArray:
+        """(n,) rows in which effects are looked for."""
+        return np.asarray(self.part == 0)
+
+    @property
+    def confirmation(self) -> BoolArray:
+        """(n,) rows on which what was found must hold again."""
+        return np.asarray(self.part == 1)
+
+    @property
+    def sealed(self) -> BoolArray:
+        """(n,) rows that only the final figures see."""
+        return np.asarray(self.part == 2)
+
+    @property
+    def seen(self) -> BoolArray:
+        """(n,) rows of discovery and confirmation."""
+        return np.asarray((self.part == 0) | (self.part == 1))
+
+
+def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: np.random.Generator) -> Split:
+    """Deal rows 60 : 20 : 20 by session where there are three or more, else by trajectory.
+
+    Else by blocks of long trajectories.
+
+    Parameters
+    ----------
+    time, trajectory, session : (n,) arrays
+        Of the log.
+    rng : numpy.random.Generator
+        Deals.
+
+    Returns
+    -------
+    Split
+
+    Raises
+    ------
+    DataError
+        There are too few rows to make three parts.
+    """
+    block, remark = _blocks(time, trajectory)
+    used = block != NOT_USED
+    n_sessions = len(np.unique(session))
+    unit = session if n_sessions >= MIN_SESSIONS else block
+    if n_sessions >= MIN_SESSIONS:
+        remark = (
+            f"split by session ({n_sessions} sessions), the opening of each in discovery: a homing is new every time"
+        )
+    units = np.unique(unit[used])
+    if len(units) < MIN_SESSIONS:
+        raise DataError(
+            f"the log has {len(units)} separate motions, a split into discovery, confirmation and sealed part needs 3.",
+            hint="Record more trajectories, or longer ones.",
+        )
+    part_of_unit = _dealt(len(units), rng)
+    part = np.full(len(time), NOT_USED)
+    part[used] = part_of_unit[np.searchsorted(units, unit[used])]
+    if n_sessions >= MIN_SESSIONS:
+        part[_openings(block, session)] = 0
+    return Split(block, part, remark)
+
+
+def _openings(block: IntArray, session: IntArray) -> BoolArray:
+    """Rows of the first fifth of every session's blocks.
+
+    What is new in each session, a homing, must be learned somewhere.
+    """
+    opening = np.zeros(len(block), dtype=np.bool_)
+    for number in np.unique(session):
+        blocks = np.unique(block[(session == number) & (block != NOT_USED)])
+        if len(blocks) > 1:
+            opening |= (session == number) & np.isin(block, blocks[: max(1, round(OPENING * len(blocks)))])
+    return opening
+
+
+def _dealt(n: int, rng: np.random.Generator) -> IntArray:
+    """Part of each of n units in a random order, none of the parts empty."""
+    n_sealed = max(1, round(SHARES[2] * n))
+    n_confirmation = max(1, round(SHARES[1] * n))
+    parts = np.zeros(n, dtype=np.int64)
+    parts[:n_sealed] = 2
+    parts[n_sealed : n_sealed + n_confirmation] = 1
+    shuffled: IntArray = rng.permutation(parts)
+    return shuffled
+
+
+def _blocks(time: FloatArray, trajectory: IntArray) -> tuple[IntArray, str]:
+    numbers, inverse, counts = np.unique(trajectory, return_inverse=True, return_counts=True)
+    if len(numbers) >= MIN_UNITS:
+        return inverse.astype(np.int64), f"split by trajectory ({len(numbers)} trajectories)"
+    pieces = np.maximum(1, np.round(counts / counts.sum() * 2 * MIN_UNITS)).astype(np.int64)
+    block = np.full(len(time), NOT_USED)
+    first = 0
+    for number, count in zip(range(len(numbers)), pieces, strict=True):
+        rows = np.flatnonzero(inverse == number)
+        for piece in np.array_split(rows, count):
+            guard = int(np.ceil(GUARD * len(piece))) if count > 1 else 0
+            block[piece[: len(piece) - guard]] = first
+            first += 1
+    words = f"only {len(numbers)} trajectories: cut into {first} contiguous blocks with {100 * GUARD:.0f} % guard gaps"
+    return block, words

@@ -1,0 +1,212 @@
+"""What a report says in words: the verdict in one sentence, and numbers in the units that people read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+__all__ = [
+    "VISIBLE",
+    "Closed",
+    "channel_words",
+    "closed_by",
+    "effect_words",
+    "in_reader_units",
+    "number",
+    "parameter_words",
+    "place",
+    "verdict_sentence",
+]
+
+READER_UNITS = {
+    "rad": ("°", 180.0 / np.pi),
+    "m": ("mm", 1e3),
+    "rad/s": ("°/s", 180.0 / np.pi),
+    "m/s": ("mm/s", 1e3),
+    "1": ("", 1.0),
+}
+VISIBLE = 1.15  # of the noise: a residual below shows nothing
+SHOWN = 3  # places in the sentence; what is elsewhere is counted
+
+
+def in_reader_units(value: float, unit: str) -> tuple[float, str]:
+    """Return a value in SI as people read it: degrees and millimetres; other units stay."""
+    shown, factor = READER_UNITS.get(unit, (unit, 1.0))
+    return factor * value, shown
+
+
+def number(value: float | None) -> str:
+    """Return three significant digits without an exponent where that is short; a dash for no number."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    if value == 0.0:
+        return "0"
+    digits = int(np.clip(2 - np.floor(np.log10(abs(value))), 0, 9))
+    text = f"{value:.{digits}f}"
+    return text if 1e-4 <= abs(value) < 1e6 else f"{value:.2e}"
+
+
+def place(joint: int | str | None) -> str:
+    """Return where an effect sits: "joint 2", "the tool", "the base", "all joints"."""
+    if isinstance(joint, int):
+        return f"joint {joint}"
+    return {"tool": "the tool", "base": "the base", "all": "all joints"}.get(str(joint), str(joint))
+
+
+def parameter_words(parameter: Mapping[str, Any]) -> str:
+    """Return a parameter with its interval, such as "118 N m/rad (105 to 131)"; sessions separated by semicolons."""
+    values, intervals, unit = parameter["value"], parameter["ci95"], parameter["unit"]
+    if not isinstance(values, Sequence):
+        values, intervals = [values], [intervals]
+    if not unit and intervals is None:
+        return ", ".join(str(v) for v in values)
+    said = [_one(v, c, unit) for v, c in zip(values, intervals or [None] * len(values), strict=True)]
+    return "; ".join(said)
+
+
+def _value_words(parameter: Mapping[str, Any]) -> str:
+    values = parameter["value"]
+    shown = values if isinstance(values, Sequence) else [values]
+    return "; ".join(_one(v, None, parameter["unit"]) for v in shown)
+
+
+def _one(value: Any, interval: Sequence[float | None] | None, unit: str) -> str:
+    if not isinstance(value, float):
+        return str(value)
+    shown, symbol = in_reader_units(float(value), unit)
+    gap = "" if symbol == "°" else " "
+    text = f"{number(shown)}{gap}{symbol}".strip()
+    if interval is None:
+        return text
+    low, high = (number(None if end is None else in_reader_units(float(end), unit)[0]) for end in interval)
+    return f"{text} ({low} to {high})"
+
+
+def effect_words(effect: Mapping[str, Any]) -> str:
+    """Return an effect with its first number and its interval; rivals that remain are named with it."""
+    match effect["level"]:
+        case "EXACT":
+            return _named(effect, interval=True)
+        case "CLASS":
+            return f"a {effect['class']} effect, {_either(effect)}"
+        case _:
+            return _either(effect)
+
+
+def _named(effect: Mapping[str, Any], *, interval: bool) -> str:
+    sizes = [p for p in effect["parameters"].values() if p["ci95"] is not None]
+    source = [f" from joint {p['value']}" for k, p in effect["parameters"].items() if k == "source"]
+    name = f"{str(effect['name']).replace('_', ' ')}{''.join(source)}"
+    if not sizes:
+        return name
+    return f"{name}, {parameter_words(sizes[0])}" if interval else f"{name} {_value_words(sizes[0])}"
+
+
+def _either(effect: Mapping[str, Any]) -> str:
+    said = [f"{str(effect['name']).replace('_', ' ')} ({_percent(effect['probability'])})"]
+    for rival in [r for r in effect["rivals"] if r["name"]][:2]:
+        where = "" if rival["joint"] == effect["joint"] else f" of {place(rival['joint'])}"
+        said.append(f"{str(rival['name']).replace('_', ' ')}{where} ({_percent(rival['probability'])})")
+    return " or ".join(said)
+
+
+@dataclass(frozen=True)
+class Closed:
+    """The channel with the largest gap of some, the share of it that is closed, and its size before over the noise."""
+
+    channel: str
+    share: float
+    excess: float
+
+
+def closed_by(report: Mapping[str, Any], joint: int | str | None = None) -> Closed | None:
+    """Return the channel that had the largest gap over its noise, and how much of it is closed.
+
+    Outside sensors come first: motor encoders see the transmission only through the servo's tiny answer to the load.
+
+    Parameters
+    ----------
+    report : mapping
+        The report's JSON form.
+    joint : int, str or None
+        Only channels of this joint, where it has any.
+    """
+    gaps = {name: g for name, g in report["gap"].items() if g["closed"] is not None and g["noise"]}
+    own = {name: g for name, g in gaps.items() if isinstance(joint, int) and name.endswith(f"_{joint}")}
+    chosen = own or gaps
+    outside = {
+        n: g for n, g in chosen.items() if not n.startswith("measured_jp") and g["before"] > VISIBLE * g["noise"]
+    }
+    found = [Closed(n, float(g["closed"]), g["before"] / g["noise"]) for n, g in (outside or chosen).items()]
+    return max(found, key=lambda c: c.excess, default=None)
+
+
+def verdict_sentence(report: Mapping[str, Any]) -> str:
+    """Return the verdict in one sentence: what is missing, how much, and how much of the gap it closes."""
+    level, effects = report["verdict"]["level"], report["verdict"]["effects"]
+    if level == "NONE":
+        return _nothing(report)
+    if level == "INCONCLUSIVE" and not effects:
+        return _undecided(report)
+    named = _by_place(report, effects)
+    if level != "UNKNOWN":
+        return f"{named}."
+    unknown = f"Something outside the catalogue is missing{_where(report)}"
+    return f"{unknown}." if not effects else f"{unknown}. Beside it, {named[:1].lower()}{named[1:]}."
+
+
+def _by_place(report: Mapping[str, Any], effects: Sequence[Mapping[str, Any]]) -> str:
+    """Effects one place after the other, the one with the largest gap over its noise first."""
+    groups: dict[Any, list[Mapping[str, Any]]] = {}
+    for effect in effects:
+        groups.setdefault(effect["joint"], []).append(effect)
+    sizes = {where: closed_by(report, where) for where in groups}
+    excess = {where: 0.0 if size is None else size.excess for where, size in sizes.items()}
+    order = sorted(groups, key=lambda where: -excess[where])
+    said = [_group_words(groups[where], sizes[where]) for where in order[:SHOWN]]
+    others = sum(len(groups[where]) for where in order[SHOWN:])
+    return "; ".join(said) + (f"; and {others} smaller elsewhere" if others else "")
+
+
+def _group_words(effects: Sequence[Mapping[str, Any]], closed: Closed | None) -> str:
+    where = place(effects[0]["joint"]).removeprefix("the ").capitalize()
+    share = "" if closed is None else f"{_percent(closed.share)} of the gap"
+    if len(effects) == 1:
+        return f"{where}: {effect_words(effects[0])}" + (f", closes {share}" if share else "")
+    names = " + ".join(_either(e) if e["level"] != "EXACT" else _named(e, interval=False) for e in effects)
+    return f"{where}: {names}, close {share}" if share else f"{where}: {names}"
+
+
+def _nothing(report: Mapping[str, Any]) -> str:
+    bounds = [e["systematic_upper"] for e in report["provenance"]["equivalence"] if e["systematic_upper"] is not None]
+    rest = f"; what could still hide is below {100 * max(bounds):.0f} % of the noise" if bounds else ""
+    return f"Nothing is missing: simulation and recording agree up to noise{rest}."
+
+
+def _undecided(report: Mapping[str, Any]) -> str:
+    if report["localisation"]:
+        return (
+            f"Not decided: simulation and recording differ{_where(report)}, but no name can be given from these data."
+        )
+    return "Not decided: nothing beats noise, but these data are too few or too noisy to show that nothing is missing."
+
+
+def _where(report: Mapping[str, Any]) -> str:
+    found = report["provenance"].get("remainder") or report["localisation"]
+    if not found:
+        return ""
+    return f": {channel_words(found[0]['channel'])}, most at {found[0]['region']}"
+
+
+def channel_words(channel: str) -> str:
+    """Return a channel's name as people say it: "outside sensor of joint 2", "tracker x"."""
+    signal, _, tail = channel.rpartition("_")
+    kind = {"external_jp": "outside sensor of joint", "measured_jp": "motor encoder of joint", "tracker_cp": "tracker"}
+    return f"{kind.get(signal, signal)} {tail}"
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.0f} %"

@@ -1,0 +1,53 @@
+"""Recordings of two bare joints with what the tests of the statistical core hide in them."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lfilter
+
+from gpcorrect.sim.effects import Effect, in_order
+from gpcorrect.sim.motion import Motion
+from gpcorrect.sim.plant import joint_path
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray
+
+RATE_HZ = 20.0
+NOISE = 1e-3
+RUNS, SAMPLES = 15, 160
+
+
+def motors(rng: np.random.Generator, runs: int = RUNS, samples: int = SAMPLES) -> tuple[FloatArray, FloatArray]:
+    """Time `(n, N)` and path `(n, N, 2)` of two joints that swing at several speeds."""
+    time = np.arange(samples)[:, None] / RATE_HZ + np.zeros(runs)
+    rate, phase = rng.uniform(0.4, 2.5, (2, runs, 2)), rng.uniform(0, 2 * np.pi, (2, runs, 2))
+    return time, 0.4 * np.sin(rate[0] * time[..., None] + phase[0]) + 0.2 * np.sin(rate[1] * time[..., None] + phase[1])
+
+
+def noise(rng: np.random.Generator, shape: tuple[int, ...], tail: float = np.inf) -> FloatArray:
+    """White noise, perhaps with heavy tails, and slow noise of 0.3 s beside it; time runs along the first axis."""
+    white = rng.standard_normal(shape) if np.isinf(tail) else rng.standard_t(tail, shape) / np.sqrt(tail / (tail - 2))
+    phi = np.exp(-1.0 / RATE_HZ / 0.3)
+    slow = lfilter([np.sqrt(1 - phi**2)], [1.0, -phi], rng.standard_normal(shape), axis=0)
+    return NOISE * (0.9 * white + 0.4 * slow)
+
+
+def joint_log(
+    seed: int, *effects: Effect, tail: float = np.inf, sessions: int = 1, more: FloatArray | None = None
+) -> CalibrationLog:
+    """Motors as reported, and joints as seen from outside with these effects (and `more`, `(n, N, 2)`) and noise."""
+    rng = np.random.default_rng(seed)
+    time, q = motors(rng)
+    session: IntArray = np.arange(RUNS) * sessions // RUNS
+    start = np.arange(RUNS) * 60.0
+    nothing = np.zeros(q.shape)
+    velocity = np.gradient(q, 1.0 / RATE_HZ, axis=0)
+    motion = Motion((1, 2), time + start, session, q, velocity, nothing, nothing)
+    seen = joint_path(in_order(effects), motion) + noise(rng, q.shape, tail) + (0.0 if more is None else more)
+    number = np.broadcast_to(np.arange(RUNS), time.shape)
+    return CalibrationLog(
+        time=(time + start).T.ravel(),
+        trajectory=number.T.ravel(),
+        session=session[number].T.ravel(),
+        measured_jp=q.transpose(1, 0, 2).reshape(-1, 2),
+        external_jp=seen.transpose(1, 0, 2).reshape(-1, 2),
+        name="two joints",
+    )

@@ -1,0 +1,53 @@
+"""Localisation: silent in noise, loud where a residual depends on something.
+
+And honest about what it cannot exclude.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gpcorrect.discrepancy.cells import all_cells
+from gpcorrect.discrepancy.covariates import Covariates
+from gpcorrect.discrepancy.localise import ChannelData, Localisation, localise
+from gpcorrect.discrepancy.noise import estimate_noise
+
+RUNS, ROWS, STEP, NOISE = 14, 300, 0.05, 1e-3
+
+
+def found(seed: int, size: float = 0.0, tail: float = np.inf) -> Localisation:
+    """Localise noise plus an effect of the first joint's position, of this size in units of the noise."""
+    rng = np.random.default_rng(seed)
+    block = np.repeat(np.arange(RUNS), ROWS)
+    time = np.arange(len(block)) * STEP + 5.0 * block
+    rate, phase = rng.uniform(0.3, 2.0, (RUNS, 2)), rng.uniform(0, 6, (RUNS, 2))
+    q = np.sin(rate[block] * time[:, None] + phase[block])
+    white = rng.standard_normal(len(block)) if np.isinf(tail) else rng.standard_t(tail, len(block))
+    r = NOISE * (white + size * q[:, 0] * np.sqrt(2))
+    values = {"position 1": q[:, 0], "position 2": q[:, 1], "direction 1": np.sign(np.gradient(q[:, 0])), "time": time}
+    noise = estimate_noise(time, r, block, np.zeros(len(r), dtype=np.bool_))
+    tests = all_cells(Covariates(values, ("position 1", "direction 1")))
+    return localise([ChannelData("one", time, r, block, noise, tests)], np.random.default_rng(seed + 99), draws=100)
+
+
+@pytest.mark.parametrize("tail", [np.inf, 3.0])
+def test_noise_is_silent(tail: float) -> None:
+    """In twelve sets of noise at most one test of many beats the 99 % law of their maximum."""
+    assert sum(found(seed, tail=tail).something for seed in range(12)) <= 1
+
+
+def test_a_small_effect_is_found_where_it_is() -> None:
+    """A systematic part of a third of the noise is found, and the best test speaks of the right variable."""
+    result = found(0, size=0.33)
+    assert result.something
+    assert "position 1" in result.findings[0].variables
+
+
+def test_nothing_missing_needs_the_equivalence_too() -> None:
+    """Noise alone is shown to be free of anything larger than a quarter of it.
+
+    With an effect of half of it that is not shown.
+    """
+    assert found(1).nothing
+    assert not found(1, size=0.5).nothing

@@ -1,0 +1,102 @@
+"""The next run: it is one that tells the two apart, and where none does, the sensor is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from discrepancy_support import nominal
+
+from gpcorrect.discrepancy.candidates import Candidate, Member, all_candidates
+from gpcorrect.discrepancy.future import Site, futures
+from gpcorrect.discrepancy.named import Alternative, EffectLevel, Named
+from gpcorrect.discrepancy.next_experiment import ENOUGH, advise
+from gpcorrect.discrepancy.noise import ChannelNoise
+from gpcorrect.discrepancy.scene import Scene, build_scene
+from gpcorrect.sim.effects import Run
+from gpcorrect.sim.joint_motion import joint_motion_log
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    log = joint_motion_log(nominal(), 8, 6.0, seed=2)
+    return build_scene(log, nominal(), np.ones(len(log), dtype=np.bool_))
+
+
+def candidate(scene: Scene, name: str, joint: int = 1) -> Candidate:
+    return next(c for c in all_candidates(scene) if c.name == name and c.joint == joint)
+
+
+def question(own: Candidate, rival: Candidate | None, level: EffectLevel = "SET", u: float = 1.0) -> Named:
+    """Return an effect of `u` times its start, that cannot be told from a rival (or from nothing)."""
+    other = (
+        Alternative("nothing", "", None, "", 0.0, 0.4)
+        if rival is None
+        else Alternative(rival.label, rival.name, rival.joint, rival.family, 0.0, 0.4)
+    )
+    mine = Alternative(own.label, own.name, own.joint, own.family, 1.0, 0.6)
+    return Named(Member(own, u * np.array(own.start)), level, 0.6, 50.0, (mine, other), ())
+
+
+def noises(scene: Scene) -> tuple[ChannelNoise, ...]:
+    return tuple(ChannelNoise(1e-3, 5e-4, 0.2) for _ in scene.channels)
+
+
+def test_an_offset_and_a_drift_are_told_apart_by_a_run_of_their_descriptions(scene: Scene) -> None:
+    """The advised run is one that either description recommends, and brings enough evidence with the rival refitted."""
+    own, rival = candidate(scene, "homing_offset"), candidate(scene, "drift")
+    advice = advise(scene, (), [question(own, rival)], noises(scene), 0)
+    assert advice is not None
+    recommended = {run.value for c in (own, rival) for run in c.kind.about.separating_runs}
+    assert advice.run.split(":")[0] in recommended
+    assert advice.separates == (own.label, rival.label)
+    assert advice.expected_nats > ENOUGH
+    assert advice.minutes > 0
+
+
+def test_nothing_is_advised_when_nothing_is_open(scene: Scene) -> None:
+    """An exact name, or no name at all, asks for no run."""
+    own = candidate(scene, "homing_offset")
+    assert advise(scene, (), [], noises(scene), 0) is None
+    assert advise(scene, (), [question(own, None, "EXACT")], noises(scene), 0) is None
+
+
+def test_an_effect_too_small_for_any_run_asks_for_a_sensor(scene: Scene) -> None:
+    """Where no run brings three nats, the two are called equivalent and a sensor is named."""
+    advice = advise(scene, (), [question(candidate(scene, "transmission_ratio"), None, u=1e-4)], noises(scene), 0)
+    assert advice is not None
+    assert advice.expected_nats < ENOUGH
+    assert "equivalent" in advice.run
+    assert "measure" in advice.run
+
+
+def test_the_evidence_grows_with_the_effect(scene: Scene) -> None:
+    """A larger effect promises more nats, about with its square."""
+    own = candidate(scene, "transmission_ratio")
+    small, large = (advise(scene, (), [question(own, None, u=u)], noises(scene), 0) for u in (0.01, 0.02))
+    assert small is not None
+    assert large is not None
+    assert large.expected_nats == pytest.approx(4 * small.expected_nats, rel=0.05)
+
+
+@pytest.mark.parametrize("column", [0, None])
+def test_runs_stay_in_the_range_and_begin_and_end_at_rest(column: int | None) -> None:
+    """No advised path leaves where the joints have been, and every one starts and stops without a jump."""
+    ranges = np.array([[-0.4, 0.2], [0.1, 0.15], [-1.0, 1.0]])
+    site = Site(ranges, "RPR", column, 50.0, loads=True, servo=True)
+    made = futures(site, list(Run))
+    assert len(made) >= 9
+    for future in made:
+        for plan, gain in future.plans:
+            assert (plan.q >= ranges[:, 0] - 1e-9).all()
+            assert (plan.q <= ranges[:, 1] + 1e-9).all()
+            assert gain > 0
+            assert np.abs(np.diff(plan.q[:2], axis=0)).max() < 1e-3
+            assert np.abs(np.diff(plan.q[-2:], axis=0)).max() < 1e-9
+
+
+def test_what_cannot_be_simulated_is_not_advised() -> None:
+    """Without masses no payload is swapped, without a servo model no gain is changed."""
+    site = Site(np.array([[-1.0, 1.0], [-1.0, 1.0]]), "RR", 0, 50.0, loads=False, servo=False)
+    kinds = {future.run for future in futures(site, list(Run))}
+    assert not kinds & {Run.LOAD_SWAP, Run.GAIN_CHANGE, Run.TWO_INSERTIONS}
+    assert Run.SPEED_LADDER in kinds

@@ -1,0 +1,80 @@
+"""The workflow whole: nothing in noise, the true name where one is hidden, no name for what the catalogue lacks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from discrepancy.discrepancy_core import joint_log, motors
+from discrepancy.discrepancy_support import nominal
+
+from gpcorrect.discrepancy.result import Discrepancy
+from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects import Backlash, CableCoupling, Effect, HomingOffset, TransmissionRatio
+
+
+def names(found: Discrepancy) -> set[tuple[str, int | str]]:
+    return {(e.named.member.candidate.name, e.named.member.candidate.joint) for e in found.effects}
+
+
+@pytest.mark.parametrize(("tail", "sessions"), [(np.inf, 1), (3.0, 1), (np.inf, 4)])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_noise_gets_no_name(tail: float, sessions: int, seed: int) -> None:
+    """White noise with slow noise beside it, heavy tails or several sessions: no effect is named."""
+    found = find_discrepancy(joint_log(seed, tail=tail, sessions=sessions), nominal(), RunSettings(seed))
+    assert found.level in ("NONE", "INCONCLUSIVE")
+    assert not found.effects
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        HomingOffset(2, 0.003),
+        TransmissionRatio(1, 0.013),
+        CableCoupling(2, source=1, coefficient=-0.011),
+        Backlash(1, 0.0037),
+    ],
+)
+def test_the_hidden_effect_is_named_with_its_number(hidden: Effect) -> None:
+    """One effect about as large as the noise: its name, its joint and a number near the true one; the gap is closed."""
+    found = find_discrepancy(joint_log(3, hidden), nominal(), RunSettings(0))
+    assert names(found) == {(hidden.about.name, hidden.joint)}
+    parameter = hidden.about.parameters[0].name
+    value = found.effects[0].parameters[parameter]["value"]
+    assert value == pytest.approx(getattr(hidden, parameter), rel=0.15)
+    assert found.gap[int(hidden.joint) - 1].figures.closed > 0.8
+
+
+def test_what_the_catalogue_lacks_gets_no_exact_name() -> None:
+    """A product of two joints' positions is in no effect's equation: none may be named as the cause."""
+    q = motors(np.random.default_rng(4))[1]
+    more = np.zeros(q.shape)
+    more[..., 0] = 0.05 * q[..., 0] * q[..., 1]
+    found = find_discrepancy(joint_log(4, more=more), nominal(), RunSettings(0))
+    assert found.level == "UNKNOWN"
+    assert not found.effects
+
+
+def test_the_same_seed_gives_the_same_report() -> None:
+    """Splits and draws come from the seed alone."""
+    log = joint_log(5, HomingOffset(1, 0.004))
+    first, second = (find_discrepancy(log, nominal(), RunSettings(7)).to_dict() for _ in range(2))
+    for report in (first, second):
+        report["provenance"].pop("seconds")
+    assert first == second
+
+
+def test_the_written_model_leaves_nothing_to_find() -> None:
+    """A model that has the named effect is not asked for it again."""
+    log = joint_log(6, TransmissionRatio(2, 0.02))
+    once = find_discrepancy(log, nominal(), RunSettings(0))
+    again = find_discrepancy(log, once.model, RunSettings(0))
+    assert not again.effects
+
+
+def test_a_log_without_outside_truth_is_refused() -> None:
+    """Without external_jp or tracker_cp there is nothing to compare with."""
+    log = joint_log(0).select(slice(0, 500))
+    object.__setattr__(log, "external_jp", None)
+    with pytest.raises(DataError, match="external_jp"):
+        find_discrepancy(log, nominal(), RunSettings(0))

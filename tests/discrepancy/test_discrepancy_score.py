@@ -1,0 +1,126 @@
+"""Scoring: what counts as named, wrong, unknown, and how shares become targets."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from discrepancy_support import named, report
+
+from gpcorrect.discrepancy.outcomes import case_outcome
+from gpcorrect.discrepancy.score_reports import Share, read_labels, read_reports, score_cases, score_reports
+from gpcorrect.discrepancy.score_text import score_text
+from gpcorrect.errors import DataError
+
+
+def label(*effects: dict[str, Any], group: str = "single", ratio: float | None = 1.0) -> dict[str, Any]:
+    return {"set": group, "effects": list(effects), "effect_to_noise": ratio, "log_sha256": "abc"}
+
+
+BACKLASH = {"name": "backlash", "joint": 2, "known": True, "radius": 0.0105}
+
+
+def test_an_exact_name_counts_with_its_interval_and_gap() -> None:
+    """The right name alone is exact, its interval is checked, and the closed gap is that of its joint."""
+    outcome = case_outcome("a", label(BACKLASH), report("EXACT", named("backlash", 2)))
+    assert outcome.exact
+    assert not outcome.wrong
+    assert outcome.covered == (True,)
+    assert outcome.closed == pytest.approx(0.992)
+    assert outcome.probabilities == ((0.97, True),)
+
+
+def test_another_joint_or_name_is_wrong() -> None:
+    """A true name on the wrong joint is a wrong name, and so is another name on the right joint."""
+    for entry in (named("backlash", 1), named("coulomb_friction", 2)):
+        outcome = case_outcome("a", label(BACKLASH), report("EXACT", entry))
+        assert outcome.wrong
+        assert not outcome.exact
+        assert outcome.answers == (entry["name"],)
+
+
+def test_a_set_with_the_truth_is_no_wrong_name() -> None:
+    """A set that holds the truth among its rivals is right_or_set; one without it is wrong."""
+    rival = {"name": "backlash", "joint": 2, "class": "reversal", "probability": 0.3}
+    holding = case_outcome("a", label(BACKLASH), report("SET", named("coulomb_friction", 2, "SET", rivals=[rival])))
+    assert (holding.right_or_set, holding.wrong, holding.answers) == (True, False, ("set",))
+    without = case_outcome("a", label(BACKLASH), report("SET", named("coulomb_friction", 2, "SET")))
+    assert (without.right_or_set, without.wrong, without.answers) == (False, True, ("wrong set",))
+
+
+def test_a_coupling_from_another_joint_is_wrong() -> None:
+    """The joint that a coupling comes from is part of its name."""
+    truth = {"name": "cable_coupling", "joint": 2, "known": True, "source": 1}
+    said = {"source": {"value": 3, "ci95": None, "unit": ""}}
+    assert case_outcome("a", label(truth), report("EXACT", named("cable_coupling", 2, parameters=said))).wrong
+
+
+def test_outside_the_catalogue_only_unknown_is_right() -> None:
+    """An unknown cause is answered by UNKNOWN; any name is then wrong, the same name included."""
+    outside = label({"name": "cogging", "joint": 2, "known": False}, group="outside")
+    assert case_outcome("a", outside, report("UNKNOWN")).unknown
+    misled = case_outcome("a", outside, report("UNKNOWN", named("backlash", 2)))
+    assert misled.wrong
+    assert not misled.unknown
+
+
+def test_the_target_table_counts_each_set() -> None:
+    """Null, single and outside cases land in their rows with their shares, and in the confusion matrix."""
+    outcomes = [
+        case_outcome("n1", label(group="null", ratio=None), report("NONE")),
+        case_outcome("n2", label(group="null", ratio=None), report("EXACT", named("backlash", 1))),
+        case_outcome("s1", label(BACKLASH), report("EXACT", named("backlash", 2))),
+        case_outcome("o1", label({"name": "cogging", "joint": 1, "known": False}, group="outside"), report("UNKNOWN")),
+    ]
+    score = score_cases(outcomes)
+    table = {t.what: t for t in score.targets}
+    assert table["null: any name"].value == 0.5
+    assert not table["null: any name"].met
+    assert table["single, effect/noise 1: exact"].met
+    assert table["outside: UNKNOWN"].value == 1.0
+    assert score.confusion["nothing"] == score.confusion["nothing"] | {"none": 1, "backlash": 1}
+    assert score.confusion["cogging"]["unknown"] == 1
+    assert score.limits == {"backlash": 1.0}
+    text = score_text(score)
+    assert "null: any name" in text
+    assert "at most 1 %" in text
+
+
+def test_the_wilson_interval_holds_the_share_and_shrinks() -> None:
+    """The interval lies inside 0 to 1, holds the share, and is narrower for more cases; of none it is undefined."""
+    few, many = Share(9, 10).interval, Share(900, 1000).interval
+    assert 0.0 <= few[0] < 0.9 < few[1] <= 1.0
+    assert many[1] - many[0] < few[1] - few[0]
+    assert few == pytest.approx((0.5958, 0.9821), abs=1e-4)
+    assert np.isnan(Share(0, 0).interval).all()
+
+
+def test_reports_are_matched_by_the_recordings_hash(tmp_path: Path) -> None:
+    """Whatever its folder is called, a report is scored against its recording; labels left over are named."""
+    for folder, sha256 in (("x", "abc"), ("y", "nope")):
+        (tmp_path / folder).mkdir()
+        said = report("EXACT", named("backlash", 2), sha256=sha256)
+        (tmp_path / folder / "report.json").write_text(json.dumps(said))
+    labels = {"case_000": label(BACKLASH), "case_001": label(BACKLASH) | {"log_sha256": "other"}}
+    score = score_reports(labels, read_reports([tmp_path / "x"]))
+    assert score.missing == ("case_001",)
+    with pytest.raises(DataError, match="no recording in the labels"):
+        score_reports(labels, read_reports([tmp_path]))
+    with pytest.raises(DataError, match=r"holds no report\.json"):
+        read_reports([tmp_path / "x" / "nothing"])
+
+
+def test_changed_labels_are_refused(tmp_path: Path) -> None:
+    """Labels whose hash is not the sealed one are not scored with."""
+    (tmp_path / "sealed").mkdir()
+    path = tmp_path / "sealed" / "labels.json"
+    path.write_text(json.dumps({"cases": {}}))
+    (tmp_path / "labels.sha256").write_text(hashlib.sha256(path.read_bytes()).hexdigest() + "  labels.json\n")
+    assert read_labels(path) == {}
+    path.write_text(json.dumps({"cases": {"case_000": label(BACKLASH)}}))
+    with pytest.raises(DataError, match="not what was sealed"):
+        read_labels(path)
