@@ -67,7 +67,8 @@ def advise(
     runs = _separating(own, duel.rivals)
     best = _best(duel, runs)
     if best is None or best[1] < ENOUGH:
-        best = _best(duel, [run for run in Run if run not in runs]) or best
+        tried = (best, _best(duel, [run for run in Run if run not in runs]))
+        best = max((t for t in tried if t is not None), key=lambda t: t[1], default=None)
     if best is None:
         return None
     words = best[0].words if best[1] >= ENOUGH else _sensor(scene, own)

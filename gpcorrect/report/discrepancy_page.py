@@ -268,6 +268,10 @@ def _noise(report: Mapping[str, Any]) -> Section:
         sizes = [f"{number(scale * noise[part])} {symbol}" for part in ("white", "slow")]
         rows.append([channel_words(name), *sizes, f"{number(noise['time_constant'])} s", tail, noise["basis"]])
     head = ["channel", "white", "slow", "time constant", "tails", "taken from"]
-    silent = report["provenance"]["no_trace"]
-    words = [f"Left no trace in these signals, and could not be named: {', '.join(silent)}."] if silent else []
+    silent = list(dict.fromkeys(label.split(" (")[0] for label in report["provenance"]["no_trace"]))
+    words = (
+        [f"Left no trace in these signals on some joint or all, and could not be named there: {', '.join(silent)}."]
+        if silent
+        else []
+    )
     return Section("What was assumed", words, (TableData(head, rows, "Noise of each channel.", (4, 5)),))
