@@ -10,7 +10,7 @@ from pathlib import Path
 
 from gpcorrect.errors import GpCorrectError
 
-__all__ = ["atomic_path", "require_folder"]
+__all__ = ["atomic_path", "make_folder", "require_folder"]
 
 
 def require_folder(path: str | Path) -> None:
@@ -26,6 +26,22 @@ def require_folder(path: str | Path) -> None:
         raise GpCorrectError(f"cannot write {path}: there is no folder {folder}.", hint="Create the folder first.")
     if Path(path).exists() and not Path(path).is_file():
         raise GpCorrectError(f"cannot write {path}: it is there already, and no file.", hint="Name another output.")
+
+
+def make_folder(path: str | Path) -> None:
+    """Make a folder for results, and those above it, before the work; one that is there is kept with what it holds.
+
+    Raises
+    ------
+    GpCorrectError
+        A file has its name, or it may not be made.
+    """
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GpCorrectError(
+            f"cannot make the folder {path} for the results: {error.strerror}.", hint="Name another folder."
+        ) from error
 
 
 @contextmanager

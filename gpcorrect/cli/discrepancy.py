@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from gpcorrect.atomic import atomic_path, require_folder
+from gpcorrect.atomic import atomic_path, make_folder
 from gpcorrect.cli.console import err, out, print_json, progress_bar
 from gpcorrect.cli.options import Columns, Json, read_logs
 from gpcorrect.discrepancy.generate import LABELS as SEALED
@@ -64,9 +64,8 @@ def run(
     """
     from gpcorrect.report import write_discrepancy_report  # the report's libraries are an extra: say so before the work
 
-    require_folder(output)
+    make_folder(output)
     machine, recording = read_model(model), read_logs(log, columns)
-    output.mkdir(exist_ok=True)
     with progress_bar(quiet=json) as progress:
         done = find_or_resume(recording, machine, RunSettings(seed=seed), output, progress)
     with atomic_path(output / "report.json") as path:
@@ -135,9 +134,8 @@ def generate(
 
     gpcorrect discrepancy generate --spec spec.toml --output blind/
     """
-    require_folder(output)
+    make_folder(output)
     wanted = read_spec(spec)
-    output.mkdir(exist_ok=True)
     labels: dict[str, Any] = {}
     with progress_bar(quiet=json) as progress:
         for case in generate_cases(wanted, progress):

@@ -9,12 +9,12 @@ from typing import Annotated, Any, get_args
 import typer
 
 from gpcorrect import artifact
-from gpcorrect.atomic import atomic_path, require_folder
+from gpcorrect.atomic import atomic_path, make_folder, require_folder
 from gpcorrect.cleaning import CleaningReport, CleaningSettings, Segment
 from gpcorrect.cli.console import err, out, print_json, progress_bar, show_errors, split_names
 from gpcorrect.cli.options import Arm, AsIs, Columns, Disordered, Json, Logs, Namespace, Tracker, read_logs
 from gpcorrect.corrector import FitSettings
-from gpcorrect.errors import DataError, GpCorrectError
+from gpcorrect.errors import DataError
 from gpcorrect.experiment import Experiment, run_experiment
 from gpcorrect.rigid import MarkerOption
 
@@ -75,7 +75,7 @@ def fit(
     """
     require_folder(output)
     if report is not None:
-        _make_folder(report)
+        make_folder(report)
     log = read_logs(
         logs,
         columns,
@@ -126,16 +126,6 @@ def _segment(text: str) -> Segment:
         raise DataError(
             f"a segment is TRAJECTORY:START:STOP in seconds, got {text!r}.",
             hint="For example: --drop 3:12.5:14.0",
-        ) from error
-
-
-def _make_folder(folder: Path) -> None:
-    """Make the folder of the report before the work, so that nobody waits for a report that cannot be written."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise GpCorrectError(
-            f"cannot make the folder {folder} for the report: {error.strerror}.", hint="Name another folder: --report"
         ) from error
 
 

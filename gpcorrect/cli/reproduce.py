@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from gpcorrect.atomic import atomic_path, require_folder
+from gpcorrect.atomic import atomic_path, make_folder
 from gpcorrect.cli.console import json_ready, out, print_json, progress_bar
 from gpcorrect.cli.options import Json
 from gpcorrect.reproduce import PengScope, Scope, reproduce_mahler2014, reproduce_peng2024
@@ -48,11 +48,10 @@ def mahler2014(
     """
     from gpcorrect.report import write_mahler_report  # the report's libraries are an extra
 
-    require_folder(output)
+    make_folder(output)
     scope = Scope.quick(reaches) if quick else Scope(reaches)
     with progress_bar(quiet=json) as progress:
         result = reproduce_mahler2014(scope, seed, progress)
-    output.mkdir(exist_ok=True)
     write_mahler_report(result, output / "report.html")
     figures = json_ready(result.to_dict())
     with atomic_path(output / "reproduce.json") as path:
@@ -76,10 +75,9 @@ def peng2024(
 
     Example: gpcorrect reproduce peng2024 --output peng2024
     """
-    require_folder(output)
+    make_folder(output)
     with progress_bar(quiet=json) as progress:
         result = reproduce_peng2024(PengScope.quick() if quick else PengScope(), seed, progress)
-    output.mkdir(exist_ok=True)
     figures = json_ready(result)
     with atomic_path(output / "reproduce.json") as path:
         path.write_text(json_text.dumps(figures, indent=2), encoding="utf-8")

@@ -127,10 +127,11 @@ def test_logs_that_cannot_be_used_are_refused(gpcorrect: CommandLine, blind: Pat
     refused(blind / "case_000.parquet", "joints", "2 columns")
 
 
-def test_an_output_without_a_folder_is_refused_before_the_work(gpcorrect: CommandLine, blind: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_refused_before_the_work(gpcorrect: CommandLine, blind: Path) -> None:
     """A folder that cannot be made is named at once."""
-    words = ("--model", blind / "nominal.toml", "--log", blind / "case_000.parquet", "--output", blind / "no" / "out")
-    assert_refused(gpcorrect("discrepancy", "run", *words), "no folder")
+    log = blind / "case_000.parquet"
+    words = ("--model", blind / "nominal.toml", "--log", log, "--output", log / "out")
+    assert_refused(gpcorrect("discrepancy", "run", *words), "cannot make the folder")
 
 
 def test_help_tells_files_and_resuming(gpcorrect: CommandLine) -> None:
