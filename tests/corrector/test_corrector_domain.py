@@ -62,7 +62,7 @@ def test_speed_leads_out_of_the_region_too(small_corrector: CommandCorrector) ->
 
 
 def test_far_from_everything_the_learned_part_is_its_mean(small_corrector: CommandCorrector) -> None:
-    """Metres away every correction is the same within a hundredth, as wide as the prior, and said to be extrapolated."""
+    """Metres away every correction is the same within 1 %, as wide as the prior, and said to be extrapolated."""
     answers = [at(small_corrector, CENTRE + 3.0 * ray) for ray in RAYS]
     for answer in answers:
         assert answer.status == "EXTRAPOLATING"
