@@ -1,7 +1,9 @@
 """Velocities of recorded paths and of live streams, on the times as they are: uneven, with gaps.
 
 A path is differentiated by finite-difference weights through five samples (Fornberg 1988), exact for
-polynomials up to degree four on any spacing; a stream by a least-squares parabola through the recent past.
+polynomials up to degree four on any spacing. Where a stencil step is asked for that more samples fall into, a
+least-squares parabola through all of them (Savitzky and Golay 1964) takes its place: exact for quadratics, and its
+noise falls with the number of samples. A stream is differentiated by such a parabola through the recent past.
 Angular velocity is that of the local rotation vector log(R_j R_i^T) at sample i, so it is expressed in the
 spatial frame and is exact for a constant spin.
 """
@@ -21,6 +23,8 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 __all__ = ["CausalTwist", "derivative", "segment_labels", "twists"]
 
 STENCIL = 5
+MOST = 49  # samples that a parabola is fitted to, spread evenly over its window: memory stays bounded at any rate
+BLOCK = 4096  # rows differentiated at once
 GAP_STEPS = 5.0  # a step this many times the median one is a gap
 FIT_SAMPLES = 3  # a parabola needs three, however slow the stream
 
@@ -66,9 +70,10 @@ def segment_labels(
 
 
 def derivative(time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: float | None = None) -> FloatArray:
-    """Time derivative by five-point finite differences on the actual times, never across labels.
+    """Time derivative on the actual times, never across labels: five-point differences, or parabolas over a step.
 
-    Windows are one-sided at the ends of a run and hold fewer points in runs shorter than five.
+    Windows are one-sided at the ends of a run and hold fewer points in runs shorter than five. Five points are
+    exact for polynomials up to degree four, parabolas for quadratics.
 
     Parameters
     ----------
@@ -79,8 +84,9 @@ def derivative(time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: floa
     labels : (n,) int array
         Runs, as from :func:`segment_labels`; -1 belongs to none.
     step : float, optional
-        Stencil step h, s: take the samples nearest to t-2h, t-h, t, t+h, t+2h, so that noise is divided by h.
-        Adjacent samples by default.
+        Stencil step h, s, so that noise is divided by h: a least-squares parabola through all samples from t-2h to
+        t+2h, or where these are no more than five, the five nearest to t-2h, t-h, t, t+h, t+2h. Adjacent samples by
+        default.
 
     Returns
     -------
@@ -95,7 +101,7 @@ def derivative(time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: floa
     t, x, runs = _checked(time, values, labels, step)
     result = np.full(x.shape, np.nan)
     for rows, window in _windows(t, runs, step):
-        weights = _weights(t[window], t[rows])
+        weights = _slope_weights(t[window], t[rows])
         # Differences to the sample itself: weights sum to zero, so a large offset loses no digits.
         result[rows] = np.einsum("nm,nmk->nk", weights, x[window] - x[rows, None])
     return result
@@ -140,7 +146,7 @@ def twists(
             raise DataError(f"rotations must have shape ({len(t)}, 3, 3), got {R.shape}.")
         for rows, window in _windows(t, runs, step):
             local = se3.rotvec_from_matrix(R[window] @ np.swapaxes(R[rows], -1, -2)[:, None])
-            angular[rows] = np.einsum("nm,nmk->nk", _weights(t[window], t[rows]), local)
+            angular[rows] = np.einsum("nm,nmk->nk", _slope_weights(t[window], t[rows]), local)
     return np.concatenate([derivative(t, p, runs, step), angular], axis=1)
 
 
@@ -253,16 +259,35 @@ def _checked(
 
 
 def _windows(time: FloatArray, labels: IntArray, step: float | None) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield (rows (r,), their windows (r, m)) for each window size m that occurs, 2 to 5."""
+    """Yield (rows (r,), their windows (r, m)) for each window size m that occurs, from 2 up, some rows at a time."""
     first, stop = _run_bounds(labels)
-    size = np.where(labels >= 0, np.minimum(stop - first, STENCIL), 0)
-    for m in range(2, STENCIL + 1):
-        rows = np.flatnonzero(size == m)
-        if rows.size and (step is None or m < STENCIL):
-            start = np.clip(rows - m // 2, first[rows], stop[rows] - m)
-            yield rows, start[:, None] + np.arange(m)
-        elif rows.size and step is not None:
-            yield rows, _spread_window(time, rows, first[rows], stop[rows], step)
+    inside = np.where(labels >= 0, stop - first, 0)
+    low, high = (first, stop) if step is None else _spans(time, first, stop, step)
+    dense = (inside > STENCIL) & (high - low > STENCIL) if step is not None else np.zeros(len(time), dtype=bool)
+    size = np.where(dense, np.minimum(high - low, MOST), np.minimum(inside, STENCIL))
+    for m in np.unique(size[size > 1]):
+        for rows in _blocks(np.flatnonzero(size == m)):
+            if m > STENCIL:
+                yield rows, low[rows, None] + np.arange(m) * (high - low - 1)[rows, None] // (m - 1)
+            elif m == STENCIL and step is not None:
+                yield rows, _spread_window(time, rows, first[rows], stop[rows], step)
+            else:
+                yield rows, np.clip(rows - m // 2, first[rows], stop[rows] - m)[:, None] + np.arange(m)
+
+
+def _blocks(rows: IntArray) -> Iterator[IntArray]:
+    for start in range(0, len(rows), BLOCK):
+        yield rows[start : start + BLOCK]
+
+
+def _spans(time: FloatArray, first: IntArray, stop: IntArray, step: float) -> tuple[IntArray, IntArray]:
+    """First row and one past the last, `(n,)` each, of the window t-2h to t+2h, shifted and shrunk to fit the run."""
+    half = 0.5 * (STENCIL - 1) * step
+    begin, end = time[first], time[stop - 1]
+    middle = np.clip(time, np.minimum(begin + half, end), np.maximum(end - half, begin))
+    low = _nearest_row(time, middle - half, first, stop - 1)
+    high = _nearest_row(time, middle + half, first, stop - 1)
+    return low, high + 1
 
 
 def _run_bounds(labels: IntArray) -> tuple[IntArray, IntArray]:
@@ -296,6 +321,30 @@ def _nearest_row(time: FloatArray, target: FloatArray, low: IntArray, high: IntA
         left, right = np.where(later, left, middle), np.where(later, middle, right)
     nearest: IntArray = np.where(np.abs(time[left] - target) <= np.abs(time[right] - target), left, right)
     return nearest
+
+
+def _slope_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
+    """Weights `(r, m)` of the first derivative at `at` (r,): through up to five nodes, between more of them."""
+    return _weights(nodes, at) if nodes.shape[1] <= STENCIL else _parabola_weights(nodes, at)
+
+
+def _parabola_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
+    """Weights `(r, m)` of the slope at `at` (r,) of the least-squares parabola through the samples at `nodes` (r, m).
+
+    The parabola is written in polynomials that are orthogonal on the nodes, so nothing needs to be inverted.
+    """
+    span = nodes[:, -1:] - nodes[:, :1]
+    x, x_at = (
+        (nodes - nodes.mean(axis=1, keepdims=True)) / span,
+        (at[:, None] - nodes.mean(axis=1, keepdims=True)) / span,
+    )
+    squares = (x * x).mean(axis=1, keepdims=True)
+    skew = (x**3).mean(axis=1, keepdims=True) / squares
+    second = x * x - skew * x - squares
+    slope = x / (x * x).sum(axis=1, keepdims=True)
+    bend = second / (second * second).sum(axis=1, keepdims=True)
+    weights: FloatArray = (slope + (2.0 * x_at - skew) * bend) / span
+    return weights
 
 
 def _weights(nodes: FloatArray, at: FloatArray) -> FloatArray:

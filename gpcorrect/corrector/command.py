@@ -56,7 +56,7 @@ class CommandCorrector:
     motion : MotionLimits or None
         What no arm does from one pose of a path to the next; None believes every path, as a fit without cleaning does.
     velocity_step : float or None
-        Step of the five-point stencil on recorded paths, s; None takes neighbouring samples.
+        Step of the stencil on recorded paths, s; None takes five neighbouring samples.
     summary : mapping
         Frames, units, features, fit report: what the model file says of itself.
     check_queries : (k, 13) array

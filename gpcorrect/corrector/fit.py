@@ -56,8 +56,8 @@ class FitSettings:
     time_offset : str
         "auto", "none", or seconds by which the tracker's stamps run ahead of the commands'.
     velocity_step : float, None or "auto"
-        Step of the five-point stencil on recorded paths, s; None takes neighbouring samples, "auto" a step that keeps
-        the tracker's noise out of the velocities.
+        Step of the stencil on recorded paths, s, through all samples within two steps on either side; None takes five
+        neighbouring samples, "auto" a step that keeps the tracker's noise out of the velocities.
     seed : int
         Seed of everything random.
     """

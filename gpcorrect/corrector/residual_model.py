@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.gpr import IntervalCalibration, Predictor, SparseGPR, Statistics, novelty_limit
+from gpcorrect.gpr import IntervalCalibration, Predictor, SparseGPR, Statistics, learn_inflation, novelty_limit
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 __all__ = ["ResidualModel", "fit_residual_model", "trajectory_folds"]
@@ -55,8 +55,9 @@ def fit_residual_model(
 ) -> ResidualModel:
     """Learn residuals `(n, k)` from inputs `(n, d)`, whose columns act by groups, of trajectories at times `(n,)`.
 
-    Hyperparameters are learned once, on all trajectories. Intervals are calibrated on errors at trajectories that the
-    model (with those hyperparameters) was not fitted to, so that they hold on trajectories never seen.
+    Hyperparameters are learned once, on all trajectories. How many neighbouring samples count as one is chosen, and
+    intervals are calibrated, on errors at trajectories that the model (with those hyperparameters) was not fitted to,
+    so that both hold on trajectories never seen.
     """
     regressor = SparseGPR(
         n_inducing=inducing,
@@ -65,16 +66,15 @@ def fit_residual_model(
         random_state=seed,
     )
     regressor.fit(X, residual, groups=trajectory, times=time, progress=progress)
-    errors, std, novelty = (np.empty(residual.shape), np.empty(residual.shape), np.empty(len(X)))
-    folds = trajectory_folds(trajectory)
-    for fold in np.unique(folds):
-        left_out = folds == fold
-        predictor = regressor.refit(X[~left_out], residual[~left_out]).predictor_
-        mean, std[left_out], novelty[left_out] = predictor.mean_std_batch(X[left_out])
-        errors[left_out] = residual[left_out] - mean
-        progress.step("intervals", (fold + 1) / (folds.max() + 1))
-    intervals = IntervalCalibration.fit(errors, std, trajectory)
-    return ResidualModel(regressor.predictor_, intervals, novelty_limit(novelty), regressor.statistics_, errors, std)
+    regressor, left_out = learn_inflation(regressor, X, residual, trajectory_folds(trajectory), progress)
+    return ResidualModel(
+        predictor=regressor.predictor_,
+        intervals=IntervalCalibration.fit(left_out.errors, left_out.std, trajectory),
+        novelty=novelty_limit(left_out.novelty),
+        statistics=regressor.statistics_,
+        errors=left_out.errors,
+        std=left_out.std,
+    )
 
 
 def trajectory_folds(trajectory: IntArray) -> IntArray:

@@ -1,6 +1,7 @@
 """Gaussian-process regression of the residual: features, posteriors, the hot path, honest intervals."""
 
 from gpcorrect.gpr.calibration import IntervalCalibration, coverage_by_group, novelty_limit
+from gpcorrect.gpr.evidence import LeftOut, learn_inflation
 from gpcorrect.gpr.exact import ExactGPR
 from gpcorrect.gpr.features import FeatureMap
 from gpcorrect.gpr.predictor import Predictor
@@ -11,9 +12,11 @@ __all__ = [
     "ExactGPR",
     "FeatureMap",
     "IntervalCalibration",
+    "LeftOut",
     "Predictor",
     "SparseGPR",
     "Statistics",
     "coverage_by_group",
+    "learn_inflation",
     "novelty_limit",
 ]

@@ -7,6 +7,8 @@ serves all outputs and every noise variance.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
+from typing import Self
 
 import numpy as np
 
@@ -17,7 +19,7 @@ from gpcorrect.gpr.learned import Learned
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import Predictor
 from gpcorrect.gpr.shared_predictor import SharedPredictor
-from gpcorrect.gpr.statistics import Statistics, collect, posterior
+from gpcorrect.gpr.statistics import Statistics, collect, posterior, updated
 from gpcorrect.types import FloatArray, Progress
 
 __all__ = ["SparseGPR"]
@@ -40,6 +42,9 @@ class SparseGPR(GaussianProcess):
         Samples that the hyperparameters are learned from.
     n_restarts : int
         Further searches for the hyperparameters, from random starts.
+    inflation : sequence of float, optional
+        For each group of outputs, how many neighbouring samples count as one, because they err together; 1 by default.
+        :func:`gpcorrect.gpr.learn_inflation` learns it.
     random_state : int, RandomState or None
         Seed of the subset, the restarts and the inducing points.
 
@@ -67,6 +72,7 @@ class SparseGPR(GaussianProcess):
         output_groups: Sequence[int] | None = None,
         n_learn: int = 500,
         n_restarts: int = 0,
+        inflation: Sequence[float] | None = None,
         random_state: int | None = 0,
     ) -> None:
         self.n_inducing = n_inducing
@@ -75,9 +81,19 @@ class SparseGPR(GaussianProcess):
         self.output_groups = output_groups
         self.n_learn = n_learn
         self.n_restarts = n_restarts
+        self.inflation = inflation
         self.random_state = random_state
 
     statistics_: tuple[Statistics, ...]
+
+    def inflated(self, inflation: Sequence[float]) -> Self:
+        """Return a copy whose posterior, of the same data and hyperparameters, counts so many samples as one."""
+        other = copy(self)
+        other.inflation = tuple(inflation)
+        pairs = zip(self.statistics_, inflation, strict=True)
+        other.statistics_ = tuple(statistics.inflated(factor) for statistics, factor in pairs)
+        other.predictor_ = Predictor(tuple(map(updated, self.predictor_.parts, other.statistics_)))
+        return other
 
     def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
         self.jitter_, self.unseen_, self.statistics_ = 0.0, 0.0, ()
@@ -89,7 +105,8 @@ class SparseGPR(GaussianProcess):
         kernel, offset = learned.kernel, learned.scaling.y_centre
         basis = self._inducing_points(kernel, X, rng)
         L, jitter = cholesky(kernel(basis, basis))
-        statistics = collect(kernel, basis, L, offset, X, Y, progress)
+        inflation = 1.0 if self.inflation is None else self.inflation[len(self.statistics_)]
+        statistics = collect(kernel, basis, L, offset, X, Y, progress).inflated(inflation)
         self.statistics_ = (*self.statistics_, statistics)
         self.jitter_ = max(self.jitter_, jitter)
         self.unseen_ = max(self.unseen_, statistics.unseen(len(basis)))

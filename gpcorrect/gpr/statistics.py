@@ -8,7 +8,7 @@ be left out again, at a cost that knows nothing of the other samples.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -40,19 +40,26 @@ class Statistics:
         `V (y - offset)`, in the outputs' units.
     n : float
         Samples; a fraction where some of them were given less weight.
+    inflation : float
+        By how much the noise is multiplied, because neighbouring samples err together: so many count as one.
     """
 
     G: FloatArray
     Vy: FloatArray
     n: float
+    inflation: float = 1.0
 
     def plus(self, other: Self, keep: float = 1.0) -> Statistics:
-        """Return the statistics of these samples, weighted by `keep`, and the others together."""
-        return Statistics(keep * self.G + other.G, keep * self.Vy + other.Vy, keep * self.n + other.n)
+        """Return the statistics of these samples, weighted by `keep`, and the others together, inflated as these."""
+        return replace(self, G=keep * self.G + other.G, Vy=keep * self.Vy + other.Vy, n=keep * self.n + other.n)
 
     def minus(self, other: Self) -> Statistics:
         """Return the statistics without the others, which must be among them."""
-        return Statistics(self.G - other.G, self.Vy - other.Vy, self.n - other.n)
+        return replace(self, G=self.G - other.G, Vy=self.Vy - other.Vy, n=self.n - other.n)
+
+    def inflated(self, inflation: float) -> Statistics:
+        """Return the same sums, of which as many samples as `inflation` says count as one."""
+        return replace(self, inflation=inflation)
 
     def unseen(self, count: int) -> float:
         """Mean share of prior variance that the first `count` points leave at the samples."""
@@ -62,7 +69,7 @@ class Statistics:
         """Weights `(M, m)` of the correlations to all points in the mean, for noise over signal `(m,)`."""
         diagonal = np.diag_indices_from(self.G)
         solved = np.empty(self.Vy.shape)
-        for o, noise in enumerate(ratio + self.unseen(len(self.G))):
+        for o, noise in enumerate(self.inflation * ratio + self.unseen(len(self.G))):
             system = np.array(self.G, order="F")
             system[diagonal] += noise
             solved[:, o] = cho_solve(
@@ -75,7 +82,7 @@ class Statistics:
         """Projection `(r, count)` and explained shares `(m, r)` of the variance that the first `count` points give."""
         eigenvalues, U = np.linalg.eigh(self.G[:count, :count])
         eigenvalues = np.maximum(eigenvalues, 0.0)
-        explained = eigenvalues / (eigenvalues + (ratio + self.unseen(count))[:, None])
+        explained = eigenvalues / (eigenvalues + (self.inflation * ratio + self.unseen(count))[:, None])
         kept = explained.max(axis=0) > NEGLIGIBLE
         kept[-1] = True  # an output of pure noise still needs a direction to say so
         projection = solve_triangular(L[:count, :count], U[:, kept], lower=True, trans="T", check_finite=False).T
@@ -83,7 +90,7 @@ class Statistics:
 
     def to_arrays(self) -> dict[str, FloatArray]:
         """Return arrays for a model file; of the symmetric matrix one half."""
-        return {"G": self.G[np.tril_indices(len(self.G))], "Vy": self.Vy, "n": np.array([self.n])}
+        return {"G": self.G[np.tril_indices(len(self.G))], "Vy": self.Vy, "n": np.array([self.n, self.inflation])}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Self:
@@ -95,9 +102,10 @@ class Statistics:
             An array is missing.
         """
         size = len(arrays["Vy"])
+        n, *inflation = arrays["n"].tolist()  # files written before there was an inflation have none
         G = np.zeros((size, size))
         G[np.tril_indices(size)] = arrays["G"]
-        return cls(frozen_array(G + np.tril(G, -1).T), frozen_array(arrays["Vy"]), float(arrays["n"][0]))
+        return cls(frozen_array(G + np.tril(G, -1).T), frozen_array(arrays["Vy"]), n, *inflation)
 
 
 def collect(

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gpcorrect.corrector import FitSettings
+from gpcorrect.corrector import FitSettings, trajectory_folds
 from gpcorrect.experiment import Experiment, run_experiment
-from gpcorrect.gpr import SparseGPR
+from gpcorrect.gpr import SparseGPR, learn_inflation
 from gpcorrect.reproduce.regression_data import RegressionData
 from gpcorrect.rigid import pose_residual
 from gpcorrect.sim import debridement_log, preset
@@ -96,6 +96,7 @@ def _told_the_transmission(experiment: Experiment, exact: CalibrationLog, settin
     )
     with threadpool_limits(limits=1):
         regressor.fit(X, train.residual, groups=train.trajectory, times=train.time)
+        regressor, _ = learn_inflation(regressor, X, train.residual, trajectory_folds(train.trajectory))
     return test.mean_errors(regressor.predict(X_test))
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gpcorrect.corrector import FitSettings
+from gpcorrect.corrector import FitSettings, trajectory_folds
 from gpcorrect.experiment import Experiment
-from gpcorrect.gpr import ExactGPR, SparseGPR
+from gpcorrect.gpr import ExactGPR, SparseGPR, learn_inflation
 from gpcorrect.reproduce.regression_data import RegressionData
 from gpcorrect.types import IntArray, Progress
 
@@ -77,5 +77,8 @@ def _fit(
     with threadpool_limits(limits=1):
         start = time.perf_counter()
         regressor.fit(train.X[rows], train.residual[rows], groups=train.trajectory[rows], times=train.time[rows])
+        if isinstance(regressor, SparseGPR):
+            folds = trajectory_folds(train.trajectory[rows])
+            regressor, _ = learn_inflation(regressor, train.X[rows], train.residual[rows], folds)
         seconds = time.perf_counter() - start
     return TrainingSize(len(rows), method, seconds, **test.mean_errors(regressor.predict(test.X)))

@@ -39,10 +39,10 @@ def test_every_way_out_crosses_the_rim_once(small_corrector: CommandCorrector, r
 
 @pytest.mark.parametrize("ray", RAYS, ids=str)
 def test_intervals_widen_beyond_the_rim(small_corrector: CommandCorrector, ray: FloatArray) -> None:
-    """From the training's edge outward intervals grow, but for a hundredth a step, to three times their width."""
+    """From the training's edge outward intervals grow, but for two hundredths a step, to three times their width."""
     distance = np.linspace(1.2 * HALF_RANGE, 8 * HALF_RANGE, 40)
     widths = np.array([at(small_corrector, CENTRE + d * ray).interval95[:3].mean() for d in distance])
-    assert (np.diff(widths) > -0.01 * widths[1:]).all()
+    assert (np.diff(widths) > -0.02 * widths[1:]).all()
     assert widths[-1] > 3 * widths[0]
 
 
@@ -62,8 +62,8 @@ def test_speed_leads_out_of_the_region_too(small_corrector: CommandCorrector) ->
 
 
 def test_far_from_everything_the_learned_part_is_its_mean(small_corrector: CommandCorrector) -> None:
-    """Metres away all corrections agree within a hundredth, as wide as the prior, and said to be extrapolated."""
-    answers = [at(small_corrector, CENTRE + 3.0 * ray) for ray in RAYS]
+    """Ten metres away every correction is the same within 1 %, as wide as the prior, and said to be extrapolated."""
+    answers = [at(small_corrector, CENTRE + 10.0 * ray) for ray in RAYS]
     for answer in answers:
         assert answer.status == "EXTRAPOLATING"
         np.testing.assert_allclose(answer.interval95, answers[0].interval95, rtol=1e-2)

@@ -1,0 +1,100 @@
+"""How many neighbouring samples count as one: the noise of the posterior, by what predicts left-out data best.
+
+Samples of one trajectory err together (hysteresis, drift, a tracker's filter), and a posterior that takes each of them
+for new evidence follows those errors: the more samples, the closer. Multiplying the noise is the cheapest remedy that
+keeps the spectrum shared by all outputs (docs/design/0002), and left-out whole trajectories say by how much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.gpr.kernels import AdditiveRBF
+from gpcorrect.gpr.linalg import cholesky
+from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.gpr.sparse import SparseGPR
+from gpcorrect.gpr.statistics import Statistics
+from gpcorrect.types import FloatArray, IntArray, Progress
+
+__all__ = ["INFLATIONS", "LeftOut", "learn_inflation"]
+
+INFLATIONS = (1.0, 3.0, 10.0, 30.0)
+JUDGES = 4000  # left-out samples that choose: neighbours err alike, so more of them say little more
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """What a model predicts of samples whose fold it was not fitted to.
+
+    Parameters
+    ----------
+    errors, std : (n, m) arrays
+        Errors, and the standard deviations promised for them.
+    novelty : (n,) array
+    """
+
+    errors: FloatArray
+    std: FloatArray
+    novelty: FloatArray
+
+
+def learn_inflation(
+    regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray, progress: Progress | None = None
+) -> tuple[SparseGPR, LeftOut]:
+    """Return a fitted regressor with the inflation that predicts left-out folds best, and what it predicts of them.
+
+    Parameters
+    ----------
+    regressor : SparseGPR
+        Fitted to X and Y; its hyperparameters are kept.
+    X, Y : (n, d) and (n, m) arrays
+    folds : (n,) array
+        Which samples are left out together: whole trajectories.
+    progress : Progress, optional
+        Told after each fold.
+    """
+    progress = progress or Progress()
+    names = np.unique(folds)
+    stride = -(-len(X) // JUDGES)
+    without, squares = [], np.zeros((len(INFLATIONS), len(regressor.learned_)))
+    for done, fold in enumerate(names):
+        without.append(regressor.refit(X[folds != fold], Y[folds != fold]))
+        judges = np.flatnonzero(folds == fold)[::stride]
+        squares += _squares(without[-1], X[judges], Y[judges])
+        progress.step("left-out trajectories", (done + 1) / len(names))
+    inflation = tuple(INFLATIONS[best] for best in squares.argmin(axis=0))
+    return regressor.inflated(inflation), _left_out(without, inflation, X, Y, folds)
+
+
+def _squares(model: SparseGPR, X: FloatArray, Y: FloatArray) -> FloatArray:
+    """Sum squared errors `(steps, groups)`, every output in its own spread, under each inflation."""
+    sums = np.empty((len(INFLATIONS), len(model.learned_)))
+    for g, (learned, part, statistics) in enumerate(
+        zip(model.learned_, model.predictor_.parts, model.statistics_, strict=True)
+    ):
+        errors = Y[:, learned.columns] - _means(part, statistics, X)
+        sums[:, g] = ((errors / learned.scaling.y_spread) ** 2).sum(axis=(1, 2))
+    return sums
+
+
+def _means(part: SharedPredictor, statistics: Statistics, X: FloatArray) -> FloatArray:
+    """Means `(steps, n, m)` under each inflation."""
+    kernel = AdditiveRBF(part.component_weights, part.length_scales)
+    L = cholesky(kernel(part.basis, part.basis))[0]
+    K = kernel(X, part.basis)
+    ratio = part.noise / part.signal
+    return np.array([K @ statistics.inflated(c).mean_weights(L, ratio) + part.offset for c in INFLATIONS])
+
+
+def _left_out(
+    without: Sequence[SparseGPR], inflation: tuple[float, ...], X: FloatArray, Y: FloatArray, folds: IntArray
+) -> LeftOut:
+    errors, std, novelty = np.empty(Y.shape), np.empty(Y.shape), np.empty(len(X))
+    for fold, model in zip(np.unique(folds), without, strict=True):
+        rows = folds == fold
+        mean, std[rows], novelty[rows] = model.inflated(inflation).predictor_.mean_std_batch(X[rows])
+        errors[rows] = Y[rows] - mean
+    return LeftOut(errors, std, novelty)
