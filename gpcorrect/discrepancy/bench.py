@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.noise import outliers
 from gpcorrect.discrepancy.scene import Scene
-from gpcorrect.discrepancy.split import Split
+from gpcorrect.discrepancy.split import Parts, Split
 from gpcorrect.sim.effects import Effect
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
@@ -20,7 +20,7 @@ STILL = 1e-4  # of a joint's travel between samples: slower is standing still
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class Bench(Parts):
     """Condensed rows: each the mean over consecutive samples of one block.
 
     Parameters
@@ -80,21 +80,6 @@ class Bench:
     @property
     def _known_bytes(self) -> int:
         return 8 * len(self) * len(self.scene.channels)
-
-    @property
-    def discovery(self) -> BoolArray:
-        """(m,) rows in which effects are looked for."""
-        return np.asarray(self.part == 0)
-
-    @property
-    def confirmation(self) -> BoolArray:
-        """(m,) rows on which what was found must hold again."""
-        return np.asarray(self.part == 1)
-
-    @property
-    def sealed(self) -> BoolArray:
-        """(m,) rows that only the final figures see."""
-        return np.asarray(self.part == 2)
 
     @property
     def seen(self) -> BoolArray:

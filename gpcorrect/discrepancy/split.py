@@ -12,7 +12,7 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["NOT_USED", "Split", "split_rows"]
+__all__ = ["NOT_USED", "Parts", "Split", "split_rows"]
 
 NOT_USED = -1
 SHARES = (0.6, 0.2, 0.2)
@@ -22,23 +22,10 @@ OPENING = 0.2  # of a session's trajectories
 GUARD = 0.05  # of a block's length is left out between blocks, so that slow noise does not reach across
 
 
-@dataclass(frozen=True, eq=False)
-class Split:
-    """The parts of the rows, and the blocks that resampling keeps whole.
+class Parts:
+    """Rows by the part that they were dealt to: 0 discovery, 1 confirmation, 2 sealed."""
 
-    Parameters
-    ----------
-    block : (n,) int array
-        Trajectory, or piece of a long one, each row belongs to; -1 for rows left out.
-    part : (n,) int array
-        0 discovery, 1 confirmation, 2 sealed, -1 left out.
-    remark : str
-        How it was done.
-    """
-
-    block: IntArray
     part: IntArray
-    remark: str
 
     @property
     def discovery(self) -> BoolArray:
@@ -54,6 +41,25 @@ class Split:
     def sealed(self) -> BoolArray:
         """(n,) rows that only the final figures see."""
         return np.asarray(self.part == 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Split(Parts):
+    """The parts of the rows, and the blocks that resampling keeps whole.
+
+    Parameters
+    ----------
+    block : (n,) int array
+        Trajectory, or piece of a long one, each row belongs to; -1 for rows left out.
+    part : (n,) int array
+        0 discovery, 1 confirmation, 2 sealed, -1 left out.
+    remark : str
+        How it was done.
+    """
+
+    block: IntArray
+    part: IntArray
+    remark: str
 
     @property
     def seen(self) -> BoolArray:

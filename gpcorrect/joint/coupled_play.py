@@ -127,7 +127,7 @@ def _thinned(
 
 
 @njit(cache=True)
-def _lags(path: FloatArray, K: FloatArray, gap: FloatArray, new: BoolArray) -> FloatArray:  # pragma: no cover
+def _lags(path: FloatArray, K: FloatArray, gap: FloatArray, new: BoolArray) -> FloatArray:
     """Coordinate descent from the joints' last place: each sweep solves one joint's stick or slip exactly."""
     n, d = path.shape
     lag = np.zeros((n, d))
@@ -156,7 +156,7 @@ def _lags(path: FloatArray, K: FloatArray, gap: FloatArray, new: BoolArray) -> F
 
 
 @njit(cache=True)
-def _plays(path: FloatArray, radii: FloatArray, new: BoolArray) -> FloatArray:  # pragma: no cover
+def _plays(path: FloatArray, radii: FloatArray, new: BoolArray) -> FloatArray:
     n, d = path.shape
     lag = np.zeros((n, len(radii), d))
     for t in range(1, n):

@@ -46,9 +46,11 @@ def _line(ax: Axes, path: FloatArray, plane: tuple[int, int], colour: str, label
 def _bars(ax: Axes, measured: Measured, columns: slice, scale: float, label: str) -> None:
     sizes = [scale * np.linalg.norm(getattr(measured, method)[:, columns], axis=1) for method in METHODS]
     means, most = [s.mean() for s in sizes], [np.percentile(s, 95) for s in sizes]
-    bars = ax.bar(range(len(sizes)), means, color=[COLOURS[m] for m in METHODS], width=0.6)
-    ax.bar_label(bars, [f"{m:.2f}" for m in means], fontsize=8, padding=2)
-    ax.plot(range(len(sizes)), most, "_", color=COLOURS["ink"], markersize=18, label="95th percentile")
+    ax.bar(range(len(sizes)), means, color=[COLOURS[m] for m in METHODS], width=0.6)
+    for i, (mean, high) in enumerate(zip(means, most, strict=True)):
+        ax.annotate(f"{mean:.2f}", (i, max(mean, high)), (0, 4), textcoords="offset points", ha="center", fontsize=8)
+    ax.plot(range(len(sizes)), most, "_", color=COLOURS["ink"], markersize=18, label="95th percentile (bar and number: mean)")
     ax.set_xticks(range(len(sizes)), ["before", "rigid", "corrected"])
     ax.set_ylabel(f"{label}: mean")
+    ax.margins(y=0.12)
     ax.legend(frameon=False, fontsize=7, loc="upper right")
