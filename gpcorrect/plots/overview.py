@@ -49,7 +49,8 @@ def _bars(ax: Axes, measured: Measured, columns: slice, scale: float, label: str
     ax.bar(range(len(sizes)), means, color=[COLOURS[m] for m in METHODS], width=0.6)
     for i, (mean, high) in enumerate(zip(means, most, strict=True)):
         ax.annotate(f"{mean:.2f}", (i, max(mean, high)), (0, 4), textcoords="offset points", ha="center", fontsize=8)
-    ax.plot(range(len(sizes)), most, "_", color=COLOURS["ink"], markersize=18, label="95th percentile (bar and number: mean)")
+    marks = "95th percentile (bar and number: mean)"
+    ax.plot(range(len(sizes)), most, "_", color=COLOURS["ink"], markersize=18, label=marks)
     ax.set_xticks(range(len(sizes)), ["before", "rigid", "corrected"])
     ax.set_ylabel(f"{label}: mean")
     ax.margins(y=0.12)
