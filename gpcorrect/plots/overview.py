@@ -54,4 +54,4 @@ def _bars(ax: Axes, measured: Measured, columns: slice, scale: float, label: str
     ax.set_xticks(range(len(sizes)), ["before", "rigid", "corrected"])
     ax.set_ylabel(f"{label}: mean")
     ax.margins(y=0.12)
-    ax.legend(frameon=False, fontsize=7, loc="upper right")
+    ax.legend(frameon=False, fontsize=7, loc="lower left", bbox_to_anchor=(0, 1))
