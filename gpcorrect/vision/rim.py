@@ -18,10 +18,13 @@ from gpcorrect.vision.opencv import Image, cv2
 __all__ = ["Outline", "fit_cone", "outline", "rim_points"]
 
 RAYS = 64
+ANGLES = np.linspace(0.0, 2.0 * np.pi, RAYS, endpoint=False)
+COS, SIN = np.cos(ANGLES)[:, None], np.sin(ANGLES)[:, None]
 STEP = 0.5  # px between samples along a ray
 CONTRAST = 12.0  # grey levels between ball and background, of all channels, without which a rim point means nothing
 LEAST_ARC = 0.30  # of the rim that must be seen
 NEAR = 0.35  # px: rim points farther than three times this from the cone are not of the ball
+CLEAN = 0.8  # px: when no rim point is farther off, none needs to be left out
 SETTLED = 0.6  # px: a circle that was this good needs no second look
 FLOOR = 0.03  # px: what systematic errors leave of any centre
 
@@ -99,9 +102,7 @@ def rim_points(image: Image, circle: FloatArray, reach: float) -> FloatArray:
     u, v, radius = circle
     half = max(reach * radius, 2.5)
     r = np.arange(max(radius - half - 1.0, 0.5), radius + half + 1.0, STEP)
-    angles = np.linspace(0.0, 2.0 * np.pi, RAYS, endpoint=False)
-    cos, sin = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    where = (u + r * cos).astype(np.float32), (v + r * sin).astype(np.float32)
+    where = (u + r * COS).astype(np.float32), (v + r * SIN).astype(np.float32)
     colours = cv2.remap(image, *where, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
     inside = _inside(where, image.shape)
     along, contrast = _towards_ball(colours, r, radius, half)
@@ -111,13 +112,13 @@ def rim_points(image: Image, circle: FloatArray, reach: float) -> FloatArray:
     offset, height = _parabola(slope, peak)
     at = r[0] + STEP * (peak + 0.5 + offset)
     good = (contrast > CONTRAST) & (height > 0.04) & inside
-    return np.stack([u + at * cos[:, 0], v + at * sin[:, 0]], axis=1)[good].astype(np.float64)
+    return np.stack([u + at * COS[:, 0], v + at * SIN[:, 0]], axis=1)[good].astype(np.float64)
 
 
 def _inside(where: tuple[FloatArray, FloatArray], shape: tuple[int, ...]) -> BoolArray:
     """Rays that lie within the picture along their whole length."""
-    u, v = where
-    within: BoolArray = ((u > 0) & (u < shape[1] - 1) & (v > 0) & (v < shape[0] - 1)).all(axis=1)
+    u, v = where[0][:, -1], where[1][:, -1]  # the outer ends lie farthest out
+    within: BoolArray = (u > 0) & (u < shape[1] - 1) & (v > 0) & (v < shape[0] - 1)
     return within
 
 
@@ -142,14 +143,17 @@ def _parabola(slope: FloatArray, peak: FloatArray) -> tuple[FloatArray, FloatArr
 
 def fit_cone(points: FloatArray, lens: Intrinsics) -> Outline | None:
     """Fit the cone of touching rays to undistorted rim points `(n, 2)`; None when too few agree on one."""
-    d = np.column_stack([points, np.ones(len(points))])
-    d = d / np.linalg.norm(d, axis=1, keepdims=True)
+    d = np.empty((len(points), 3))
+    d[:, :2], d[:, 2] = points, 1.0
+    d /= np.sqrt((d * d).sum(axis=1))[:, None]
+    m, left = _cone(d, np.ones(len(d), dtype=bool), lens)
+    if float(np.abs(left).max()) < CLEAN:
+        return _outline(d, m, left, lens)
     keep = _consensus(d, lens.focal)
     if keep is None:
         return None
     for _ in range(3):
-        m, *_ = np.linalg.lstsq(d[keep], np.ones(int(keep.sum())), rcond=None)
-        left = lens.focal * _distances(d, m)
+        m, left = _cone(d, keep, lens)
         near = np.abs(left) < 3.0 * max(NEAR, 1.4826 * float(np.median(np.abs(left[keep]))))
         if near.sum() < LEAST_ARC * RAYS:
             return None
@@ -157,6 +161,13 @@ def fit_cone(points: FloatArray, lens: Intrinsics) -> Outline | None:
             break
         keep = near
     return _outline(d[keep], m, left[keep], lens)
+
+
+def _cone(d: FloatArray, keep: BoolArray, lens: Intrinsics) -> tuple[FloatArray, FloatArray]:
+    """Least-squares cone through some rays, and how far (px) every ray is from it."""
+    kept = d[keep]
+    m: FloatArray = np.linalg.solve(kept.T @ kept + 1e-15 * np.eye(3), kept.sum(axis=0))
+    return m, lens.focal * _distances(d, m)
 
 
 def _distances(d: FloatArray, m: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ __all__ = ["Expected", "Found", "colour_share", "look_everywhere", "look_near"]
 MARGIN = 1.3  # times the radius, around the prediction's window
 SIZES = (0.006, 0.25)  # of the picture's height: least and greatest radius of a ball about which nothing is known
 LEAST_RADIUS = 3.0  # px
+SURE_ARC, SURE_SIZE, SURE_COLOUR = 0.8, 0.1, 0.5  # shares of rim, radius and disc that need no second opinion
 COLOUR_SHARE = 0.25  # of the disc that must be of the ball's colour
 
 
@@ -41,6 +42,9 @@ class Found:
 
 def look_near(image: Image, camera: Camera, ball: BallSpec, expected: Expected, rules: FrameRules) -> Found:
     """Look for a ball where it should be, of the size that it should have."""
+    at_once = _at_once(image, camera, ball, expected)
+    if at_once is not None:
+        return Found(at_once)
     reach = rules.motion_px * expected.tolerance
     window = Window.around(expected.pixel, reach + MARGIN * expected.radius + 3.0, image)
     spread = min(rules.radius * max(expected.tolerance, 1.0), 0.6)
@@ -56,6 +60,14 @@ def look_near(image: Image, camera: Camera, ball: BallSpec, expected: Expected, 
     if float(np.linalg.norm(found.pixel - expected.pixel)) > reach:
         return Found(None, "moved too far")
     return Found(found)
+
+
+def _at_once(image: Image, camera: Camera, ball: BallSpec, expected: Expected) -> Outline | None:
+    """The outline around the predicted circle itself, when all of a rim is there: no search is needed then."""
+    found = outline(image, np.array([*expected.pixel, expected.radius]), camera.intrinsics)
+    if found is None or found.arc < SURE_ARC or abs(found.radius - expected.radius) > SURE_SIZE * expected.radius + 0.3:
+        return None
+    return found if colour_share(image, found, ball) > SURE_COLOUR else None
 
 
 def look_everywhere(image: Image, camera: Camera, ball: BallSpec) -> list[Outline]:
