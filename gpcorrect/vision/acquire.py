@@ -82,7 +82,7 @@ def _grown(
     cameras: Sequence[Camera], candidates: Sequence[Sequence[Outline]], pair: dict[int, Outline], radius: float | None
 ) -> Hypothesis | None:
     """Start from two views and add every other camera's that agrees."""
-    (i, a), (j, b) = pair.items()
+    i, j = pair
     rays = [cameras[k].directions(np.array([*o.ray, 1.0]))[0] for k, o in pair.items()]
     try:
         point, _ = common_perpendicular(cameras[i].position, rays[0], cameras[j].position, rays[1])
@@ -155,7 +155,8 @@ def acquire(
         options.append([*found[:FEW], None])
     if len(target.balls) == 1:
         return [options[0][0]]
-    best, best_score = [None] * len(target.balls), (0, 0, 0.0)
+    best: list[Hypothesis | None] = [None] * len(target.balls)
+    best_score = (0, 0, 0.0)
     for chosen in itertools.product(*options):
         if not _shape_fits(chosen, target.places):
             continue

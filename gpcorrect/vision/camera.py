@@ -124,9 +124,10 @@ class Camera:
         return np.where(behind[:, None], np.nan, self.intrinsics.pixels(safe))
 
     def directions(self, local: FloatArray) -> FloatArray:
-        """Unit directions `(n, 3)` in the tracker frame of directions `(n, 3)` in the camera frame."""
+        """Return unit directions `(n, 3)` in the tracker frame of directions `(n, 3)` in the camera frame."""
         d: FloatArray = np.asarray(local).reshape(-1, 3) @ self.T_camera_tracker[:3, :3]
-        return d / np.linalg.norm(d, axis=1, keepdims=True)
+        unit: FloatArray = d / np.linalg.norm(d, axis=1, keepdims=True)
+        return unit
 
     def sees(self, pixel: FloatArray, margin: float = 0.0) -> bool:
         """Whether a pixel `(2,)` is inside the picture, by `margin` px."""

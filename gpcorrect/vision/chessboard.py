@@ -61,9 +61,7 @@ def find_corners(image: Image, board: Chessboard) -> FloatArray | None:
 def _polished(grey: Image, corners: FloatArray, board: Chessboard) -> FloatArray:
     """Refine each corner by the gradients around it, in a window that holds no other corner."""
     grid = corners.reshape(board.rows, board.columns, 2)
-    nearest = min(
-        float(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min()) for axis in (0, 1)
-    )
+    nearest = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min()) for axis in (0, 1))
     half = int(np.clip(0.35 * nearest, 2, 7))
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
     flat = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)

@@ -18,10 +18,10 @@ __all__ = ["Window", "bisected_circles", "border_edges", "colour_regions", "find
 
 RIM_SHARE = 0.25  # of the ring inside a circle that must have the ball's colour (the paper's 25 %)
 WORKING_RADIUS = 12.0  # px: smaller balls are enlarged before Hough, larger ones shrunk, so that one setting serves all
-BLURS = (1.0, 1.6, 2.4)  # px, at working size
+BLURS = (1.0, 1.6, 2.4)  # px, at working size; the next only where the count jumps
 LEAST_ACCUMULATOR, MOST_ACCUMULATOR = 4.0, 100.0
 FINE = 1.0  # step at which the bisection stops
-MAX_REGIONS = 6
+MAX_REGIONS = 5
 
 
 @dataclass(frozen=True)
@@ -34,15 +34,17 @@ class Window:
     bottom: int
 
     def cut(self, image: Image) -> Image:
-        """The part of the picture."""
+        """Return the part of the picture."""
         return image[self.top : self.bottom, self.left : self.right]
 
     @classmethod
     def around(cls, centre: FloatArray, reach: float, image: Image) -> Window:
-        """A square window, cut off at the picture's border; it may be empty."""
+        """Return a square window, cut off at the picture's border; it may be empty."""
         height, width = image.shape[:2]
         left, top = (int(np.clip(c - reach, 0, limit)) for c, limit in zip(centre, (width, height), strict=True))
-        right, bottom = (int(np.clip(c + reach + 1, 0, limit)) for c, limit in zip(centre, (width, height), strict=True))
+        right, bottom = (
+            int(np.clip(c + reach + 1, 0, limit)) for c, limit in zip(centre, (width, height), strict=True)
+        )
         return cls(left, top, right, bottom)
 
     @property
@@ -52,7 +54,7 @@ class Window:
 
 
 def whole(image: Image) -> Window:
-    """The window that is the whole picture."""
+    """Return the window that is the whole picture."""
     return Window(0, 0, image.shape[1], image.shape[0])
 
 
@@ -89,12 +91,12 @@ def find_circles(
         return []
     low, high = max(scale * radii[0], 2.0), max(scale * radii[1], scale * radii[0] + 2.0)
     found = [c for c in bisected_circles(part, mask, (low, high), count) if _has_colour(mask, c)]
-    shift = np.array([window.left + 0.5 - 0.5 * 1, window.top + 0.5 - 0.5 * 1])
+    shift = np.array([window.left, window.top])
     return [np.array([*((c[:2] + 0.5) / scale - 0.5 + shift), c[2] / scale]) for c in found]
 
 
 def border_edges(part: Image, mask: Image, blur: float) -> Image:
-    """Edges of the grey picture that lie at the border of the colour mask: the product of the two, a little softened."""
+    """Edges of the grey picture that lie at the border of the colour mask: the product of the two."""
     grey = cv2.GaussianBlur(cv2.cvtColor(part, cv2.COLOR_BGR2GRAY), (0, 0), blur)
     edges = cv2.bitwise_or(cv2.Canny(grey, 20, 50), _outline(mask))
     enlarged = cv2.dilate(mask, np.ones((7, 7), np.uint8))
@@ -108,15 +110,13 @@ def _outline(mask: Image) -> Image:
 
 def bisected_circles(part: Image, mask: Image, radii: tuple[float, float], count: int) -> list[FloatArray]:
     """Circles with the accumulator threshold at which `count` are found and one more just not."""
-    best: list[FloatArray] = []
+    found: list[FloatArray] = []
     for blur in BLURS:
         picture = cv2.GaussianBlur(border_edges(part, mask, blur), (0, 0), blur)
         found = _at_threshold(picture, radii, count)
-        if len(found) == count:
+        if len(found) <= count:
             return found
-        if not best or abs(len(found) - count) < abs(len(best) - count):
-            best = found
-    return best[:count]
+    return found[:count]  # the number jumps at every blur: the strongest ones
 
 
 def _at_threshold(picture: Image, radii: tuple[float, float], count: int) -> list[FloatArray]:
@@ -153,7 +153,7 @@ def _hough(picture: Image, radii: tuple[float, float], threshold: float) -> list
 
 
 def _has_colour(mask: Image, circle: FloatArray) -> bool:
-    """The rim's colour check: enough of the ring just inside the circle is of the colour."""
+    """Check the rim's colour: enough of the ring just inside the circle is of the colour."""
     height, width = mask.shape
     angles = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
     hits, seen = 0, 0
@@ -166,10 +166,11 @@ def _has_colour(mask: Image, circle: FloatArray) -> bool:
     return hits >= RIM_SHARE * seen
 
 
-def colour_regions(image: Image, colour: Colour, radii: tuple[float, float]) -> list[tuple[Window, float]]:
-    """Windows around connected patches of a colour in a whole picture, the roundest first, and their radii by area.
+def colour_regions(image: Image, colour: Colour, radii: tuple[float, float]) -> list[tuple[Window, FloatArray]]:
+    """Windows around connected patches of a colour in a whole picture, the roundest first, with a circle for each.
 
-    Where to look for a ball about whose place nothing is known.
+    Where to look for a ball about whose place nothing is known. The circle (u, v, radius; px) has the patch's middle
+    and area: a ball that stands alone is there already.
     """
     mask = colour.mask(cv2.cvtColor(image, cv2.COLOR_BGR2HSV))
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
@@ -179,15 +180,16 @@ def colour_regions(image: Image, colour: Colour, radii: tuple[float, float]) -> 
         left, top, width, height = cv2.boundingRect(contour)
         if max(width, height) < 1.2 * radii[0]:
             continue
-        (u, v), around = cv2.minEnclosingCircle(contour)
+        _, around = cv2.minEnclosingCircle(contour)
         area = float(cv2.contourArea(contour))
         fill = area / (np.pi * around**2 + 1.0)
         size = float(np.sqrt(area / np.pi))
         fits = radii[0] * 0.6 <= size <= radii[1] * 1.2
-        scored.append((fill * (1.0 if fits else 0.3), left, top, width, height, size))
+        middle = (left + 0.5 * (width - 1), top + 0.5 * (height - 1))
+        scored.append((fill * (1.0 if fits else 0.3), left, top, width, height, (*middle, size)))
     scored.sort(reverse=True)
     windows = []
-    for _, left, top, width, height, size in scored[:MAX_REGIONS]:
+    for _, left, top, width, height, circle in scored[:MAX_REGIONS]:
         margin = int(0.4 * max(width, height) + 6)
         frame = Window(
             max(left - margin, 0),
@@ -195,5 +197,5 @@ def colour_regions(image: Image, colour: Colour, radii: tuple[float, float]) -> 
             min(left + width + margin, image.shape[1]),
             min(top + height + margin, image.shape[0]),
         )
-        windows.append((frame, size))
+        windows.append((frame, np.array(circle)))
     return windows

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.types import FloatArray
 from gpcorrect.vision.opencv import Image, cv2
 
 __all__ = ["COLOURS", "Colour", "colour_of", "hue_name"]
@@ -45,7 +44,7 @@ class Colour:
         return apart < self.tolerance + other.tolerance - LEAST_GAP
 
     def mask(self, hsv: Image) -> Image:
-        """Pixels (uint8, 255 or 0) of a picture in HSV (hue in two degrees, as OpenCV has it) that are of the colour."""
+        """Mark (uint8, 255 or 0) pixels of a picture in HSV, as OpenCV has it, that are of the colour."""
         low, high = self.hue - self.tolerance, self.hue + self.tolerance
         floor = (255 * self.saturation, 255 * self.value)
         mask = None
@@ -56,12 +55,6 @@ class Colour:
             part = cv2.inRange(hsv, (first, *floor), (last, 255, 255))
             mask = part if mask is None else cv2.bitwise_or(mask, part)
         return mask
-
-    def is_near(self, hue: FloatArray, saturation: FloatArray, value: FloatArray) -> FloatArray:
-        """Mask of samples (hue in degrees, the others 0 to 1) that are of the colour."""
-        apart = np.abs((hue - self.hue + TURN / 2) % TURN - TURN / 2)
-        near: FloatArray = (apart <= self.tolerance) & (saturation >= self.saturation) & (value >= self.value)
-        return near
 
 
 # The ranges meet where people stop calling a colour by its name; orange lies between red and yellow.
@@ -116,4 +109,6 @@ def _base(given: str | float | tuple[int, int, int]) -> Colour:
 
 def hue_name(hue: float) -> str:
     """Name of the colour range that a hue (degrees) is nearest to."""
-    return min(COLOURS, key=lambda name: abs((hue - COLOURS[name].hue + TURN / 2) % TURN - TURN / 2) / COLOURS[name].tolerance)
+    return min(
+        COLOURS, key=lambda name: abs((hue - COLOURS[name].hue + TURN / 2) % TURN - TURN / 2) / COLOURS[name].tolerance
+    )

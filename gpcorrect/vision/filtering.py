@@ -1,4 +1,4 @@
-"""The tool over time: constant velocity between frames, coasting through occlusions, and an honest "lost" after that."""
+"""The tool over time: constant velocity between frames, coasting through occlusions, an honest "lost" after that."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class FilterSettings:
         Frames in a row after which it is believed after all.
     """
 
-    acceleration: float = 4.0
-    angular_acceleration: float = 40.0
+    acceleration: float = 1.5
+    angular_acceleration: float = 20.0
     coast: float = 0.5
     gate: float = 60.0
     stubborn: int = 3
@@ -98,7 +98,14 @@ class PoseFilter:
         moved = x[:MOVING] + dt * x[MOVING:]
         return se3.pose(se3.matrix_from_rotvec(moved[3:]) @ self._R, moved[:3])
 
-    def step(self, time: float, T_tracker_tool: FloatArray | None = None, covariance: FloatArray | None = None) -> Filtered:
+    def step(
+        self,
+        time: float,
+        T_tracker_tool: FloatArray | None = None,
+        covariance: FloatArray | None = None,
+        *,
+        found_anew: bool = False,
+    ) -> Filtered:
         """Move to `time`, take in a pose if there is one, and say where the tool is.
 
         Parameters
@@ -109,6 +116,8 @@ class PoseFilter:
             The measured pose.
         covariance : (6, 6) array, optional
             Of position and rotation vector; a tenth of a millimetre and 3 mrad when absent.
+        found_anew : bool
+            The pose comes from a search without prediction: when it is far off, the past is forgotten.
 
         Raises
         ------
@@ -125,7 +134,7 @@ class PoseFilter:
         if self._kalman is None:
             return self._begun(time, T_tracker_tool, noise)
         self._predict(dt)
-        if T_tracker_tool is not None and self._believed(T_tracker_tool, noise):
+        if T_tracker_tool is not None and self._believed(T_tracker_tool, noise, found_anew):
             self._seen = time
             return self._state("measured")
         if time - self._seen > self.settings.coast:
@@ -154,7 +163,7 @@ class PoseFilter:
         self._kalman.predict(F=F, Q=np.kron(block, variances))
         self._fold()
 
-    def _believed(self, T: FloatArray, noise: FloatArray) -> bool:
+    def _believed(self, T: FloatArray, noise: FloatArray, found_anew: bool) -> bool:
         """Take a measurement in, unless it is too far off to be true; a refusal that repeats starts the filter anew."""
         assert self._kalman is not None
         turn = se3.rotvec_from_matrix(T[:3, :3] @ self._R.T)
@@ -163,7 +172,7 @@ class PoseFilter:
         distance = float(off @ np.linalg.solve(self._kalman.P[:MOVING, :MOVING] + noise, off))
         if distance > self.settings.gate:
             self._refused += 1
-            if self._refused < self.settings.stubborn:
+            if self._refused < self.settings.stubborn and not found_anew:
                 return False
             self._begun(self._time, T, noise)
             return True

@@ -110,7 +110,9 @@ def _rms(board: Chessboard, pose: FloatArray, lens: Intrinsics, corners: FloatAr
 
 def _check(lens: Intrinsics, size: tuple[int, int]) -> None:
     middle, focal = lens.matrix[:2, 2], lens.focal
-    sane = 0.2 * max(size) < focal < 20 * max(size) and np.all(np.abs(middle - np.array(size) / 2) < 0.4 * np.array(size))
+    sane = 0.2 * max(size) < focal < 20 * max(size) and np.all(
+        np.abs(middle - np.array(size) / 2) < 0.4 * np.array(size)
+    )
     if not sane:
         raise DegenerateError(
             f"the pictures do not determine the lens: focal length {focal:.0f} px, middle {np.round(middle)}.",

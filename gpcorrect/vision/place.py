@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -21,8 +21,10 @@ from gpcorrect.vision.opencv import cv2
 
 __all__ = ["Placement", "pose_covariance", "poses_from_board", "poses_from_points", "refine_pose"]
 
+Loss = Literal["linear", "soft_l1"]
 FEWEST_POINTS = 6
 OUTLIER = 4.0  # standard deviations, by the median
+WORST = 0.015  # of the picture's width: what is farther off is one whatever the others are
 LEAST_OUTLIER = 1.0  # px: nothing nearer is ever called an outlier
 
 
@@ -110,8 +112,9 @@ def refine_pose(points: FloatArray, pixels: FloatArray, lens: Intrinsics, starts
     best = min(fits, key=lambda fit: float(fit.cost))
     residuals = best.fun.reshape(-1, 2)
     length = np.linalg.norm(residuals, axis=1)
-    used = length <= max(LEAST_OUTLIER, OUTLIER * 1.4826 * float(np.median(length)))
-    if used.sum() < FEWEST_POINTS:
+    scale = min(OUTLIER * 1.4826 * float(np.median(length)), WORST * lens.width)
+    used = length <= max(LEAST_OUTLIER, scale)
+    if used.sum() < max(FEWEST_POINTS, len(points) / 2):
         raise DegenerateError(
             f"only {used.sum()} of {len(points)} known points agree with one place of the camera.",
             hint="Check that each is named right, and that their places are in metres.",
@@ -121,7 +124,7 @@ def refine_pose(points: FloatArray, pixels: FloatArray, lens: Intrinsics, starts
     return Placement(_matrix(last.x), _covariance(last), left, used)
 
 
-def _fit(points: FloatArray, pixels: FloatArray, lens: Intrinsics, start: FloatArray, loss: str) -> Any:
+def _fit(points: FloatArray, pixels: FloatArray, lens: Intrinsics, start: FloatArray, loss: Loss) -> Any:
     """Levenberg-Marquardt, damped further against outliers when `loss` is not "linear"."""
 
     def residuals(x: FloatArray) -> FloatArray:
@@ -134,8 +137,9 @@ def _fit(points: FloatArray, pixels: FloatArray, lens: Intrinsics, start: FloatA
     x0 = np.concatenate([se3.rotvec_from_matrix(start[:3, :3]), start[:3, 3]])
     if not np.isfinite(residuals(x0)).all():
         raise DegenerateError("a known point lies in the plane of the lens; the rough place cannot be right.")
-    method = "lm" if loss == "linear" else "trf"
-    return least_squares(residuals, x0, jacobian, method=method, loss=loss, x_scale="jac")
+    if loss == "linear":
+        return least_squares(residuals, x0, jacobian, method="lm", x_scale="jac")
+    return least_squares(residuals, x0, jacobian, method="trf", loss="soft_l1", x_scale="jac")
 
 
 def _project(points: FloatArray, x: FloatArray, lens: Intrinsics) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -68,7 +69,7 @@ def triangle_frame(points: FloatArray) -> FloatArray:
     x = points[1] - origin
     z = np.cross(points[1] - points[0], points[2] - points[0])
     length = np.linalg.norm(z)
-    if length < THIN * float(np.linalg.norm(x)) ** 2:
+    if length <= THIN * float(((points[:3] - origin) ** 2).sum()):
         raise DegenerateError("three balls lie on a line, which determines no pose.")
     x, z = x / np.linalg.norm(x), z / length
     return se3.pose(np.stack([x, np.cross(z, x), z], axis=1), origin)
@@ -95,8 +96,8 @@ def pose_nelder_mead(points: FloatArray, places: FloatArray) -> PoseFit:
         return float(np.linalg.norm(places @ T[:3, :3].T + T[:3, 3] - points, axis=1).sum() / reach)
 
     simplex = np.vstack([np.zeros(6), 0.02 * np.eye(6)])
-    options = {"initial_simplex": simplex, "xatol": 1e-8, "fatol": 1e-10, "maxiter": 4000, "maxfev": 4000}
-    best = minimize(cost, np.zeros(6), method="Nelder-Mead", options=options)
+    options: Any = {"initial_simplex": simplex, "xatol": 1e-8, "fatol": 1e-10, "maxiter": 4000, "maxfev": 4000}
+    best: Any = minimize(cost, np.zeros(6), method="Nelder-Mead", options=options)
     T = _moved(start, best.x, reach)
     return PoseFit(T, _point_covariance(T, places, points), points - places @ T[:3, :3].T - T[:3, 3])
 

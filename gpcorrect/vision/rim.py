@@ -20,6 +20,7 @@ __all__ = ["Outline", "fit_cone", "outline", "rim_points"]
 RAYS = 64
 ANGLES = np.linspace(0.0, 2.0 * np.pi, RAYS, endpoint=False)
 COS, SIN = np.cos(ANGLES)[:, None], np.sin(ANGLES)[:, None]
+LEAST_RADIUS = 2.0  # px
 STEP = 0.5  # px between samples along a ray
 CONTRAST = 12.0  # grey levels between ball and background, of all channels, without which a rim point means nothing
 LEAST_ARC = 0.30  # of the rim that must be seen
@@ -73,6 +74,8 @@ def outline(image: Image, circle: FloatArray, lens: Intrinsics) -> Outline | Non
         Of the camera.
     """
     found = None
+    if not circle[2] >= LEAST_RADIUS:
+        return None
     for reach in (0.45, 0.25):
         pixels = rim_points(image, circle, reach)
         if len(pixels) < LEAST_ARC * RAYS:
@@ -124,7 +127,7 @@ def _inside(where: tuple[FloatArray, FloatArray], shape: tuple[int, ...]) -> Boo
 
 def _towards_ball(colours: FloatArray, r: FloatArray, radius: float, half: float) -> tuple[FloatArray, FloatArray]:
     """Colours along each ray, measured from the background (0) to the ball (1), and the contrast of the two."""
-    ball = colours[:, r < radius - 0.4 * half].mean(axis=1)
+    ball = colours[:, r <= max(radius - 0.4 * half, r[0])].mean(axis=1)
     ground = colours[:, r > radius + 0.4 * half].mean(axis=1)
     difference = ball - ground
     length2 = (difference**2).sum(axis=1)
@@ -181,8 +184,15 @@ def _consensus(d: FloatArray, focal: float) -> BoolArray | None:
     """Rim points that most agree on: cones through three points each, spread around the rim."""
     n = len(d)
     first = np.arange(n)
-    picks = np.concatenate([np.stack([first, first + n // 3, first + 2 * n // 3], axis=1)[: n // 3 + 1],
-                            np.stack([first, first + n // 5, first + 2 * n // 5], axis=1)[::2]]) % n
+    picks = (
+        np.concatenate(
+            [
+                np.stack([first, first + n // 3, first + 2 * n // 3], axis=1)[: n // 3 + 1],
+                np.stack([first, first + n // 5, first + 2 * n // 5], axis=1)[::2],
+            ]
+        )
+        % n
+    )
     m, real = _through_three(d[picks])
     if not real.any():
         return None

@@ -63,7 +63,7 @@ def look_near(image: Image, camera: Camera, ball: BallSpec, expected: Expected, 
 
 
 def _at_once(image: Image, camera: Camera, ball: BallSpec, expected: Expected) -> Outline | None:
-    """The outline around the predicted circle itself, when all of a rim is there: no search is needed then."""
+    """Take the outline around the predicted circle itself, when all of a rim is there: no search is needed then."""
     found = outline(image, np.array([*expected.pixel, expected.radius]), camera.intrinsics)
     if found is None or found.arc < SURE_ARC or abs(found.radius - expected.radius) > SURE_SIZE * expected.radius + 0.3:
         return None
@@ -75,15 +75,32 @@ def look_everywhere(image: Image, camera: Camera, ball: BallSpec) -> list[Outlin
     height = image.shape[0]
     bounds = (max(SIZES[0] * height, LEAST_RADIUS), SIZES[1] * height)
     outlines: list[Outline] = []
-    for window, size in colour_regions(image, ball.colour, bounds):
-        for radii in _size_guesses(size, bounds):
-            for circle in find_circles(image, ball.colour, window, radii):
-                found = outline(image, circle, camera.intrinsics)
-                if found is None or colour_share(image, found, ball) < COLOUR_SHARE:
-                    continue
-                if bounds[0] * 0.8 <= found.radius <= bounds[1] * 1.2 and not _known(found, outlines):
-                    outlines.append(found)
+    for window, patch in colour_regions(image, ball.colour, bounds):
+        for found in _in_region(image, camera, ball, window, patch, bounds):
+            if not _known(found, outlines):
+                outlines.append(found)
     return sorted(outlines, key=lambda o: o.rms_px / o.arc)
+
+
+def _in_region(
+    image: Image, camera: Camera, ball: BallSpec, window: Window, patch: FloatArray, bounds: tuple[float, float]
+) -> list[Outline]:
+    """Find what a patch of colour may hold: itself when it is a ball, else the circles in it."""
+    alone = outline(image, patch, camera.intrinsics)
+    if alone is not None and alone.arc > SURE_ARC and _may_be(image, alone, ball, bounds):
+        return [alone]
+    outlines = []
+    for radii in _size_guesses(float(patch[2]), bounds):
+        for circle in find_circles(image, ball.colour, window, radii):
+            found = outline(image, circle, camera.intrinsics)
+            if found is not None and _may_be(image, found, ball, bounds):
+                outlines.append(found)
+    return outlines
+
+
+def _may_be(image: Image, found: Outline, ball: BallSpec, bounds: tuple[float, float]) -> bool:
+    sized = bounds[0] * 0.8 <= found.radius <= bounds[1] * 1.2
+    return sized and colour_share(image, found, ball) >= COLOUR_SHARE
 
 
 def _size_guesses(size: float, bounds: tuple[float, float]) -> list[tuple[float, float]]:

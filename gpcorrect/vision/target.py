@@ -15,7 +15,7 @@ from gpcorrect.types import FloatArray
 from gpcorrect.vision.camera_file import problems, read_table
 from gpcorrect.vision.colour import COLOURS, Colour, colour_of
 
-__all__ = ["END_EFFECTOR", "BallSpec", "Target", "read_target", "single_ball"]
+__all__ = ["END_EFFECTOR", "BallSpec", "Target", "read_target", "single_ball", "target_from_dict"]
 
 ARM = 0.033  # m from the holder's centre to each ball's: the fixture of Peng et al. 2020
 HINT = "docs/vision.md shows a target file."
@@ -54,14 +54,18 @@ class Target:
         names = [ball.name for ball in self.balls]
         if not names or len(set(names)) < len(names):
             raise DataError(f"a target has balls with different names; got {', '.join(names) or 'none'}.")
-        clash = [(a.name, b.name) for i, a in enumerate(self.balls) for b in self.balls[i + 1 :] if a.colour.meets(b.colour)]
+        clash = [
+            (a.name, b.name) for i, a in enumerate(self.balls) for b in self.balls[i + 1 :] if a.colour.meets(b.colour)
+        ]
         if clash:
             raise DataError(
                 f"balls {clash[0][0]} and {clash[0][1]} have colours that cannot be told apart.",
                 hint="Give each ball its own hue, 20 degrees or more from the others', or narrower tolerances.",
             )
         if len(self.balls) >= 3 and _thinness(self.places) < STRAIGHT:
-            raise DataError("the balls lie on a line, which determines no orientation.", hint="Place them in a triangle.")
+            raise DataError(
+                "the balls lie on a line, which determines no orientation.", hint="Place them in a triangle."
+            )
 
     @property
     def names(self) -> tuple[str, ...]:

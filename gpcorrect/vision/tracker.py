@@ -68,7 +68,7 @@ class Frame:
     reprojection_px: float
 
     def cameras_seeing(self, ball: int) -> int:
-        """Number of cameras that were trusted with a ball."""
+        """Return the number of cameras that were trusted with a ball."""
         return sum(views[ball].effective for views in self.views)
 
 
@@ -102,6 +102,7 @@ class Tracker:
         self._filter = PoseFilter(self.motion)
         self._views = [[View() for _ in self.target.balls] for _ in self.cameras]
         self._memory = [BallMemory(ball.radius) for ball in self.target.balls]
+        self._patience = 0
         self._pool = ThreadPoolExecutor(self.workers) if self.workers > 1 else None
 
     def __enter__(self) -> Self:
@@ -124,14 +125,13 @@ class Tracker:
             The number of pictures is not that of the cameras, or a picture has another size than its calibration.
         """
         self._check(images)
-        expected = self._expected(time)
-        if expected is None:
-            self._acquire(images)
-        else:
-            self._follow(images, expected)
-        located = self._agree(settled=expected is not None)
-        fit = self._fitted(located, time)
-        pose = self._filter.step(time, None if fit is None else fit.T_tracker_tool, None if fit is None else fit.covariance)
+        located, fit = self._followed(images, time)
+        anew = fit is None and self._patience == 0
+        if anew:
+            located, fit = self._acquired(images, time)
+        self._patience = 0 if fit is not None else (self._patience or self.rules.patience) - 1
+        measured = (None, None) if fit is None else (fit.T_tracker_tool, fit.covariance)
+        pose = self._filter.step(time, *measured, found_anew=anew or self._sure())
         for b, memory in enumerate(self._memory):
             memory.seen_by(sum(views[b].effective for views in self._views), self.rules)
         return self._frame(time, pose, fit, located)
@@ -148,13 +148,22 @@ class Tracker:
                     hint="Record at the size of the calibration, or calibrate at the size of the recording.",
                 )
 
-    def _expected(self, time: float) -> list[list[Expected | None]] | None:
-        """Where each camera should see each ball; None when nothing is known and all pictures must be searched."""
+    def _followed(self, images: Sequence[Image | None], time: float) -> tuple[list[Located | None], PoseFit | None]:
+        """Look where the balls should be; nothing when the tool is lost."""
         T = self._filter.predicted(time)
-        if T is None or all(memory.tolerance >= self.rules.widest for memory in self._memory):
-            return None
+        if T is None:
+            return [None] * len(self.target.balls), None
         points = self.target.places @ T[:3, :3].T + T[:3, 3]
-        return [[self._seen_from(camera, b, points[b]) for b in range(len(points))] for camera in self.cameras]
+        expected = [[self._seen_from(camera, b, points[b]) for b in range(len(points))] for camera in self.cameras]
+        self._follow(images, expected)
+        located = self._agree(settled=True)
+        return located, self._fitted(located, time)
+
+    def _acquired(self, images: Sequence[Image | None], time: float) -> tuple[list[Located | None], PoseFit | None]:
+        """Look everywhere."""
+        self._acquire(images)
+        located = self._agree(settled=False)
+        return located, self._fitted(located, time)
 
     def _seen_from(self, camera: Camera, ball: int, point: FloatArray) -> Expected | None:
         radius = self._memory[ball].radius
@@ -212,10 +221,8 @@ class Tracker:
         for b in range(len(self.target.balls)):
             seen = [(k, views[b]) for k, views in enumerate(self._views) if views[b].outline is not None]
             trusted = [(k, view) for k, view in seen if view.effective]
-            if len(trusted) < 2:  # too few to judge the others by: all that see it are heard
-                trusted = self._consensus(seen) if settled else trusted
-            else:
-                trusted = self._consensus(trusted)
+            few = len(trusted) < 2  # too few to judge the others by: all that see the ball are heard
+            trusted = self._consensus(seen if few and settled else trusted)
             point = self._located(trusted)
             located.append(point)
             if point is not None:
@@ -240,7 +247,7 @@ class Tracker:
         return []
 
     def _worst(self, seen: list[tuple[int, View]], off: FloatArray) -> int:
-        """The view without which the others agree best."""
+        """Find the view without which the others agree best."""
         left = []
         for i in range(len(seen)):
             point = self._located(seen[:i] + seen[i + 1 :])
@@ -279,7 +286,7 @@ class Tracker:
             self._memory[ball].learn_size(float(np.mean(sizes)))
 
     def _fitted(self, located: list[Located | None], time: float) -> PoseFit | None:
-        """The tool's pose from everything that is trusted in this frame; None when that is too little."""
+        """Fit the tool's pose to everything that is trusted in this frame; None when that is too little."""
         if not self.target.has_pose:
             return self._position(located)
         start = self._start(located, time)
@@ -292,6 +299,10 @@ class Tracker:
             return None
         limit = 2.0 * self.rules.reprojection_px
         return fit if float(np.sqrt(np.mean((fit.residuals**2).sum(axis=1)))) < limit else None
+
+    def _sure(self) -> bool:
+        """Whether three cameras agree on every ball: a jump that they all see is one."""
+        return all(sum(views[b].effective for views in self._views) >= 3 for b in range(len(self.target.balls)))
 
     def _start(self, located: list[Located | None], time: float) -> FloatArray | None:
         known = [b for b, point in enumerate(located) if point is not None]

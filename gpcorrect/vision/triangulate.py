@@ -1,4 +1,4 @@
-"""Points from rays: the paper's midpoint of the common perpendicular, and least squares on the reprojection beside it."""
+"""Points from rays: the paper's midpoint of the common perpendicular, and least squares on the reprojection."""
 
 from __future__ import annotations
 

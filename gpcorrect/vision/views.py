@@ -16,7 +16,14 @@ from gpcorrect.vision.rim import Outline
 __all__ = ["REASONS", "BallMemory", "FrameRules", "Reason", "View"]
 
 Reason = Literal["", "not found", "moved too far", "wrong size", "against the other cameras", "coming back"]
-REASONS: tuple[Reason, ...] = ("", "not found", "moved too far", "wrong size", "against the other cameras", "coming back")
+REASONS: tuple[Reason, ...] = (
+    "",
+    "not found",
+    "moved too far",
+    "wrong size",
+    "against the other cameras",
+    "coming back",
+)
 
 
 @dataclass(frozen=True)
@@ -34,8 +41,9 @@ class FrameRules:
     good_frames : int
         Agreeing frames that bring a view back.
     widen, widest : float
-        Factor a frame by which the tolerance grows while fewer than two cameras see a ball, and its limit; past it the
-        ball is looked for in whole pictures.
+        Factor a frame by which the tolerance grows while fewer than two cameras see a ball, and its limit.
+    patience : int
+        Frames between two searches of whole pictures, which take long, while the tool is not found.
     """
 
     motion_px: float = 16.0
@@ -44,6 +52,7 @@ class FrameRules:
     good_frames: int = 5
     widen: float = 1.5
     widest: float = 6.0
+    patience: int = 5
 
 
 @dataclass

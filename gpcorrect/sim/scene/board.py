@@ -40,7 +40,8 @@ class Board:
         """World places `(rows * columns, 3)` of the inner corners, row by row."""
         j, i = np.mgrid[: self.rows, : self.columns]
         steps = self.square * (i[..., None] * self.x + j[..., None] * self.y)
-        return (self.origin + steps).reshape(-1, 3)
+        places: FloatArray = (self.origin + steps).reshape(-1, 3)
+        return places
 
     def colours(self, lens: Lens, u: FloatArray, v: FloatArray) -> FloatArray:
         """Grey levels `(...)` seen along the rays through pixels; NaN beside the board."""

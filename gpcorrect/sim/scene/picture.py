@@ -206,6 +206,5 @@ def backdrop(
         inside = (np.abs(p) < a) & (np.abs(q) < b) if rng.random() < 0.6 else (p / a) ** 2 + (q / b) ** 2 < 1
         grey = rng.uniform(20, 230)
         image[inside] = (1 - colourful) * grey + colourful * rng.uniform(0, 255, 3)
-    return np.clip(image, 0, 255)
-
-
+    clipped: FloatArray = np.clip(image, 0, 255)
+    return clipped

@@ -63,7 +63,9 @@ def marker_points() -> FloatArray:
     return np.array([*high, *low])
 
 
-def wander(count: int, rate_hz: float, rng: np.random.Generator, *, reach: float = 0.04, turn: float = 0.4) -> FloatArray:
+def wander(
+    count: int, rate_hz: float, rng: np.random.Generator, *, reach: float = 0.04, turn: float = 0.4
+) -> FloatArray:
     """Smooth poses `(count, 4, 4)` of the tool about the workspace's middle: world from tool, m."""
     t = np.arange(count) / rate_hz
     rates, phases = rng.uniform(0.4, 1.6, (6, 2)), rng.uniform(0, 2 * np.pi, (6, 2))
