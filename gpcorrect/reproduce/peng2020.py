@@ -26,7 +26,7 @@ from gpcorrect.types import CalibrationLog, FloatArray, Progress
 if TYPE_CHECKING:  # OpenCV is an extra: other studies are done again without it
     from gpcorrect.vision import Camera, Target
 
-__all__ = ["PENG_2020", "PENG_2020_MISSING", "Peng2020Scope", "reproduce_peng2020"]
+__all__ = ["PENG_2020", "PENG_2020_MISSING", "Peng2020Scope", "calibrated_cameras", "reproduce_peng2020"]
 
 # The paper's figures where this project's issue gives them.
 PENG_2020: dict[str, float] = {
@@ -100,8 +100,7 @@ def _table1(scope: Peng2020Scope, seed: int, progress: Progress) -> tuple[dict[s
 
     rng = np.random.default_rng([seed, 20])
     whole = Stage.standard(seed)
-    cameras = [_calibrated(f"cam{k}", lens, rng) for k, lens in enumerate(whole.lenses)]
-    placed = [1e3 * float(np.linalg.norm(c.position - x.position)) for c, x in zip(cameras, whole.lenses, strict=True)]
+    cameras, placed = calibrated_cameras(whole.lenses, rng)
     poses = wander(scope.frames, RATE_HZ, rng)
     ball = Stage(whole.lenses, whole.studios, one_ball("red"))
     third = scope.frames // 3
@@ -117,6 +116,13 @@ def _table1(scope: Peng2020Scope, seed: int, progress: Progress) -> tuple[dict[s
         table[name] = _tracked(stage, cameras, target, poses, cards)
     progress.step("pictures", 1.0)
     return table, placed
+
+
+def calibrated_cameras(lenses: Sequence[Lens], rng: np.random.Generator) -> tuple[list[Camera], list[float]]:
+    """Return rendered lenses calibrated as a user would, and by how much each position misses, mm."""
+    cameras = [_calibrated(f"cam{k}", lens, rng) for k, lens in enumerate(lenses)]
+    misses = [float(np.linalg.norm(c.position - x.position)) for c, x in zip(cameras, lenses, strict=True)]
+    return cameras, [1e3 * miss for miss in misses]
 
 
 def _calibrated(name: str, lens: Lens, rng: np.random.Generator) -> Camera:
