@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpcorrect.discrepancy.naming.intervals import explained_by_others, half_widths
+from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others
 from gpcorrect.discrepancy.naming.named import EXACT, STABLE, Alternative, EffectLevel, Named
 from gpcorrect.discrepancy.naming.weigh import View, Weighed, weigh
 from gpcorrect.discrepancy.search.candidates import Candidate, Member
@@ -37,7 +37,7 @@ def name_member(view: View, member: Member) -> tuple[Named, Weighed]:
         Alternative("unknown", "", None, "", _unknown_nats(weighed, cost) - cost),
         *(_alternative(r.candidate, r.nats - cost - temper * COMPLEXITY * r.candidate.extra) for r in weighed.rivals),
     ]
-    alternatives = _posterior([mine, *others], weighed.temper)
+    alternatives = _posterior([mine, *others], weighed.temper, _rival_temper(weighed, cost))
     doubts = _doubts(view, member, weighed, cost)
     level, more = _level(alternatives, doubts, weighed)
     ordered = tuple(sorted(alternatives, key=lambda a: -a.probability))
@@ -72,8 +72,19 @@ def _unknown_nats(weighed: Weighed, cost: float) -> float:
     return nats
 
 
-def _posterior(alternatives: Sequence[Alternative], temper: float) -> list[Alternative]:
-    nats = np.array([a.nats for a in alternatives]) / temper
+def _rival_temper(weighed: Weighed, cost: float) -> float:
+    """By how much nats between two effects count less while something else is still missing.
+
+    What neither explains, and the smooth model sees beside them, may favour either by as much as it is: a lead of that
+    size leaves the rival at e^-3, the edge of the stable set.
+    """
+    return max(weighed.temper, (weighed.unknown.beside - cost) / float(-np.log(STABLE)))
+
+
+def _posterior(alternatives: Sequence[Alternative], temper: float, rival_temper: float) -> list[Alternative]:
+    """Probabilities from nats, the first one's against nothing and unknown, and against other names."""
+    lead = alternatives[0].nats - np.array([a.nats for a in alternatives])
+    nats = -lead / np.array([rival_temper if a.name else temper for a in alternatives])
     weight = np.exp(nats - nats.max())
     return [replace(a, probability=float(w)) for a, w in zip(alternatives, weight / weight.sum(), strict=True)]
 
@@ -97,14 +108,13 @@ def _doubts_of_numbers(view: View, member: Member) -> list[str]:
     fixed, near = search.parted(search.members, member.candidate)
     members = [*fixed, *near]
     index = next(i for i, m in enumerate(members) if m is member)
-    width = half_widths(search, search.lens, members, index)
     coordinates, sizes = member.candidate.coordinates, member.candidate.sizes
     doubts = []
     for i in sizes:
         low, high = coordinates[i].bounds
         if not low + EDGE * abs(low) + 1e-9 < member.u[i] < high - EDGE * abs(high):
             doubts.append(f"{coordinates[i].parameter.name} is at the edge of its physical range")
-    if max(abs(member.u[i] - coordinates[i].identity) - width[i] for i in sizes) <= 0:
+    if not away_from_nothing(search, search.lens, members, index):
         doubts.append("its size cannot be told from zero")
     explained = explained_by_others(search, members, index)
     if explained > EXPLAINED:
