@@ -30,16 +30,9 @@ def name_member(view: View, member: Member) -> tuple[Named, Weighed]:
     """Weigh one member of a finished search, and say at what level it may be named."""
     weighed = weigh(view, member)
     cost = penalty(view.search.n_kinds)
-    temper = weighed.temper
-    mine = _alternative(member.candidate, weighed.nats - cost - temper * COMPLEXITY * member.candidate.extra)
-    others = [
-        Alternative("nothing", "", None, "", 0.0),
-        Alternative("unknown", "", None, "", _unknown_nats(weighed, cost) - cost),
-        *(_alternative(r.candidate, r.nats - cost - temper * COMPLEXITY * r.candidate.extra) for r in weighed.rivals),
-    ]
-    alternatives = _posterior([mine, *others], weighed.temper, _rival_temper(weighed, cost))
+    alternatives = _posterior(_alternatives(member.candidate, weighed, cost), weighed, cost)
     doubts = _doubts(view, member, weighed, cost)
-    level, more = _level(alternatives, doubts, weighed)
+    level, more = _level(alternatives, doubts)
     ordered = tuple(sorted(alternatives, key=lambda a: -a.probability))
     nats = weighed.nats / weighed.temper
     return Named(member, level, alternatives[0].probability, nats, ordered, (*doubts, *more)), weighed
@@ -51,8 +44,19 @@ def nothing_but(weighed: Weighed, cost: float) -> bool:
     return unknown.beside > UNKNOWN_SHARE * weighed.nats and weighed.nats + unknown.beside - unknown.instead < cost
 
 
+def _alternatives(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alternative]:
+    """Effect, nothing, unknown, and the rivals; not those rivals that would be called the same."""
+    rivals = [r for r in weighed.rivals if not r.candidate.called_like(candidate)]
+    return [
+        _alternative(candidate, weighed.nats - cost),
+        Alternative("nothing", "", None, "", 0.0),
+        Alternative("unknown", "", None, "", _unknown_nats(weighed, cost) - cost),
+        *(_alternative(r.candidate, r.nats - cost) for r in rivals),
+    ]
+
+
 def _alternative(candidate: Candidate, nats: float) -> Alternative:
-    return Alternative(candidate.label, candidate.name, candidate.joint, candidate.family, nats)
+    return Alternative(candidate.label, candidate.name, candidate.joint, candidate.family, nats, candidate.extra)
 
 
 def _unknown_nats(weighed: Weighed, cost: float) -> float:
@@ -81,11 +85,16 @@ def _rival_temper(weighed: Weighed, cost: float) -> float:
     return max(weighed.temper, (weighed.unknown.beside - cost) / float(-np.log(STABLE)))
 
 
-def _posterior(alternatives: Sequence[Alternative], temper: float, rival_temper: float) -> list[Alternative]:
-    """Probabilities from nats, the first one's against nothing and unknown, and against other names."""
-    lead = alternatives[0].nats - np.array([a.nats for a in alternatives])
-    nats = -lead / np.array([rival_temper if a.name else temper for a in alternatives])
-    weight = np.exp(nats - nats.max())
+def _posterior(alternatives: Sequence[Alternative], weighed: Weighed, cost: float) -> list[Alternative]:
+    """Probabilities from nats, tempered, and from the price of every number that an effect has beyond its first."""
+    mine, rival_temper = alternatives[0], _rival_temper(weighed, cost)
+    odds = np.array(
+        [
+            (a.nats - mine.nats) / (rival_temper if a.name else weighed.temper) - COMPLEXITY * (a.extra - mine.extra)
+            for a in alternatives
+        ]
+    )
+    weight = np.exp(odds - odds.max())
     return [replace(a, probability=float(w)) for a, w in zip(alternatives, weight / weight.sum(), strict=True)]
 
 
@@ -124,9 +133,7 @@ def _doubts_of_numbers(view: View, member: Member) -> list[str]:
     return doubts
 
 
-def _level(
-    alternatives: Sequence[Alternative], doubts: Sequence[str], weighed: Weighed
-) -> tuple[EffectLevel, list[str]]:
+def _level(alternatives: Sequence[Alternative], doubts: Sequence[str]) -> tuple[EffectLevel, list[str]]:
     mine, others = alternatives[0], alternatives[1:]
     stable = [a for a in others if a.name and a.probability >= STABLE]
     nothing, unknown = others[0].probability, others[1].probability
