@@ -95,7 +95,7 @@ def find_discrepancy(
     progress.step("localising", 0.0)
     before = localise_residual(laid, (), estimate_noises(bench, bench.residual(), bench.seen), settings.tolerance, rng)
     progress.step("localising", 1.0)
-    state, kept, dropped = _search(log, laid, before, settings, progress, store)
+    state, kept, dropped = _search(laid, before, settings, progress, store)
     members = _refit(state, [n.member for n in kept], bench.seen)
     effects = _with_numbers(state, kept, members, bench.seen)
     final = estimate_noises(bench, state.residual(members), bench.seen)
@@ -118,7 +118,6 @@ def find_discrepancy(
 
 
 def _search(
-    log: CalibrationLog,
     laid: Laid,
     before: Localisation,
     settings: RunSettings,
@@ -127,7 +126,7 @@ def _search(
 ) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
     """Search and naming, when there is something to name."""
     scene = laid.bench.scene
-    candidates, unable = split_by_needs(all_candidates(scene) if before.something else [], scene, log)
+    candidates, unable = split_by_needs(all_candidates(scene) if before.something else [], scene, laid.log)
     state = start_search(laid.bench, candidates, progress=progress)
     state = replace(state, silent=(*unable, *state.silent))
     if not state.traces:
