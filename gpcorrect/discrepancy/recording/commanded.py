@@ -175,7 +175,7 @@ def _firsts(body: Body, goal: _Goal) -> FloatArray:
 
 
 def _beyond_limits(body: Body, q: FloatArray) -> FloatArray:
-    """How far `(n,)` joints are beyond their limits, rad or m over LENGTH, with half a range to spare on either side."""
+    """How far `(n,)` joints are beyond their limits, rad or m over LENGTH, half a range to spare on either side."""
     limits = _limits(body)
     spare = 0.5 * np.ptp(limits, axis=1)
     unit = np.where([kind == "R" for kind in body.types], 1.0, LENGTH)

@@ -35,7 +35,7 @@ from gpcorrect.discrepancy.recording.slack import (
 )
 from gpcorrect.sim.body import Body
 from gpcorrect.sim.dynamics import posture_at
-from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, ReadingEffect, Stage, in_order, of_kind
+from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, Stage, in_order, of_kind
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion, Readings
@@ -179,11 +179,7 @@ class Scene:
         measured = replay.position if loop is None else loop.motion.position
         velocity = replay.velocity if loop is None else loop.motion.velocity
         torque = replay.load if loop is None else loop.torque
-        readings = Readings(measured, velocity, torque, q, marker)
-        rng = np.random.default_rng(0)  # an effect that draws must draw the same at every call
-        for effect in of_kind(machine.effects, ReadingEffect):
-            readings = effect.act(readings, replay, rng)
-        return readings
+        return Readings(measured, velocity, torque, q, marker)  # effects on readings are noise: they change no mean
 
     def _replay(self, machine: Machine) -> Motion:
         loop = self._loop(machine)
