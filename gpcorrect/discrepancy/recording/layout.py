@@ -20,7 +20,7 @@ class Layout:
     rows : (n, N) int array
         Row of the table; behind a column's end its last row again.
     valid : (n, N) bool array
-        False behind a column's end, and where a column only repeats the end of the one before to warm up.
+        False behind a column's end, and where a column only repeats rows of its neighbours to warm up and run out.
     """
 
     rows: IntArray
@@ -37,7 +37,7 @@ class Layout:
         return values
 
 
-def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0) -> Layout:
+def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0, run_out: int = 0) -> Layout:
     """Lay the rows of each label side by side, in their order.
 
     Parameters
@@ -48,19 +48,21 @@ def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0) ->
         Cut labels of more than `piece + warm_up` rows into columns of `piece` rows: fewer, wider steps along time.
     warm_up : int
         Rows before a cut that its column repeats, so that what has a memory fills it.
+    run_out : int
+        Rows behind a cut that its column repeats, so that a motion cut there does not seem to stop at once.
     """
-    groups: list[tuple[IntArray, int]] = []
+    groups: list[tuple[IntArray, int, int]] = []
     for k in np.unique(label[label >= 0]):
         rows = np.flatnonzero(label == k)
         long = piece is not None and len(rows) > piece + warm_up
         for start in range(0, len(rows), piece) if long and piece is not None else (0,):
             first = max(0, start - warm_up)
             stop = start + piece if long and piece is not None else len(rows)
-            groups.append((rows[first:stop], start - first))
-    n = max((len(g) for g, _ in groups), default=0)
+            groups.append((rows[first : stop + run_out], start - first, min(stop, len(rows)) - first))
+    n = max((len(g) for g, *_ in groups), default=0)
     if n == 0:
         return Layout(np.zeros((0, 0), dtype=np.int64), np.zeros((0, 0), dtype=np.bool_))
     index = np.arange(n)
-    rows = np.stack([np.pad(g, (0, n - len(g)), mode="edge") for g, _ in groups], axis=1)
-    valid = np.stack([(index >= warm) & (index < len(g)) for g, warm in groups], axis=1)
+    rows = np.stack([np.pad(g, (0, n - len(g)), mode="edge") for g, *_ in groups], axis=1)
+    valid = np.stack([(index >= begin) & (index < end) for _, begin, end in groups], axis=1)
     return Layout(rows, valid)
