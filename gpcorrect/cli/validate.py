@@ -10,8 +10,8 @@ import typer
 from rich.table import Table
 
 from gpcorrect.cli.console import out, print_json
-from gpcorrect.cli.options import Arm, Columns, Json, Namespace, Tracker
-from gpcorrect.logs import ValidationReport, read_log, validate_log
+from gpcorrect.cli.options import Arm, Columns, Json, Namespace, Tracker, TrackerLog, seconds_ahead
+from gpcorrect.logs import ValidationReport, read_log, validate_log, with_tracker
 
 __all__ = ["validate"]
 
@@ -24,17 +24,27 @@ def validate(
     namespace: Namespace = None,
     tracker_topic: Tracker = None,
     arm: Arm = None,
+    tracker_log: TrackerLog = None,
+    time_offset: Annotated[
+        str, typer.Option(help="Clock of --tracker-log: auto (matched by the motion), none, or seconds it runs ahead.")
+    ] = "auto",
     json: Json = False,
 ) -> None:
     """Look at a recording before fitting: rates, gaps, stamps, frozen signals, units, limits, swapped arms.
 
     Exit status 0 when it can be used (warnings included), 2 when something must be mended first.
 
-    Example: gpcorrect validate monday.bag --namespace PSM2
+    Examples
+    --------
+    gpcorrect validate monday.bag --namespace PSM2
+
+    gpcorrect validate robot.csv --tracker-log "Take 2026-11-21.csv"
     """
     recording = read_log(
         log, columns=columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm, disorder="keep"
     )
+    if tracker_log is not None:
+        recording = with_tracker(recording, read_log(tracker_log, columns=columns), seconds_ahead(time_offset))
     report = validate_log(recording)
     if json:
         print_json(report.to_dict())

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from gpcorrect.errors import LogError, MissingExtraError
-from gpcorrect.logs.markers import tool_poses
+from gpcorrect.logs.mocap.take import Take, log_of, scale_of
 from gpcorrect.logs.settings import ReadSettings, check_size
 from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["read"]
 
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 BLOCK = 512  # bytes
 HEADER_MARK = 0x50  # second byte of every C3D file
 BIG_ENDIAN = bytes([86])  # processor code of files in big-endian order
@@ -37,22 +36,14 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     check_size(path, settings.max_bytes)
     content = _load(path)
     point = content["parameters"]["POINT"]
-    labels, chosen = _labels(point), settings.columns.c3d.markers
+    labels = _labels(point)
     points, remarks = _points(content, point)
     rate = float(np.ravel(point["RATE"]["value"])[0]) if "RATE" in point else 0.0
     if not rate > 0 or not points.size:
         raise LogError(f"expected markers at a rate, got {len(labels)} markers at {rate:g} Hz.")
-    pose, rms = tool_poses(points[:, _places(labels, chosen)])
-    used = ", ".join(chosen or labels)
     frames = int(content["header"]["points"]["first_frame"]) + np.arange(len(points))
-    return CalibrationLog(
-        frames / rate,
-        np.zeros(len(points), np.int64),
-        np.zeros(len(points), np.int64),
-        tracker_cp=pose,
-        extra={"marker_rms": rms},
-        remarks=(f"tracker_cp was computed from the markers {used}.", *remarks),
-    )
+    markers = {name: points[:, k] for k, name in enumerate(labels)}
+    return log_of(Take(frames / rate, markers=markers, remarks=remarks), settings.columns.mocap)
 
 
 def _load(path: Path) -> Mapping[str, Any]:
@@ -85,26 +76,17 @@ def _check_whole(path: Path) -> None:
 
 
 def _labels(point: Mapping[str, Any]) -> list[str]:
-    """Names of all markers; the format keeps those beyond the 255th apart."""
+    """Names of all markers, each its own; the format keeps those beyond the 255th apart."""
     parts = [point[key]["value"] for key in ("LABELS", "LABELS2", "LABELS3", "LABELS4") if key in point]
-    return [label.strip() for part in parts for label in part]
+    labels = [label.strip() for part in parts for label in part]
+    return [name if labels.count(name) == 1 else f"{name}#{k + 1}" for k, name in enumerate(labels)]
 
 
 def _points(content: Mapping[str, Any], point: Mapping[str, Any]) -> tuple[FloatArray, list[str]]:
     """Markers `(n, m, 3)` in metres, NaN where hidden."""
     unit = "".join(point.get("UNITS", {"value": []})["value"]).strip()
-    if unit and unit not in METRES:
-        raise LogError(f"markers are in {unit!r}, expected one of {', '.join(METRES)}.")
+    scale = scale_of(unit or "mm")
     remarks = [] if unit else ["the file states no unit; millimetres were assumed, as usual in C3D."]
     points = np.moveaxis(np.asarray(content["data"]["points"][:3]), 0, -1).swapaxes(0, 1)
     hidden = np.asarray(content["data"]["meta_points"]["residuals"])[0].T < 0
-    return np.where(hidden[..., None], np.nan, points * METRES[unit or "mm"]), remarks
-
-
-def _places(labels: list[str], chosen: tuple[str, ...] | None) -> list[int]:
-    if chosen is None:
-        return list(range(len(labels)))
-    missing = [name for name in chosen if name not in labels]
-    if missing:
-        raise LogError(f"there is no marker {', '.join(missing)}.", hint=f"Markers here: {', '.join(labels)}.")
-    return [labels.index(name) for name in chosen]
+    return np.where(hidden[..., None], np.nan, points * scale), remarks

@@ -154,20 +154,20 @@ def test_the_mapping_says_which_markers_are_on_the_tool(tmp_path: Path):
     _, _, points = motion(10)
     far = np.concatenate([points, np.random.default_rng(0).normal(size=(N, 1, 3))], axis=1)
     path = write_c3d(tmp_path / "a.c3d", far * 1e3, [*LABELS, "bench"])
-    mapping = write(tmp_path / "m.toml", '[c3d]\nmarkers = ["E", "A", "C"]\n')
+    mapping = write(tmp_path / "m.toml", '[mocap]\nmarkers = ["E", "A", "C"]\n')
     log = read_log(path, columns=mapping)
     np.testing.assert_allclose(log.tracker_cp.position, points[:, [4, 0, 2]].mean(axis=1), atol=1e-6)
     assert log.remarks == ("tracker_cp was computed from the markers E, A, C.",)
-    one = read_log(path, columns=write(tmp_path / "one.toml", '[c3d]\nmarkers = ["B"]\n'))
+    one = read_log(path, columns=write(tmp_path / "one.toml", '[mocap]\nmarkers = ["B"]\n'))
     assert one.tracker_cp.quaternion is None
     np.testing.assert_allclose(one.tracker_cp.position, points[:, 1], atol=1e-6)
     with pytest.raises(LogError, match=r"there is no marker Z\. Markers here: A, B, C, D, E, bench"):
-        read_log(path, columns=write(tmp_path / "z.toml", '[c3d]\nmarkers = ["A", "Z"]\n'))
+        read_log(path, columns=write(tmp_path / "z.toml", '[mocap]\nmarkers = ["A", "Z"]\n'))
 
 
 def test_bad_recordings_are_refused(tmp_path: Path):
     _, _, points = motion(11)
-    with pytest.raises(LogError, match="markers are in 'inch'"):
+    with pytest.raises(LogError, match="positions are in 'inch'"):
         read_log(write_c3d(tmp_path / "inch.c3d", points, LABELS, "inch"))
     with pytest.raises(LogError, match=r"two\.c3d: two markers give no orientation"):
         read_log(write_c3d(tmp_path / "two.c3d", points[:, :2], LABELS[:2]))
