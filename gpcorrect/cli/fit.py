@@ -91,6 +91,14 @@ def fit(
     require_folder(output)
     if report is not None:
         make_folder(report)
+    settings = FitSettings(
+        features=split_names(features),
+        clean=clean,
+        cleaning=CleaningSettings(keep=_segments(keep), drop=_segments(drop)),
+        marker=_marker(marker),
+        time_offset=clock_left(time_offset, tracker_log),
+        seed=seed,
+    )
     log = read_logs(
         logs,
         columns,
@@ -101,14 +109,6 @@ def fit(
         arm=arm,
         tracker_log=tracker_log,
         time_offset=time_offset,
-    )
-    settings = FitSettings(
-        features=split_names(features),
-        clean=clean,
-        cleaning=CleaningSettings(keep=_segments(keep), drop=_segments(drop)),
-        marker=_marker(marker),
-        time_offset=clock_left(time_offset, tracker_log),
-        seed=seed,
     )
     with progress_bar(quiet=json) as progress:
         experiment = run_experiment(log, settings, holdout=holdout, shuffle=shuffle, progress=progress)

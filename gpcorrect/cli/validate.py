@@ -12,6 +12,7 @@ from rich.table import Table
 from gpcorrect.cli.console import out, print_json
 from gpcorrect.cli.options import Arm, Columns, Json, Namespace, Tracker, TrackerLog, seconds_ahead
 from gpcorrect.logs import ValidationReport, read_log, validate_log, with_tracker
+from gpcorrect.uses import Use, with_uses
 
 __all__ = ["validate"]
 
@@ -45,16 +46,16 @@ def validate(
     )
     if tracker_log is not None:
         recording = with_tracker(recording, read_log(tracker_log, columns=columns), seconds_ahead(time_offset))
-    report = validate_log(recording)
+    report, uses = with_uses(validate_log(recording), recording)
     if json:
-        print_json(report.to_dict())
+        print_json({**report.to_dict(), "uses": {use.command: use.refusal or True for use in uses}})
     else:
-        _show(report)
+        _show(report, uses)
     if not report.ok:
         raise typer.Exit(2)
 
 
-def _show(report: ValidationReport) -> None:
+def _show(report: ValidationReport, uses: tuple[Use, ...]) -> None:
     facts = report.facts
     out.print(f"{facts['name']}: {_recording(facts)}")
     out.print(_signals(facts["signals"]))
@@ -65,7 +66,11 @@ def _show(report: ValidationReport) -> None:
         out.print(f"[{STYLE[finding.severity]}]{finding.severity:8}[/] {about}{finding.message}")
         if finding.hint and finding.severity != "info":
             out.print(f"         [dim]{finding.hint}[/]")
-    verdict = "can be used" if report.ok else "mend the errors first"
+    able = [use.command for use in uses if not use.refusal]
+    for use in uses if able else ():
+        if use.refusal:
+            out.print(f"[dim]{'not for':8} {use.command}: {use.refusal}[/]")
+    verdict = f"can be used for {', '.join(able)}" if report.ok else "mend the errors first"
     counts = f"{len(report.errors)} errors, {len(report.warnings)} warnings"
     out.print(f"[bold]{verdict}[/] ({counts})")
 
