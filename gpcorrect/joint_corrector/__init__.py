@@ -9,6 +9,7 @@ from gpcorrect.joint_corrector.fit import (
     evaluate_joint,
     fit_joint,
     method_named,
+    require_joints,
 )
 from gpcorrect.joint_corrector.metrics import JointErrors, joint_units
 
@@ -25,4 +26,5 @@ __all__ = [
     "joint_units",
     "joints_on_one_clock",
     "method_named",
+    "require_joints",
 ]
