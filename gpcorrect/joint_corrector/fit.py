@@ -139,6 +139,7 @@ def fit_joint(log: CalibrationLog, settings: JointSettings, progress: Progress |
         "input": corrector.input_signal,
         "direction": settings.direction,
         "fit_seconds": fitted,
+        "left_out": list(corrector.features.left_out),
         **_steps(data),
     }
     corrector = replace(corrector, summary=summary)
