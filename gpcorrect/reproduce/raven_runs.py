@@ -27,6 +27,8 @@ HOMING_SPREAD: dict[int | str, float] = {
     3: 1e-4,
 }  # joint 2 moves most, as in the study
 HOUR = 3600.0
+SETTLED = 600.0  # s after a homing at which recordings are made
+ZIGZAG_SALT = 1000
 
 
 @dataclass(frozen=True)
@@ -44,14 +46,17 @@ class RavenStudy:
     seed: int = 0
     homings: int = 5
 
-    def zigzags(self, direction: str, sparsity: int) -> CalibrationLog:
-        """Return one zig-zag in the first session, on the fresh robot."""
+    def zigzags(
+        self, direction: str, sparsity: int, *, sessions: Sequence[int] = (0,), repeat: int = 0
+    ) -> CalibrationLog:
+        """Return a zig-zag in each session, ten minutes after its homing; another repeat has other noise."""
         corners = zigzag(direction_named(direction), sparsity, LIMITS)
-        return self._log([self._from_home(timed(corners, SPEED, self._rate()).q)], 1)
+        path = timed(corners, SPEED, self._rate()).q
+        return self._log([self._from_home(path, session, SETTLED) for session in sessions], ZIGZAG_SALT + repeat)
 
-    def random_run(self, minutes: float, *, session: int = 0, start: float = 600.0, salt: int = 2) -> CalibrationLog:
-        """Return random sinusoids inside the block that the zig-zags sweep."""
-        return self._log([self._from_home(self._sweeps(minutes, salt), session, start)], salt)
+    def random_run(self, minutes: float, *, session: int = 0, salt: int = 2) -> CalibrationLog:
+        """Return random sweeps inside the block that the zig-zags fill."""
+        return self._log([self._from_home(self._sweeps(minutes, salt), session, SETTLED)], salt)
 
     def after_hours(
         self, hours: Sequence[float], minutes: float, payload: float | None, *, idle: bool
@@ -59,7 +64,7 @@ class RavenStudy:
         """Return a random run after each number of hours of use, loaded or not, or of idling."""
         still = 0.0 if idle else 1.0
         motion = self._sweeps(minutes, 40)
-        paths = [self._from_home(motion, 0, still * h * HOUR + 600.0, payload) for h in hours]
+        paths = [self._from_home(motion, 0, still * h * HOUR + SETTLED, payload) for h in hours]
         return self._log(paths, 40)
 
     def _from_home(
@@ -74,7 +79,7 @@ class RavenStudy:
         return random_sweeps(TEST_LIMITS, SLOW, FAST, 60.0 * minutes, self._rate(), rng).q
 
     def _log(self, paths: Sequence[DrivenPath], salt: int) -> CalibrationLog:
-        return driven_log(self._model(), paths, self.seed * 1000 + salt)
+        return driven_log(self._model(), paths, self.seed * 100_000 + salt)
 
     def _model(self) -> Model:
         model = preset("raven2_calibration")
