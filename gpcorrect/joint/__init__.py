@@ -1,6 +1,6 @@
 """Joint-space calibration: trajectories, data sets, features and calibrators, from reported joints to true ones."""
 
-from gpcorrect.joint.cable_ukf import CableModel, learn_cable
+from gpcorrect.joint.cable_ukf import CableFilter, CableModel, learn_cable
 from gpcorrect.joint.calibrators import Calibrator, NetworkCalibrator, PolynomialCalibrator
 from gpcorrect.joint.coupled_play import CoupledPlay
 from gpcorrect.joint.dataset import Direction, InputSignal, JointData, check_moves, joint_data
@@ -13,6 +13,7 @@ from gpcorrect.joint.zigzag import DIRECTIONS, direction_named, zigzag
 
 __all__ = [
     "DIRECTIONS",
+    "CableFilter",
     "CableModel",
     "Calibrator",
     "CoupledPlay",

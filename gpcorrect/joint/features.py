@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.joint.coupled_play import CoupledPlay, learn_coupled_play, play_lags
+from gpcorrect.joint.coupled_play import CoupledPlay, learn_coupled_play
 from gpcorrect.joint.dataset import JointData
+from gpcorrect.play import play_states
 from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["FeatureKind", "JointFeatures", "feature_kinds"]
@@ -58,13 +60,23 @@ class JointFeatures:
         known._check(data)
         if "memory" not in chosen:
             return known
-        play = learn_coupled_play(known._path(data), data.error, data.new, rows)
+        play = learn_coupled_play(known.scaled(data.q), data.error, data.new, rows)
         return cls(chosen, known.centre, half, play, known.n_state)
+
+    def scaled(self, q: FloatArray) -> FloatArray:
+        """Return joints `(..., d)` in units of half their ranges, from the middle."""
+        path: FloatArray = (q - self.centre) / self.half
+        return path
 
     def transform(self, data: JointData) -> FloatArray:
         """Return features `(n, k)`; rows with a missing number are NaN."""
         self._check(data)
         return np.hstack([self._columns(kind, data) for kind in self.kinds])
+
+    @cached_property
+    def ladder(self) -> FloatArray:
+        """Radii `(h, d)` of the single plays of `memory`, in units of half the ranges."""
+        return np.outer(LADDER, np.ones(len(self.centre)))
 
     @property
     def smooth(self) -> IntArray:
@@ -80,7 +92,7 @@ class JointFeatures:
         return np.array(chosen, dtype=np.int64)
 
     def _columns(self, kind: FeatureKind, data: JointData) -> FloatArray:
-        path = self._path(data)
+        path = self.scaled(data.q)
         match kind:
             case "position":
                 return path
@@ -91,15 +103,12 @@ class JointFeatures:
                 return np.asarray(data.effort)
             case "memory":
                 assert self.play is not None
-                ladder = play_lags(path, np.array(LADDER), data.new) / np.array(LADDER)[:, None]
+                steps = np.diff(path, axis=0, prepend=path[:1])
+                ladder = play_states(steps, self.ladder, np.cumsum(data.new)) / self.ladder
                 return np.hstack([self.play.lags(path, data.new), ladder.reshape(len(path), -1)])
             case "state":
                 assert data.state is not None
                 return data.state
-
-    def _path(self, data: JointData) -> FloatArray:
-        path: FloatArray = (data.q - self.centre) / self.half
-        return path
 
     def _check(self, data: JointData) -> None:
         if data.q.shape[1] != len(self.centre):

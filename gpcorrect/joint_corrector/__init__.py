@@ -11,6 +11,7 @@ from gpcorrect.joint_corrector.fit import (
     method_named,
 )
 from gpcorrect.joint_corrector.metrics import JointErrors, joint_units
+from gpcorrect.joint_corrector.stream import JointStream
 
 __all__ = [
     "METHODS",
@@ -19,6 +20,7 @@ __all__ = [
     "JointEstimate",
     "JointExperiment",
     "JointSettings",
+    "JointStream",
     "Method",
     "evaluate_joint",
     "fit_joint",

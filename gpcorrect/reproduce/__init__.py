@@ -2,12 +2,14 @@
 
 from gpcorrect.reproduce.mahler2014 import COMPARABLE, NOT_COMPARABLE, Mahler2014, Scope, reproduce_mahler2014
 from gpcorrect.reproduce.peng2024 import PengScope, reproduce_peng2024
+from gpcorrect.reproduce.raven_runs import RavenStudy
 
 __all__ = [
     "COMPARABLE",
     "NOT_COMPARABLE",
     "Mahler2014",
     "PengScope",
+    "RavenStudy",
     "Scope",
     "reproduce_mahler2014",
     "reproduce_peng2024",

@@ -7,8 +7,9 @@ import pytest
 from joint_logs import HALF, LIMITS, PLAY, joint_log
 
 from gpcorrect.joint import CoupledPlay, joint_data
-from gpcorrect.joint.coupled_play import learn_coupled_play, play_lags
+from gpcorrect.joint.coupled_play import learn_coupled_play
 from gpcorrect.joint.zero import zero_path
+from gpcorrect.play import play_states
 
 
 def walk(seed: int = 0, n: int = 400) -> np.ndarray:
@@ -19,7 +20,8 @@ def test_without_coupling_each_joint_is_a_play_of_its_own() -> None:
     """A diagonal stiffness gives the lags of single plays."""
     path, new = walk(), np.arange(400) == 0
     lags = CoupledPlay(np.eye(3), np.full(3, 0.1)).lags(path, new)
-    np.testing.assert_allclose(lags, play_lags(path, np.array([0.1]), new)[:, 0], atol=1e-12)
+    single = play_states(np.diff(path, axis=0, prepend=path[:1]), np.full((1, 3), 0.1), np.zeros(400, dtype=np.int64))
+    np.testing.assert_allclose(lags, single[:, 0], atol=1e-12)
 
 
 def test_no_joint_is_pulled_harder_than_friction_bears() -> None:
@@ -40,6 +42,16 @@ def test_only_the_path_counts_not_its_speed() -> None:
     play = CoupledPlay(np.eye(3), PLAY.gap)
     coarse = play.lags(path, np.arange(len(path)) == 0)
     np.testing.assert_allclose(play.lags(fine, np.arange(len(fine)) == 0)[::2], coarse, atol=1e-12)
+
+
+def test_a_path_in_steps_is_the_path_at_once() -> None:
+    """Advancing sample by sample, as a stream does, leaves the joints where the whole path leaves them."""
+    path = walk(3, 60)
+    joints, seen = path[0], [path[0]]
+    for motors in path[1:]:
+        joints = PLAY.advance(joints, motors)
+        seen.append(joints)
+    np.testing.assert_array_equal(path - np.array(seen), PLAY.lags(path, np.arange(60) == 0))
 
 
 def test_planted_slack_is_found() -> None:
