@@ -19,11 +19,15 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gpcorrect import artifact, joint_artifact
 from gpcorrect.atomic import atomic_path, make_folder
+from gpcorrect.corrector import CommandCorrector
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
+from gpcorrect.types import FloatArray
 
-__all__ = ["KINDS", "Entry", "ModelStore", "kind_of"]
+__all__ = ["KINDS", "Entry", "ModelStore", "compare", "kind_of"]
 
 SCHEMA = 1
 KINDS = {"pose": artifact.KIND, "joints": joint_artifact.JOINT_KIND}
@@ -254,3 +258,58 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def compare(store: ModelStore, one: Entry, other: Entry) -> dict[str, Any]:
+    """Return what two models say differently of themselves, and how far apart their commands are.
+
+    Returns
+    -------
+    dict
+        `differs`: by name, what the one and what the other says; `commands`: distances (mm, deg) on the recorded check
+        queries of both, for models of poses.
+
+    Raises
+    ------
+    ArtifactError
+        A file is refused.
+    DataError
+        They are not of one kind.
+    """
+    if one.kind != other.kind:
+        raise DataError(f"{one.id} corrects {one.kind}, {other.id} {other.kind}: they cannot be compared.")
+    models = [store.verified(entry) for entry in (one, other)]
+    left, right = (_flat(model.summary) for model in models)
+    names = [name for name in (*left, *(n for n in right if n not in left)) if left.get(name) != right.get(name)]
+    found: dict[str, Any] = {"differs": {name: (left.get(name), right.get(name)) for name in names}}
+    if one.kind == "pose":
+        found["commands"] = _commands_apart(*models)
+    return found
+
+
+def _flat(summary: Any, prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in summary.items():
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return flat
+
+
+def _commands_apart(one: CommandCorrector, other: CommandCorrector) -> dict[str, float]:
+    queries = np.vstack([one.check_queries, other.check_queries])
+    size = 7 if one.has_orientation and other.has_orientation else 3
+    pairs = [(one.correct(q[:7], q[7:]), other.correct(q[:7], q[7:])) for q in queries]
+    apart = np.array([np.linalg.norm(a.position - b.position) for a, b in pairs])
+    turned = [_angle(a.quaternion, b.quaternion) for a, b in pairs if size == 7]
+    return {
+        "queries": len(queries),
+        "mean_mm": 1e3 * float(apart.mean()),
+        "max_mm": 1e3 * float(apart.max()),
+        "max_deg": float(np.degrees(max(turned, default=0.0))),
+    }
+
+
+def _angle(one: FloatArray | None, other: FloatArray | None) -> float:
+    if one is None or other is None:
+        return 0.0
+    chord = min(float(np.linalg.norm(one - other)), float(np.linalg.norm(one + other)))
+    return 4.0 * float(np.arcsin(min(1.0, chord / 2)))

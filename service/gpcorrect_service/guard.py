@@ -43,7 +43,8 @@ class CorrectionBound:
         The way from the reference is kept and shortened: a straight line, and a turn about one axis.
         """
         shift, short = _shortened(command[:, :3] - reference[:, :3], self.position)
-        bounded = np.hstack([reference[:, :3] + shift, command[:, 3:]])
+        position = np.where(short[:, None], reference[:, :3] + shift, command[:, :3])
+        bounded = np.hstack([position, command[:, 3:]])
         if command.shape[1] == 7:
             R_reference = se3.matrix_from_quaternion(reference[:, 3:])
             R_turn = se3.matrix_from_quaternion(command[:, 3:]) @ R_reference.transpose(0, 2, 1)

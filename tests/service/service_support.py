@@ -17,14 +17,16 @@ from typing import Any
 import numpy as np
 import zenoh
 
+from gpcorrect.errors import DataError
 from gpcorrect.types import Correction, FloatArray
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
-from gpcorrect_service.model import Model
+from gpcorrect_service.model import JointModel, Model
 from gpcorrect_service.server import run
 from gpcorrect_service.transport import client_config
 
 SHIFT = np.array([0.001, -0.002, 0.003])
 POSE = [0.1, 0.02, -0.11, 1.0, 0.0, 0.0, 0.0]
+SLACK = 0.02  # rad and m
 PATIENT = 30.0  # s: only a test that fails waits this long
 REGION = {"position_min": [-0.1, -0.1, -0.2], "position_max": [0.1, 0.1, 0.0]}
 
@@ -106,6 +108,43 @@ class FaultyCorrector(ShiftCorrector):
         if pose[0] > 0:
             return answer
         return Correction(np.full(3, np.nan), answer.quaternion, answer.std, answer.interval95, True)
+
+
+class LaggingStream:
+    """A play of half gap SLACK in every joint; `needs_effort` makes it as blind without efforts as such a model is."""
+
+    def __init__(self, needs_effort: bool) -> None:
+        self._needs_effort = needs_effort
+        self._joints: FloatArray | None = None
+        self._time = -np.inf
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._joints, self._time = None, -np.inf
+
+    def estimate(self, time: float, q: FloatArray, effort: FloatArray | None = None) -> LaggingEstimate:
+        """Return where the joints are."""
+        if time <= self._time:
+            raise DataError("time must advance from sample to sample.")
+        self._time = time
+        if not np.isfinite(q).all() or (self._needs_effort and effort is None):
+            self._joints = None
+            return LaggingEstimate(np.full(len(q), np.nan), np.full(len(q), np.nan))
+        self._joints = q if self._joints is None else np.clip(self._joints, q - SLACK, q + SLACK)
+        return LaggingEstimate(self._joints, np.full(len(q), 1e-3))
+
+
+@dataclass(frozen=True)
+class LaggingEstimate:
+    """Joints and their spread."""
+
+    q: FloatArray
+    std: FloatArray
+
+
+def lagging_joints(*, needs_effort: bool = False, digest: str = "beef") -> JointModel:
+    """Return a joint model of three joints with slack."""
+    return JointModel(lambda: LaggingStream(needs_effort), "RRP", {}, "lagging", digest)
 
 
 def free_port() -> int:
