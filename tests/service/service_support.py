@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.context import SpawnProcess
 from multiprocessing.synchronize import Event
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.types import Correction, FloatArray
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.model import JointModel, Model
-from gpcorrect_service.server import run
+from gpcorrect_service.server import run, serve
 from gpcorrect_service.transport import client_config
 
 SHIFT = np.array([0.001, -0.002, 0.003])
@@ -34,7 +35,7 @@ spawn = multiprocessing.get_context("spawn")
 
 
 @dataclass(frozen=True)
-class Path:
+class CorrectedPath:
     """A corrected path, as the real corrector returns it."""
 
     positions: FloatArray
@@ -63,12 +64,12 @@ class ShiftCorrector:
             path.reason[0],
         )
 
-    def correct_path(self, poses: FloatArray, times: FloatArray) -> Path:
+    def correct_path(self, poses: FloatArray, times: FloatArray) -> CorrectedPath:
         """Return the commands for a path."""
         n, inside = len(poses), poses[:, 0] <= 0.5
         std = np.full((n, 6), 1e-3)
         std[:, 3:] = np.nan
-        return Path(
+        return CorrectedPath(
             positions=poses[:, :3] + SHIFT,
             quaternions=poses[:, 3:] if poses.shape[1] == 7 else None,
             std=std,
@@ -171,6 +172,12 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+def serve_store(ready: Event, settings: ServerSettings, folder: str) -> None:
+    """Run in the child process: serve the active models of a store until SIGTERM."""
+    end_with_parent()
+    serve(None, settings, on_ready=lambda _: ready.set(), store=folder)
+
+
 def serve_in_child(kind: str, gate: Event, entered: Event, ready: Event, settings: ServerSettings) -> None:
     """Run in the child process: serve a small corrector until SIGTERM."""
     end_with_parent()
@@ -178,9 +185,12 @@ def serve_in_child(kind: str, gate: Event, entered: Event, ready: Event, setting
         "shift": ShiftCorrector,
         "gated": lambda: GatedCorrector(gate, entered),
         "faulty": FaultyCorrector,
+        "joints": ShiftCorrector,
     }
     corrector = kinds[kind]()
-    run(Model(corrector, id=f"{kind}-model", hash="0123abcd"), settings, on_ready=lambda _: ready.set())
+    model = Model(corrector, id=f"{kind}-model", hash="0123abcd")
+    joints = lagging_joints() if kind == "joints" else None
+    run(model, settings, on_ready=lambda _: ready.set(), joints=joints)
 
 
 @dataclass(frozen=True)
@@ -208,11 +218,27 @@ def server_process(kind: str = "shift", *, port: int | None = None, **settings: 
     endpoint = endpoint_of(port or free_port())
     gate, entered, ready = spawn.Event(), spawn.Event(), spawn.Event()
     arguments = (kind, gate, entered, ready, ServerSettings(endpoint=endpoint, **settings))
-    process = spawn.Process(target=serve_in_child, args=arguments, daemon=True)
+    with child(serve_in_child, ready, arguments) as process:
+        yield ServerProcess(process, endpoint, gate, entered)
+
+
+@contextmanager
+def store_process(folder: Path, **settings: Any) -> Iterator[ServerProcess]:
+    """Start a server of a model store in another process, as :func:`server_process` does."""
+    endpoint, ready = endpoint_of(free_port()), spawn.Event()
+    arguments = (ready, ServerSettings(endpoint=endpoint, **settings), str(folder))
+    with child(serve_store, ready, arguments) as process:
+        yield ServerProcess(process, endpoint, spawn.Event(), spawn.Event())
+
+
+@contextmanager
+def child(target: Any, ready: Event, arguments: tuple[Any, ...]) -> Iterator[SpawnProcess]:
+    """Run `target` in another process until the block ends."""
+    process = spawn.Process(target=target, args=arguments, daemon=True)
     process.start()
     try:
         assert ready.wait(PATIENT), "the server did not start"
-        yield ServerProcess(process, endpoint, gate, entered)
+        yield process
     finally:
         process.kill()
         process.join(PATIENT)

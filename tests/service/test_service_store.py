@@ -12,27 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gpcorrect import artifact, atomic, model_store
-from gpcorrect.corrector import CommandCorrector, fit_corrector
+from gpcorrect import atomic, model_store
+from gpcorrect.corrector import CommandCorrector
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect.model_store import ModelStore, compare
-from gpcorrect.sim import debridement_log
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Two model files that answer differently."""
-    folder = tmp_path_factory.mktemp("models")
-    paths = folder / "monday.gpc", folder / "tuesday.gpc"
-    for path, reaches in zip(paths, (6, 8), strict=True):
-        artifact.save(fit_corrector(debridement_log(reaches=reaches)), path)
-    return paths
 
 
 @pytest.fixture
-def store(tmp_path: Path, files: tuple[Path, Path]) -> ModelStore:
+def store(tmp_path: Path, model_files: tuple[Path, Path]) -> ModelStore:
     made = ModelStore(tmp_path / "store")
-    for when, path in enumerate(files):
+    for when, path in enumerate(model_files):
         made.add(path, now=float(when))
     return made
 
@@ -41,11 +30,11 @@ def names(store: ModelStore) -> list[str]:
     return [entry.id for entry in store.history()]
 
 
-def test_models_come_back_in_order(store: ModelStore, files: tuple[Path, Path]) -> None:
+def test_models_come_back_in_order(store: ModelStore, model_files: tuple[Path, Path]) -> None:
     """What was added is listed oldest first, under its file's name and hash, and its file is the one that was given."""
     monday, tuesday = store.models()
     assert [monday.id, tuesday.id] == ["monday", "tuesday"]
-    assert store.path(monday).read_bytes() == files[0].read_bytes()
+    assert store.path(monday).read_bytes() == model_files[0].read_bytes()
     assert store.find(tuesday.hash[:8]) == tuesday
     assert store.active() is None
 
