@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gpcorrect import artifact
-from gpcorrect.corrector import fit_corrector
+from gpcorrect.corrector import FitSettings, fit_corrector
 from gpcorrect.sim import debridement_log
 
 
@@ -16,6 +16,7 @@ def model_files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Two model files that answer differently."""
     folder = tmp_path_factory.mktemp("models")
     paths = folder / "monday.gpc", folder / "tuesday.gpc"
-    for path, reaches in zip(paths, (6, 8), strict=True):
-        artifact.save(fit_corrector(debridement_log(reaches=reaches)), path)
+    settings = FitSettings(clean=False, inducing=20, marker="none", time_offset="none")
+    for path, reaches in zip(paths, (4, 5), strict=True):
+        artifact.save(fit_corrector(debridement_log(reaches=reaches), settings), path)
     return paths

@@ -7,10 +7,10 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing.context import SpawnProcess
+from multiprocessing.context import ForkServerProcess
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,9 @@ SLACK = 0.02  # rad and m
 PATIENT = 30.0  # s: only a test that fails waits this long
 REGION = {"position_min": [-0.1, -0.1, -0.2], "position_max": [0.1, 0.1, 0.0]}
 
-spawn = multiprocessing.get_context("spawn")
+# Children come from a process that has read the libraries and opened nothing: zenoh bears no fork after a session.
+spawn = multiprocessing.get_context("forkserver")
+spawn.set_forkserver_preload(["service_support"])
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,14 @@ def endpoint_of(port: int) -> str:
     return f"tcp/127.0.0.1:{port}"
 
 
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until something becomes true."""
+    end = time.monotonic() + PATIENT
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
+
+
 def end_with_parent() -> None:
     """End this child process when its parent is gone, even when the parent was killed."""
 
@@ -197,7 +207,7 @@ def serve_in_child(kind: str, gate: Event, entered: Event, ready: Event, setting
 class ServerProcess:
     """A server in another process."""
 
-    process: SpawnProcess
+    process: ForkServerProcess
     endpoint: str
     gate: Event
     entered: Event
@@ -232,7 +242,7 @@ def store_process(folder: Path, **settings: Any) -> Iterator[ServerProcess]:
 
 
 @contextmanager
-def child(target: Any, ready: Event, arguments: tuple[Any, ...]) -> Iterator[SpawnProcess]:
+def child(target: Any, ready: Event, arguments: tuple[Any, ...]) -> Iterator[ForkServerProcess]:
     """Run `target` in another process until the block ends."""
     process = spawn.Process(target=target, args=arguments, daemon=True)
     process.start()
