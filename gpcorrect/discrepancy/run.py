@@ -8,24 +8,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpcorrect.discrepancy.candidates import Member, all_candidates, describe
-from gpcorrect.discrepancy.figures import evidence_of, gaps_of
-from gpcorrect.discrepancy.intervals import half_widths
-from gpcorrect.discrepancy.kept import searched
-from gpcorrect.discrepancy.laid import Laid, lay_out, localise_residual
-from gpcorrect.discrepancy.lens import estimate_noises, lens_on
-from gpcorrect.discrepancy.localise import Localisation
-from gpcorrect.discrepancy.named import Named
-from gpcorrect.discrepancy.needs import split_by_needs
-from gpcorrect.discrepancy.next_experiment import advise
-from gpcorrect.discrepancy.provenance import provenance_of
-from gpcorrect.discrepancy.prune import name_members
-from gpcorrect.discrepancy.result import Discrepancy, Level, NamedEffect
-from gpcorrect.discrepancy.score import search
-from gpcorrect.discrepancy.state import Search, penalty, start_search
-from gpcorrect.discrepancy.store import StageStore
-from gpcorrect.discrepancy.trial import refine
-from gpcorrect.discrepancy.weigh import smooth_nats, view_of
+from gpcorrect.discrepancy.advice.next_experiment import advise
+from gpcorrect.discrepancy.evidence.lens import estimate_noises, lens_on
+from gpcorrect.discrepancy.evidence.localise import Localisation
+from gpcorrect.discrepancy.naming.intervals import half_widths
+from gpcorrect.discrepancy.naming.named import Named
+from gpcorrect.discrepancy.naming.prune import name_members
+from gpcorrect.discrepancy.naming.weigh import smooth_nats, view_of
+from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
+from gpcorrect.discrepancy.outcome.kept import searched
+from gpcorrect.discrepancy.outcome.provenance import provenance_of
+from gpcorrect.discrepancy.outcome.result import Discrepancy, Level, NamedEffect
+from gpcorrect.discrepancy.outcome.store import StageStore
+from gpcorrect.discrepancy.search.candidates import Member, all_candidates, describe
+from gpcorrect.discrepancy.search.laid import Laid, lay_out, localise_residual
+from gpcorrect.discrepancy.search.needs import split_by_needs
+from gpcorrect.discrepancy.search.score import search
+from gpcorrect.discrepancy.search.state import Search, penalty, start_search
+from gpcorrect.discrepancy.search.trial import refine
 from gpcorrect.sim.effects import in_order
 from gpcorrect.sim.model import Model
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
