@@ -102,10 +102,10 @@ class Statistics:
             An array is missing.
         """
         size = len(arrays["Vy"])
-        n, *inflation = arrays["n"].tolist()  # files written before there was an inflation have none
+        n, inflation = arrays["n"].tolist()
         G = np.zeros((size, size))
         G[np.tril_indices(size)] = arrays["G"]
-        return cls(frozen_array(G + np.tril(G, -1).T), frozen_array(arrays["Vy"]), n, *inflation)
+        return cls(frozen_array(G + np.tril(G, -1).T), frozen_array(arrays["Vy"]), n, inflation)
 
 
 def collect(

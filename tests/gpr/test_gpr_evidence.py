@@ -100,9 +100,3 @@ def test_inflation_stays_when_data_come_and_go_and_with_the_file() -> None:
     other = Statistics(np.eye(3), np.ones((3, 2)), 3.0)
     for kept in (sums.plus(other), sums.minus(other), Statistics.from_arrays(sums.to_arrays())):
         assert kept.inflation == 10.0
-
-
-def test_statistics_of_older_files_are_taken_as_they_were() -> None:
-    """A file without an inflation has none."""
-    arrays = Statistics(np.eye(3), np.ones((3, 2)), 3.0).to_arrays()
-    assert Statistics.from_arrays({**arrays, "n": arrays["n"][:1]}).inflation == 1.0
