@@ -33,7 +33,9 @@ def test_the_cone_of_touching_rays_is_exact(distortion: tuple[float, float, floa
     a = np.cross(axis, [0.0, 0.0, 1.0])
     a, angles = a / np.linalg.norm(a), np.linspace(0, 2 * np.pi, 64, endpoint=False)
     b = np.cross(axis / distance, a)
-    tangent = np.cos(half) * axis / distance + np.sin(half) * (np.cos(angles)[:, None] * a + np.sin(angles)[:, None] * b)
+    tangent = np.cos(half) * axis / distance + np.sin(half) * (
+        np.cos(angles)[:, None] * a + np.sin(angles)[:, None] * b
+    )
     intrinsics = intrinsics_of(lens)
     found = fit_cone(intrinsics.normalised(lens.pixels(lens.position + tangent)), intrinsics)
     assert found is not None

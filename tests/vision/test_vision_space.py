@@ -35,7 +35,9 @@ def _rays(point: FloatArray) -> FloatArray:
 
 def test_two_skew_lines_have_their_common_perpendicular() -> None:
     """The x axis, and a line along y one unit above it: the midpoint is half way, the gap is one."""
-    middle, gap = common_perpendicular(np.zeros(3), np.array([1.0, 0, 0]), np.array([3.0, 5, 1]), np.array([0, -2.0, 0]))
+    middle, gap = common_perpendicular(
+        np.zeros(3), np.array([1.0, 0, 0]), np.array([3.0, 5, 1]), np.array([0, -2.0, 0])
+    )
     assert np.allclose(middle, [3.0, 0.0, 0.5])
     assert gap == pytest.approx(1.0)
     with pytest.raises(DegenerateError, match="parallel"):

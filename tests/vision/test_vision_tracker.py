@@ -21,9 +21,7 @@ RATE = 30.0
 
 def _tracked(stage: Stage, poses: FloatArray, target: Target = END_EFFECTOR, cards: Cards | None = None) -> list[Frame]:
     with Tracker(cameras_of(stage), target) as tracker:
-        return [
-            tracker.step(stage.frame(pose, cards(i) if cards else None), i / RATE) for i, pose in enumerate(poses)
-        ]
+        return [tracker.step(stage.frame(pose, cards(i) if cards else None), i / RATE) for i, pose in enumerate(poses)]
 
 
 def _errors(frames: Sequence[Frame], poses: FloatArray) -> tuple[FloatArray, FloatArray]:
