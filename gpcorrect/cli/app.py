@@ -14,6 +14,7 @@ from gpcorrect.cli.evaluate import evaluate
 from gpcorrect.cli.explore import explore
 from gpcorrect.cli.fit import fit
 from gpcorrect.cli.joint import joint_app
+from gpcorrect.cli.models import models_app
 from gpcorrect.cli.query import query_app
 from gpcorrect.cli.reproduce import reproduce_app
 from gpcorrect.cli.serve import serve
@@ -48,6 +49,7 @@ app.command()(drift)
 app.command()(explore)
 app.command()(serve)
 app.add_typer(query_app, name="query")
+app.add_typer(models_app, name="models")
 app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")
