@@ -42,6 +42,8 @@ __all__ = ["Scene", "build_scene"]
 
 REMEMBERED = 48  # closed-loop runs that are kept
 PIECE, WARM_UP = 200, 400  # rows; pieces of long motions are replayed after a warm-up that fills the memories
+LAST = 5  # rows whose parabola a motion goes on along
+RUN_OUT = 40  # rows that a motion goes on for behind a piece's or a recording's end
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
 
 
@@ -238,7 +240,7 @@ def build_scene(log: CalibrationLog, model: Model, registered_on: BoolArray) -> 
     source = motor_side(log)
     motor = joint_columns(log, source, joints)
     label = continuous_runs(log, motor)
-    layout = layout_of(label, piece=PIECE, warm_up=WARM_UP)
+    layout = layout_of(label, piece=PIECE, warm_up=WARM_UP, run_out=RUN_OUT)
     loop, remarks = _loop_remarks(log, model, label, source)
     session = np.unique(log.session, return_inverse=True)[1].astype(np.int64)
     payload = _payloads(log, model, layout)
@@ -331,14 +333,32 @@ def _plan(log: CalibrationLog, joints: tuple[int, ...], layout: Layout, motion: 
     rate = 1.0 / float(np.median(np.diff(motion.time, axis=0)[layout.valid[1:]]))
     segments = []
     for k in range(layout.rows.shape[1]):
-        rows = layout.rows[: np.flatnonzero(layout.valid[:, k])[-1] + 1, k]
+        path = _run_out(command[layout.rows[: _length(layout.rows[:, k]), k]], len(layout.rows))
         segments.append(
             Segment(
-                command[rows],
-                np.zeros(len(rows), dtype=np.int64),
+                path,
+                np.zeros(len(path), dtype=np.int64),
                 int(motion.session[k]),
                 float(motion.time[0, k]),
                 float(payload[k]),
             )
         )
     return plan_of(segments, rate)
+
+
+def _length(rows: IntArray) -> int:
+    """Return the number of different rows of a column, whose end repeats its last row."""
+    return int(np.argmax(rows)) + 1
+
+
+def _run_out(path: FloatArray, n: int) -> FloatArray:
+    """Let a path `(m, dof)` that ends before the grid's n samples swing on, its last acceleration kept.
+
+    A hard stop would be an acceleration that no motor was asked for, and the interpolation would spread it backwards.
+    """
+    more, last = min(RUN_OUT, n - len(path)), path[-LAST:]
+    if more <= 0 or len(last) < LAST:
+        return path
+    t = np.arange(1 - LAST, more + 1)
+    on = np.polynomial.polynomial.polyval(t[LAST:], np.polynomial.polynomial.polyfit(t[:LAST], last - last[-1], 2))
+    return np.concatenate([path, last[-1] + on.T])
