@@ -35,6 +35,7 @@ class Delay(PathEffect):
     delay: float
 
     stage = Stage.CLOCK
+    joint_by_joint = True
     about = Description(
         name="delay",
         slot="S",

@@ -47,19 +47,21 @@ def along_curve(curve: FloatArray, z: float, travel: float) -> float:
     u = _travel_at(curve, z) + travel
     if u >= curve[0, last]:
         return 1.0
-    k = np.searchsorted(curve[0], u, side="right") - 1
-    return min(max(_between(curve, k, u - curve[0, k])[0], z), 1.0)
+    k = int(np.searchsorted(curve[0], u, side="right")) - 1
+    state: float = min(max(_between(curve, k, u - curve[0, k])[0], z), 1.0)
+    return state
 
 
 @njit(cache=True)
 def _travel_at(curve: FloatArray, z: float) -> float:
     """Travel at which the curve reaches a state: Newton's method from the node below."""
-    k = np.searchsorted(curve[1], z, side="right") - 1
+    k = int(np.searchsorted(curve[1], z, side="right")) - 1
     beyond = 0.0
     for _ in range(ITERATIONS):
         here, slope = _between(curve, k, beyond)
         beyond += (z - here) / slope
-    return curve[0, k] + beyond
+    travel: float = curve[0, k] + beyond
+    return travel
 
 
 @njit(cache=True)
