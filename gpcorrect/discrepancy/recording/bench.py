@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -94,6 +94,12 @@ class Bench(Parts):
             if signal.key not in self._columns:
                 self._columns[signal.key] = self.means(signal.rows())
         return signals
+
+    def strict(self) -> Bench:
+        """Return the bench with all of the residual in account, for what is reported of it."""
+        if self.scene.slack is None:
+            return self
+        return replace(self, scene=self.scene.strict(), _known={}, _columns={})
 
     @property
     def seen(self) -> BoolArray:

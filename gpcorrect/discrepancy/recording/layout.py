@@ -11,8 +11,6 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["Layout", "layout_of"]
 
-Piece = tuple[IntArray, int, int]  # rows of the table, and which of them (begin, end) are not only repeated
-
 
 @dataclass(frozen=True, eq=False)
 class Layout:
@@ -35,9 +33,8 @@ class Layout:
 
     def gather(self, grid: FloatArray, n_rows: int) -> FloatArray:
         """Values `(n_rows, ...)` of the rows in a grid `(n, N, ...)`; NaN for rows that stand nowhere."""
-        flat = grid.reshape(-1, *grid.shape[2:])
         if n_rows == len(self._cell_of_row) and self._every_row:
-            whole: FloatArray = flat[self._cell_of_row]
+            whole: FloatArray = grid.reshape(-1, *grid.shape[2:])[self._cell_of_row]
             return whole
         values = np.full((n_rows, *grid.shape[2:]), np.nan)
         values[self.rows[self.valid]] = grid[self.valid]
@@ -70,8 +67,8 @@ def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0, ru
     run_out : int
         Rows behind a cut that its column repeats, so that a motion cut there does not seem to stop at once.
     """
-    whole = [(np.flatnonzero(label == k), 0, int((label == k).sum())) for k in np.unique(label[label >= 0])]
-    cut = [] if piece is None else [p for rows, *_ in whole for p in _pieces(rows, piece, warm_up, run_out)]
+    whole = [(rows, 0, len(rows)) for rows in (np.flatnonzero(label == k) for k in np.unique(label[label >= 0]))]
+    cut = [] if piece is None else [part for rows, *_ in whole for part in _pieces(rows, piece, warm_up, run_out)]
     groups = cut if cut and _cells(cut) < _cells(whole) else whole
     n = max((len(g) for g, *_ in groups), default=0)
     if n == 0:
@@ -82,7 +79,8 @@ def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0, ru
     return Layout(rows, valid)
 
 
-def _pieces(rows: IntArray, piece: int, warm_up: int, run_out: int) -> list[Piece]:
+def _pieces(rows: IntArray, piece: int, warm_up: int, run_out: int) -> list[tuple[IntArray, int, int]]:
+    """Rows of each piece, and where those begin and end that do not only warm up or run out."""
     if len(rows) <= piece + warm_up:
         return [(rows, 0, len(rows))]
     parts = []
@@ -92,5 +90,5 @@ def _pieces(rows: IntArray, piece: int, warm_up: int, run_out: int) -> list[Piec
     return parts
 
 
-def _cells(groups: list[Piece]) -> int:
+def _cells(groups: list[tuple[IntArray, int, int]]) -> int:
     return len(groups) * max(len(g) for g, *_ in groups)
