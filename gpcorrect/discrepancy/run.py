@@ -224,5 +224,6 @@ def _has_bursts(state: Search) -> bool:
 
     The sealed part counts as well: nothing is fitted to it, and "nothing is missing" must hold there too.
     """
-    size = np.sqrt(np.nanmean(state.bench.residual() ** 2, axis=0))
+    residual, part = state.bench.residual(), state.bench.part
+    size = np.stack([np.sqrt(np.nanmean(residual[part == p] ** 2, axis=0)) for p in np.unique(part)])
     return bool((size > BURST * np.array([n.std for n in state.lens.noises])).any())
