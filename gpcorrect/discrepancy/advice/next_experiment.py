@@ -172,7 +172,7 @@ def _view(duel: Duel, future: Future, index: int) -> _View:
     model = _changed(duel.scene.model, gain)
     quiet = model.model_copy(update={"noise": Noise(), "faults": TrackerFaults()})
     log = _same_signals(simulate(machine_of(quiet.model_copy(update={"effects": ()})), plan), duel.scene)
-    scene = build_scene(log, quiet, np.ones(len(log), dtype=np.bool_))
+    scene = build_scene(log, quiet, np.ones(len(log), dtype=np.bool_), duel.noises)
     effects = [m.effect for m in duel.rest] + [_homed(duel.leader.effect, duel, future)]
     scene = replace(scene, observed=scene.predict(effects))  # the tracker would be registered on what it then sees
     whole = Split(log.trajectory, np.zeros(len(log), dtype=np.int64), "")

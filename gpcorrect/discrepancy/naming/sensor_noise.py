@@ -145,7 +145,8 @@ def _matters(scene: Scene, column: int, counts: Counts, level: FloatArray) -> bo
         return False
     outside = np.array([c.signal != "measured_jp" for c in scene.channels])
     try:
-        change = scene.predict([HomingOffset(joint, counts.step / UNIFORM)]) - scene.predict()
+        whole = scene.strict()
+        change = whole.predict([HomingOffset(joint, counts.step / UNIFORM)]) - whole.predict()
     except DataError:
         return False
     size = np.sqrt(np.nanmean(change[:, outside] ** 2, axis=0))
@@ -158,6 +159,9 @@ def _named(member: Member, nats: float, tried: int) -> Named:
     gain = nats - penalty(tried)
     probability = float(1.0 / (1.0 + np.exp(-np.clip(gain, -50.0, 50.0))))
     candidate = member.candidate
-    mine = Alternative(candidate.label, candidate.name, candidate.joint, candidate.family, gain, probability)
-    others = (Alternative("nothing", "", None, "", 0.0, 1.0 - probability), Alternative("unknown", "", None, "", 0.0))
+    mine = Alternative(candidate.label, candidate.name, candidate.joint, candidate.family, gain, 0, probability)
+    others = (
+        Alternative("nothing", "", None, "", 0.0, 0, 1.0 - probability),
+        Alternative("unknown", "", None, "", 0.0),
+    )
     return Named(member, "EXACT" if probability >= EXACT else "INCONCLUSIVE", probability, nats, (mine, *others), ())

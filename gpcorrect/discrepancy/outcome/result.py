@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.localise import Finding, Localisation
 from gpcorrect.discrepancy.naming.named import Alternative, Named
 from gpcorrect.discrepancy.outcome.gap import GapFigures
+from gpcorrect.discrepancy.outcome.words import region_words
 from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.sim.model import Model
 from gpcorrect.types import BoolArray, FloatArray
@@ -227,7 +228,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
     return {
         "channel": finding.channel,
         "variables": list(finding.variables),
-        "region": finding.region,
+        "region": region_words(finding.region),
+        "bounds": [asdict(span) for span in finding.region],
         "nats": finding.nats,
     }
 
