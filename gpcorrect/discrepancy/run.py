@@ -94,29 +94,38 @@ def find_discrepancy(
     """
     settings, progress, started = settings or RunSettings(), progress or Progress(), time.monotonic()
     rng = np.random.default_rng(settings.seed)
+    progress.step("laying out", 0.0)
     laid = lay_out(log, model, settings.max_rows, rng)
     bench = laid.bench
+    progress.step("laying out", 1.0)
     progress.step("localising", 0.0)
     before = localise_residual(laid, (), estimate_noises(bench, bench.residual(), bench.seen), settings.tolerance, rng)
     progress.step("localising", 1.0)
     candidates, lacks = split_by_needs(all_candidates(bench.scene), bench.scene, laid.log)
     state, kept, dropped = _search(laid, candidates if before.something else [], settings, progress, store)
+    progress.step("numbers", 0.0)
     members = _refit(state, [n.member for n in kept], bench.seen)
     effects = _with_numbers(state, kept, members, bench.seen)
+    progress.step("numbers", 1.0)
     final = estimate_noises(bench, state.residual(members), bench.seen)
     noise, doubtful = _on_noise(bench, members, final)
     remainder = localise_residual(laid, members, final, settings.tolerance, rng) if before.something else None
+    progress.step("what is left", 1.0)
     progress.step("sealed part", 0.0)
     gap = gaps_of(laid, members, final, rng)
     progress.step("sealed part", 1.0)
+    level = _verdict(laid, state, before, (*effects, *noise), members)
+    progress.step("next experiment", 0.0)
+    advice = advise(bench.scene, members, [*kept, *dropped], final, settings.seed)
+    progress.step("next experiment", 1.0)
     return Discrepancy(
-        level=_verdict(laid, state, before, (*effects, *noise), members),
+        level=level,
         effects=(*effects, *noise),
         unnamed=(*dropped, *doubtful),
         localisation=before,
         remainder=remainder,
         gap=gap,
-        next_experiment=advise(bench.scene, members, [*kept, *dropped], final, settings.seed),
+        next_experiment=advice,
         model=model.with_effects(*in_order((*model.effects, *(e.named.member.effect for e in (*effects, *noise))))),
         evidence=evidence_of(laid, state, members),
         provenance=provenance_of(log, settings.seed, laid, state, before, lacks, time.monotonic() - started),

@@ -159,9 +159,9 @@ def _named(member: Member, nats: float, tried: int) -> Named:
     gain = nats - penalty(tried)
     probability = float(1.0 / (1.0 + np.exp(-np.clip(gain, -50.0, 50.0))))
     candidate = member.candidate
-    mine = Alternative(candidate.label, candidate.name, candidate.joint, candidate.family, gain, 0, probability)
-    others = (
-        Alternative("nothing", "", None, "", 0.0, 0, 1.0 - probability),
-        Alternative("unknown", "", None, "", 0.0),
+    mine = Alternative(
+        candidate.label, candidate.name, candidate.joint, candidate.family, gain, probability=probability
     )
+    nothing = Alternative("nothing", "", None, "", 0.0, probability=1.0 - probability)
+    others = (nothing, Alternative("unknown", "", None, "", 0.0))
     return Named(member, "EXACT" if probability >= EXACT else "INCONCLUSIVE", probability, nats, (mine, *others), ())

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -34,13 +35,14 @@ from gpcorrect.discrepancy.recording.slack import (
     without_registration,
 )
 from gpcorrect.sim.body import Body
+from gpcorrect.sim.command import Command
 from gpcorrect.sim.dynamics import posture_at
 from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, Stage, in_order, of_kind
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.sim.plan import Plan, Segment, plan_of
-from gpcorrect.sim.plant import Outcome, run, tip_path
+from gpcorrect.sim.plant import Driven, follow_command, tip_path
 from gpcorrect.sim.resolve import machine_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
@@ -105,7 +107,7 @@ class Scene:
     measured: bool = True
     slack: Slack | None = None
     remarks: tuple[str, ...] = ()
-    _loops: dict[tuple[Effect, ...], Outcome] = field(default_factory=dict, repr=False)
+    _loops: dict[tuple[Effect, ...], Driven] = field(default_factory=dict, repr=False)
     _paths: PathMemory = field(default_factory=PathMemory, repr=False)
 
     def __len__(self) -> int:
@@ -202,15 +204,19 @@ class Scene:
             chain = chain if chain is None else change.act(chain)
         return replace(machine.body, links=links, chain=chain).compact()
 
-    def _loop(self, machine: Machine) -> Outcome | None:
-        if self.plan is None:
+    def _loop(self, machine: Machine) -> Driven | None:
+        if self._command is None:
             return None
         inside = tuple(e for e in machine.effects if e.stage in LOOP_STAGES)
         if inside not in self._loops:
             while len(self._loops) >= REMEMBERED:
                 self._loops.pop(next(iter(self._loops)))
-            self._loops[inside] = run(machine.with_effects(*inside), self.plan)
+            self._loops[inside] = follow_command(machine.with_effects(*inside), self._command)
         return self._loops[inside]
+
+    @cached_property
+    def _command(self) -> Command | None:
+        return None if self.plan is None else Command.of(self.machine, self.plan)
 
     @property
     def tracked(self) -> bool:
