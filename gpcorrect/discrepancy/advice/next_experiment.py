@@ -71,8 +71,9 @@ def advise(
         best = max((t for t in tried if t is not None), key=lambda t: t[1], default=None)
     if best is None:
         return None
-    words = best[0].words if best[1] >= ENOUGH else _sensor(scene, own)
-    return Experiment(words, (own.label, rival.label), best[1], best[0].minutes)
+    names, enough = (own.label, rival.label), best[1] >= ENOUGH
+    words = best[0].words if enough else _sensor(scene, own)
+    return Experiment(words, names, best[1], best[0].minutes, best[0].plans if enough else ())
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from gpcorrect.discrepancy.outcome.gap import GapFigures
 from gpcorrect.discrepancy.outcome.words import region_words
 from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.sim.model import Model
+from gpcorrect.sim.plan import Plan
 from gpcorrect.types import BoolArray, FloatArray
 
 __all__ = ["ChannelGap", "Discrepancy", "Evidence", "Experiment", "Level", "NamedEffect"]
@@ -104,12 +105,15 @@ class Experiment:
         Evidence it should bring after the rival was refitted.
     minutes : float
         How long it takes.
+    plans : tuple of (Plan, float)
+        Desired paths, each with the factor on the controller's gains; none when a sensor is advised.
     """
 
     run: str
     separates: tuple[str, str]
     expected_nats: float
     minutes: float
+    plans: tuple[tuple[Plan, float], ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
