@@ -94,7 +94,7 @@ def told_apart(entries: list[dict[str, Any]]) -> None:
     made = [e for e in ambiguous if e["outcome"] is not None]
     equivalent = sum(e["advice"]["expected_nats"] < ENOUGH for e in ambiguous)
     print(
-        f"\n{len(cases)} cases of the advised set: {len(ambiguous)} ambiguous at first; of these {equivalent} are called "
+        f"\nadvised set, {len(cases)} cases: {len(ambiguous)} ambiguous at first; of these {equivalent} are called "
         f"equivalent with these sensors, {len(made)} had an advised run that one model file can hold."
     )
 
