@@ -145,6 +145,8 @@ MEANING = {
 def next_step(report: Mapping[str, Any]) -> str:
     """Return what to do now, in one sentence."""
     advice = report["next_experiment"]
+    if advice is not None and advice["run"].startswith("equivalent"):
+        return f"{' and '.join(advice['separates'])} are {advice['run']}"
     if advice is not None:
         return f"record: {advice['run']} ({advice['minutes']:.0f} min), to tell {' from '.join(advice['separates'])}"
     match report["verdict"]["level"]:
