@@ -202,7 +202,14 @@ def _verdict(
     if not before.something and not effects:
         return "NONE" if before.nothing else "INCONCLUSIVE"
     if effects and (members or not before.something):
-        return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # kept effects have one of these
-    everywhere = np.ones(len(laid.bench.scene.channels), dtype=np.bool_)
-    left = smooth_nats(view_of(state, laid.tests, laid.inputs), members, everywhere)
-    return "UNKNOWN" if left > penalty(max(state.n_kinds, 1)) else "INCONCLUSIVE"
+        return _least_sure(effects)
+    joints = {e.named.member.candidate.joint for e in effects}  # of effects on noise, which say what is odd there
+    elsewhere = np.array([c.joint not in joints for c in laid.bench.scene.channels])
+    left = smooth_nats(view_of(state, laid.tests, laid.inputs), members, elsewhere)
+    if left > penalty(max(state.n_kinds, 1)):
+        return "UNKNOWN"
+    return _least_sure(effects) if effects else "INCONCLUSIVE"
+
+
+def _least_sure(effects: Sequence[NamedEffect]) -> Level:
+    return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # kept effects have one of these
