@@ -80,7 +80,7 @@ def fit(
     with progress_bar(quiet=json) as progress:
         experiment = fit_joint(read_logs(logs, columns), settings, progress)
     save_joint(experiment.corrector, output)
-    for remark in experiment.corrector.features.left_out:
+    for remark in experiment.corrector.summary["remarks"]:
         err.print(f"[yellow]note:[/] {remark}")
     if json:
         print_json(experiment.to_dict())
@@ -102,6 +102,12 @@ def evaluate(
         print_json(result)
     else:
         _show(f"Errors on {result['n_test']} samples", result["errors"])
+    for row in result["zeros"]:
+        if row["moved"]:
+            err.print(
+                f"[yellow]note:[/] session {row['session']}: the zero of joint {row['joint']} is off by "
+                f"{row['shift']:+.3f} {row['unit']}, as after a homing; set it anew: gpcorrect joint rezero"
+            )
 
 
 @joint_app.command()
