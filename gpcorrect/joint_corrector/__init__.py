@@ -10,6 +10,7 @@ from gpcorrect.joint_corrector.fit import (
     evaluate_joint,
     fit_joint,
     method_named,
+    require_joints,
 )
 from gpcorrect.joint_corrector.metrics import JointErrors, joint_units
 from gpcorrect.joint_corrector.stream import JointStream
@@ -29,4 +30,5 @@ __all__ = [
     "joints_on_one_clock",
     "method_named",
     "piece_scores",
+    "require_joints",
 ]
