@@ -149,7 +149,8 @@ def stream_lane(
     session: zenoh.Session, key: str, estimator: Estimator, tally: Tally, capacity: int, journal: Journal
 ) -> Lane[StreamSample]:
     """Return the lane that answers samples and publishes the estimates on `key`; what finds it full is only counted."""
-    publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
+    # Not express: a packet for every estimate fills the two packets that zenoh holds, and more would be dropped.
+    publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP)
 
     def publish(sample: StreamSample) -> None:
         answer = estimator.estimate(sample)
