@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
@@ -174,7 +174,9 @@ class Desk:
             self._closed = True
             self._lines.clear()
             self._session = None
-            self._stack.close()
+            # A server that hangs does not say goodbye: zenoh gives up on it after its own while, and so is it closed.
+            with suppress(zenoh.ZError):
+                self._stack.close()
 
     def patience(self, line: Line) -> float:
         """Return how long, s, to wait for a server to appear: only the first question may wait longer."""
