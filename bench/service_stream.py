@@ -22,7 +22,7 @@ from support import print_table, save_results
 from gpcorrect.joint_artifact import load_joint, save_joint
 from gpcorrect.joint_corrector import JointCorrector, JointSettings, JointStream, fit_joint
 from gpcorrect.types import FloatArray
-from gpcorrect_service import ClientSettings, ServerSettings, wire
+from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, wire
 from gpcorrect_service.transport import open_client
 from gpcorrect_service.wire_joints import JointEstimate, JointState
 
@@ -44,12 +44,14 @@ def main() -> None:
         endpoint = free_endpoint()
         with process(serve_joints, str(model), ServerSettings(endpoint=endpoint)):
             late, lost = streamed(endpoint, q, effort)
+            with CorrectionClient(endpoint, timeout=PATIENT, connect_timeout=PATIENT) as client:
+                counts = client.health().counts.get("estimate", {})
         results[f"stream at {RATE:g} Hz"] = summary(late)
     print(f"load of the machine (1 minute): {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
     leaves = ("median_ms", "p99_ms", "min_ms")
     rows = [[name, *(r[x] for x in leaves), 100 * r["share_over_1_ms"], r["max_ms"]] for name, r in results.items()]
     print_table(HEAD, rows)
-    print(f"\n{len(q)} samples in, {len(late)} estimates out, {lost} lost")
+    print(f"\n{len(q)} samples in, {len(late)} estimates out, {lost} lost; the server says {counts}")
     save_results("service_stream", {**results, "sent": len(q), "lost": lost})
 
 

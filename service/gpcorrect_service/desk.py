@@ -29,7 +29,7 @@ __all__ = ["Call", "ClientBase", "Desk", "Line"]
 S = TypeVar("S", bound=msgspec.Struct)
 R = TypeVar("R")
 
-SUSPICION_SECONDS = 2.0  # zenoh itself drops a server that hangs after ten
+SUSPICION_SECONDS = 10.0  # after which zenoh itself drops a server that hangs
 # Another replica may do better with these; bad input is bad everywhere.
 WORTH_A_RETRY = frozenset({"BUSY", "STALE", "NO_MODEL", "INTERNAL", "NO_SERVICE"})
 

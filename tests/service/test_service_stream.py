@@ -19,7 +19,7 @@ CODEC = wire.MSGPACK
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[ServerProcess]:
-    with server_process("joints", queue_capacity=4096) as process:
+    with server_process("joints") as process:
         yield process
 
 
