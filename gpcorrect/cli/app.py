@@ -22,6 +22,7 @@ from gpcorrect.cli.serve import serve
 from gpcorrect.cli.simulate import simulate
 from gpcorrect.cli.update import update
 from gpcorrect.cli.validate import validate
+from gpcorrect.cli.vision import vision_app
 from gpcorrect.cli.zigzag import zigzag_command
 from gpcorrect.errors import GpCorrectError
 
@@ -56,6 +57,7 @@ app.command()(doctor)
 app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")
+app.add_typer(vision_app, name="vision")
 app.add_typer(reproduce_app, name="reproduce")
 app.add_typer(discrepancy_app, name="discrepancy")
 

@@ -64,7 +64,9 @@ class CoupledPlay:
         return moved
 
 
-def learn_coupled_play(path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray) -> CoupledPlay:
+def learn_coupled_play(
+    path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray, shown: BoolArray
+) -> CoupledPlay:
     """Learn stiffness and friction, so that errors are linear in path and lags as nearly as can be.
 
     Weights are solved for inside each step (variable projection, Golub and Pereyra 1973).
@@ -79,8 +81,17 @@ def learn_coupled_play(path: FloatArray, errors: FloatArray, new: BoolArray, row
         Where a path starts.
     rows : (k,) int array
         Rows whose errors may be looked at.
+    shown : (d,) bool array
+        Joints whose slack this path shows; the others neither pull nor are pulled.
     """
-    path, errors, new, rows = _thinned(path, errors, new, rows)
+    stiffness, gap = np.eye(path.shape[1]), np.full(path.shape[1], FIRST_GAP)
+    if shown.any():
+        found = _learned(*_thinned(path[:, shown], errors, new, rows))
+        stiffness[np.ix_(shown, shown)], gap[shown] = found.stiffness, found.gap
+    return CoupledPlay(stiffness, gap)
+
+
+def _learned(path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray) -> CoupledPlay:
     dof = path.shape[1]
     linear = np.hstack([np.ones((len(path), 1)), path])
     scale = np.maximum(_left(linear, errors, rows).std(axis=0), 1e-300)

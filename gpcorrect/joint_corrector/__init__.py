@@ -9,6 +9,7 @@ from gpcorrect.joint_corrector.fit import (
     evaluate_joint,
     fit_joint,
     method_named,
+    require_joints,
 )
 from gpcorrect.joint_corrector.metrics import JointErrors, joint_units
 from gpcorrect.joint_corrector.stream import JointStream
@@ -27,4 +28,5 @@ __all__ = [
     "joint_units",
     "joints_on_one_clock",
     "method_named",
+    "require_joints",
 ]

@@ -105,7 +105,8 @@ class JointStream:
     ) -> tuple[FloatArray, FloatArray]:
         learned = self._corrector.learned
         assert not isinstance(learned, CableModel)
-        x = np.concatenate([self._columns(kind, time, q, effort, state) for kind in self._features.kinds])
+        columns = [self._columns(kind, time, q, effort, state) for kind in self._features.kinds]
+        x = self._features.chosen(np.concatenate(columns))
         if not np.isfinite(x).all():
             return np.full(self._dof, np.nan), np.full(self._dof, np.nan)
         if isinstance(learned, GPMap):

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from joint_logs import HALF, LIMITS, PLAY, joint_log
 
-from gpcorrect.joint import CoupledPlay, joint_data
+from gpcorrect.joint import CoupledPlay, JointFeatures, joint_data, timed, zigzag
 from gpcorrect.joint.coupled_play import learn_coupled_play
 from gpcorrect.joint.zero import zero_path
 from gpcorrect.play import play_states
+from gpcorrect.types import CalibrationLog
 
 
 def walk(seed: int = 0, n: int = 400) -> np.ndarray:
@@ -58,7 +59,7 @@ def test_planted_slack_is_found() -> None:
     """Stiffness and gaps come back from errors that they made."""
     data = joint_data(joint_log(5))
     path = (data.q - LIMITS.mean(axis=1)) / HALF
-    found = learn_coupled_play(path, data.error, data.new, np.arange(len(data)))
+    found = learn_coupled_play(path, data.error, data.new, np.arange(len(data)), np.ones(3, dtype=bool))
     np.testing.assert_allclose(found.gap, PLAY.gap, rtol=0.1)
     assert found.stiffness[0, 1] == pytest.approx(0.5, abs=0.1)
 
@@ -72,3 +73,20 @@ def test_a_zero_that_wanders_is_followed_and_one_that_holds_is_not() -> None:
     zero = zero_path(errors, number)
     assert zero.last[0] == pytest.approx(0.95, abs=0.2)
     assert zero.last[1] == 0.0
+
+
+def test_what_the_motion_does_not_show_is_not_learned() -> None:
+    """A joint that never turns back leaves its slack out, one that knows one speed its velocity; the fit says so."""
+    limits = np.array([[0.3, 1.1], [0.9, 1.9], [0.30, 0.42]])
+    path = timed(zigzag("J1", 3, limits), np.array([0.05, 0.05, 0.01]), 10.0)
+    still = np.zeros(len(path.time))
+    data = joint_data(CalibrationLog(path.time, still, still, measured_jp=path.q, external_jp=path.q + 0.01))
+    learned = JointFeatures.learn(("position", "velocity", "memory"), data, np.arange(len(data)))
+    assert learned.left_out == (
+        *(f"joint {j} always moves at one speed in training: its velocity is not used" for j in (1, 2, 3)),
+        *(f"joint {j} hardly turns back in training: its memory is not used" for j in (2, 3)),
+    )
+    assert learned.transform(data).shape[1] == 3 + 4
+    assert learned.smooth.tolist() == [0, 1, 2, 3]
+    rich = joint_data(joint_log(1))
+    assert JointFeatures.learn(("position", "velocity", "memory"), rich, np.arange(len(rich))).left_out == ()
