@@ -15,7 +15,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.oscillator import swung
 from gpcorrect.types import FloatArray
 
-__all__ = ["bouc_wen", "lag", "play", "ring"]
+__all__ = ["bouc_wen", "lag", "play", "ring", "travelled"]
 
 SATURATED = 40.0  # widths of travel after which a Bouc-Wen element has forgotten where it began
 STEP = 0.1  # widths of travel to a step of its integrator, less where the curve bends sharply
@@ -172,14 +172,14 @@ def _bouc_wen(path: FloatArray, sharpness: float) -> FloatArray:
             u = path[i, j]
             if isnan(u):
                 continue
-            z = _travelled(z, 0.0 if isnan(last) else u - last, sharpness)
+            z = travelled(z, 0.0 if isnan(last) else u - last, sharpness)
             last, output[i, j] = u, z
     return output
 
 
 @njit(cache=True)
-def _travelled(z: float, travel: float, sharpness: float) -> float:
-    """State after a travel in one direction: back to zero along a straight line, then along the curve."""
+def travelled(z: float, travel: float, sharpness: float) -> float:
+    """Return a Bouc-Wen state after a travel in one direction, in widths: straight back to zero, then the curve."""
     direction = 1.0 if travel > 0 else -1.0
     z, left = z * direction, min(abs(travel), SATURATED)
     if z < 0.0:
