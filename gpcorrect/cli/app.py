@@ -8,6 +8,7 @@ import typer
 
 from gpcorrect.cli.console import bad_input
 from gpcorrect.cli.correct import correct
+from gpcorrect.cli.debride import debride
 from gpcorrect.cli.discrepancy import discrepancy_app
 from gpcorrect.cli.drift import drift
 from gpcorrect.cli.evaluate import evaluate
@@ -47,6 +48,7 @@ app.command()(drift)
 app.command()(explore)
 app.command()(serve)
 app.add_typer(query_app, name="query")
+app.command()(debride)
 app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")
