@@ -18,6 +18,7 @@ from gpcorrect.cli.joint import joint_app
 from gpcorrect.cli.query import query_app
 from gpcorrect.cli.reproduce import reproduce_app
 from gpcorrect.cli.serve import serve
+from gpcorrect.cli.sim import sim_app
 from gpcorrect.cli.simulate import simulate
 from gpcorrect.cli.update import update
 from gpcorrect.cli.validate import validate
@@ -49,6 +50,7 @@ app.command()(explore)
 app.command()(serve)
 app.add_typer(query_app, name="query")
 app.command()(debride)
+app.add_typer(sim_app, name="sim")
 app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")

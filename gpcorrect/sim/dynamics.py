@@ -36,7 +36,7 @@ class Posture:
 
     def loads(self, velocity: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Torques or forces `(..., k)` that hold the arm up, and those that make it follow joint rates `(..., k)`."""
-        gravity, inertial, _ = self._all_three(velocity, acceleration)
+        gravity, inertial, _ = self.all_three(velocity, acceleration)
         return gravity, inertial
 
     def gravity_load(self) -> FloatArray:
@@ -53,10 +53,10 @@ class Posture:
 
     def _at_rest(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         still = np.zeros(self.shape)
-        return self._all_three(still, still)
+        return self.all_three(still, still)
 
-    def _all_three(self, velocity: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return loads of weight and of inertia, and the inertias."""
+    def all_three(self, velocity: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return loads of weight and of inertia, see :meth:`loads`, and the mass matrix's diagonal, `(..., k)` each."""
         rates = (
             np.ascontiguousarray(a, dtype=np.float64).reshape(-1, self.shape[-1]) for a in (velocity, acceleration)
         )

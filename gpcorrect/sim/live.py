@@ -7,13 +7,15 @@ difference is far below what the machine's own effects do (`tests/sim/test_sim_l
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
-from gpcorrect.sim.dynamics import Posture, posture_at
+from gpcorrect.sim.dynamics import posture_at
 from gpcorrect.sim.live_effects import live_effects
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.motion import Motion
@@ -41,15 +43,20 @@ class Moment:
         Commanded by the controllers, joint units.
     q : (dof,) array
         True joints, when outside sensors see them.
-    T_base_tip : (4, 4) array or None
-        True tool pose; None for bare joints.
+    tool : callable
+        Returns the true tool pose, base frame; None for bare joints.
     """
 
     time: float
     motion: Motion
     torque: FloatArray
     q: FloatArray
-    T_base_tip: FloatArray | None
+    tool: Callable[[], FloatArray | None]
+
+    @cached_property
+    def T_base_tip(self) -> FloatArray | None:  # noqa: N802 - a pose is named T
+        """(4, 4) true tool pose; worked out when asked for."""
+        return self.tool()
 
     @property
     def reported(self) -> FloatArray:
@@ -128,7 +135,7 @@ class LiveArm:
     def _advance_block(self, path: FloatArray) -> None:
         """Follow `(m + 1, dof)` desired joints, the first of which was followed already."""
         rate = np.diff(path, axis=0) / self._step
-        gravity, inertial, mass = self._load()
+        gravity, inertial, mass = self._loads
         inertia = self.machine.drive.motor_inertia + mass
         beyond = gravity + inertial - mass * self._acceleration[0]
         fed = self._fed(path[-1:], rate[-1:], self._change(rate))
@@ -146,12 +153,12 @@ class LiveArm:
 
     def _load(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return loads of weight and of inertia, and the links' inertias, `(dof,)` each, as the arm is now."""
-        posture: Posture | None = posture_at(self._bodies.actual, self._q)
+        posture = posture_at(self._bodies.actual, self._q)
         if posture is None:
             none = np.zeros(self._q.shape[-1])
             return none, none, none
-        gravity, inertial = posture.loads(self._velocity, self._acceleration)
-        return gravity[0], inertial[0], posture.inertia_diagonal()[0]
+        gravity, inertial, mass = posture.all_three(self._velocity, self._acceleration)
+        return gravity[0], inertial[0], mass[0]
 
     def _change(self, rate: FloatArray) -> FloatArray:
         """Desired acceleration `(1, dof)` over a block."""
@@ -173,7 +180,8 @@ class LiveArm:
     def _look(self, torque: FloatArray, joint_friction: FloatArray) -> Moment:
         """Bring what lies behind the motors up to date."""
         body = self._bodies.actual
-        gravity, inertial, _ = self._load()
+        self._loads = self._load()
+        gravity, inertial, _ = self._loads
         motion = Motion(
             joints=body.joints,
             time=np.full((1, 1), self._time),
@@ -188,8 +196,13 @@ class LiveArm:
         for effect in self._effects:
             q = effect.act(q, motion)
         self._q = q[0]
-        T = tip_path(self.machine.effects, body.forward(q), motion)
-        return Moment(self._time, motion, torque[0], q[0, 0], None if T is None else T[0, 0])
+        return Moment(self._time, motion, torque[0], q[0, 0], partial(_tool, self.machine, body, q, motion))
+
+
+def _tool(machine: Machine, body: Body, q: FloatArray, motion: Motion) -> FloatArray | None:
+    """Tool pose `(4, 4)` of one sample."""
+    T = tip_path(machine.effects, body.forward(q), motion)
+    return None if T is None else T[0, 0]
 
 
 def _bodies(machine: Machine, payload: float | None) -> _Bodies:

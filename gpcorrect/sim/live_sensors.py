@@ -30,7 +30,7 @@ class Reading:
     external : (dof,) array
         True joints as outside encoders see them.
     tracker : (4, 4) array or None
-        Marker pose in the tracker's frame; None for bare joints.
+        Marker pose in the tracker's frame; None for bare joints, and where the tracker was not asked.
     """
 
     time: float
@@ -114,20 +114,20 @@ class LiveSensors:
         self._slow = _Slow(slow, noise.external_jp_ar_phi, machine.log_rate_hz)
         self._effects = of_kind(machine.effects, ReadingEffect)
 
-    def read(self, moment: Moment) -> Reading:
-        """Return what is measured at a moment."""
+    def read(self, moment: Moment, *, tracked: bool = True) -> Reading:
+        """Return what is measured at a moment, with or without the tracker, which takes longest."""
         motion = moment.motion
-        tracked = None if self._tracker is None else self._tracker.see(moment)[None, None]
-        readings = Readings(motion.position, motion.velocity, moment.torque[None, None], moment.q[None, None], tracked)
+        marker = None if self._tracker is None or not tracked else self._tracker.see(moment)[None, None]
+        readings = Readings(motion.position, motion.velocity, moment.torque[None, None], moment.q[None, None], marker)
         for effect in self._effects:
             readings = effect.act(readings, motion, self._rng)
         external = readings.external_jp[0, 0] + self._slow.at(moment.time, self._rng)
-        marker = readings.T_tracker_marker
+        seen = readings.T_tracker_marker
         return Reading(
             time=moment.time,
             position=quantised(readings.measured_jp, self._machine.noise.encoder_step)[0, 0],
             velocity=readings.measured_jv[0, 0],
             effort=readings.measured_jf[0, 0],
             external=external + self._white * self._rng.standard_normal(external.shape),
-            tracker=None if marker is None else marker[0, 0],
+            tracker=None if seen is None else seen[0, 0],
         )
