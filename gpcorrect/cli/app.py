@@ -6,6 +6,7 @@ import sys
 
 import typer
 
+from gpcorrect.cli.collect import collect_app
 from gpcorrect.cli.console import bad_input
 from gpcorrect.cli.correct import correct
 from gpcorrect.cli.debride import debride
@@ -15,8 +16,10 @@ from gpcorrect.cli.evaluate import evaluate
 from gpcorrect.cli.explore import explore
 from gpcorrect.cli.fit import fit
 from gpcorrect.cli.joint import joint_app
+from gpcorrect.cli.prefilter import prefilter
 from gpcorrect.cli.query import query_app
 from gpcorrect.cli.reproduce import reproduce_app
+from gpcorrect.cli.robot import robot_app
 from gpcorrect.cli.serve import serve
 from gpcorrect.cli.sim import sim_app
 from gpcorrect.cli.simulate import simulate
@@ -50,7 +53,10 @@ app.command()(explore)
 app.command()(serve)
 app.add_typer(query_app, name="query")
 app.command()(debride)
+app.command()(prefilter)
 app.add_typer(sim_app, name="sim")
+app.add_typer(robot_app, name="robot")
+app.add_typer(collect_app, name="collect")
 app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")

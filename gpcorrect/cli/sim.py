@@ -17,12 +17,13 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim import machine_of, preset, read_model
 from gpcorrect.sim.live_robot import LiveRobot
 
-__all__ = ["sim_app"]
+__all__ = ["HERE", "sim_app", "stop_signal"]
 
 sim_app = typer.Typer(no_args_is_help=True, help="Simulated arms that run live.")
 
 HERE = "tcp/127.0.0.1:7448"
 LARGEST_RATE = 1000.0
+LONGEST_BLOCK = 20  # servo steps
 
 
 @sim_app.command()
@@ -65,7 +66,9 @@ def serve(
         raise DataError(f"the rate goes from 1 to {LARGEST_RATE:.0f} Hz and time forward, got {rate}, {time_scale}.")
     known = preset(machine) if model is None else read_model(model)
     real = machine_of(known)
-    robot = LiveRobot(real, np.random.default_rng(seed), block=max(1, min(10, round(real.drive.rate_hz / rate))))
+    robot = LiveRobot(
+        real, np.random.default_rng(seed), block=max(1, min(LONGEST_BLOCK, round(real.drive.rate_hz / rate)))
+    )
     robot.advance(0.01)  # compiles what is compiled at first use
     if ready:
         robot.operate("enable")
@@ -74,10 +77,11 @@ def serve(
     with Bus(settings, node=f"gpcorrect_sim_{arm}") as bus:
         server = ArmServer(robot, bus, ArmServerSettings(rate, 100.0, time_scale, corrected), time.time())
         err.print(f"{known.arm} lives as {namespace}/{arm} on {endpoint} at {rate:g} Hz; stop with Ctrl-C")
-        server.run(_stop_signal())
+        server.run(stop_signal())
 
 
-def _stop_signal() -> threading.Event:
+def stop_signal() -> threading.Event:
+    """Return an event that Ctrl-C and SIGTERM set; needs the main thread."""
     stop = threading.Event()
 
     def on_signal(number: int, frame: FrameType | None) -> None:

@@ -26,8 +26,8 @@ COMMANDS = ("enable", "disable", "pause", "resume", "home", "unhome")
 
 PEAK = 1.875  # of a minimum-jerk motion's speed over its mean
 UNRATED = 0.25  # of a joint's range a second, where no speed limit is published
-HASTE = 3.0  # times the speed limit that a servo command may ask for before it is refused
 HOLD = 0.1  # s: a servo command that comes later than this after the one before is gone to at the speed limit
+HASTE = 3.0  # times the way of that time at the speed limit: a servo command further away is refused
 CARTESIAN = Pace(speed=0.03, acceleration=0.3, turn_rate=0.6)
 MOVE_RATE_HZ = 100.0
 
@@ -57,7 +57,7 @@ class LiveRobot:
         self._speed = self._speed_limits()
         self._setpoint, self._target = q, q
         self._coming = 0.0  # s in which the servo's target is to be reached
-        self._last_servo = -np.inf
+        self._last_servo, self._interval = -np.inf, 0.0
         self._path = np.empty((0, len(q)))
         self.state: RobotState = "DISABLED"
         self.is_homed = False
@@ -138,16 +138,19 @@ class LiveRobot:
         """
         self._check_ready()
         self._check_limits(q)
-        since = self.time - self._last_servo
-        seconds = since if since <= HOLD else float((np.abs(q - self._setpoint) / self._speed).max())
-        if since <= HOLD and (np.abs(q - self._setpoint) > HASTE * self._speed * max(seconds, self._live.step)).any():
-            j = int(np.argmax(np.abs(q - self._setpoint) / self._speed))
+        apart = np.abs(q - self._setpoint) / self._speed
+        since, self._last_servo = self.time - self._last_servo, self.time
+        if since <= HOLD and apart.max() > HASTE * HOLD:
+            j = int(np.argmax(apart))
             raise DataError(
-                f"joint {j + 1} would have to jump by {q[j] - self._setpoint[j]:.4g} in {seconds:.3g} s.",
+                f"joint {j + 1} would have to jump by {q[j] - self._setpoint[j]:.4g}.",
                 hint="Send servo commands closer together, or use a move command.",
             )
+        # Of a stream each command is reached when the next one comes; the first one at the speed limit.
+        self._interval = 0.8 * self._interval + 0.2 * since if since <= HOLD else 0.0
         self._path = self._path[:0]
-        self._target, self._coming, self._last_servo = np.array(q), max(seconds, self._live.step), self.time
+        self._target = np.array(q)
+        self._coming = max(self._interval or float(apart.max()), since if since <= HOLD else 0.0, self._live.step)
 
     def move_jp(self, q: FloatArray) -> None:
         """Go to joints `(dof,)` smoothly, within the speed limits.
