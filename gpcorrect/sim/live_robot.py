@@ -54,8 +54,8 @@ class LiveRobot:
         self.machine = machine
         self._live = LiveArm(machine, q, start=start, block=block)
         self._sensors = LiveSensors(machine, rng)
-        self._speed = self._speed_limits()
         self._setpoint, self._target = q, q
+        self._speed = self._speed_limits()
         self._coming = 0.0  # s in which the servo's target is to be reached
         self._last_servo, self._interval = -np.inf, 0.0
         self._path = np.empty((0, len(q)))

@@ -19,7 +19,7 @@ __all__ = ["NO_TRAJECTORY", "Robot", "RobotError"]
 
 NO_TRAJECTORY = -1
 POLL = 0.002  # s
-FAR = 1e-3  # rad or m from a goal that count as there, when the robot is no longer busy
+NEAR = 1e-6  # rad or m from a goal that count as there
 STALLED = 2.0  # s of wall time without a state message after which a robot counts as gone
 
 
@@ -118,6 +118,7 @@ class Robot:
 
     def operate(self, command: str) -> None:
         """Send a state command."""
+        self._errors.clear()
         self._bus.publish("state_command", Text(self.time, command))
 
     def servo_jp(self, q: FloatArray) -> None:
@@ -138,7 +139,7 @@ class Robot:
         """
         self._errors.clear()
         self._bus.publish("move_jp", JointState(self.time, tuple(q.tolist())))
-        self._until(lambda: bool(np.abs(self.setpoint - q).max() < FAR), None, f"go to {np.round(q, 4).tolist()}")
+        self._until(lambda: bool(np.abs(self.setpoint - q).max() < NEAR), None, f"go to {np.round(q, 4).tolist()}")
 
     def follow(self, times: FloatArray, q: FloatArray, trajectory: int = 0) -> None:
         """Go to the first joints of a path, then stream it on the robot's own clock.
@@ -162,7 +163,7 @@ class Robot:
         for wanted in self._paced(times, q):
             self.servo_jp(wanted)
         # The last sample is streamed once more, to be there before the mark that ends the trajectory.
-        self._until(lambda: bool(np.abs(self.setpoint - q[-1]).max() < FAR), None, "reach the end of the path")
+        self._until(lambda: bool(np.abs(self.setpoint - q[-1]).max() < NEAR), None, "reach the end of the path")
         self._mark(NO_TRAJECTORY)
 
     def _paced(self, times: FloatArray, q: FloatArray) -> Iterator[FloatArray]:
@@ -183,17 +184,19 @@ class Robot:
         self._until(lambda: self.time > before, None, "go on")
 
     def _until(self, done: Callable[[], bool], patience: float | None, what: str) -> None:
-        """Wait until something holds: at most `patience` seconds, or for as long as the robot is alive and content."""
+        """Wait until something holds: at most `patience` seconds; without, while the robot is alive and content."""
         until = np.inf if patience is None else time.monotonic() + patience
         with self._fresh:
             while not done():
-                if self._errors:
+                if self._errors and patience is None:
                     raise RobotError(f"the robot does not {what}: {self._errors[-1]}")
                 now = time.monotonic()
                 if now > until or now > self._heard + STALLED:
                     where = f"{self._bus.settings.namespace}/{self._bus.settings.arm} on {self._bus.settings.endpoint}"
+                    said = f" It said: {self._errors[-1]}" if self._errors else ""
                     raise RobotError(
-                        f"the robot at {where} does not {what}.", hint="Is it running, with this arm and namespace?"
+                        f"the robot at {where} does not {what}.{said}",
+                        hint="Is it running, with this arm and namespace?",
                     )
                 self._fresh.wait(POLL if patience is not None else 0.1)
 
