@@ -43,7 +43,7 @@ def test_a_robot_is_driven_and_recorded(tmp_path):
     assert np.abs(reach[log.trajectory == 1, 0]).max() < 1e-6
     assert (np.diff(log.time) > 0).all()
     bag = read_log(tmp_path / "bag")
-    assert {"setpoint_jp", "measured_jp", "tracker_cp"} <= set(bag.signals)
+    assert {"setpoint_jp", "measured_jp", "external_jp", "tracker_cp"} <= set(bag.signals)
     assert bag.setpoint_jp is not None
     assert np.ptp(bag.setpoint_jp[:, 2]) == pytest.approx(0.01, rel=0.05)
 
