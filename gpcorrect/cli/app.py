@@ -16,6 +16,7 @@ from gpcorrect.cli.evaluate import evaluate
 from gpcorrect.cli.explore import explore
 from gpcorrect.cli.fit import fit
 from gpcorrect.cli.joint import joint_app
+from gpcorrect.cli.monitor import monitor
 from gpcorrect.cli.prefilter import prefilter
 from gpcorrect.cli.query import query_app
 from gpcorrect.cli.reproduce import reproduce_app
@@ -54,6 +55,7 @@ app.command()(serve)
 app.add_typer(query_app, name="query")
 app.command()(debride)
 app.command()(prefilter)
+app.command()(monitor)
 app.add_typer(sim_app, name="sim")
 app.add_typer(robot_app, name="robot")
 app.add_typer(collect_app, name="collect")

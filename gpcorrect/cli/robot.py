@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from gpcorrect import artifact, se3
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import err, out, print_json
 from gpcorrect.cli.options import Columns, Json
@@ -21,6 +22,7 @@ from gpcorrect.cli.zigzag import joint_limits, numbers
 from gpcorrect.errors import DataError
 from gpcorrect.joint import random_sinusoids
 from gpcorrect.logs import read_log, write_log
+from gpcorrect.planning import circle
 from gpcorrect.types import CalibrationLog, FloatArray
 
 if TYPE_CHECKING:
@@ -139,6 +141,36 @@ def follow(
 
 
 @robot_app.command()
+def draw(
+    model: Annotated[
+        Path | None, typer.Option(help="Draw in the middle of what this model knows.", show_default=False)
+    ] = None,
+    centre: Annotated[
+        tuple[float, float, float, float, float, float, float] | None,
+        typer.Option(help="Centre and orientation: x y z (m) qw qx qy qz.", show_default=False),
+    ] = None,
+    radius: Annotated[float, typer.Option(help="mm.", min=0.1)] = 10.0,
+    speed: Annotated[float, typer.Option(help="cm/s.", min=0.1)] = 1.0,
+    rounds: Annotated[float, typer.Option(help="How many circles.", min=0.1)] = 3.0,
+    frame: Annotated[str, typer.Option(help="Name of the frame that the poses are in.")] = "tracker",
+    endpoint: Endpoint = HERE,
+    arm: ArmName = "arm1",
+    namespace: Namespace = "gpcorrect",
+) -> None:
+    """Send desired poses on servo_cp, as a planner does: go to a circle and draw it.
+
+    Example: gpcorrect robot draw --model model.gpc --rounds 10, with gpcorrect prefilter running
+    """
+    T = _centre(model, centre)
+    path = circle(T, radius / 1e3, speed / 100, rounds)
+    with _robot(endpoint, arm, namespace) as robot:
+        robot.bus.publish("move_cp", _stamped(robot, path.poses[0], frame))
+        robot.rest()
+        robot.follow_poses(path.times, path.poses, frame)
+        out.print(f"{rounds:g} circles of {radius:g} mm in {path.duration:.0f} s")
+
+
+@robot_app.command()
 def keys(
     sliding: Annotated[str, typer.Option(help="Numbers of the sliding joints.")] = "3",
     endpoint: Endpoint = HERE,
@@ -233,6 +265,25 @@ def _robot(endpoint: str, arm: str, namespace: str) -> Robot:
     from gpcorrect_service.crtk.robot import Robot
 
     return Robot(BusSettings(endpoint, arm, namespace))
+
+
+def _centre(model: Path | None, centre: tuple[float, ...] | None) -> FloatArray:
+    """Return the pose (4, 4) that was given, or one in the middle of a model's training."""
+    if (model is None) == (centre is None):
+        raise DataError("say where to draw.", hint="Either --model MODEL, or --centre X Y Z QW QX QY QZ.")
+    if centre is not None:
+        numbers7 = np.array(centre)
+        return se3.from_parts(numbers7[:3], numbers7[3:] / np.linalg.norm(numbers7[3:]))
+    queries = artifact.load(model).check_queries if model is not None else np.empty((0, 13))
+    middle = np.median(queries[:, :3], axis=0)
+    nearest = queries[np.argmin(np.linalg.norm(queries[:, :3] - middle, axis=1))]
+    return se3.from_parts(nearest[:3], nearest[3:7])
+
+
+def _stamped(robot: Robot, pose: FloatArray, frame: str) -> Any:
+    from gpcorrect_service.crtk import Pose
+
+    return Pose(robot.time, tuple(pose.tolist()), frame)
 
 
 def _units(sliding: str, dof: int) -> FloatArray:

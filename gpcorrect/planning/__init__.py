@@ -2,7 +2,7 @@
 
 from gpcorrect.planning.correction import CommandPath, Corrects, Mode, corrected
 from gpcorrect.planning.margins import Doubt, Margins
-from gpcorrect.planning.paths import DesiredPath, reach
+from gpcorrect.planning.paths import DesiredPath, circle, reach
 from gpcorrect.planning.replanning import Planned, first_trusted
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "Margins",
     "Mode",
     "Planned",
+    "circle",
     "corrected",
     "first_trusted",
     "reach",

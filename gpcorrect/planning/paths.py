@@ -12,7 +12,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.reaching import Pace, tour
 from gpcorrect.types import FloatArray, frozen_array
 
-__all__ = ["PATH_RATE_HZ", "DesiredPath", "reach"]
+__all__ = ["PATH_RATE_HZ", "DesiredPath", "circle", "reach"]
 
 PATH_RATE_HZ = 50.0
 
@@ -83,3 +83,36 @@ def reach(stops: FloatArray, pace: Pace, rate_hz: float = PATH_RATE_HZ) -> Desir
     count = len(stops) - 1
     path = tour(stops, range(count), [pace] * count, rate_hz)
     return DesiredPath(np.arange(len(path.T_base_tip)) / rate_hz, path.T_base_tip)
+
+
+def circle(
+    T_centre: FloatArray, radius: float, speed: float, rounds: float = 1.0, rate_hz: float = PATH_RATE_HZ
+) -> DesiredPath:
+    """Go round a centre in its x-y plane with a steady hand, beginning and ending at the centre's right.
+
+    Parameters
+    ----------
+    T_centre : (4, 4) array
+        Pose of the centre; the tool keeps its orientation.
+    radius : float
+        m.
+    speed : float
+        m/s.
+    rounds : float
+    rate_hz : float
+        Poses a second.
+
+    Raises
+    ------
+    DataError
+        Radius, speed or rounds are not above 0.
+    """
+    if not (radius > 0 and speed > 0 and rounds > 0):
+        raise DataError(f"a circle needs radius, speed and rounds above 0, got {radius}, {speed} and {rounds}.")
+    seconds = 2 * np.pi * radius * rounds / speed
+    times = np.arange(round(seconds * rate_hz) + 1) / rate_hz
+    angle = 2 * np.pi * rounds * times / max(float(times[-1]), 1e-9)
+    offset = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))], axis=1)
+    T = np.repeat(T_centre[None], len(times), axis=0)
+    T[:, :3, 3] += offset @ T_centre[:3, :3].T
+    return DesiredPath(times, T)

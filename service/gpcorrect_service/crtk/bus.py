@@ -21,7 +21,7 @@ from gpcorrect_service.crtk.topics import Topic, topic
 from gpcorrect_service.errors import EndpointError, ServiceError
 from gpcorrect_service.transport import COMMON
 
-__all__ = ["Bus", "BusSettings", "Inbox"]
+__all__ = ["Bus", "BusSettings", "Inbox", "open_session", "read_message"]
 
 MSGPACK, JSON, CDR = "application/msgpack", "application/json", "application/cdr"
 RETRY = {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 2}
@@ -78,7 +78,7 @@ class Bus:
     def __init__(self, settings: BusSettings, node: str = "gpcorrect") -> None:
         self.settings = settings
         self._stack = ExitStack()
-        self._session = self._stack.enter_context(_open(settings))
+        self._session = self._stack.enter_context(open_session(settings))
         self._publishers: dict[str, _Sender] = {}
         self._numbers = itertools.count(1)
         self._node: RmwNode | None = None
@@ -198,7 +198,14 @@ def read_message(payload: bytes, encoding: str, what: Topic) -> msgspec.Struct:
     raise ServiceError("BAD_INPUT", f"{what.name} does not come as {encoding}.", hint="Send msgpack, JSON or CDR.")
 
 
-def _open(settings: BusSettings) -> zenoh.Session:
+def open_session(settings: BusSettings) -> zenoh.Session:
+    """Open a hub's or a client's session, without a namespace.
+
+    Raises
+    ------
+    EndpointError
+        A hub cannot listen there; or nobody answers a client.
+    """
     config = zenoh.Config()
     hub = settings.role == "hub"
     if hub:

@@ -71,7 +71,10 @@ class Heartbeat(msgspec.Struct, frozen=True):
 
 
 class Report(msgspec.Struct, frozen=True):
-    """What the pre-filter made of a desired pose: both poses, and how sure the correction is."""
+    """What the pre-filter made of a desired pose: both poses, and how sure the correction is.
+
+    `reference` is what registration alone would command: the correction is the command less that.
+    """
 
     stamp: float
     desired: Numbers
@@ -84,6 +87,7 @@ class Report(msgspec.Struct, frozen=True):
     seconds: float
     model_id: str
     model_hash: str
+    reference: Numbers | None = None
 
 
 Message = JointState | Pose | OperatingState | Text | Event | Heartbeat | Report

@@ -78,8 +78,11 @@ class Prefilter:
     Parameters
     ----------
     model : Model
-        Whose corrector answers streams.
+        Name and hash that reports carry.
+    corrector : StreamingCorrector
     settings : PrefilterSettings
+    reference : callable, optional
+        From a desired pose (7,) to what registration alone would command; told in reports.
     monotonic : callable
         Clock for serving times, s.
     """
@@ -89,11 +92,13 @@ class Prefilter:
         model: Model,
         corrector: StreamingCorrector,
         settings: PrefilterSettings | None = None,
+        *,
+        reference: Callable[[FloatArray], FloatArray] | None = None,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         self._model, self._corrector = model, corrector
         self._settings = settings or PrefilterSettings()
-        self._monotonic = monotonic
+        self._monotonic, self._reference = monotonic, reference
         self._limit = position_limit(model.corrector.info())
         self._stream = corrector.stream()
         self._state: OperatingState | None = None
@@ -217,6 +222,7 @@ class Prefilter:
             self._monotonic() - began,
             self._model.id,
             self._model.hash,
+            None if self._reference is None else tuple(self._reference(pose).tolist()),
         )
         return out, report
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
@@ -141,6 +142,18 @@ class Robot:
         self._bus.publish("move_jp", JointState(self.time, tuple(q.tolist())))
         self._until(lambda: bool(np.abs(self.setpoint - q).max() < NEAR), None, f"go to {np.round(q, 4).tolist()}")
 
+    def rest(self) -> None:
+        """Wait until the move that was sent last is over; one that is not begun within the patience was none.
+
+        Raises
+        ------
+        RobotError
+            The robot says why it cannot, or falls silent.
+        """
+        with suppress(RobotError):
+            self._until(lambda: self.state.is_busy or bool(self._errors), self._patience, "begin to move")
+        self._until(lambda: not self.state.is_busy, None, "come to rest")
+
     def follow(self, times: FloatArray, q: FloatArray, trajectory: int = 0) -> None:
         """Go to the first joints of a path, then stream it on the robot's own clock.
 
@@ -160,21 +173,32 @@ class Robot:
         """
         self.move_jp(q[0])
         self._mark(trajectory)
-        for wanted in self._paced(times, q):
-            self.servo_jp(wanted)
+        for since in self._paced(times):
+            self.servo_jp(np.array([np.interp(since, times, q[:, j]) for j in range(q.shape[1])]))
         # The last sample is streamed once more, to be there before the mark that ends the trajectory.
         self._until(lambda: bool(np.abs(self.setpoint - q[-1]).max() < NEAR), None, "reach the end of the path")
         self._mark(NO_TRAJECTORY)
 
-    def _paced(self, times: FloatArray, q: FloatArray) -> Iterator[FloatArray]:
-        """Yield the path as the robot's clock goes, a command a state message and never one twice."""
+    def follow_poses(self, times: FloatArray, poses: FloatArray, frame: str) -> None:
+        """Stream a path of desired poses (n, 7) at `times` (n,) on the robot's own clock, each as it stands.
+
+        Raises
+        ------
+        RobotError
+            The robot falls silent.
+        """
+        for since in self._paced(times):
+            self.servo_cp(poses[max(0, int(np.searchsorted(times, since, side="right")) - 1)], frame)
+
+    def _paced(self, times: FloatArray) -> Iterator[float]:
+        """Yield moments of a path as the robot's clock goes, one a state message, none twice, and the end at last."""
         start, last = self.time, -1.0
         while last < times[-1] - times[0]:
             self._await_fresh()
-            since = min(self.time - start, times[-1] - times[0])
+            since = min(self.time - start, float(times[-1] - times[0]))
             if since > last:
                 last = since
-                yield np.array([np.interp(times[0] + since, times, q[:, j]) for j in range(q.shape[1])])
+                yield float(times[0]) + since
 
     def _mark(self, trajectory: int) -> None:
         self._bus.publish("event", Event(self.time, trajectory))

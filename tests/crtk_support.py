@@ -67,18 +67,18 @@ def free_endpoint() -> str:
 
 @contextmanager
 def living_arm(
-    machine: str = "raven2_debridement", ros_domain: int | None = None, **settings: Any
+    machine: str = "raven2_debridement", arm: str = "arm1", ros_domain: int | None = None, **settings: Any
 ) -> Iterator[tuple[BusSettings, LiveRobot]]:
     """Run a simulated arm in a thread, and give the settings of its clients, and the arm itself."""
     real = machine_of(preset(machine))
     robot = LiveRobot(real, np.random.default_rng(0), block=20)
     endpoint, stop = free_endpoint(), threading.Event()
-    with Bus(BusSettings(endpoint, role="hub", ros_domain=ros_domain)) as bus:
+    with Bus(BusSettings(endpoint, arm, role="hub", ros_domain=ros_domain)) as bus:
         server = ArmServer(robot, bus, ArmServerSettings(**{"rate_hz": 50.0, "time_scale": 5.0, **settings}), EPOCH)
         thread = threading.Thread(target=server.run, args=(stop,))
         thread.start()
         try:
-            yield BusSettings(endpoint, patience=PATIENT), robot
+            yield BusSettings(endpoint, arm, patience=PATIENT), robot
         finally:
             stop.set()
             thread.join(PATIENT)
