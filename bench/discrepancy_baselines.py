@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gpcorrect.discrepancy.candidates import all_candidates
-from gpcorrect.discrepancy.laid import lay_out
 from gpcorrect.discrepancy.run import RunSettings
-from gpcorrect.discrepancy.state import start_search
+from gpcorrect.discrepancy.search.candidates import all_candidates
+from gpcorrect.discrepancy.search.laid import lay_out
+from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.sim import Model
 from gpcorrect.types import CalibrationLog
 

@@ -23,8 +23,8 @@ from joblib import Parallel, delayed
 from support import RESULTS, print_table
 from truth import SUITES, short, specs
 
-from gpcorrect.discrepancy.score_reports import Score, Share, score_cases
-from gpcorrect.discrepancy.score_text import score_text
+from gpcorrect.discrepancy.protocol.score_reports import Score, Share, score_cases
+from gpcorrect.discrepancy.protocol.score_text import score_text
 
 FIRST_SEED = 900_000
 NUMBERS = {

@@ -10,7 +10,7 @@ from discrepancy_baselines import BASELINES, library_of
 from threadpoolctl import threadpool_limits
 from truth import Spec, make_case
 
-from gpcorrect.discrepancy.outcomes import CaseOutcome, case_outcome
+from gpcorrect.discrepancy.protocol.outcomes import CaseOutcome, case_outcome
 from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.sim import Model, model_from_dict

@@ -13,14 +13,14 @@ from rich.table import Table
 from gpcorrect.atomic import atomic_path, make_folder
 from gpcorrect.cli.console import err, out, print_json, progress_bar
 from gpcorrect.cli.options import Columns, Json, read_logs
-from gpcorrect.discrepancy.generate import LABELS as SEALED
-from gpcorrect.discrepancy.generate import generate as generate_cases
-from gpcorrect.discrepancy.generate import label_of, read_spec, seal
+from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units, number, verdict_sentence
+from gpcorrect.discrepancy.protocol.generate import LABELS as SEALED
+from gpcorrect.discrepancy.protocol.generate import generate as generate_cases
+from gpcorrect.discrepancy.protocol.generate import label_of, read_spec, seal
+from gpcorrect.discrepancy.protocol.score_reports import read_labels, read_reports, score_reports
+from gpcorrect.discrepancy.protocol.score_text import score_text
 from gpcorrect.discrepancy.resume import find_or_resume
 from gpcorrect.discrepancy.run import RunSettings
-from gpcorrect.discrepancy.score_reports import read_labels, read_reports, score_reports
-from gpcorrect.discrepancy.score_text import score_text
-from gpcorrect.discrepancy.words import channel_words, in_reader_units, number, verdict_sentence
 from gpcorrect.logs import write_log
 from gpcorrect.logs.digest import recording_digest
 from gpcorrect.sim import read_model, write_model

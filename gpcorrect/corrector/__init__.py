@@ -10,6 +10,7 @@ from gpcorrect.corrector.residual_model import trajectory_folds
 from gpcorrect.corrector.samples import LogSamples, log_samples
 from gpcorrect.corrector.scores import normalised, scores_by_trajectory
 from gpcorrect.corrector.stream import CorrectionStream
+from gpcorrect.corrector.usable import require_learnable
 
 __all__ = [
     "CommandCorrector",
@@ -25,6 +26,7 @@ __all__ = [
     "observed_twists",
     "on_one_clock",
     "pose_pair",
+    "require_learnable",
     "scores_by_trajectory",
     "trajectory_folds",
 ]

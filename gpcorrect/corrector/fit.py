@@ -19,19 +19,18 @@ from gpcorrect.corrector.joint_map import JointMap
 from gpcorrect.corrector.learn_memory import Samples, learn_recall, memory_remark
 from gpcorrect.corrector.noise import stencil_step
 from gpcorrect.corrector.pairs import pose_pair
-from gpcorrect.corrector.reference import observed_twists, reference_twists, rotations_of
+from gpcorrect.corrector.reference import reference_twists, rotations_of
 from gpcorrect.corrector.residual_model import ResidualModel, fit_residual_model, trajectory_folds
 from gpcorrect.corrector.scores import normalised, scores_by_trajectory
 from gpcorrect.corrector.screening import Screen
-from gpcorrect.errors import LogError
+from gpcorrect.corrector.usable import Pairs, usable_pairs
 from gpcorrect.gpr import FeatureMap
 from gpcorrect.rigid import MarkerOption, Registration, RigidModel, pose_residual, register
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, Progress
 
 __all__ = ["FitResult", "FitSettings", "fit_command_corrector", "fit_corrector"]
 
 MEMORY = "memory"
-MIN_SAMPLES = 20
 CHECK_QUERIES = 8
 
 
@@ -60,6 +59,11 @@ class FitSettings:
         neighbouring samples, "auto" a step that keeps the tracker's noise out of the velocities.
     seed : int
         Seed of everything random.
+
+    Raises
+    ------
+    DataError
+        A feature is unknown.
     """
 
     features: tuple[str, ...] = ("pose", "velocity")
@@ -71,6 +75,9 @@ class FitSettings:
     time_offset: str = "auto"
     velocity_step: float | Literal["auto"] | None = "auto"
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        FeatureMap([kind for kind in self.features if kind != MEMORY])  # refuses unknown ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,17 +112,6 @@ class FitResult:
     n_train: int
     summary: Mapping[str, Any]
     remarks: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Pairs:
-    """The samples that are learned from, in step: observed and commanded poses, twists, trajectories."""
-
-    observed: PoseSignal
-    command: PoseSignal
-    twist: FloatArray
-    trajectory: IntArray
-    time: FloatArray
 
 
 def fit_corrector(
@@ -163,10 +159,11 @@ def _fit(log: CalibrationLog, settings: FitSettings, clocks: Clocks | None, prog
     progress.step("clean", 0.0)
     if clocks is None:
         log, clocks = on_one_clock(log, settings.time_offset)
+    usable_pairs(log, np.ones(len(log), dtype=bool), None)  # what no cleaning can mend is said at once
     screen, cleaning = Screen.fit(log, settings.marker if settings.rigid else "none", settings.cleaning, settings.seed)
     progress.step("clean", 1.0)
     step = stencil_step(log) if settings.velocity_step == "auto" else settings.velocity_step
-    pairs = _usable_pairs(log, _kept(cleaning, settings), step)
+    pairs = usable_pairs(log, _kept(cleaning, settings), step)
     registration = _register(pairs, settings)
     corrector, said = _learn(log, pairs, registration.model, screen, step, settings, progress)
     summary = dict(corrector.summary) | _summary(
@@ -189,21 +186,7 @@ def _kept(cleaning: CleaningReport, settings: FitSettings) -> BoolArray:
     return cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
 
 
-def _usable_pairs(log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> _Pairs:
-    """Kept samples with both poses and a velocity."""
-    observed, command = pose_pair(log)
-    twist = observed_twists(log.time, log.trajectory, observed, keep, velocity_step)
-    rows = keep & observed.finite & command.finite & np.isfinite(twist[:, :3]).all(axis=1)
-    if rows.sum() < MIN_SAMPLES:
-        raise LogError(
-            f"only {int(rows.sum())} of {len(log)} samples can be learned from; at least {MIN_SAMPLES} are needed.",
-            hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
-            path=log.name,
-        )
-    return _Pairs(observed[rows], command[rows], twist[rows], log.trajectory[rows], log.time[rows])
-
-
-def _register(pairs: _Pairs, settings: FitSettings) -> Registration:
+def _register(pairs: Pairs, settings: FitSettings) -> Registration:
     if not settings.rigid:
         return Registration(RigidModel(), "the registration was switched off", (), None)
     return register(pairs.observed, pairs.command, pairs.trajectory, settings.marker)
@@ -211,7 +194,7 @@ def _register(pairs: _Pairs, settings: FitSettings) -> Registration:
 
 def _learn(
     log: CalibrationLog,
-    pairs: _Pairs,
+    pairs: Pairs,
     rigid: RigidModel,
     screen: Screen,
     step: float | None,
@@ -259,7 +242,7 @@ def _baseline(learned: ResidualModel, trajectory: IntArray) -> list[float]:
     return scores
 
 
-def _samples(pairs: _Pairs, rigid: RigidModel, settings: FitSettings) -> tuple[FeatureMap, Samples]:
+def _samples(pairs: Pairs, rigid: RigidModel, settings: FitSettings) -> tuple[FeatureMap, Samples]:
     reference = rigid.apply(pairs.observed)
     rotations = rotations_of(reference)
     inputs = (reference.position, rotations, reference_twists(rigid, rotations_of(pairs.observed), pairs.twist))
@@ -269,7 +252,7 @@ def _samples(pairs: _Pairs, rigid: RigidModel, settings: FitSettings) -> tuple[F
     return features, Samples(X, features.groups, residual, reference.position, rotations, pairs.trajectory)
 
 
-def _check_queries(pairs: _Pairs) -> FloatArray:
+def _check_queries(pairs: Pairs) -> FloatArray:
     """Pick training queries spread over the recording: pose (unturned in a position-only log) and twist."""
     rows = np.unique(np.linspace(0, len(pairs.observed) - 1, CHECK_QUERIES).astype(np.int64))
     observed = pairs.observed[rows]
@@ -280,7 +263,7 @@ def _check_queries(pairs: _Pairs) -> FloatArray:
 
 def _summary(
     log: CalibrationLog,
-    pairs: _Pairs,
+    pairs: Pairs,
     registration: Registration,
     clocks: Clocks,
     cleaning: CleaningReport,

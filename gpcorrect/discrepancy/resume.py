@@ -8,9 +8,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from gpcorrect.discrepancy.result import Evidence
+from gpcorrect.discrepancy.outcome.result import Evidence
+from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key
 from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
-from gpcorrect.discrepancy.store import StageStore, inputs_key
 from gpcorrect.sim import Model, model_from_dict
 from gpcorrect.types import CalibrationLog, Progress
 

@@ -9,8 +9,10 @@ from gpcorrect.joint_corrector.fit import (
     evaluate_joint,
     fit_joint,
     method_named,
+    require_joints,
 )
 from gpcorrect.joint_corrector.metrics import JointErrors, joint_units
+from gpcorrect.joint_corrector.stream import JointStream
 
 __all__ = [
     "METHODS",
@@ -19,10 +21,12 @@ __all__ = [
     "JointEstimate",
     "JointExperiment",
     "JointSettings",
+    "JointStream",
     "Method",
     "evaluate_joint",
     "fit_joint",
     "joint_units",
     "joints_on_one_clock",
     "method_named",
+    "require_joints",
 ]

@@ -29,7 +29,15 @@ from gpcorrect.joint_corrector.gp import GPMap, learn_gp
 from gpcorrect.joint_corrector.metrics import JointErrors, joint_errors
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, Progress
 
-__all__ = ["METHODS", "JointExperiment", "JointSettings", "evaluate_joint", "fit_joint", "method_named"]
+__all__ = [
+    "METHODS",
+    "JointExperiment",
+    "JointSettings",
+    "evaluate_joint",
+    "fit_joint",
+    "method_named",
+    "require_joints",
+]
 
 METHODS: tuple[Method, ...] = get_args(Method)
 DEGREES = {"offset": 0, "linear": 1, "quadratic": 2}
@@ -112,6 +120,26 @@ def method_named(name: str) -> Method:
     raise DataError(f"a method is one of {', '.join(METHODS)}; got {name!r}.")
 
 
+def require_joints(log: CalibrationLog) -> None:
+    """Refuse, before any work, a log from which no joint calibration can be learned.
+
+    Raises
+    ------
+    LogError, DataError
+        Signals are missing or their units cannot be right, too few samples are complete, or a joint never moves.
+    """
+    _complete(joint_data(log), np.ones(len(log), dtype=bool))
+
+
+def _complete(data: JointData, chosen: BoolArray) -> IntArray:
+    """Rows to learn from."""
+    rows: IntArray = np.flatnonzero(chosen & data.usable)
+    if len(rows) < FEWEST:
+        raise DataError(f"a joint calibration needs at least {FEWEST} complete samples, got {len(rows)}.")
+    check_moves(data, rows)
+    return rows
+
+
 def fit_joint(log: CalibrationLog, settings: JointSettings, progress: Progress | None = None) -> JointExperiment:
     """Learn from all but the last trajectories of `log`, and measure on those.
 
@@ -127,10 +155,7 @@ def fit_joint(log: CalibrationLog, settings: JointSettings, progress: Progress |
     log = joints_on_one_clock(log, settings.time_offset, signal)
     data = joint_data(log, signal, settings.direction)
     train, test = _split(data, settings.holdout)
-    rows = np.flatnonzero(train & data.usable)
-    if len(rows) < FEWEST:
-        raise DataError(f"a joint calibration needs at least {FEWEST} complete samples, got {len(rows)}.")
-    check_moves(data, rows)
+    rows = _complete(data, train)
     corrector = _fitted(data, rows, settings, signal, progress)
     fitted = time.perf_counter() - start
     summary = {
@@ -139,6 +164,8 @@ def fit_joint(log: CalibrationLog, settings: JointSettings, progress: Progress |
         "input": corrector.input_signal,
         "direction": settings.direction,
         "fit_seconds": fitted,
+        "left_out": list(corrector.features.left_out),
+        **_steps(data),
     }
     corrector = replace(corrector, summary=summary)
     held = np.flatnonzero(test & data.usable)
@@ -160,6 +187,14 @@ def evaluate_joint(corrector: JointCorrector, log: CalibrationLog, time_offset: 
     if rows.size == 0:
         raise LogError("no sample has both positions and their truth.", path=log.name)
     return {"n_test": len(rows), "errors": _errors(corrector, data, rows)}
+
+
+def _steps(data: JointData) -> dict[str, float]:
+    """Usual and shortest step between samples, s: a stream needs to know what a pause is, and what a velocity."""
+    steps = np.diff(data.time)[~data.new[1:]]
+    if steps.size == 0:
+        return {}
+    return {"step_seconds": float(np.median(steps)), "shortest_step_seconds": float(np.percentile(steps, 1))}
 
 
 def _fitted(

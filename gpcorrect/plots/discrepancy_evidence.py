@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from gpcorrect.discrepancy.state import Step
+from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.plots.style import COLOURS, new_figure
 from gpcorrect.types import FloatArray
 

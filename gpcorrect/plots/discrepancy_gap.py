@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gpcorrect.discrepancy.words import channel_words, in_reader_units
+from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units
 from gpcorrect.plots.style import COLOURS, new_figure
 from gpcorrect.types import FloatArray
 

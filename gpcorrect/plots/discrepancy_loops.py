@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gpcorrect.discrepancy.result import Evidence
-from gpcorrect.discrepancy.words import channel_words, in_reader_units
+from gpcorrect.discrepancy.outcome.result import Evidence
+from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units
 from gpcorrect.plots.style import COLOURS, new_figure
 from gpcorrect.sim.body import Body
 from gpcorrect.types import FloatArray

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-from gpcorrect.discrepancy.result import Evidence
-from gpcorrect.discrepancy.words import in_reader_units
+from gpcorrect.discrepancy.outcome.result import Evidence
+from gpcorrect.discrepancy.outcome.words import in_reader_units
 from gpcorrect.plots.style import new_figure
 from gpcorrect.types import BoolArray, FloatArray
 

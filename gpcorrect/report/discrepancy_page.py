@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from gpcorrect import plots
-from gpcorrect.discrepancy.next_experiment import ENOUGH
-from gpcorrect.discrepancy.result import Evidence
-from gpcorrect.discrepancy.words import (
+from gpcorrect.discrepancy.advice.next_experiment import ENOUGH
+from gpcorrect.discrepancy.outcome.result import Evidence
+from gpcorrect.discrepancy.outcome.words import (
     VISIBLE,
     channel_words,
     in_reader_units,

@@ -142,7 +142,7 @@ class LiveArm:
         m = len(rate)
         flat = np.ones((m, 1, 1))
         reference = Reference(
-            path[1:, None], rate[:, None], fed * flat, beyond * flat, inertia, (gravity + inertial) * flat
+            path[None, 1:], rate[None], fed * flat, beyond * flat, inertia, (gravity + inertial) * flat
         )
         before = self._velocity
         self._position, self._velocity = self._position.copy(), self._velocity.copy()
@@ -157,8 +157,8 @@ class LiveArm:
         if posture is None:
             none = np.zeros(self._q.shape[-1])
             return none, none, none
-        gravity, inertial, mass = posture.all_three(self._velocity, self._acceleration)
-        return gravity[0], inertial[0], mass[0]
+        gravity, inertial = posture.loads(self._velocity, self._acceleration)
+        return gravity[0], inertial[0], posture.inertia_diagonal()[0]
 
     def _change(self, rate: FloatArray) -> FloatArray:
         """Desired acceleration `(1, dof)` over a block."""

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from discrepancy_support import OFFSET_SPEC, nominal, written_spec
 
-from gpcorrect.discrepancy.generate import LABELS, generate, label_of, read_spec, seal
-from gpcorrect.discrepancy.scene import build_scene
-from gpcorrect.discrepancy.sizing import drawn_effect, effect_to_noise, noise_of
+from gpcorrect.discrepancy.protocol.generate import LABELS, generate, label_of, read_spec, seal
+from gpcorrect.discrepancy.protocol.sizing import drawn_effect, effect_to_noise, noise_of
+from gpcorrect.discrepancy.recording.scene import build_scene
 from gpcorrect.errors import DataError
 from gpcorrect.sim.joint_motion import joint_motion_log
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpcorrect.discrepancy.cells import all_cells
-from gpcorrect.discrepancy.covariates import Covariates
-from gpcorrect.discrepancy.localise import ChannelData, Localisation, localise
-from gpcorrect.discrepancy.noise import estimate_noise
+from gpcorrect.discrepancy.evidence.cells import all_cells
+from gpcorrect.discrepancy.evidence.localise import ChannelData, Localisation, localise
+from gpcorrect.discrepancy.recording.covariates import Covariates
+from gpcorrect.discrepancy.recording.noise import estimate_noise
 
 RUNS, ROWS, STEP, NOISE = 14, 300, 0.05, 1e-3
 

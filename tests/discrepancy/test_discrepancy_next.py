@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.candidates import Candidate, Member, all_candidates
-from gpcorrect.discrepancy.future import Site, futures
-from gpcorrect.discrepancy.named import Alternative, EffectLevel, Named
-from gpcorrect.discrepancy.next_experiment import ENOUGH, advise
-from gpcorrect.discrepancy.noise import ChannelNoise
-from gpcorrect.discrepancy.scene import Scene, build_scene
+from gpcorrect.discrepancy.advice.future import Site, futures
+from gpcorrect.discrepancy.advice.next_experiment import ENOUGH, advise
+from gpcorrect.discrepancy.naming.named import Alternative, EffectLevel, Named
+from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.recording.scene import Scene, build_scene
+from gpcorrect.discrepancy.search.candidates import Candidate, Member, all_candidates
 from gpcorrect.sim.effects import Run
 from gpcorrect.sim.joint_motion import joint_motion_log
 
@@ -29,11 +29,11 @@ def candidate(scene: Scene, name: str, joint: int = 1) -> Candidate:
 def question(own: Candidate, rival: Candidate | None, level: EffectLevel = "SET", u: float = 1.0) -> Named:
     """Return an effect of `u` times its start, that cannot be told from a rival (or from nothing)."""
     other = (
-        Alternative("nothing", "", None, "", 0.0, 0.4)
+        Alternative("nothing", "", None, "", 0.0, 0, 0.4)
         if rival is None
-        else Alternative(rival.label, rival.name, rival.joint, rival.family, 0.0, 0.4)
+        else Alternative(rival.label, rival.name, rival.joint, rival.family, 0.0, 0, 0.4)
     )
-    mine = Alternative(own.label, own.name, own.joint, own.family, 1.0, 0.6)
+    mine = Alternative(own.label, own.name, own.joint, own.family, 1.0, 0, 0.6)
     return Named(Member(own, u * np.array(own.start)), level, 0.6, 50.0, (mine, other), ())
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from gpcorrect.discrepancy.noise import ChannelNoise, estimate_noise, outliers, whiten
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise, outliers, whiten
 from gpcorrect.types import FloatArray, IntArray
 
 STEP, CORRELATION = 0.05, 0.3

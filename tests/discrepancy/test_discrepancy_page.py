@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from discrepancy_support import named, nominal, report
 
-from gpcorrect.discrepancy.result import Evidence
-from gpcorrect.discrepancy.state import Step
-from gpcorrect.discrepancy.words import in_reader_units, number, parameter_words, verdict_sentence
+from gpcorrect.discrepancy.outcome.result import Evidence
+from gpcorrect.discrepancy.outcome.words import in_reader_units, number, parameter_words, verdict_sentence
+from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.report import write_discrepancy_report
 
 

@@ -7,7 +7,7 @@ import pytest
 from discrepancy.discrepancy_core import joint_log, motors
 from discrepancy.discrepancy_support import nominal
 
-from gpcorrect.discrepancy.result import Discrepancy
+from gpcorrect.discrepancy.outcome.result import Discrepancy
 from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Backlash, CableCoupling, Effect, HomingOffset, TransmissionRatio

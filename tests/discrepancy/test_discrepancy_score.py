@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from discrepancy_support import named, report
 
-from gpcorrect.discrepancy.outcomes import case_outcome
-from gpcorrect.discrepancy.score_reports import Share, read_labels, read_reports, score_cases, score_reports
-from gpcorrect.discrepancy.score_text import score_text
+from gpcorrect.discrepancy.protocol.outcomes import case_outcome
+from gpcorrect.discrepancy.protocol.score_reports import Share, read_labels, read_reports, score_cases, score_reports
+from gpcorrect.discrepancy.protocol.score_text import score_text
 from gpcorrect.errors import DataError
 
 

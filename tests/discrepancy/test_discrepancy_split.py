@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpcorrect.discrepancy.split import split_rows
+from gpcorrect.discrepancy.recording.split import split_rows
 from gpcorrect.errors import DataError
 
 ROWS = 30

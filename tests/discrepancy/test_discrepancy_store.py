@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gpcorrect.discrepancy.result import Evidence
-from gpcorrect.discrepancy.state import Step
-from gpcorrect.discrepancy.store import StageStore, inputs_key
+from gpcorrect.discrepancy.outcome.result import Evidence
+from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key
+from gpcorrect.discrepancy.search.state import Step
 
 
 def test_a_stage_comes_back_for_the_same_inputs_only(tmp_path: Path) -> None:

@@ -1,0 +1,257 @@
+"""What to record next: the run with the largest expected evidence between two names, the rival refitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gpcorrect.discrepancy.advice.future import Future, Site, futures
+from gpcorrect.discrepancy.evidence.lens import Lens, lens_on
+from gpcorrect.discrepancy.naming.named import Alternative, Named
+from gpcorrect.discrepancy.outcome.result import Experiment
+from gpcorrect.discrepancy.recording.bench import Bench, build_bench
+from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.recording.scene import Scene, build_scene
+from gpcorrect.discrepancy.recording.split import Split
+from gpcorrect.discrepancy.search.candidates import Candidate, Member, all_candidates
+from gpcorrect.errors import DataError
+from gpcorrect.sim import Model, effect_from_dict, machine_of, simulate
+from gpcorrect.sim.effects import Effect, Run
+from gpcorrect.sim.faults import TrackerFaults
+from gpcorrect.sim.sensors import Noise
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
+
+__all__ = ["ENOUGH", "advise", "expected_nats"]
+
+ENOUGH = 3.0  # nats: below, two effects are equivalent with these sensors
+OPEN = 0.01  # posterior from which on an alternative is worth an experiment
+STEP = 0.02  # of a coordinate, for slopes
+EVALUATIONS = 6  # of a refit: the rival starts near, and only the order of magnitude counts
+BULK = (2.0, 98.0)  # percentiles of the motor path: the range that runs stay in
+REHOMED = {"R": 5e-3, "P": 5e-4}  # by which a homing moves a joint's zero
+
+
+def advise(
+    scene: Scene, members: Sequence[Member], named: Sequence[Named], noises: Sequence[ChannelNoise], seed: int
+) -> Experiment | None:
+    """Find the run that tells the two leaders apart whose question is the most open.
+
+    Parameters
+    ----------
+    scene : Scene
+        The recording that there is.
+    members : sequence of Member
+        Effects that were named.
+    named : sequence of Named
+        All that were weighed, with their alternatives.
+    noises : sequence of ChannelNoise
+        Of each channel.
+    seed : int
+        Not used for chance: everything is simulated without noise.
+
+    Returns
+    -------
+    Experiment or None
+        None when nothing is open.
+    """
+    question = _question(named)
+    if question is None:
+        return None
+    leader, rival = question
+    own = leader.member.candidate
+    rest = [m for m in members if m.candidate.key != own.key]
+    duel = Duel(scene, tuple(rest), leader.member, _variants(scene, rival), tuple(noises))
+    runs = _separating(own, duel.rivals)
+    best = _best(duel, runs)
+    if best is None or best[1] < ENOUGH:
+        tried = (best, _best(duel, [run for run in Run if run not in runs]))
+        best = max((t for t in tried if t is not None), key=lambda t: t[1], default=None)
+    if best is None:
+        return None
+    words = best[0].words if best[1] >= ENOUGH else _sensor(scene, own)
+    return Experiment(words, (own.label, rival.label), best[1], best[0].minutes)
+
+
+@dataclass(frozen=True, eq=False)
+class Duel:
+    """Two explanations of one recording.
+
+    Parameters
+    ----------
+    scene : Scene
+        Recording.
+    rest : tuple of Member
+        What both share.
+    leader : Member
+        Taken for true.
+    rivals : tuple of Candidate
+        The other one, in its shape variants; none for "nothing".
+    noises : tuple of ChannelNoise
+        Of each channel.
+    """
+
+    scene: Scene
+    rest: tuple[Member, ...]
+    leader: Member
+    rivals: tuple[Candidate, ...]
+    noises: tuple[ChannelNoise, ...]
+
+
+def _question(named: Sequence[Named]) -> tuple[Named, Alternative] | None:
+    """Return the most open effect with its best alternative: among rivals, else, if no name holds, among all."""
+    asked = [n for n in named if n.level in ("CLASS", "SET")]
+    if not asked and not any(n.level == "EXACT" for n in named):
+        asked = list(named)
+    pairs = [(n, a) for n in asked for a in n.alternatives if _is_open(n, a)]
+    return max(pairs, key=lambda pair: pair[1].probability * pair[0].nats, default=None)
+
+
+def _is_open(named: Named, other: Alternative) -> bool:
+    """Return whether another explanation that can be simulated is still worth an experiment."""
+    return other.label not in (named.member.candidate.label, "unknown") and other.probability >= OPEN
+
+
+def _variants(scene: Scene, rival: Alternative) -> tuple[Candidate, ...]:
+    every = all_candidates(scene)
+    return tuple(c for c in every if c.label == rival.label)
+
+
+def _separating(own: Candidate, rivals: Sequence[Candidate]) -> list[Run]:
+    """Return runs that the two descriptions recommend."""
+    return list(dict.fromkeys(run for c in (own, *rivals[:1]) for run in c.kind.about.separating_runs))
+
+
+def _site(scene: Scene, joint: int | str) -> Site:
+    motor, body = scene.motor_path(), scene.machine.body
+    steps = np.diff(scene.time)
+    return Site(
+        ranges=np.percentile(motor, BULK, axis=0).T,
+        types=body.types,
+        column=scene.joints.index(joint) if isinstance(joint, int) else None,
+        rate_hz=float(1.0 / np.median(steps[steps > 0])),
+        loads=body.chain is not None,
+        servo=scene.plan is not None,
+    )
+
+
+def _best(duel: Duel, runs: Sequence[Run]) -> tuple[Future, float] | None:
+    """Return the run with the largest gain over the rival's first shape; its others then have their say."""
+    first = replace(duel, rivals=duel.rivals[:1])
+    made = futures(_site(duel.scene, duel.leader.candidate.joint), runs)
+    gains = [(future, expected_nats(first, future)) for future in made]
+    best = max(gains, key=lambda g: g[1], default=None)
+    if best is None or len(duel.rivals) < 2 or best[1] < ENOUGH:
+        return best
+    return best[0], min(best[1], expected_nats(replace(duel, rivals=duel.rivals[1:]), best[0]))
+
+
+def expected_nats(duel: Duel, future: Future) -> float:
+    """Return the evidence that a run should bring: half the whitened squares between leader and refitted rival.
+
+    Only the run counts, not what the present recording says of the rival's numbers: the true gain is at least this.
+    """
+    views = [_view(duel, future, index) for index in range(len(future.plans))]
+    fits = [_misfit(duel, views, c) for c in duel.rivals]
+    return min(fits, default=_unexplained(duel, views))
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """One recording of a run as it would be seen, with what the leader says of it."""
+
+    bench: Bench
+    lens: Lens
+    said: FloatArray
+
+
+def _view(duel: Duel, future: Future, index: int) -> _View:
+    plan, gain = future.plans[index]
+    model = _changed(duel.scene.model, gain)
+    quiet = model.model_copy(update={"noise": Noise(), "faults": TrackerFaults()})
+    log = _same_signals(simulate(machine_of(quiet.model_copy(update={"effects": ()})), plan), duel.scene)
+    scene = build_scene(log, quiet, np.ones(len(log), dtype=np.bool_))
+    effects = [m.effect for m in duel.rest] + [_homed(duel.leader.effect, duel, future)]
+    scene = replace(scene, observed=scene.predict(effects))  # the tracker would be registered on what it then sees
+    whole = Split(log.trajectory, np.zeros(len(log), dtype=np.int64), "")
+    bench = build_bench(scene, whole, max_rows=max(1, len(log) // _stride(duel.scene)))
+    said = bench.predict(effects)
+    every: BoolArray = np.ones(len(bench), dtype=np.bool_)
+    return _View(bench, lens_on(bench, np.zeros(said.shape), every, duel.noises), said)
+
+
+def _changed(model: Model, gain: float) -> Model:
+    if gain == 1.0 or model.controller is None:
+        return model
+    gains = {name: tuple(gain * k for k in getattr(model.controller, name)) for name in ("kp", "kd")}
+    return model.model_copy(update={"controller": model.controller.model_copy(update=gains)})
+
+
+def _same_signals(log: CalibrationLog, scene: Scene) -> CalibrationLog:
+    """Log without the signals that the present recording lacks."""
+    seen = {c.signal for c in scene.channels}
+    log = replace(log, external_jp=None) if "external_jp" not in seen else replace(log, tracker_cp=None)
+    return log if "measured_jp" in seen else replace(log, measured_jp=None, measured_jv=None, measured_jf=None)
+
+
+def _stride(scene: Scene) -> int:
+    """Return samples that are condensed into one row, as for the present recording."""
+    return max(1, int(np.ceil(len(scene) / 9000)))
+
+
+def _homed(effect: Effect, duel: Duel, future: Future) -> Effect:
+    """Return the leader with another value after a homing, where it has one a session."""
+    single = [p for p in effect.about.parameters if p.per_session]
+    if future.sessions == 1 or not single:
+        return effect
+    name = single[0].name
+    value = float(np.atleast_1d(getattr(effect, name))[0])
+    scene = duel.scene
+    kind = scene.machine.body.types[scene.joints.index(effect.joint)] if effect.joint in scene.joints else "R"
+    return effect_from_dict(effect.to_dict() | {name: [value, value + REHOMED[kind]]})
+
+
+def _unexplained(duel: Duel, views: Sequence[_View]) -> float:
+    shared = [m.effect for m in duel.rest]
+    return sum(0.5 * float((v.lens.look_one(v.said - v.bench.predict(shared)) ** 2).sum()) for v in views)
+
+
+def _misfit(duel: Duel, views: Sequence[_View], candidate: Candidate) -> float:
+    """Half the squares that a rival leaves after its numbers were fitted to the run."""
+    shared = [m.effect for m in duel.rest]
+    low, high = np.array([c.bounds for c in candidate.coordinates]).T
+
+    def errors(u: FloatArray) -> FloatArray:
+        effects = [*shared, candidate.build(u)]
+        return np.concatenate([v.lens.look_one(v.said - v.bench.predict(effects)) for v in views])
+
+    def slopes(u: FloatArray) -> FloatArray:
+        here, columns = errors(u), []
+        for j in range(len(u)):
+            step = STEP * max(abs(u[j]), 0.1) * (1.0 if u[j] + STEP < high[j] else -1.0)
+            columns.append((errors(u + step * (np.arange(len(u)) == j)) - here) / step)
+        return np.stack(columns, axis=1)
+
+    inside = np.clip(candidate.start, np.nextafter(low, high), np.nextafter(high, low))
+    try:
+        fit = least_squares(errors, inside, jac=slopes, bounds=(low, high), max_nfev=EVALUATIONS, ftol=1e-4)
+    except DataError:  # the rival does not fit this run, such as two homings
+        return _unexplained(duel, views)
+    return float(fit.cost)
+
+
+def _sensor(scene: Scene, own: Candidate) -> str:
+    """Return what would have to be measured, when no run with the present sensors tells the two apart."""
+    seen = {c.signal for c in scene.channels}
+    where = f"joint {own.joint}" if isinstance(own.joint, int) else "each joint"
+    if "external_jp" not in seen:
+        sensor = f"an encoder behind the transmission of {where}"
+    elif scene.effort is None:
+        sensor = f"the motor effort of {where}"
+    elif scene.machine.body.chain is None:
+        sensor = "a tracker at the tool tip, with an arm whose kinematics are known"
+    else:
+        sensor = f"the cable force of {where}"
+    return f"equivalent with these sensors, whatever is recorded: measure {sensor}"

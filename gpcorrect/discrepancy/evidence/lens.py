@@ -1,0 +1,118 @@
+"""Residuals and signatures as the noise lets us see them: whitened, weighted, all channels on top of each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import t as student
+
+from gpcorrect.discrepancy.evidence.linear import Grams, grams
+from gpcorrect.discrepancy.recording.bench import Bench
+from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise, estimate_noise, whiten
+from gpcorrect.discrepancy.recording.stated import averaged, samples_a_row, sampling_step, settled, stated_noises
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["Lens", "estimate_noises", "lens_on"]
+
+FLOOR = 1e-6  # rad or m; finer residuals are rounding
+MOTOR_SHARE = 1.0  # of the outside sensor's noise: an error of the motors below does not matter
+MOTOR_FLOOR = 2e-4  # rad or m, where no joint is seen from outside
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """Whitens columns of condensed rows and stacks their channels.
+
+    Parameters
+    ----------
+    time : (m,) array
+        Seconds.
+    blocks : tuple of (m,) int arrays
+        For each channel, block of each row, -1 where the channel is missing or the row not looked at; from 0 without
+        gaps.
+    noises : tuple of ChannelNoise
+        Of each channel.
+    weight : (M,) array
+        Of each stacked row, for heavy tails.
+    """
+
+    time: FloatArray
+    blocks: tuple[IntArray, ...]
+    noises: tuple[ChannelNoise, ...]
+    weight: FloatArray
+
+    @property
+    def block(self) -> IntArray:
+        """Block `(M,)` of each stacked row."""
+        return np.concatenate([b[b >= 0] for b in self.blocks])
+
+    @property
+    def channel(self) -> IntArray:
+        """Channel index `(M,)` of each stacked row."""
+        return np.concatenate([np.full((b >= 0).sum(), i) for i, b in enumerate(self.blocks)])
+
+    def look(self, values: FloatArray) -> FloatArray:
+        """Whitened and weighted columns `(M, k)` of values `(m, c, k)`."""
+        parts = []
+        for i, (block, noise) in enumerate(zip(self.blocks, self.noises, strict=True)):
+            column = values[:, i]
+            rows = block >= 0
+            if not rows.any() or not column[rows].any():
+                parts.append(np.zeros((int(rows.sum()), values.shape[2])))
+            else:
+                parts.append(whiten(noise, self.time, block, column)[rows])
+        return np.concatenate(parts) * self.weight[:, None]
+
+    def look_one(self, values: FloatArray) -> FloatArray:
+        """Whitened and weighted column `(M,)` of values `(m, c)`."""
+        return self.look(values[:, :, None])[:, 0]
+
+    def grams(self, columns: FloatArray, residual: FloatArray) -> Grams:
+        """Products of seen columns `(M, k)` and seen residual `(M,)` for each block."""
+        return grams(columns, residual, self.block)
+
+
+def estimate_noises(bench: Bench, residual: FloatArray, rows: BoolArray) -> tuple[ChannelNoise, ...]:
+    """Noise of every channel: as the model states it, else estimated on these rows of a residual `(m, c)`."""
+    block = np.where(rows, bench.block, -1)
+    own = [estimate_noise(bench.time, column, block, bench.still, FLOOR) for column in residual.T]
+    count, step = samples_a_row(bench.group), sampling_step(bench.scene)
+    stated = [n and averaged(n, count, step) for n in stated_noises(bench.scene)]
+    own = [settled(o, s) for o, s in zip(own, stated, strict=True)]
+    channels = bench.scene.channels
+    outside = {c.joint: n.std for c, n in zip(channels, own, strict=True) if c.signal == "external_jp"}
+    floors = [0.0 if c.signal != "measured_jp" else MOTOR_SHARE * outside.get(c.joint, MOTOR_FLOOR) for c in channels]
+    # Encoders have hardly any noise: a servo model that is wrong by less than the outside sensors see is not missing.
+    return tuple(replace(n, white=max(n.white, floor)) for n, floor in zip(own, floors, strict=True))
+
+
+def lens_on(bench: Bench, residual: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ...]) -> Lens:
+    """Look at some condensed rows `(m,)` through these noises.
+
+    With weights that calm the tails of this residual `(m, c)`.
+    """
+    blocks = []
+    wanted = np.unique(bench.block[rows])
+    dense = np.full(int(bench.block.max()) + 1, -1)
+    dense[wanted] = np.arange(len(wanted))
+    for column in residual.T:
+        blocks.append(np.where(rows & np.isfinite(column), dense[bench.block], -1))
+    n = sum(int((b >= 0).sum()) for b in blocks)
+    plain = Lens(bench.time, tuple(blocks), noises, np.ones(n))
+    z = plain.look_one(residual)
+    weight = np.ones(n)
+    for i, noise in enumerate(noises):
+        mine = plain.channel == i
+        if np.isfinite(noise.tail) and mine.any():
+            weight[mine] = _weights(z[mine], noise.tail)
+    return replace(plain, weight=weight)
+
+
+def _weights(z: FloatArray, tail: float) -> FloatArray:
+    """Roots of the weights of maximum likelihood under Student's t, of unit mean square."""
+    core = NORMAL_MAD / student.ppf(0.75, tail)
+    spread = max(1.0, float(np.median(np.abs(z))) / NORMAL_MAD)
+    weight = (tail + 1.0) / (tail + (z / (core * spread)) ** 2)
+    root: FloatArray = np.sqrt(np.minimum(weight, 1.0))
+    return root

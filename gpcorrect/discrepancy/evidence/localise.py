@@ -1,0 +1,221 @@
+"""Where simulation and measurement disagree.
+
+The small tests whose held-out gain beats what noise alone would give in the luckiest of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.discrepancy.evidence.cells import Cells, indicator
+from gpcorrect.discrepancy.evidence.linear import Grams, fold_of, grams, held_out_nats, solve
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, standard_draws, whiten
+from gpcorrect.types import FloatArray, IntArray
+
+__all__ = ["ChannelData", "Equivalence", "Finding", "Localisation", "localise"]
+
+FOLDS = 5
+DRAWS = 300
+LEVEL = 0.99
+PRIOR_STD = 3.0  # of a cell's mean, in root mean squares of the residual
+CLIP = 5.0  # whitened residuals beyond count as this
+SHOWN = 5  # findings of a channel
+EQUIVALENCE = 0.25  # of the noise: a systematic part below does not matter
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelData:
+    """One channel as the tests see it.
+
+    Parameters
+    ----------
+    name : str
+        Of the channel.
+    time, residual : (n,) arrays
+        Seconds, and measured minus simulated; NaN is missing.
+    block : (n,) int array
+        Whole trajectories from 0 without gaps; -1 for rows to leave out.
+    noise : ChannelNoise
+        Of the residual.
+    cells : sequence of Cells
+        The tests.
+    """
+
+    name: str
+    time: FloatArray
+    residual: FloatArray
+    block: IntArray
+    noise: ChannelNoise
+    cells: Sequence[Cells]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A test that noise cannot explain.
+
+    Parameters
+    ----------
+    channel : str
+        Where.
+    variables : tuple of str
+        What the residual depends on.
+    region : str
+        The cell in which it is largest.
+    nats : float
+        Gain of log-likelihood on held-out trajectories.
+    """
+
+    channel: str
+    variables: tuple[str, ...]
+    region: str
+    nats: float
+
+
+@dataclass(frozen=True)
+class Equivalence:
+    """Upper 95 % bound of a channel's systematic part, as a share of its noise, and the bound it has to be under."""
+
+    channel: str
+    upper: float
+    limit: float
+
+    @property
+    def shown(self) -> bool:
+        """Whether the systematic part is shown to be too small to matter."""
+        return self.upper < self.limit
+
+
+@dataclass(frozen=True)
+class Localisation:
+    """Outcome of all tests.
+
+    Parameters
+    ----------
+    findings : tuple of Finding
+        Above the threshold, largest first.
+    threshold : float
+        Nats that the luckiest of all tests stays below in noise, with the level's probability.
+    largest : float
+        Nats of the best test.
+    equivalence : tuple of Equivalence
+        Of each channel.
+    """
+
+    findings: tuple[Finding, ...]
+    threshold: float
+    largest: float
+    equivalence: tuple[Equivalence, ...]
+
+    @property
+    def something(self) -> bool:
+        """Whether anything beats noise."""
+        return self.largest > self.threshold
+
+    @property
+    def nothing(self) -> bool:
+        """Whether nothing beats noise and every channel's systematic part is shown to be too small to matter."""
+        return not self.something and all(e.shown for e in self.equivalence)
+
+
+def localise(
+    channels: Sequence[ChannelData],
+    rng: np.random.Generator,
+    *,
+    level: float = LEVEL,
+    draws: int = DRAWS,
+    tolerance: dict[str, float] | None = None,
+) -> Localisation:
+    """Run every test of every channel, and the null law of the largest of them by parametric bootstrap from the noise.
+
+    Parameters
+    ----------
+    channels : sequence of ChannelData
+        What to test.
+    rng : numpy.random.Generator
+        Draws the bootstrap.
+    level : float
+        Quantile of the largest gain in noise that a finding must beat.
+    draws : int
+        Bootstrap samples.
+    tolerance : dict, optional
+        Task tolerance of a channel in its unit; the equivalence limit is then the larger of it and a quarter of the
+        noise.
+    """
+    results = [_test_channel(c, rng, draws) for c in channels if (c.block >= 0).any()]
+    if not results:
+        return Localisation((), 0.0, 0.0, ())
+    null = np.max([r.null for r in results], axis=0)
+    threshold = max(0.0, float(np.quantile(null, level)))
+    findings = sorted((f for r in results for f in r.findings if f.nats > threshold), key=lambda f: -f.nats)
+    largest = max(r.largest for r in results)
+    bounds = tuple(_equivalence(r, (tolerance or {}).get(r.data.name, 0.0)) for r in results)
+    return Localisation(tuple(findings), threshold, largest, bounds)
+
+
+@dataclass(frozen=True, eq=False)
+class _ChannelResult:
+    data: ChannelData
+    findings: tuple[Finding, ...]
+    largest: float
+    null: FloatArray
+    systematic: float
+
+
+def _test_channel(data: ChannelData, rng: np.random.Generator, draws: int) -> _ChannelResult:
+    rows = np.flatnonzero((data.block >= 0) & np.isfinite(data.residual))
+    block = np.full(len(data.block), -1)
+    block[rows] = data.block[rows]
+    z = _clipped(whiten(data.noise, data.time, block, data.residual[:, None])[rows])
+    fake = _clipped(standard_draws(data.noise.tail, (len(rows), draws), rng))
+    both = np.concatenate([z, fake], axis=1)
+    fold = fold_of(int(block.max()) + 1, FOLDS)
+    size = max(float(np.sqrt(np.mean(data.residual[rows] ** 2))), data.noise.std)
+    null = np.full(draws, -np.inf)
+    found, systematic = [], 0.0
+    for cells in data.cells:
+        columns = np.zeros((len(block), len(cells.words)))
+        columns[rows] = indicator(cells, rows)
+        seen = whiten(data.noise, data.time, block, columns)[rows]
+        sums = grams(seen, both, block[rows])
+        gains = held_out_nats(sums, fold, 1.0 / (PRIOR_STD * size) ** 2).sum(axis=0)
+        null = np.maximum(null, gains[1:])
+        found.append(Finding(data.name, cells.variables, _region(sums, cells), float(gains[0])))
+        if len(cells.variables) == 1:
+            systematic = max(systematic, _systematic_upper(sums, columns[rows].mean(axis=0), rng))
+    found.sort(key=lambda f: -f.nats)
+    largest = found[0].nats if found else -np.inf
+    return _ChannelResult(data, tuple(found[:SHOWN]), largest, null, systematic)
+
+
+def _clipped(z: FloatArray) -> FloatArray:
+    """Whitened residuals with the far tails pulled in to some robust deviations of their column."""
+    limit = CLIP * np.maximum(1.0, np.median(np.abs(z), axis=0) / 0.6745)
+    return np.clip(z, -limit, limit)
+
+
+def _region(sums: Grams, cells: Cells) -> str:
+    gram = sums.gram.sum(axis=0)
+    beta = solve(gram, sums.moment[:, :, 0].sum(axis=0))
+    return cells.words[int(np.argmax(beta**2 * np.diag(gram)))]
+
+
+def _systematic_upper(sums: Grams, share: FloatArray, rng: np.random.Generator, draws: int = 400) -> float:
+    """Upper 95 % bound of the root mean square of a cell-wise constant part, spread between trajectories included."""
+    gram, moment = sums.gram.sum(axis=0), sums.moment[:, :, 0].sum(axis=0)
+    occupied = np.diag(gram) > 1e-9 * np.diag(gram).max()
+    inverse = np.linalg.pinv(gram[np.ix_(occupied, occupied)], hermitian=True)
+    beta = inverse @ moment[occupied]
+    share = share[occupied] / share[occupied].sum()
+    # Posterior draws scatter once more than the estimate did; taking that scatter off twice leaves the systematic part.
+    root = np.linalg.cholesky(inverse + 1e-12 * np.trace(inverse) * np.eye(len(inverse)))
+    scattered = beta[:, None] + root @ rng.standard_normal((len(beta), draws))
+    squares = share @ scattered**2 - 2 * float(share @ np.diag(inverse))
+    return float(np.sqrt(max(0.0, np.quantile(squares, 0.95))))
+
+
+def _equivalence(result: _ChannelResult, tolerance: float) -> Equivalence:
+    std = result.data.noise.std
+    return Equivalence(result.data.name, result.systematic / std, max(EQUIVALENCE, tolerance / std))

@@ -1,0 +1,1 @@
+"""What a run found: figures on the sealed part, words, files."""

@@ -1,0 +1,224 @@
+"""Recordings with hidden effects, for tests by someone who must not know them: logs here, labels sealed apart."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from gpcorrect.atomic import atomic_path
+from gpcorrect.discrepancy.protocol.sizing import Drawn, drawn_effect
+from gpcorrect.errors import DataError
+from gpcorrect.sim import Model, effect_from_dict, machine_of, read_model, simulate
+from gpcorrect.sim.effects import Effect, in_order
+from gpcorrect.sim.joint_motion import joint_motion_plan, joint_ranges
+from gpcorrect.sim.sessions import rehomed
+from gpcorrect.sim.settings import NonNegative, Positive, Settings
+from gpcorrect.types import CalibrationLog, Progress
+
+__all__ = ["LABELS", "Case", "Spec", "generate", "read_spec", "seal"]
+
+LABELS = "sealed"  # folder of the labels, beside the folder of the logs
+Count = Annotated[int, Field(strict=True, ge=1)]
+
+
+class MotionTable(Settings):
+    """What is recorded in every case."""
+
+    trajectories: Count = 24
+    seconds: Positive = 20.0
+    sessions: Count = 1
+    payloads: tuple[NonNegative, ...] = ()
+
+
+class CaseTable(Settings):
+    """Effects given by hand; none for a case in which nothing is missing."""
+
+    repeat: Count = 1
+    effects: tuple[dict[str, Any], ...] = ()
+
+
+class DrawTable(Settings):
+    """Effects drawn from the catalogue, which stand out of the noise by given ratios, taken in turn."""
+
+    cases: Count
+    effects: Count = 1
+    effect_to_noise: Annotated[tuple[Positive, ...], Field(min_length=1)] = (2.0, 1.0, 0.5, 0.25)
+    names: tuple[str, ...] = ()
+
+
+class SpecTable(Settings):
+    """A spec file."""
+
+    model: str
+    seed: Annotated[int, Field(strict=True, ge=0)] = 0
+    motion: MotionTable = MotionTable()
+    cases: tuple[CaseTable, ...] = ()
+    draw: DrawTable | None = None
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What to generate.
+
+    Parameters
+    ----------
+    model : Model
+        Nominal machine, which the workflow will be given.
+    table : SpecTable
+        The rest of the file.
+    """
+
+    model: Model
+    table: SpecTable
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One recording with its truth.
+
+    Parameters
+    ----------
+    name : str
+        Of the case.
+    log : CalibrationLog
+        Recording.
+    effects : tuple of Effect
+        Hidden ones.
+    effect_to_noise : float or None
+        How far they stand out, where they were drawn.
+    """
+
+    name: str
+    log: CalibrationLog
+    effects: tuple[Effect, ...]
+    effect_to_noise: float | None
+
+
+def read_spec(path: Path) -> Spec:
+    """Read a spec file; the model's path is relative to it.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, or a key is unknown, missing or of the wrong type.
+    """
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise DataError(f"cannot read the spec file {path}: {error}.") from error
+    try:
+        table = SpecTable.model_validate(values)
+    except ValidationError as error:
+        said = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise DataError(f"{path}: {said}.", hint="See docs/discrepancy.md for the keys of a spec file.") from error
+    if not table.cases and table.draw is None:
+        raise DataError(f"{path} asks for no case.", hint="Give [[cases]], or [draw] with cases = 10.")
+    return Spec(read_model(path.parent / table.model), table)
+
+
+def generate(spec: Spec, progress: Progress | None = None) -> Iterator[Case]:
+    """Simulate every case of a spec, in an order that tells nothing.
+
+    Yields
+    ------
+    Case
+        With the same spec and seed the same ones.
+
+    Raises
+    ------
+    DataError
+        An effect is unknown or fits no joint of the model, or sizes are asked for and the model has no noise.
+    """
+    rng = np.random.default_rng([spec.table.seed, 41])
+    wanted = [*_given(spec), *_drawn(spec, rng)]
+    for number, index in enumerate(rng.permutation(len(wanted))):
+        effects, ratio = wanted[index]
+        yield _case(spec, f"case_{number:03d}", number, effects, ratio)
+        if progress is not None:
+            progress.step("simulating", (number + 1) / len(wanted))
+
+
+def _given(spec: Spec) -> list[tuple[tuple[Effect, ...], float | None]]:
+    found: list[tuple[tuple[Effect, ...], float | None]] = []
+    for case in spec.table.cases:
+        found += [(tuple(effect_from_dict(values) for values in case.effects), None)] * case.repeat
+    return found
+
+
+def _drawn(spec: Spec, rng: np.random.Generator) -> list[tuple[tuple[Effect, ...], float | None]]:
+    draw = spec.table.draw
+    if draw is None:
+        return []
+    found: list[tuple[tuple[Effect, ...], float | None]] = []
+    scout = _log(spec, spec.model, rng, seed=0)
+    for k in range(draw.cases):
+        ratio = draw.effect_to_noise[k % len(draw.effect_to_noise)]
+        members: list[Drawn] = []
+        for _ in range(draw.effects):
+            members.append(drawn_effect(spec.model, scout, ratio, rng, names=draw.names, besides=members))
+        found.append((tuple(m.effect for m in members), ratio))
+    return found
+
+
+def _case(spec: Spec, name: str, number: int, effects: tuple[Effect, ...], ratio: float | None) -> Case:
+    rng = np.random.default_rng([spec.table.seed, 42, number])
+    hidden = spec.model.with_effects(*in_order((*spec.model.effects, *effects)))
+    true = rehomed(hidden, spec.table.motion.sessions, rng)
+    known = {id(e) for e in spec.model.effects}
+    log = _log(spec, true, rng, seed=int(rng.integers(2**31)))
+    return Case(name, log, tuple(e for e in true.effects if id(e) not in known), ratio)
+
+
+def _log(spec: Spec, model: Model, rng: np.random.Generator, seed: int) -> CalibrationLog:
+    motion, machine = spec.table.motion, machine_of(model)
+    plan = joint_motion_plan(
+        joint_ranges(model),
+        motion.trajectories,
+        motion.seconds,
+        machine.log_rate_hz,
+        rng,
+        sessions=motion.sessions,
+        payloads=motion.payloads,
+    )
+    return simulate(machine, plan, seed)
+
+
+def seal(labels: Mapping[str, Any], folder: Path) -> str:
+    """Write labels.json into a folder of its own under `folder`, and its SHA-256 beside the logs, which is returned.
+
+    Whoever gets the logs and the hash, but not the folder, can later check that the labels were not changed.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
+    """
+    apart = folder / LABELS
+    apart.mkdir(exist_ok=True)
+    text = json.dumps(labels, indent=2, sort_keys=True)
+    with atomic_path(apart / "labels.json") as path:
+        path.write_text(text, encoding="utf-8")
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    with atomic_path(folder / "labels.sha256") as path:
+        path.write_text(f"{digest}  labels.json\n", encoding="utf-8")
+    return digest
+
+
+def label_of(case: Case, log_sha256: str) -> dict[str, Any]:
+    """Return what `gpcorrect discrepancy score` needs to know of a case."""
+    effects = [{"class": str(e.about.family), "known": True} | e.to_dict() for e in case.effects]
+    kinds = {0: "null", 1: "single", 2: "pair"}
+    return {
+        "set": kinds.get(len(effects), "triple"),
+        "effects": effects,
+        "effect_to_noise": case.effect_to_noise,
+        "log_sha256": log_sha256,
+    }

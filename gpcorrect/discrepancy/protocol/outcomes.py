@@ -1,0 +1,151 @@
+"""What became of each hidden effect: the report of a run held against the sealed label of its recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gpcorrect.discrepancy.outcome.words import closed_by
+
+__all__ = ["NO_NAME", "CaseOutcome", "case_outcome"]
+
+NO_NAME = ("set", "wrong set", "unknown", "inconclusive", "none")  # columns of the confusion matrix beside the names
+Key = tuple[str, Any]
+
+
+@dataclass(frozen=True)
+class CaseOutcome:
+    """One case, scored.
+
+    Parameters
+    ----------
+    name, group : str
+        Of the case, and the set it belongs to ("null", "single", "outside", ...).
+    ratio : float or None
+        Effect to noise, where it is known.
+    truth : tuple of str
+        Canonical names of the hidden effects; the name of what is outside the catalogue.
+    answers : tuple of str
+        What was said of each: its own name, another one, or one of :data:`NO_NAME`. One answer for a null case.
+    wrong : bool
+        Whether a name (or a set without the truth) was given that is not true.
+    unknown : bool
+        Whether the verdict is UNKNOWN and nothing wrong was named.
+    probabilities : tuple of (float, bool)
+        Of every name given: its posterior, and whether it is true.
+    covered : tuple of bool
+        For every comparable parameter of the rightly named: whether its 95 % interval holds the truth.
+    closed : float or None
+        Share of the gap closed where it was largest.
+    seconds : float
+        Time of the run.
+    """
+
+    name: str
+    group: str
+    ratio: float | None
+    truth: tuple[str, ...]
+    answers: tuple[str, ...]
+    wrong: bool
+    unknown: bool
+    probabilities: tuple[tuple[float, bool], ...]
+    covered: tuple[bool, ...]
+    closed: float | None
+    seconds: float
+
+    @property
+    def exact(self) -> bool:
+        """Whether every hidden effect was named, and nothing else."""
+        return bool(self.truth) and self.answers == self.truth and not self.wrong
+
+    @property
+    def right_or_set(self) -> bool:
+        """Whether every hidden effect was named or is in a set that was given, and nothing wrong was named."""
+        return all(a in (t, "set") for a, t in zip(self.answers, self.truth, strict=True)) and not self.wrong
+
+
+def case_outcome(name: str, label: Mapping[str, Any], report: Mapping[str, Any]) -> CaseOutcome:
+    """Score one report.
+
+    Parameters
+    ----------
+    name : str
+        Of the case.
+    label : mapping
+        `set`, `effects` (each with `name`, `joint`, `known` and parameters), `effect_to_noise`, and perhaps `nuisance`:
+        effects that are there too and may be named or not.
+    report : mapping
+        The report's JSON form.
+    """
+    named = report["verdict"]["effects"]
+    true = {_key(e) for e in label["effects"] if e["known"]}
+    allowed = true | {_key(e) for e in label.get("nuisance", [])}
+    false = [e for e in named if not _possible(e) & allowed]
+    single = [e for e in named if e["level"] == "EXACT"]
+    answers = tuple(_answer(e, named, false, report["verdict"]["level"]) for e in label["effects"] or [{}])
+    closed = closed_by(report, label["effects"][0]["joint"] if label["effects"] else None)
+    return CaseOutcome(
+        name=name,
+        group=label["set"],
+        ratio=label["effect_to_noise"],
+        truth=tuple(e["name"] for e in label["effects"]),
+        answers=answers,
+        wrong=bool(false),
+        unknown=report["verdict"]["level"] == "UNKNOWN" and not false,
+        probabilities=tuple((float(e["probability"]), _key(_flat(e)) in allowed) for e in single),
+        covered=_covered(label["effects"], single),
+        closed=None if closed is None else closed.share,
+        seconds=float(report["provenance"]["seconds"]),
+    )
+
+
+def _flat(effect: Mapping[str, Any]) -> dict[str, Any]:
+    """Named effect with its plain values beside its name, as labels have them."""
+    return {"name": effect["name"], "joint": effect["joint"]} | {k: p["value"] for k, p in effect["parameters"].items()}
+
+
+def _key(effect: Mapping[str, Any]) -> Key:
+    """Return what an effect is, whatever its numbers: name, place, and the joint that it is driven by."""
+    return (f"{effect['name']} {effect.get('source', '')}".strip(), effect["joint"])
+
+
+def _possible(effect: Mapping[str, Any]) -> set[Key]:
+    """Everything that an entry of a verdict says it may be."""
+    own = {_key(_flat(effect))}
+    return own if effect["level"] == "EXACT" else own | {_key(r) for r in effect["rivals"]}
+
+
+def _answer(
+    truth: Mapping[str, Any], named: Sequence[Mapping[str, Any]], false: Sequence[Mapping[str, Any]], level: str
+) -> str:
+    """Return what a report says in the place of one hidden effect."""
+    if truth and truth["known"]:
+        holding = [e for e in named if _key(truth) in _possible(e)]
+        if any(e["level"] == "EXACT" for e in holding):
+            return str(truth["name"])
+        if holding:
+            return "set"
+    wrong = [e["name"] for e in false if e["level"] == "EXACT"]
+    if wrong:
+        return str(wrong[0])
+    if false:
+        return "wrong set"
+    return {"UNKNOWN": "unknown", "NONE": "none"}.get(level, "inconclusive")
+
+
+def _covered(truth: Sequence[Mapping[str, Any]], named: Sequence[Mapping[str, Any]]) -> tuple[bool, ...]:
+    found = []
+    for effect in truth:
+        for answer in named:
+            if _key(_flat(answer)) != _key(effect):
+                continue
+            for parameter, said in answer["parameters"].items():
+                value = effect.get(parameter)
+                if (
+                    isinstance(value, float)
+                    and isinstance(said["value"], float)
+                    and None not in (said["ci95"] or [None])
+                ):
+                    found.append(bool(said["ci95"][0] <= value <= said["ci95"][1]))
+    return tuple(found)

@@ -1,0 +1,143 @@
+"""Effects of a wanted size: drawn from the catalogue, and scaled until they stand out of the noise as asked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.discrepancy.recording.scene import Scene, build_scene
+from gpcorrect.discrepancy.search.candidates import Candidate, all_candidates
+from gpcorrect.errors import DataError
+from gpcorrect.sim import Model
+from gpcorrect.sim.effects import Effect
+from gpcorrect.types import CalibrationLog, FloatArray
+
+__all__ = ["Drawn", "drawn_effect", "effect_to_noise", "noise_of"]
+
+TRIES = 40  # candidates drawn before giving up
+SECANTS = 6
+CLOSE = 0.1  # of the wanted ratio
+SHAPE_SPREAD = 0.5  # standard deviation of the logarithm of a shape parameter around its typical value
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """An effect with the candidate that it came from, and how far it stands out of the noise."""
+
+    candidate: Candidate
+    effect: Effect
+    ratio: float
+
+
+def noise_of(model: Model, scene: Scene) -> FloatArray:
+    """Return standard deviation `(c,)` of the noise that the model gives each channel; NaN for motor encoders.
+
+    Raises
+    ------
+    DataError
+        The model has no noise.
+    """
+    noise = model.noise
+    if noise is None:
+        raise DataError("sizes relative to the noise need to know it.", hint="Give the model a [noise] table.")
+    zeros = (0.0,) * len(model.joints)
+    joint = np.hypot(noise.external_jp_white or zeros, noise.external_jp_ar_std or zeros)
+    tracker = float(np.hypot(noise.tracker_white, noise.tracker_ar_std))
+    by_channel = {"external_jp": joint.tolist(), "tracker_cp": [tracker] * 3}
+    std = np.array([by_channel[c.signal][c.index] if c.signal in by_channel else np.nan for c in scene.channels])
+    if not (std[np.isfinite(std)] > 0).all():
+        raise DataError(
+            "the model's [noise] gives an outside signal no noise.", hint="Give external_jp_white or tracker_white."
+        )
+    return std
+
+
+def effect_to_noise(scene: Scene, std: FloatArray, effects: Sequence[Effect]) -> float:
+    """Return the largest of the outside channels' ratios: RMS of what the effects change, over the noise."""
+    change = scene.predict(effects) - scene.predict()
+    outside = np.isfinite(std)
+    return float((np.sqrt(np.nanmean(change**2, axis=0))[outside] / std[outside]).max())
+
+
+def drawn_effect(
+    model: Model,
+    scout: CalibrationLog,
+    ratio: float,
+    rng: np.random.Generator,
+    *,
+    names: Sequence[str] = (),
+    besides: Sequence[Drawn] = (),
+) -> Drawn:
+    """Draw an effect at random, and scale it until it stands out of the noise by about `ratio`.
+
+    Parameters
+    ----------
+    model : Model
+        Nominal machine, with its noise.
+    scout : CalibrationLog
+        A recording of it, by which sizes are measured.
+    ratio : float
+        Root mean square of the change over the noise, in the channel where it is largest.
+    rng : numpy.random.Generator
+        Draws.
+    names : sequence of str
+        Effects to draw from; all when empty.
+    besides : sequence of Drawn
+        Already there: not drawn again.
+
+    Raises
+    ------
+    DataError
+        No effect can reach the ratio, or the model has no noise.
+    """
+    scene = build_scene(scout, model, np.ones(len(scout), dtype=np.bool_))
+    std = noise_of(model, scene)
+    taken = {d.candidate.key for d in besides}
+    candidates = all_candidates(scene)
+    open_ones = [c for c in candidates if c.key not in taken and (not names or c.name in names)]
+    keys = list(dict.fromkeys(c.name for c in open_ones))
+    for _ in range(TRIES if keys else 0):
+        name = keys[int(rng.integers(len(keys)))]
+        same = [c for c in open_ones if c.name == name]
+        found = _sized(same[int(rng.integers(len(same)))], scene, std, ratio, rng)
+        if found is not None:
+            return found
+    raise DataError(
+        f"no effect of {', '.join(names) or 'the catalogue'} can stand out of the noise by {ratio:g} in this machine.",
+        hint="Ask for other names, or give the model less noise.",
+    )
+
+
+def _sized(candidate: Candidate, scene: Scene, std: FloatArray, ratio: float, rng: np.random.Generator) -> Drawn | None:
+    """Scale a candidate's amplitudes by secants; None when its physical range ends before the ratio is reached."""
+    shape = np.array(candidate.start) + np.array(
+        [0.0 if c.amplitude or c.kind != "log" else SHAPE_SPREAD * rng.standard_normal() for c in candidate.coordinates]
+    )
+    sign = np.array([1.0 if c.parameter.positive else rng.choice([-1.0, 1.0]) for c in candidate.coordinates])
+    factor = 1.0
+    for _ in range(SECANTS):
+        u = _at(candidate, shape, sign, factor)
+        try:
+            effect = candidate.build(u)
+            reached = effect_to_noise(scene, std, [effect])
+        except DataError:
+            return None
+        if abs(reached / ratio - 1.0) < CLOSE:
+            return Drawn(candidate, effect, reached)
+        factor *= float(np.clip(ratio / max(reached, 1e-12), 1e-2, 1e2))
+    return None
+
+
+def _at(candidate: Candidate, shape: FloatArray, sign: FloatArray, factor: float) -> FloatArray:
+    """Return coordinates with all amplitudes moved to a common multiple of where they start, inside the bounds."""
+    u = shape.copy()
+    for i in candidate.amplitudes:
+        base = candidate.coordinates[i].identity
+        u[i] = base + factor * sign[i] * (candidate.start[i] - base)
+    if not candidate.amplitudes:  # its size is a number on a logarithmic scale, such as the radius of a play
+        u[0] += np.log(factor)
+    low, high = np.array([c.bounds for c in candidate.coordinates]).T
+    clipped: FloatArray = np.clip(u, low, high)
+    return clipped

@@ -1,0 +1,239 @@
+"""What of a residual is noise.
+
+White plus slowly varying (first-order autoregressive) noise with heavy tails, in real time gaps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.optimize import nnls
+from scipy.stats import t as student
+
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["ChannelNoise", "estimate_noise", "outliers", "standard_draws", "whiten"]
+
+MIN_PAIRS = 200  # of samples in holds, without which the whole recording is used
+LONGEST_LAG = 0.8  # s; beyond, motion and noise can no longer be told apart
+CORRELATION_TIMES = np.geomspace(0.02, 0.5, 20)  # s; longer ones would take motion effects for noise
+NORMAL_MAD = 0.6744897501960817
+TAILS = (3.0, 4.0, 6.0, 10.0, np.inf)
+MANY, BULK = 0.2, 0.99  # share of unchanged samples from which on a sensor rounds, and the share that is no fault
+SPIKE = 6.0  # robust standard deviations from the running median
+SPIKE_REACH = 3  # samples on either side
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """Noise of one channel.
+
+    Parameters
+    ----------
+    white : float
+        Standard deviation of the part that is new at every sample, unit of the channel.
+    slow : float
+        Standard deviation of the autoregressive part.
+    time_constant : float
+        Its correlation time, s.
+    tail : float
+        Degrees of freedom of Student's t that the whitened noise follows; infinite is normal.
+    basis : str
+        What it was estimated from.
+    """
+
+    white: float
+    slow: float
+    time_constant: float
+    tail: float = float("inf")
+    basis: str = "stated"
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of a single sample, tails left out."""
+        return float(np.hypot(self.white, self.slow))
+
+
+def estimate_noise(
+    time: FloatArray, residual: FloatArray, block: IntArray, still: BoolArray, floor: float = 1e-9
+) -> ChannelNoise:
+    """Estimate a channel's noise from how its residual changes over short time lags.
+
+    Half the squared change over a lag h has the expectation w^2 + a^2 (1 - exp(-h / T)), plus c h^2 from what moves
+    smoothly with
+    the motion. Medians are used for it, so that rare jumps at reversals and outliers count little.
+
+    Parameters
+    ----------
+    time, residual, block : (n,) arrays
+        Seconds, residual (NaN is missing), and block of each row, -1 for rows to leave out.
+    still : (n,) bool array
+        Rows at which nothing moved; where there are enough, only they are used, for there the residual is noise alone.
+    floor : float
+        Smallest standard deviation to return: resolution of the channel.
+
+    Returns
+    -------
+    ChannelNoise
+    """
+    usable = np.isfinite(residual) & (block >= 0)
+    holds = _hold_labels(block, still & usable)
+    if (holds >= 0).sum() >= MIN_PAIRS:
+        label, basis = holds, "holds"
+    else:
+        label, basis = np.where(usable, block, -1), "changes over short lags (assumes that motion effects are smoother)"
+    lags, halves = _structure(time, residual, label)
+    if len(lags) == 0:
+        return ChannelNoise(floor, 0.0, 1.0, basis="too few samples; the smallest noise is assumed")
+    white, slow, time_constant = _fit_structure(lags, halves, floor)
+    core = ChannelNoise(max(white, floor), slow, time_constant, basis=basis)
+    z = whiten(core, time, label, residual[:, None])[:, 0]
+    return ChannelNoise(core.white, slow, time_constant, _tail(z[np.isfinite(z)]), basis)
+
+
+def _hold_labels(block: IntArray, still: BoolArray) -> IntArray:
+    """Return a label per unbroken run of still rows in one block; -1 elsewhere."""
+    starts = still & ~np.r_[False, still[:-1] & (block[1:] == block[:-1])]
+    return np.where(still, np.cumsum(starts) - 1, -1)
+
+
+def _structure(time: FloatArray, residual: FloatArray, label: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Lags (s) and half the robust mean squared change over them."""
+    inside = (label[1:] == label[:-1]) & (label[1:] >= 0)
+    steps = np.diff(time)[inside]
+    if len(steps) == 0:
+        return np.zeros(0), np.zeros(0)
+    longest = int(np.clip(LONGEST_LAG / np.median(steps), 4, 400))
+    lags, halves = [], []
+    for lag in np.unique(np.geomspace(1, longest, 16).astype(int)):
+        pair = (label[lag:] == label[:-lag]) & (label[lag:] >= 0)
+        change = (residual[lag:] - residual[:-lag])[pair]
+        change = change[np.isfinite(change)]
+        if len(change) >= MIN_PAIRS // 4:
+            lags.append(float(np.median((time[lag:] - time[:-lag])[pair])))
+            halves.append(_half_square(change))
+    return np.array(lags), np.array(halves)
+
+
+def _half_square(change: FloatArray) -> float:
+    """Half the robust mean squared change; a sensor that rounds often shows none, and then the bulk's mean is taken."""
+    size = np.abs(change)
+    if np.mean(size == 0.0) < MANY:
+        return float((np.median(size) / NORMAL_MAD) ** 2 / 2)
+    bulk = size[size <= np.quantile(size, BULK)]
+    return float(np.mean(bulk**2) / 2)
+
+
+def _fit_structure(lags: FloatArray, halves: FloatArray, floor: float) -> tuple[float, float, float]:
+    weight = 1.0 / np.maximum(halves, floor**2)
+    best, found = np.inf, (floor, 0.0, 1.0)
+    for time_constant in CORRELATION_TIMES:
+        slow = -np.expm1(-lags / time_constant)
+        columns = np.stack([np.ones(len(lags)), slow, lags**2], axis=1)
+        parts, misfit = nnls(columns * weight[:, None], halves * weight)
+        if misfit < best:
+            best, found = misfit, (float(np.sqrt(parts[0])), float(np.sqrt(parts[1])), float(time_constant))
+    return found
+
+
+def _tail(z: FloatArray) -> float:
+    """Degrees of freedom whose ratio of 98th percentile to median of |z| is nearest the observed one."""
+    if len(z) < MIN_PAIRS:
+        return float("inf")
+    low, high = np.quantile(np.abs(z), [0.5, 0.98])
+    ratios = [student.ppf(0.99, nu) / student.ppf(0.75, nu) for nu in TAILS]
+    return TAILS[int(np.argmin(np.abs(np.log(ratios) - np.log(high / max(low, 1e-300)))))]
+
+
+def whiten(noise: ChannelNoise, time: FloatArray, block: IntArray, values: FloatArray) -> FloatArray:
+    """Turn columns that carry this noise into columns of independent noise of unit variance.
+
+    Innovations of the Kalman filter of the noise model, started afresh in every block; linear in `values`, gaps count
+    in real time.
+
+    Parameters
+    ----------
+    noise : ChannelNoise
+        Of these columns.
+    time, block : (n,) arrays
+        Seconds and block of each row; -1 for rows to leave out.
+    values : (n, k) array
+        Residuals or signatures; a row with a NaN must be left out by its block.
+
+    Returns
+    -------
+    (n, k) array
+        NaN in rows left out.
+    """
+    if noise.slow == 0.0:
+        return np.where(block[:, None] >= 0, values / noise.white, np.nan)
+    gain, scale, phi = _filter(time, block, noise.white, noise.slow, noise.time_constant)
+    return _innovations(np.ascontiguousarray(values), block, gain, scale, phi)
+
+
+@njit(cache=True)
+def _filter(
+    time: FloatArray, block: IntArray, white: float, slow: float, time_constant: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Kalman gain, deviation of the innovation, and correlation with the sample before, of each row `(n,)`."""
+    n, n_blocks = len(block), block.max() + 1
+    gain, scale, phi = np.zeros(n), np.ones(n), np.zeros(n)
+    variance, last = np.full(n_blocks, slow**2), np.full(n_blocks, -1)
+    for i in range(n):
+        b = block[i]
+        if b < 0:
+            continue
+        if last[b] >= 0:
+            phi[i] = np.exp(-max(time[i] - time[last[b]], 0.0) / time_constant)
+        predicted = phi[i] ** 2 * variance[b] + slow**2 * (1.0 - phi[i] ** 2)
+        total = predicted + white**2
+        gain[i], scale[i] = predicted / total, np.sqrt(total)
+        variance[b] = (1.0 - gain[i]) * predicted
+        last[b] = i
+    return gain, scale, phi
+
+
+@njit(cache=True)
+def _innovations(
+    values: FloatArray, block: IntArray, gain: FloatArray, scale: FloatArray, phi: FloatArray
+) -> FloatArray:
+    """Run the filter over every column; time runs once, each block with its own state."""
+    n, k = values.shape
+    white, state = np.full((n, k), np.nan), np.zeros((block.max() + 1, k))
+    for i in range(n):
+        b = block[i]
+        if b < 0:
+            continue
+        for j in range(k):
+            predicted = phi[i] * state[b, j]
+            surprise = values[i, j] - predicted
+            white[i, j] = surprise / scale[i]
+            state[b, j] = predicted + gain[i] * surprise
+    return white
+
+
+def outliers(residual: FloatArray, block: IntArray) -> BoolArray:
+    """Mark single samples far from the running median of their neighbours: faults of a sensor, not of the machine."""
+    spikes = np.zeros(len(residual), dtype=np.bool_)
+    window = 2 * SPIKE_REACH + 1
+    for k in np.unique(block[block >= 0]):
+        rows = np.flatnonzero((block == k) & np.isfinite(residual))
+        if len(rows) < 4 * window:
+            continue
+        padded = np.pad(residual[rows], SPIKE_REACH, mode="edge")
+        local = np.median(np.lib.stride_tricks.sliding_window_view(padded, window), axis=1)
+        distance = np.abs(residual[rows] - local)
+        scale = np.median(distance) / NORMAL_MAD
+        around = np.lib.stride_tricks.sliding_window_view(np.pad(distance, SPIKE_REACH, mode="edge"), window)
+        spikes[rows] = (distance > SPIKE * max(scale, 1e-300)) & (distance > 3 * np.median(around, axis=1))
+    return spikes
+
+
+def standard_draws(tail: float, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
+    """Independent draws with the whitened noise's tails; their median of |z| is that of a normal."""
+    if np.isinf(tail):
+        return rng.standard_normal(shape)
+    draws: FloatArray = rng.standard_t(tail, shape) * (NORMAL_MAD / student.ppf(0.75, tail))
+    return draws

@@ -1,0 +1,1 @@
+"""Which effects explain the discrepancy: candidates, trials on the data, and the beam over sets."""

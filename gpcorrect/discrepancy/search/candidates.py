@@ -1,0 +1,224 @@
+"""Every effect of the catalogue on every joint it could act on.
+
+What may be missing. Nothing here knows an effect by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.discrepancy.search.coordinates import Coordinate, coordinate_of
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects import Candidate as Shape
+from gpcorrect.sim.effects import Effect, Family, Scope
+from gpcorrect.sim.effects import candidates as shapes
+from gpcorrect.types import FloatArray
+
+__all__ = ["Candidate", "Member", "all_candidates"]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect on a joint, with its numbers still open.
+
+    Parameters
+    ----------
+    kind : type of Effect
+        From the registry.
+    joint : int or str
+        Where it would act.
+    fixed : tuple of (field, value)
+        Fields that are no numbers to estimate, such as a coupling's source.
+    coordinates : tuple of Coordinate
+        Numbers to estimate, one for each session where the effect has one a session.
+    counts : tuple of int
+        How many coordinates each parameter has, in the order of its description; 0 for those left at their default.
+    start : tuple of float
+        Coordinates at which its signature is taken.
+    amplitudes : tuple of int
+        Indices of the coordinates that its trace simply grows with; none where its shape says all.
+    """
+
+    kind: type[Effect]
+    joint: int | str
+    fixed: tuple[tuple[str, Any], ...]
+    coordinates: tuple[Coordinate, ...]
+    counts: tuple[int, ...]
+    start: tuple[float, ...]
+    amplitudes: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Canonical name of the effect."""
+        return self.kind.about.name
+
+    @property
+    def family(self) -> str:
+        """Its class in the catalogue."""
+        return str(self.kind.about.family)
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What it is, whatever its numbers: two members of a set with one key are one."""
+        return (self.name, self.joint, self.fixed)
+
+    def called_like(self, other: Candidate) -> bool:
+        """Whether a report would give both the same name: on which side of the cable friction sits is a detail."""
+        own, others = ({k: v for k, v in c.fixed if k != "side"} for c in (self, other))
+        return (self.name, self.joint, own) == (other.name, other.joint, others)
+
+    @property
+    def label(self) -> str:
+        """Words for tables and figures."""
+        extra = "".join(f", {k} {v}" for k, v in self.fixed)
+        return f"{self.name.replace('_', ' ')} ({self.joint}{extra})"
+
+    @property
+    def extra(self) -> int:
+        """Return how many parameters it has beyond the first; one with a value a session counts once."""
+        return sum(count > 0 for count in self.counts) - 1
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Indices of the coordinates that say how large it is."""
+        return self.amplitudes or (0,)
+
+    def single(self, index: int) -> FloatArray:
+        """Start, with every amplitude but one at what does nothing."""
+        u = np.array(self.start)
+        for i in self.amplitudes:
+            u[i] = self.start[i] if i == index else self.coordinates[i].identity
+        return u
+
+    def build(self, u: FloatArray) -> Effect:
+        """Return the effect at these coordinates."""
+        values: dict[str, Any] = {}
+        position = 0
+        for parameter, count in zip(self.kind.about.parameters, self.counts, strict=True):
+            if count == 0:
+                continue
+            numbers = [self.coordinates[i].value(float(u[i])) for i in range(position, position + count)]
+            values[parameter.name] = tuple(numbers) if count > 1 else numbers[0]
+            position += count
+        return self.kind(joint=self.joint, **dict(self.fixed), **values)
+
+    def scaled(self, factors: FloatArray) -> FloatArray:
+        """Coordinates with the amplitudes moved to `factors` times their start, inside the bounds; a shape stays."""
+        u = np.array(self.start)
+        for i, factor in zip(self.amplitudes, factors, strict=False):
+            base = self.coordinates[i].identity
+            u[i] = base + factor * (u[i] - base)
+        low, high = np.array([c.bounds for c in self.coordinates]).T
+        clipped: FloatArray = np.clip(u, low, high)
+        return clipped
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """A candidate with its numbers."""
+
+    candidate: Candidate
+    u: FloatArray
+
+    @property
+    def effect(self) -> Effect:
+        """The effect."""
+        return self.candidate.build(self.u)
+
+
+def all_candidates(scene: Scene) -> list[Candidate]:
+    """Everything in the catalogue that could be missing in this machine, in a few shapes each.
+
+    Effects on noise are left out: they change no mean, and are tested for by themselves.
+    """
+    motor = scene.motor_path()
+    body = scene.machine.body
+    clock = scene.motion.time
+    scope = Scope(
+        body.joints,
+        body.types,
+        np.stack([motor.min(axis=0), motor.max(axis=0)], axis=1),
+        float(np.ptp(clock)),
+        kinematics=body.chain is not None,
+    )
+    wanted = (s for s in shapes(scope) if s.kind.about.family != Family.NOISE)
+    found = [c for s in wanted for c in _of_shape(s, scene.n_sessions)]
+    return [c for c in found if _is_possible(c)]
+
+
+def _of_shape(shape: Shape, n_sessions: int) -> Iterator[Candidate]:
+    coordinates, counts, start, amplitudes = _coordinates(shape, n_sessions)
+    place = dict(shape.place)
+    joint = place.pop("joint")
+    own_session = "session" in {f.name for f in fields(shape.kind)}
+    for session in range(n_sessions) if own_session else (None,):
+        fixed = tuple(place.items()) + (() if session is None else (("session", session),))
+        yield Candidate(shape.kind, joint, fixed, coordinates, counts, start, amplitudes)
+
+
+def _coordinates(
+    shape: Shape, n_sessions: int
+) -> tuple[tuple[Coordinate, ...], tuple[int, ...], tuple[float, ...], tuple[int, ...]]:
+    """Coordinates, how many a parameter has, where they start, and which are amplitudes."""
+    coordinates: list[Coordinate] = []
+    counts: list[int] = []
+    start: list[float] = []
+    amplitudes: list[int] = []
+    grows = {p.name for p in shape.amplitudes}
+    for parameter in shape.kind.about.parameters:
+        rung = shape.shape.get(parameter.name)
+        if (rung is None and parameter.name not in grows) or (
+            rung is not None and _says_nothing(shape.kind, parameter.name, rung)
+        ):
+            counts.append(0)
+            continue
+        count = n_sessions if parameter.per_session else 1
+        coordinate = coordinate_of(parameter, shape.joint_type, amplitude=rung is None)
+        low, high = coordinate.bounds
+        at = coordinate.coordinate(coordinate.typical if rung is None else rung)
+        if rung is None:
+            amplitudes += range(len(coordinates), len(coordinates) + count)
+        coordinates += [coordinate] * count
+        start += [float(np.clip(at, low, high))] * count
+        counts.append(count)
+    return tuple(coordinates), tuple(counts), tuple(start), tuple(amplitudes)
+
+
+def _says_nothing(kind: type[Effect], name: str, value: float) -> bool:
+    """Whether a rung is the value that the field has when nothing is said."""
+    default = next(f.default for f in fields(kind) if f.name == name)
+    return bool(value == default) or bool(np.isinf(value))
+
+
+def _is_possible(candidate: Candidate) -> bool:
+    try:
+        candidate.build(np.array(candidate.start))
+    except DataError:
+        return False
+    return True
+
+
+def describe(member: Member, half_widths: Mapping[int, float]) -> dict[str, dict[str, Any]]:
+    """Parameters with value, 95 % interval and unit; `half_widths` of the coordinates."""
+    result: dict[str, dict[str, Any]] = {}
+    position = 0
+    candidate = member.candidate
+    for parameter, count in zip(candidate.kind.about.parameters, candidate.counts, strict=True):
+        entries = []
+        for i in range(position, position + count):
+            c, u, half = candidate.coordinates[i], float(member.u[i]), half_widths.get(i, np.inf)
+            low, high = c.bounds
+            ends = sorted((c.value(float(np.clip(u - half, low, high))), c.value(float(np.clip(u + half, low, high)))))
+            entries.append((c.value(u), ends, c.unit))
+        position += count
+        if count == 1:
+            result[parameter.name] = {"value": entries[0][0], "ci95": entries[0][1], "unit": entries[0][2]}
+        elif count > 1:
+            values, ends_of, units = zip(*entries, strict=True)
+            result[parameter.name] = {"value": list(values), "ci95": list(ends_of), "unit": units[0]}
+    return result
