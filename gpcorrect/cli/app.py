@@ -16,6 +16,7 @@ from gpcorrect.cli.evaluate import evaluate
 from gpcorrect.cli.explore import explore
 from gpcorrect.cli.fit import fit
 from gpcorrect.cli.joint import joint_app
+from gpcorrect.cli.models import models_app
 from gpcorrect.cli.monitor import monitor
 from gpcorrect.cli.prefilter import prefilter
 from gpcorrect.cli.query import query_app
@@ -26,6 +27,7 @@ from gpcorrect.cli.sim import sim_app
 from gpcorrect.cli.simulate import simulate
 from gpcorrect.cli.update import update
 from gpcorrect.cli.validate import validate
+from gpcorrect.cli.vision import vision_app
 from gpcorrect.cli.zigzag import zigzag_command
 from gpcorrect.errors import GpCorrectError
 
@@ -59,9 +61,11 @@ app.command()(monitor)
 app.add_typer(sim_app, name="sim")
 app.add_typer(robot_app, name="robot")
 app.add_typer(collect_app, name="collect")
+app.add_typer(models_app, name="models")
 app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")
+app.add_typer(vision_app, name="vision")
 app.add_typer(reproduce_app, name="reproduce")
 app.add_typer(discrepancy_app, name="discrepancy")
 

@@ -67,7 +67,7 @@ class PengScope:
 
     @property
     def middle(self) -> int:
-        """n of Table I's sparsity 1/n."""
+        """N of Table I's sparsity 1/n."""
         return self.sparsities[len(self.sparsities) // 2]
 
 
