@@ -48,6 +48,8 @@ def monitor(
 
     board = Board(namespace)
     names = ["*"] if allow_remote else [*HOSTS, host]
+    page = application(board, names, lambda: server.should_exit)
+    server = uvicorn.Server(uvicorn.Config(page, host, port, log_level="warning", timeout_graceful_shutdown=2))
     with Watcher(board, connect or ["tcp/127.0.0.1:7448", "tcp/127.0.0.1:7447"]):
         err.print(f"open http://{host}:{port}/ ; stop with Ctrl-C")
-        uvicorn.run(application(board, names), host=host, port=port, log_level="warning", timeout_graceful_shutdown=1)
+        server.run()

@@ -81,7 +81,8 @@ class Page:
             if answer.get("id") == self._number:
                 assert "error" not in answer, answer
                 return answer["result"]
-            if answer.get("method") in ("Runtime.exceptionThrown", "Log.entryAdded"):
+            entry = answer.get("params", {}).get("entry", {})
+            if answer.get("method") == "Runtime.exceptionThrown" or entry.get("level") == "error":
                 self.complaints.append(json.dumps(answer["params"]))
 
     def _next(self) -> Any:

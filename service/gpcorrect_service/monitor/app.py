@@ -37,7 +37,7 @@ HEADERS = {
 }
 
 
-def application(board: Board, hosts: list[str]) -> Starlette:
+def application(board: Board, hosts: list[str], closing: Callable[[], bool] = lambda: False) -> Starlette:
     """Return the page's server.
 
     Parameters
@@ -45,13 +45,15 @@ def application(board: Board, hosts: list[str]) -> Starlette:
     board : Board
     hosts : list of str
         Names under which it may be asked; others are turned away, so that no other page can borrow this one's.
+    closing : callable
+        Whether the server is about to stop: streams end then.
     """
 
     async def state(request: Request) -> Response:
         return JSONResponse(board.snapshot(time.monotonic()))
 
     async def events(request: Request) -> Response:
-        return StreamingResponse(_stream(board, request), media_type="text/event-stream")
+        return StreamingResponse(_stream(board, request, closing), media_type="text/event-stream")
 
     async def no_icon(request: Request) -> Response:
         return Response(status_code=204)
@@ -65,8 +67,8 @@ def application(board: Board, hosts: list[str]) -> Starlette:
     )
 
 
-async def _stream(board: Board, request: Request) -> AsyncIterator[str]:
-    while not await request.is_disconnected():
+async def _stream(board: Board, request: Request, closing: Callable[[], bool]) -> AsyncIterator[str]:
+    while not (closing() or await request.is_disconnected()):
         yield f"data: {json.dumps(board.snapshot(time.monotonic()))}\n\n"
         await asyncio.sleep(EVERY)
 
