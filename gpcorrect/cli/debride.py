@@ -72,6 +72,7 @@ def debride(
     ] = None,
     picture: Annotated[Path | None, typer.Option(help="Picture of the paths to write (PNG).")] = None,
     animation: Annotated[Path | None, typer.Option(help="Animation of the task to write (GIF).")] = None,
+    report: Annotated[Path | None, typer.Option(help="Page to write (HTML), with both.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of fragments, rehearsals and noise.", min=0)] = 0,
     json: Json = False,
 ) -> None:
@@ -84,9 +85,9 @@ def debride(
 
     gpcorrect debride --fragments 20 --picture paths.png --animation task.gif
 
-    gpcorrect debride --models demo/ ; gpcorrect serve demo/arm1.gpc --arm arm1
+    gpcorrect debride --arms 1 --models demo/ --report task.html
     """
-    for path in (picture, animation):
+    for path in (picture, animation, report):
         if path is not None:
             require_folder(path)
     chosen = _mode(mode)
@@ -109,6 +110,10 @@ def debride(
         served = [client.model() for client in clients]
     facts = _facts(conditions, [f"{m.id} {m.hash[:12]} by {m.replica}" for m in served], chosen)
     _draw(scene, places, conditions, picture, animation)
+    if report is not None:
+        from gpcorrect.report.debride_page import write_debride_page  # the report's libraries are an extra
+
+        write_debride_page(scene, places, conditions, facts, report)
     if json:
         print_json(facts)
     else:
@@ -196,10 +201,8 @@ def _show(conditions: Sequence[Condition], facts: dict[str, Any]) -> None:
             row["name"],
             f"{row['speed_cm_s']:.0f}",
             f"{100 * row['success_rate']:.0f} %",
-            f"{100 * row['first_attempt_rate']:.0f} %",
             str(row["retries"]),
             str(row["replanned"]),
-            str(row["looks"]),
             f"{row['miss_mm_mean']:.1f}",
             f"{row['seconds_per_fragment']:.1f}",
             f"{row['seconds_in_all']:.0f}",

@@ -20,7 +20,7 @@ __all__ = ["debridement_gif", "debridement_paths"]
 
 ARM_COLOURS = (COLOURS["corrected"], COLOURS["rigid"])
 CAUGHT, LOST, WAITING = "#009e73", COLOURS["raw"], COLOURS["quiet"]
-FRAMES, FRAMES_A_SECOND = 100, 10
+FRAMES, FRAMES_A_SECOND = 60, 8
 GIF_DPI = 70
 
 
