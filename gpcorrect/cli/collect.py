@@ -31,7 +31,7 @@ __all__ = ["collect_app"]
 collect_app = typer.Typer(no_args_is_help=True, help="Calibrations from end to end: drive, record, fit, measure.")
 
 RATE_HZ = 30.0  # of driven paths
-PATIENCE = 30.0  # s for the simulated arm to come up
+PATIENCE = 120.0  # s for the simulated arm to come up
 MACHINE = "raven2_calibration"
 
 

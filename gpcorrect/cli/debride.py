@@ -42,7 +42,7 @@ __all__ = ["debride"]
 
 INDUCING = 400  # of the models: enough for one task in a box of a few centimetres
 AFTER_REHEARSAL = 60.0  # s
-CONNECT = 30.0  # s for a service to load its model
+CONNECT = 120.0  # s for a service to load its model
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from gpcorrect.logs import read_log
 
 @pytest.fixture(scope="module")
 def arm():
-    """A simulated arm that lives as long as these tests."""
+    """Run a simulated arm that lives as long as these tests."""
     with living_arm(time_scale=10.0) as (settings, _):
         yield settings.endpoint
 
@@ -30,11 +29,13 @@ def test_a_robot_goes_follows_and_is_recorded(gpcorrect, arm, tmp_path):
     limits = ("--limits", "34:36,84:86,339:341")
     assert gpcorrect("zigzag", "-o", tmp_path / "zz.csv", "--sparsity", 1, *limits).code == 0
     command = [sys.executable, "-m", "gpcorrect", "robot", "record", "-o", str(tmp_path / "run.csv")]
-    recording = subprocess.Popen([*command, "--seconds", "12", "--mcap", str(tmp_path / "bag"), *at])
-    time.sleep(4.0)  # the recorder's process comes up
+    words = [*command, "--seconds", "12", "--mcap", str(tmp_path / "bag"), *at]
+    recording = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+    assert recording.stderr is not None
+    assert "recording" in recording.stderr.readline()
     assert "trajectory 0" in gpcorrect("robot", "follow", tmp_path / "zz.csv", *at).out
     assert gpcorrect("robot", "random", "--seconds", 2, *limits, *at).code == 0
-    assert recording.wait(60) == 0
+    assert recording.wait(120) == 0
     log = read_log(tmp_path / "run.csv")
     assert {"setpoint_jp", "measured_jp", "external_jp", "tracker_cp"} <= set(log.signals)
     assert log.setpoint_jp is not None
@@ -69,6 +70,7 @@ def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
     assert_refused(gpcorrect("robot", "extract", "no.csv", "-o", tmp_path / "x.csv"), "no.csv")
 
 
+@pytest.mark.slow
 def test_debridement_with_served_corrections(gpcorrect, tmp_path):
     """The correction that another process serves makes the open loop work, which without it removes nothing."""
     done = gpcorrect(
