@@ -1,98 +1,128 @@
-"""Ours beside scikit-learn's exact regression: same data, same features, same run.
+"""Ours beside scikit-learn, GPyTorch, GPy and tinygp: same data, same features, same run, each in a process of its own.
 
-Exact regression grows with the cube of the samples, so the peer is given a subset (460, as the paper's smallest; more
-with `--samples 460 2000`). It optimises an ARD kernel and a noise variance for every output, or one for all of them.
+    pip install -e ".[bench]"
+    python bench/gpr_peers.py                      # exact peers on a subset of 460 samples, the paper's smallest fit
+    python bench/gpr_peers.py --sparse --limit 600 # and the sparse models of GPyTorch and GPy on all samples
+
+A peer whose library is not installed is left out and named. A sparse peer stops after `--limit` seconds, and the table
+says how many of its 100 steps it came to. Memory is what a fit adds at its peak to what the process held before it.
+Everything runs on one thread; compiling, where a library compiles, is part of the fit.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
+import multiprocessing
+import resource
 import time
-import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from importlib import import_module
 from typing import Any
 
-import numpy as np
 from gpr_support import Split, query_times, real, scores, simulated
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from support import print_table, save_results
+from threadpoolctl import threadpool_limits
 
-from gpcorrect.gpr import ExactGPR, SparseGPR
-from gpcorrect.types import FloatArray
+HEAD = ["", "samples", "fit s", "rmse mm", "rmse deg", "NLPD", "95 % covers", "query us", "p99 us", "memory MB"]
+QUERIES, FEWER_QUERIES = 3000, 300
+POINTS = 500  # of the sparse peers: ours has 700
 
-HEAD = ["", "samples", "fit s", "rmse mm", "rmse deg", "NLPD", "95 % covers", "query us", "p99 us"]
-SEED = 0
+
+@dataclass(frozen=True)
+class Line:
+    """One line of the table: what it is called, which library and function, and its options."""
+
+    name: str
+    library: str
+    module: str
+    function: str
+    samples: int | None
+    options: dict[str, Any] = field(default_factory=dict)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", type=int, nargs="+", default=[460], help="sizes of the peers' subsets")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--samples", type=int, nargs="+", default=[460], help="sizes of the exact models' subsets")
     parser.add_argument("--data", choices=["simulated", "real", "both"], default="both")
+    parser.add_argument("--sparse", action="store_true", help="also the sparse models of GPyTorch and GPy (minutes)")
+    parser.add_argument("--limit", type=float, default=600.0, help="seconds that a sparse peer may take for its fit")
     options = parser.parse_args()
     results: dict[str, Any] = {}
     for name, load in (("simulated", simulated), ("real", real)):
         if options.data in (name, "both"):
             data = load()
-            results[data.name] = compare(data, options.samples)
-            print(f"\n{data.name}: {len(data.X)} training samples, {len(data.X_test)} held out")
-            print_table(HEAD, [[row["name"], *list(row.values())[1:]] for row in results[data.name]])
+            print(f"\n{data.name}: {len(data.X)} training samples, {len(data.X_test)} held out", flush=True)
+            results[data.name] = [compare(line, data, options.limit) for line in lines(options.samples, options.sparse)]
+            print_table(HEAD, [[row["name"], *list(row.values())[1:-1]] for row in results[data.name]])
+            print("\n".join(f"{row['name']}: {row['said']}" for row in results[data.name] if row["said"]))
     save_results("gpr_peers", results)
 
 
-def compare(data: Split, sizes: list[int]) -> list[dict[str, Any]]:
-    rows = []
-    for size in sizes:
-        subset = np.random.default_rng(SEED).choice(len(data.X), min(size, len(data.X)), replace=False)
-        rows.append(peer_row(data, subset, shared=False))
-        rows.append(peer_row(data, subset, shared=True))
-        rows.append(our_row("ours, exact", data, ExactGPR, {"n_learn": 500}, np.sort(subset)))
-    everything = np.arange(len(data.X))
-    for name, options in (
-        ("ours, sparse 500", {"n_inducing": 500}),
-        ("ours, sparse (default)", {}),
-        ("ours, sparse 1500, variance 500", {"n_inducing": 1500, "n_variance": 500}),
-    ):
-        rows.append(our_row(name, data, SparseGPR, options, everything))
-    return rows
+def lines(sizes: list[int], sparse: bool) -> Iterator[Line]:
+    """Lines of the table whose libraries are installed; names the others."""
+    for line in _all_lines(sizes, sparse):
+        if importlib.util.find_spec(line.library) is None:
+            print(f"left out: {line.name} (pip install {line.library})")
+        else:
+            yield line
 
 
-def our_row(name: str, data: Split, make: Any, options: dict[str, Any], rows: FloatArray) -> dict[str, Any]:
-    model = make(feature_groups=data.feature_groups, output_groups=(3, 3), **options)
-    start = time.perf_counter()
-    model.fit(data.X[rows], data.Y[rows], groups=data.trajectory[rows], times=data.times[rows])
-    seconds = time.perf_counter() - start
-    mean, std = model.predict(data.X_test, return_std=True)
-    median, p99 = query_times(model.predictor_.mean_std, data.X_test)
-    return row(name, len(rows), seconds, scores(data, mean, std), median, p99)
+def _all_lines(sizes: list[int], sparse: bool) -> Iterator[Line]:
+    for n in sizes:
+        size = {"size": n}
+        yield Line("scikit-learn exact", "sklearn", "scikit_learn", "exact", n, {**size, "shared": False})
+        yield Line("scikit-learn exact, one kernel", "sklearn", "scikit_learn", "exact", n, {**size, "shared": True})
+        yield Line("GPyTorch exact", "gpytorch", "gpytorch_models", "exact", n, size)
+        yield Line("GPy exact, one kernel", "GPy", "gpy_models", "exact", n, size)
+        yield Line("tinygp exact", "tinygp", "tinygp_models", "exact", n, size)
+        yield Line("ours, exact", "gpcorrect", "ours", "exact", n, size)
+    if sparse:
+        yield Line("GPyTorch SGPR", "gpytorch", "gpytorch_models", "sgpr", None, {"inducing": POINTS})
+        yield Line("GPy sparse, one kernel", "GPy", "gpy_models", "sparse", None, {"inducing": POINTS})
+    yield Line("ours, sparse (default)", "gpcorrect", "ours", "sparse", None)
+    yield Line("ours, as `gpcorrect fit` does it", "gpcorrect", "ours", "shipped", None)
+    thorough = {"n_inducing": 1500, "n_learn": 1000, "output_groups": (1,) * 6}
+    yield Line("ours, a kernel each, 1500 points", "gpcorrect", "ours", "sparse", None, thorough)
 
 
-def peer_row(data: Split, rows: FloatArray, *, shared: bool) -> dict[str, Any]:
-    X, Y = data.X[rows], data.Y[rows]
-    columns = [Y] if shared else [Y[:, [o]] for o in range(Y.shape[1])]
-    start = time.perf_counter()
-    models = [peer().fit(X, column) for column in columns]
-    seconds = time.perf_counter() - start
-    mean, std = (np.column_stack(parts) for parts in zip(*(predict(m, data.X_test) for m in models), strict=True))
-    median, p99 = query_times(lambda x: [m.predict(x[None], return_std=True) for m in models], data.X_test, 300)
-    name = "scikit-learn, one kernel" if shared else "scikit-learn, a kernel each"
-    return row(name, len(rows), seconds, scores(data, mean, std), median, p99)
+def compare(line: Line, data: Split, limit: float) -> dict[str, Any]:
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(measure, (line, data, limit))
 
 
-def peer() -> GaussianProcessRegressor:
-    kernel = ConstantKernel(1.0) * RBF(np.full(12, 3.0), (1e-2, 1e3)) + WhiteKernel(0.1, (1e-6, 1e1))
-    return GaussianProcessRegressor(kernel, normalize_y=True, random_state=SEED)
+def measure(line: Line, data: Split, limit: float) -> dict[str, Any]:
+    """Fit, score and time one line, in a process of its own."""
+    make = getattr(import_module(f"peers.{line.module}"), line.function)
+    if line.library == "gpcorrect":  # what a recording tells beside inputs and outputs
+        fit = make(data.feature_groups, data.trajectory, data.times, **line.options)
+    else:
+        fit = partial(make, **line.options)
+    with threadpool_limits(1):
+        before, start = peak_mb(), time.perf_counter()
+        peer, said = fit(data.X, data.Y, limit)
+        seconds, memory = time.perf_counter() - start, peak_mb() - before
+        mean, std = peer.predict(data.X_test)
+        count = QUERIES if line.library == "gpcorrect" else FEWER_QUERIES
+        median, p99 = query_times(lambda x: peer.predict(x[None]), data.X_test, count)
+    return {
+        "name": line.name,
+        "samples": str(min(line.samples or len(data.X), len(data.X))),
+        "fit_s": seconds,
+        **scores(data, mean, std),
+        "query_us": median,
+        "query_p99_us": p99,
+        "memory_mb": memory,
+        "said": said,
+    }
 
 
-def predict(model: GaussianProcessRegressor, X: FloatArray) -> tuple[FloatArray, FloatArray]:
-    mean, std = model.predict(X, return_std=True)
-    return mean, std
-
-
-def row(name: str, samples: int, seconds: float, score: dict[str, float], median: float, p99: float) -> dict[str, Any]:
-    return {"name": name, "samples": str(samples), "fit_s": seconds, **score, "query_us": median, "query_p99_us": p99}
+def peak_mb() -> float:
+    """Most memory that the process has held so far, MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 if __name__ == "__main__":
-    warnings.simplefilter("ignore", ConvergenceWarning)
     main()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import zipfile
 import zlib
 from importlib.metadata import version
@@ -24,8 +25,9 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["KIND", "SCHEMA", "load", "model_hash", "read_parts", "refused", "save", "seal_of", "write_parts"]
 
-SCHEMA = 1
+SCHEMA = 2  # 2: what was learned with memory (`recall`, null without) and how many samples count as one (in `n`)
 KIND = "gpcorrect.command_corrector"
+COUNT = re.compile(r"statistics\.\d+\.n$")  # arrays that hold how many samples there were
 CHECK_TOLERANCE = 1e-9  # m and rad: far below any sensor, far above rounding between BLAS builds
 
 Arrays = dict[str, FloatArray]
@@ -107,7 +109,7 @@ def read_parts(path: str | Path, kind: str = KIND) -> tuple[Header, Arrays]:
         raise refused(path, "its header is not JSON") from error
     _check_header(path, header, kind)
     _check_digests(path, header["digests"], contents)
-    return header, contents
+    return _as_of_now(header, contents)
 
 
 def model_hash(path: str | Path) -> str:
@@ -141,6 +143,14 @@ def _check_header(path: str | Path, header: Any, kind: str) -> None:
         raise refused(path, "its header was altered")
     if not isinstance(header.get("digests"), dict):
         raise refused(path, "it carries no digests")
+
+
+def _as_of_now(header: Header, arrays: Arrays) -> tuple[Header, Arrays]:
+    """Say in the words of the present schema what an older file says: nothing in it is lost."""
+    if header["schema"] == SCHEMA:
+        return header, arrays
+    counts = {name: np.append(array, 1.0) for name, array in arrays.items() if COUNT.search(name) and len(array) == 1}
+    return {"recall": None, **header, "schema": SCHEMA}, {**arrays, **counts}
 
 
 def _check_digests(path: str | Path, digests: dict[str, str], arrays: Arrays) -> None:

@@ -18,9 +18,7 @@ from gpcorrect.corrector.bounds import Bounds
 from gpcorrect.errors import DataError
 from gpcorrect.experiment import Evaluation, evaluate, split_trajectories
 from gpcorrect.gpr import IntervalCalibration, Predictor, Statistics
-from gpcorrect.gpr.kernels import AdditiveRBF
-from gpcorrect.gpr.linalg import cholesky
-from gpcorrect.gpr.statistics import collect, updated
+from gpcorrect.gpr.statistics import statistics_of, updated
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, Progress
 
 __all__ = ["KEEPS", "Update", "update"]
@@ -143,10 +141,8 @@ class _Part:
     def _collected(self, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
         found, first = [], 0
         for part in self.predictor.parts:
-            kernel = AdditiveRBF(part.component_weights, part.length_scales)
-            L = cholesky(kernel(part.basis, part.basis))[0]
             columns = slice(first, first + len(part.offset))
-            found.append(collect(kernel, part.basis, L, part.offset, X, Y[:, columns], Progress()))
+            found.append(statistics_of(part, X, Y[:, columns]))
             first = columns.stop
         return tuple(found)
 

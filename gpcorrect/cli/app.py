@@ -14,12 +14,14 @@ from gpcorrect.cli.evaluate import evaluate
 from gpcorrect.cli.explore import explore
 from gpcorrect.cli.fit import fit
 from gpcorrect.cli.joint import joint_app
+from gpcorrect.cli.models import models_app
 from gpcorrect.cli.query import query_app
 from gpcorrect.cli.reproduce import reproduce_app
 from gpcorrect.cli.serve import serve
 from gpcorrect.cli.simulate import simulate
 from gpcorrect.cli.update import update
 from gpcorrect.cli.validate import validate
+from gpcorrect.cli.vision import vision_app
 from gpcorrect.cli.zigzag import zigzag_command
 from gpcorrect.errors import GpCorrectError
 
@@ -47,9 +49,11 @@ app.command()(drift)
 app.command()(explore)
 app.command()(serve)
 app.add_typer(query_app, name="query")
+app.add_typer(models_app, name="models")
 app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")
+app.add_typer(vision_app, name="vision")
 app.add_typer(reproduce_app, name="reproduce")
 app.add_typer(discrepancy_app, name="discrepancy")
 

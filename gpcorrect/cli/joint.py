@@ -80,6 +80,8 @@ def fit(
     with progress_bar(quiet=json) as progress:
         experiment = fit_joint(read_logs(logs, columns), settings, progress)
     save_joint(experiment.corrector, output)
+    for remark in experiment.corrector.features.left_out:
+        err.print(f"[yellow]note:[/] {remark}")
     if json:
         print_json(experiment.to_dict())
         return

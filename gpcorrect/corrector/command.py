@@ -121,7 +121,8 @@ class CommandCorrector:
 
     def stream(self, window: float = 0.1) -> CorrectionStream:
         """Return a stream, which answers poses one after the other and takes velocity and memory from those before."""
-        return CorrectionStream(self, window)
+        recalling = None if self.recall is None else (self._recalling(self.recall), self.recall.memory)
+        return CorrectionStream(self.answerer, recalling, orientation=self.has_orientation, window=window)
 
     def correct_path(self, poses: ArrayLike, times: ArrayLike) -> PathCorrection:
         """Return what to command instead of a timed path; its velocities come from the five-point stencil on the path.
@@ -168,8 +169,11 @@ class CommandCorrector:
             return self.answerer.many(reference, X)
         oriented = turned if self.has_orientation else None
         memory = self.recall.memory.transform(reference.position, oriented, labels)
-        recalling = Answerer(self.answerer.frame, self.recall.predictor, self.recall.intervals, self.recall.bounds)
-        return recalling.many(reference, np.hstack([X, memory]))
+        return self._recalling(self.recall).many(reference, np.hstack([X, memory]))
+
+    def _recalling(self, recall: Recall) -> Answerer:
+        wide = frame(self.rigid, self.features, recall.memory.size)
+        return Answerer(wide, recall.predictor, recall.intervals, recall.bounds)
 
     def clean(self, log: CalibrationLog) -> CleaningReport:
         """Judge the samples of another log by the ruler that the training data set."""
@@ -231,8 +235,8 @@ class CommandCorrector:
 
 
 def _recall(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Recall | None:
-    """Rebuild what was learned with memory; files written before there was any have none."""
-    if header.get("recall") is None:
+    """Rebuild what was learned with memory, if anything was."""
+    if header["recall"] is None:
         return None
     own = {name.removeprefix(RECALL): array for name, array in arrays.items() if name.startswith(RECALL)}
     return Recall.from_parts(header["recall"], own)

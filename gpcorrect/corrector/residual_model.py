@@ -55,9 +55,9 @@ def fit_residual_model(
 ) -> ResidualModel:
     """Learn residuals `(n, k)` from inputs `(n, d)`, whose columns act by groups, of trajectories at times `(n,)`.
 
-    Hyperparameters are learned once, on all trajectories. How many neighbouring samples count as one is chosen, and
-    intervals are calibrated, on errors at trajectories that the model (with those hyperparameters) was not fitted to,
-    so that both hold on trajectories never seen.
+    How many neighbouring samples count as one is chosen, and intervals are calibrated, on errors at trajectories that
+    the model was not fitted to, so that both hold on trajectories never seen. Hyperparameters are of all trajectories;
+    where these are few, they are learned without the left-out ones for this (:func:`gpcorrect.gpr.learn_inflation`).
     """
     regressor = SparseGPR(
         n_inducing=inducing,
@@ -66,7 +66,8 @@ def fit_residual_model(
         random_state=seed,
     )
     regressor.fit(X, residual, groups=trajectory, times=time, progress=progress)
-    regressor, left_out = learn_inflation(regressor, X, residual, trajectory_folds(trajectory), progress)
+    folds = trajectory_folds(trajectory)
+    regressor, left_out = learn_inflation(regressor, X, residual, folds, trajectory, time, progress)
     return ResidualModel(
         predictor=regressor.predictor_,
         intervals=IntervalCalibration.fit(left_out.errors, left_out.std, trajectory),

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from gpcorrect import se3
 from gpcorrect.corrector.answer import NO_MEMORY, Answerer
-from gpcorrect.corrector.one_pose import frame, inputs
+from gpcorrect.corrector.memory import MemoryMap
+from gpcorrect.corrector.one_pose import inputs
 from gpcorrect.corrector.queries import bad_query, pose_numbers, twist_numbers
 from gpcorrect.play import advance
 from gpcorrect.types import Correction, FloatArray
 from gpcorrect.velocity import CausalTwist
-
-if TYPE_CHECKING:
-    from gpcorrect.corrector.command import CommandCorrector
 
 __all__ = ["CorrectionStream"]
 
@@ -28,24 +24,36 @@ class CorrectionStream:
 
     Parameters
     ----------
-    corrector : CommandCorrector
-        What answers.
+    answerer : Answerer
+        Answers without memory; what it makes of a pose is what memory is of.
+    recalling : (Answerer, MemoryMap) or None
+        Answers with memory, and the memory; None for a corrector that has none.
+    orientation : bool
+        Whether orientations are corrected too.
     window : float
         Length of the past that a velocity is estimated from, s.
     """
 
-    def __init__(self, corrector: CommandCorrector, window: float = 0.1) -> None:
-        self._corrector = corrector
+    def __init__(
+        self,
+        answerer: Answerer,
+        recalling: tuple[Answerer, MemoryMap] | None = None,
+        *,
+        orientation: bool,
+        window: float = 0.1,
+    ) -> None:
+        self._plain = answerer
+        self._answerer = answerer if recalling is None else recalling[0]
+        self._memory = None if recalling is None else recalling[1]
+        self._orientation = orientation
         self._twist = CausalTwist(window)
-        self._recall = corrector.recall
-        self._answerer = corrector.answerer if self._recall is None else _with_memory(corrector)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past, as after the arm was moved by hand."""
         self._twist.reset()
         self._last: tuple[FloatArray, FloatArray] | None = None
-        self._state = np.zeros(0) if self._recall is None else np.zeros(self._recall.memory.radii.shape)
+        self._state = NO_MEMORY if self._memory is None else np.zeros(self._memory.radii.shape)
 
     def correct(self, time: float, pose: ArrayLike, twist: ArrayLike | None = None) -> Correction:
         """Return what to command so that the robot reaches `pose` at `time`.
@@ -64,10 +72,9 @@ class CorrectionStream:
         DataError
             As for `CommandCorrector.correct`, or time does not advance; the past is kept.
         """
-        query = pose_numbers(pose, orientation=self._corrector.has_orientation)
+        query = pose_numbers(pose, orientation=self._orientation)
         given = twist_numbers(twist)
-        answerer = self._corrector.answerer
-        good, position, rotation, *_ = inputs(query, given, NO_MEMORY, answerer.frame, answerer.region)
+        good, position, rotation, *_ = inputs(query, given, NO_MEMORY, self._plain.frame, self._plain.region)
         if not good:
             raise bad_query(query, given)
         estimated = self._twist.update(time, query[:3], _rotation(query))
@@ -78,22 +85,14 @@ class CorrectionStream:
 
     def _remember(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
         """Advance the states of the slacks to a reference pose, and return their features."""
-        if self._recall is None:
+        if self._memory is None:
             return NO_MEMORY
-        memory = self._recall.memory
         if self._last is not None:
             positions, rotations = np.stack([self._last[0], position]), np.stack([self._last[1], rotation])
-            oriented = rotations if self._corrector.has_orientation else None
-            self._state = advance(self._state, memory.steps(positions, oriented)[1], memory.radii)
+            oriented = rotations if self._orientation else None
+            self._state = advance(self._state, self._memory.steps(positions, oriented)[1], self._memory.radii)
         self._last = position, rotation
-        return memory.features(self._state)
-
-
-def _with_memory(corrector: CommandCorrector) -> Answerer:
-    recall = corrector.recall
-    assert recall is not None
-    wide = frame(corrector.rigid, corrector.features, recall.memory.size)
-    return Answerer(wide, recall.predictor, recall.intervals, recall.bounds)
+        return self._memory.features(self._state)
 
 
 def _rotation(query: FloatArray) -> FloatArray | None:

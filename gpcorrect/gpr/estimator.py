@@ -73,22 +73,7 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
         DataError
             More samples than the method can bear, or groups, times or output groups that do not fit.
         """
-        inputs, outputs = self._validated(X, y, reset=True)
-        labels, seconds = _stretches(inputs, groups, times)
-        learning, placing = self._generators()
-        progress = progress or Progress()
-        rows = np.sort(learning.permutation(len(inputs))[: self.n_learn])
-        stretches = (None if labels is None else labels[rows], None if seconds is None else seconds[rows])
-        masks = component_masks(inputs.shape[1], self.feature_groups)
-        learned = []
-        for columns in _columns(outputs.shape[1], self.output_groups):
-            scaling = Scaling.of(inputs, outputs[:, columns])
-            A, B = inputs[rows] / scaling.x_spread, scaling.outputs(outputs[rows, columns])
-            found = learn(A, B, masks, *stretches, restarts=self.n_restarts, rng=learning, progress=progress)
-            learned.append(Learned(columns, scaling, found))
-        self.learned_: tuple[Learned, ...] = tuple(learned)
-        self.predictor_ = self._predictor(inputs, outputs, placing, progress)
-        return self
+        return self._fit(X, y, groups, times, progress or Progress(), None)
 
     def refit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Return a copy with the same hyperparameters and the posterior of other data of the same kind."""
@@ -97,6 +82,13 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
         inputs, outputs = other._validated(X, y, reset=False)
         other.predictor_ = other._predictor(inputs, outputs, self._generators()[1], Progress())
         return other
+
+    def relearn(
+        self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None, times: ArrayLike | None = None
+    ) -> Self:
+        """Return a copy fitted to other data of the same kind, whose search for hyperparameters starts at these."""
+        check_is_fitted(self, "predictor_")
+        return copy(self)._fit(X, y, groups, times, Progress(), self.learned_)
 
     def predict(self, X: ArrayLike, return_std: bool = False) -> Any:
         """Return the mean, and with `return_std` also the standard deviation of a new observation.
@@ -119,6 +111,32 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
         if self._one_output:
             mean, std = mean[:, 0], std[:, 0]
         return (mean, std) if return_std else mean
+
+    def _fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        groups: ArrayLike | None,
+        times: ArrayLike | None,
+        progress: Progress,
+        starts: Sequence[Learned] | None,
+    ) -> Self:
+        inputs, outputs = self._validated(X, y, reset=True)
+        labels, seconds = _stretches(inputs, groups, times)
+        learning, placing = self._generators()
+        rows = np.sort(learning.permutation(len(inputs))[: self.n_learn])
+        stretches = (None if labels is None else labels[rows], None if seconds is None else seconds[rows])
+        masks = component_masks(inputs.shape[1], self.feature_groups)
+        learned = []
+        for i, columns in enumerate(_columns(outputs.shape[1], self.output_groups)):
+            scaling = Scaling.of(inputs, outputs[:, columns])
+            A, B = inputs[rows] / scaling.x_spread, scaling.outputs(outputs[rows, columns])
+            start = None if starts is None else starts[i].hyperparameters.theta
+            options: dict[str, Any] = {"start": start, "restarts": self.n_restarts, "rng": learning}
+            learned.append(Learned(columns, scaling, learn(A, B, masks, *stretches, **options, progress=progress)))
+        self.learned_: tuple[Learned, ...] = tuple(learned)
+        self.predictor_ = self._predictor(inputs, outputs, placing, progress)
+        return self
 
     def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
         parts = [self._posterior(part, X, Y[:, part.columns], rng, progress) for part in self.learned_]

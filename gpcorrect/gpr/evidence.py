@@ -7,11 +7,13 @@ keeps the spectrum shared by all outputs (docs/design/0002), and left-out whole 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
+from gpcorrect.errors import DataError
 from gpcorrect.gpr.kernels import AdditiveRBF
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.shared_predictor import SharedPredictor
@@ -22,6 +24,7 @@ from gpcorrect.types import FloatArray, IntArray, Progress
 __all__ = ["INFLATIONS", "LeftOut", "learn_inflation"]
 
 INFLATIONS = (1.0, 3.0, 10.0, 30.0)
+FEW = 40  # trajectories: of so few each leaves its mark on the hyperparameters, and left out it is still predicted well
 JUDGES = 4000  # left-out samples that choose: neighbours err alike, so more of them say little more
 
 
@@ -42,7 +45,13 @@ class LeftOut:
 
 
 def learn_inflation(
-    regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray, progress: Progress | None = None
+    regressor: SparseGPR,
+    X: FloatArray,
+    Y: FloatArray,
+    folds: IntArray,
+    groups: IntArray | None = None,
+    times: FloatArray | None = None,
+    progress: Progress | None = None,
 ) -> tuple[SparseGPR, LeftOut]:
     """Return a fitted regressor with the inflation that predicts left-out folds best, and what it predicts of them.
 
@@ -53,20 +62,57 @@ def learn_inflation(
     X, Y : (n, d) and (n, m) arrays
     folds : (n,) array
         Which samples are left out together: whole trajectories.
+    groups, times : (n,) arrays, optional
+        Trajectories and times that it was fitted with. Where there are few trajectories, what is said of a left-out one
+        comes from hyperparameters that were not learned from it either.
     progress : Progress, optional
         Told after each fold.
+
+    Raises
+    ------
+    DataError
+        There are fewer than two folds.
     """
+    if len(names := np.unique(folds)) < 2:
+        raise DataError("leaving samples out needs at least two folds.", hint="Number blocks of time as folds.")
     progress = progress or Progress()
-    names = np.unique(folds)
     stride = -(-len(X) // JUDGES)
     without, squares = [], np.zeros((len(INFLATIONS), len(regressor.learned_)))
-    for done, fold in enumerate(names):
-        without.append(regressor.refit(X[folds != fold], Y[folds != fold]))
+    models = _afresh(regressor, X, Y, folds, groups, times) if _few(groups) else _less(regressor, X, Y, folds)
+    for fold, model in zip(names, models, strict=True):
+        without.append(model)
         judges = np.flatnonzero(folds == fold)[::stride]
-        squares += _squares(without[-1], X[judges], Y[judges])
-        progress.step("left-out trajectories", (done + 1) / len(names))
+        squares += _squares(model, X[judges], Y[judges])
+        progress.step("left-out trajectories", len(without) / len(names))
     inflation = tuple(INFLATIONS[best] for best in squares.argmin(axis=0))
     return regressor.inflated(inflation), _left_out(without, inflation, X, Y, folds)
+
+
+def _few(groups: IntArray | None) -> bool:
+    return groups is not None and len(np.unique(groups)) < FEW
+
+
+def _less(regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray) -> Iterator[SparseGPR]:
+    """Models without each fold, under the hyperparameters and points of all: the sums of the other folds."""
+    sums = [regressor.collected(X[folds == fold], Y[folds == fold]) for fold in np.unique(folds)]
+    for left in range(len(sums)):
+        others = [part for fold, part in enumerate(sums) if fold != left]
+        yield regressor.resting_on([reduce(Statistics.plus, parts) for parts in zip(*others, strict=True)])
+
+
+def _afresh(
+    regressor: SparseGPR,
+    X: FloatArray,
+    Y: FloatArray,
+    folds: IntArray,
+    groups: IntArray | None,
+    times: FloatArray | None,
+) -> Iterator[SparseGPR]:
+    """Models that saw nothing of each fold, hyperparameters and points included."""
+    for fold in np.unique(folds):
+        rows = folds != fold
+        stretches = (None if part is None else part[rows] for part in (groups, times))
+        yield regressor.relearn(X[rows], Y[rows], *stretches)
 
 
 def _squares(model: SparseGPR, X: FloatArray, Y: FloatArray) -> FloatArray:

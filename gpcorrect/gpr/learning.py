@@ -39,6 +39,8 @@ class Hyperparameters:
         Negative log posterior up to a constant, of the best search.
     evaluations : int
         Evaluations spent.
+    theta : (p,) array
+        The same as the search saw it, :class:`gpcorrect.gpr.parameters.Layout`: where another search may start.
     """
 
     kernel: AdditiveRBF
@@ -48,9 +50,10 @@ class Hyperparameters:
     correlation_time: float
     objective: float
     evaluations: int
+    theta: FloatArray
 
     def __post_init__(self) -> None:
-        for name in ("signal", "noise", "correlated_share"):
+        for name in ("signal", "noise", "correlated_share", "theta"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
 
 
@@ -64,6 +67,7 @@ def learn(
     restarts: int,
     rng: np.random.Generator,
     progress: Progress,
+    start: FloatArray | None = None,
 ) -> Hyperparameters:
     """Return the best of `1 + restarts` searches by L-BFGS-B.
 
@@ -81,6 +85,8 @@ def learn(
         Source of the random starts.
     progress : Progress
         Told after each search.
+    start : (p,) array, optional
+        Where the first search starts, as it came out of a search of data of the same kind.
     """
     data = LearningData(X, Y, None if groups is None else sample_lags(groups, times))
     correlated = data.lags is not None
@@ -89,7 +95,7 @@ def learn(
     for attempt in range(1 + restarts):
         result = minimize(
             negative_log_posterior,
-            _start(layout, attempt, rng),
+            _start(layout, start, attempt, rng),
             args=(data, layout),
             jac=True,
             method="L-BFGS-B",
@@ -115,13 +121,14 @@ def _hyperparameters(
         correlation_time=noise.time,
         objective=value,
         evaluations=evaluations,
+        theta=theta,
     )
 
 
-def _start(layout: Layout, attempt: int, rng: np.random.Generator) -> FloatArray:
-    if attempt == 0:
-        return layout.start
+def _start(layout: Layout, known: FloatArray | None, attempt: int, rng: np.random.Generator) -> FloatArray:
     low, high = np.array(layout.bounds).T
+    if attempt == 0:
+        return layout.start if known is None else np.clip(known, low, high)
     return np.clip(layout.start + RESTART_SPREAD * rng.standard_normal(len(layout.start)), low, high)
 
 

@@ -19,7 +19,7 @@ from gpcorrect.gpr.learned import Learned
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import Predictor
 from gpcorrect.gpr.shared_predictor import SharedPredictor
-from gpcorrect.gpr.statistics import Statistics, collect, posterior, updated
+from gpcorrect.gpr.statistics import Statistics, collect, posterior, statistics_of, updated
 from gpcorrect.types import FloatArray, Progress
 
 __all__ = ["SparseGPR"]
@@ -88,12 +88,22 @@ class SparseGPR(GaussianProcess):
 
     def inflated(self, inflation: Sequence[float]) -> Self:
         """Return a copy whose posterior, of the same data and hyperparameters, counts so many samples as one."""
-        other = copy(self)
-        other.inflation = tuple(inflation)
         pairs = zip(self.statistics_, inflation, strict=True)
-        other.statistics_ = tuple(statistics.inflated(factor) for statistics, factor in pairs)
+        other = self.resting_on([statistics.inflated(factor) for statistics, factor in pairs])
+        other.inflation = tuple(inflation)
+        return other
+
+    def resting_on(self, statistics: Sequence[Statistics]) -> Self:
+        """Return a copy whose posterior, under the same points and hyperparameters, is that of other statistics."""
+        other = copy(self)
+        other.statistics_ = tuple(statistics)
         other.predictor_ = Predictor(tuple(map(updated, self.predictor_.parts, other.statistics_)))
         return other
+
+    def collected(self, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
+        """Return the statistics of samples `(n, d)` and `(n, m)` under this model's points and hyperparameters."""
+        pairs = zip(self.predictor_.parts, self.learned_, strict=True)
+        return tuple(statistics_of(part, X, Y[:, learned.columns]) for part, learned in pairs)
 
     def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
         self.jitter_, self.unseen_, self.statistics_ = 0.0, 0.0, ()

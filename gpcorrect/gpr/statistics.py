@@ -19,7 +19,7 @@ from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.shared_predictor import SharedPredictor
 from gpcorrect.types import FloatArray, Progress, frozen_array
 
-__all__ = ["Statistics", "collect", "posterior", "updated"]
+__all__ = ["Statistics", "collect", "posterior", "statistics_of", "updated"]
 
 BLOCK = 2048
 NEGLIGIBLE = 1e-6  # directions along which the data take away less of the prior variance are left out of the predictor
@@ -102,10 +102,10 @@ class Statistics:
             An array is missing.
         """
         size = len(arrays["Vy"])
-        n, *inflation = arrays["n"].tolist()  # files written before there was an inflation have none
+        n, inflation = arrays["n"].tolist()
         G = np.zeros((size, size))
         G[np.tril_indices(size)] = arrays["G"]
-        return cls(frozen_array(G + np.tril(G, -1).T), frozen_array(arrays["Vy"]), n, *inflation)
+        return cls(frozen_array(G + np.tril(G, -1).T), frozen_array(arrays["Vy"]), n, inflation)
 
 
 def collect(
@@ -152,6 +152,13 @@ def posterior(
         signal=signal,
         noise=noise,
     )
+
+
+def statistics_of(part: SharedPredictor, X: FloatArray, Y: FloatArray) -> Statistics:
+    """Return the statistics of samples `(n, d)` and `(n, m)` under a predictor's points and hyperparameters."""
+    kernel = AdditiveRBF(part.component_weights, part.length_scales)
+    L = cholesky(kernel(part.basis, part.basis))[0]
+    return collect(kernel, part.basis, L, part.offset, X, Y, Progress())
 
 
 def updated(part: SharedPredictor, statistics: Statistics) -> SharedPredictor:

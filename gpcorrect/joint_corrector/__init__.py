@@ -12,6 +12,7 @@ from gpcorrect.joint_corrector.fit import (
     require_joints,
 )
 from gpcorrect.joint_corrector.metrics import JointErrors, joint_units
+from gpcorrect.joint_corrector.stream import JointStream
 
 __all__ = [
     "METHODS",
@@ -20,6 +21,7 @@ __all__ = [
     "JointEstimate",
     "JointExperiment",
     "JointSettings",
+    "JointStream",
     "Method",
     "evaluate_joint",
     "fit_joint",

@@ -164,6 +164,8 @@ def fit_joint(log: CalibrationLog, settings: JointSettings, progress: Progress |
         "input": corrector.input_signal,
         "direction": settings.direction,
         "fit_seconds": fitted,
+        "left_out": list(corrector.features.left_out),
+        **_steps(data),
     }
     corrector = replace(corrector, summary=summary)
     held = np.flatnonzero(test & data.usable)
@@ -185,6 +187,14 @@ def evaluate_joint(corrector: JointCorrector, log: CalibrationLog, time_offset: 
     if rows.size == 0:
         raise LogError("no sample has both positions and their truth.", path=log.name)
     return {"n_test": len(rows), "errors": _errors(corrector, data, rows)}
+
+
+def _steps(data: JointData) -> dict[str, float]:
+    """Usual and shortest step between samples, s: a stream needs to know what a pause is, and what a velocity."""
+    steps = np.diff(data.time)[~data.new[1:]]
+    if steps.size == 0:
+        return {}
+    return {"step_seconds": float(np.median(steps)), "shortest_step_seconds": float(np.percentile(steps, 1))}
 
 
 def _fitted(

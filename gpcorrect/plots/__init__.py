@@ -14,6 +14,7 @@ from gpcorrect.plots.overview import overview
 from gpcorrect.plots.style import png
 from gpcorrect.plots.training_size import training_curves
 from gpcorrect.plots.trajectory import trajectory_errors, trajectory_paths, typical_trajectory
+from gpcorrect.plots.vision import marker_residuals, tracked_path, tracking_quality, view_states
 from gpcorrect.plots.workspace import residual_maps, workspace_coverage
 from gpcorrect.plots.zigzag import joint_trajectory
 
@@ -25,6 +26,7 @@ __all__ = [
     "gap_chart",
     "joint_trajectory",
     "loop_plots",
+    "marker_residuals",
     "nats_waterfall",
     "offset_curve",
     "overview",
@@ -34,10 +36,13 @@ __all__ = [
     "residual_maps",
     "residual_over_joints",
     "signature_correlation",
+    "tracked_path",
+    "tracking_quality",
     "training_curves",
     "trajectory_errors",
     "trajectory_paths",
     "typical_trajectory",
+    "view_states",
     "visits",
     "workspace_coverage",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from gpcorrect_service.errors import ServiceError
 
 __all__ = [
     "MAX_PATH_POSES",
+    "bad_input",
     "check_answer",
     "checked_path",
     "checked_pose",
@@ -63,12 +64,14 @@ def checked_pose(pose: Sequence[float], limit: float) -> FloatArray:
         BAD_INPUT: wrong length, not finite, no unit quaternion, or too far away.
     """
     if len(pose) not in (POSE, POSITION):
-        raise _bad(f"a pose is 7 numbers (x y z qw qx qy qz) or 3 (x y z), got {len(pose)}.", "Send metres and wxyz.")
+        raise bad_input(
+            f"a pose is 7 numbers (x y z qw qx qy qz) or 3 (x y z), got {len(pose)}.", "Send metres and wxyz."
+        )
     _check_finite("pose", pose)
     if len(pose) == POSE:
         norm = math.hypot(*pose[POSITION:])
         if abs(norm - 1) > QUATERNION_TOLERANCE:
-            raise _bad(f"the quaternion has norm {norm:.6g}, not 1.", "Normalise it; the order is qw qx qy qz.")
+            raise bad_input(f"the quaternion has norm {norm:.6g}, not 1.", "Normalise it; the order is qw qx qy qz.")
     distance = math.hypot(*pose[:POSITION])
     if distance > limit:
         raise _too_far(distance, limit)
@@ -86,14 +89,14 @@ def checked_twist(twist: Sequence[float] | None) -> FloatArray | None:
     if twist is None:
         return None
     if len(twist) != TWIST:
-        raise _bad(
+        raise bad_input(
             f"a twist is 6 numbers (vx vy vz wx wy wz), got {len(twist)}.",
             "Leave it out where it is not known.",
         )
     _check_finite("twist", twist)
     speed, turning = math.hypot(*twist[:POSITION]), math.hypot(*twist[POSITION:])
     if speed > MAX_SPEED or turning > MAX_TURNING:
-        raise _bad(
+        raise bad_input(
             f"a twist of {speed:.4g} m/s and {turning:.4g} rad/s is no robot's.",
             "Send m/s and rad/s, not mm/s or deg/s.",
         )
@@ -111,23 +114,23 @@ def checked_path(
         BAD_INPUT: as for one pose, naming the row; or times that do not increase.
     """
     if not 0 < len(poses) <= MAX_PATH_POSES:
-        raise _bad(
+        raise bad_input(
             f"a path has 1 to {MAX_PATH_POSES} poses, got {len(poses)}.",
             "Cut longer paths where the robot rests.",
         )
     if len(times) != len(poses):
-        raise _bad(f"{len(poses)} poses came with {len(times)} times.", "Send one time (s) a pose.")
+        raise bad_input(f"{len(poses)} poses came with {len(times)} times.", "Send one time (s) a pose.")
     if len({len(pose) for pose in poses}) != 1:
-        raise _bad("the poses of the path differ in length.", "Send 7 numbers in every pose, or 3 in every pose.")
+        raise bad_input("the poses of the path differ in length.", "Send 7 numbers in every pose, or 3 in every pose.")
     for row, pose in enumerate(poses):
         try:
             checked_pose(pose, limit)
         except ServiceError as error:
-            raise _bad(f"pose {row} of the path: {error.message}", error.hint) from error
+            raise bad_input(f"pose {row} of the path: {error.message}", error.hint) from error
     _check_finite("times", times)
     stamps = np.array(times, dtype=np.float64)
     if (np.diff(stamps) <= 0).any():
-        raise _bad("the times of the path do not increase.", "Send seconds, strictly increasing.")
+        raise bad_input("the times of the path do not increase.", "Send seconds, strictly increasing.")
     return np.array(poses, dtype=np.float64), stamps
 
 
@@ -148,21 +151,25 @@ def check_answer(position: Sequence[float], quaternion: Sequence[float] | None, 
         raise _unsafe(f"lies further than {limit:.3g} m away")
 
 
-def _check_finite(what: str, numbers: Iterable[float]) -> None:
-    if not all(map(math.isfinite, numbers)):
-        raise _bad(f"the {what} holds a number that is not finite.", "Send only complete poses.")
+def _check_finite(what: str, numbers: Sequence[float]) -> None:
+    # One sum tells of most rows that all is well; a sum of huge numbers may overflow, so it alone condemns nobody.
+    if not math.isfinite(sum(numbers)) and not all(map(math.isfinite, numbers)):
+        raise bad_input(f"the {what} holds a number that is not finite.", "Send only complete poses.")
 
 
 def _too_far(distance: float, limit: float) -> ServiceError:
     if distance / 1000 <= limit:
-        return _bad(f"the position is {distance:.4g} m from the origin.", "This looks like millimetres: send metres.")
-    return _bad(
+        return bad_input(
+            f"the position is {distance:.4g} m from the origin.", "This looks like millimetres: send metres."
+        )
+    return bad_input(
         f"the position is {distance:.4g} m from the origin, beyond {limit:.3g} m.",
         "Check frame and unit (metres).",
     )
 
 
-def _bad(cause: str, next_step: str) -> ServiceError:
+def bad_input(cause: str, next_step: str) -> ServiceError:
+    """Return the refusal of a request that cannot be meant."""
     return ServiceError("BAD_INPUT", cause, hint=next_step)
 
 

@@ -10,6 +10,7 @@ from scipy.stats import t as student
 from gpcorrect.discrepancy.evidence.linear import Grams, grams
 from gpcorrect.discrepancy.recording.bench import Bench
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise, estimate_noise, whiten
+from gpcorrect.discrepancy.recording.stated import averaged, samples_a_row, sampling_step, settled, stated_noises
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["Lens", "estimate_noises", "lens_on"]
@@ -73,9 +74,12 @@ class Lens:
 
 
 def estimate_noises(bench: Bench, residual: FloatArray, rows: BoolArray) -> tuple[ChannelNoise, ...]:
-    """Estimate the noise of every channel on these rows of a residual `(m, c)`."""
+    """Noise of every channel: as the model states it, else estimated on these rows of a residual `(m, c)`."""
     block = np.where(rows, bench.block, -1)
     own = [estimate_noise(bench.time, column, block, bench.still, FLOOR) for column in residual.T]
+    count, step = samples_a_row(bench.group), sampling_step(bench.scene)
+    stated = [n and averaged(n, count, step) for n in stated_noises(bench.scene)]
+    own = [settled(o, s) for o, s in zip(own, stated, strict=True)]
     channels = bench.scene.channels
     outside = {c.joint: n.std for c, n in zip(channels, own, strict=True) if c.signal == "external_jp"}
     floors = [0.0 if c.signal != "measured_jp" else MOTOR_SHARE * outside.get(c.joint, MOTOR_FLOOR) for c in channels]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from gpcorrect.discrepancy.evidence.lens import Lens
@@ -12,9 +13,9 @@ from gpcorrect.discrepancy.evidence.linear import solve
 from gpcorrect.discrepancy.search.candidates import Member
 from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.search.trial import try_set
-from gpcorrect.types import FloatArray
+from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["explained_by_others", "half_widths"]
+__all__ = ["away_from_nothing", "explained_by_others", "half_widths"]
 
 
 def half_widths(search: Search, lens: Lens, members: Sequence[Member], index: int) -> dict[int, float]:
@@ -26,16 +27,56 @@ def half_widths(search: Search, lens: Lens, members: Sequence[Member], index: in
     -----
     Sandwich with whole trajectories as units: Liang and Zeger 1986, Biometrika 73(1).
     """
+    sandwich, plain, freedom = _covariances(search, lens, members)
+    half = student.ppf(0.975, freedom) * np.sqrt(np.maximum(np.diag(sandwich), np.diag(plain)))
+    own = _own(members, index)
+    return dict(enumerate(half[own].tolist()))
+
+
+def away_from_nothing(search: Search, lens: Lens, members: Sequence[Member], index: int) -> bool:
+    """Whether one member's sizes, all together and in its present shape, differ from those of no effect (5 % level).
+
+    Together, because two sizes may trade places: neither is known well alone, and yet not both can be nothing. In its
+    present shape, because an effect of no size has none (Davies 1977, Biometrika 64(2)).
+
+    Notes
+    -----
+    Hotelling's T-squared of the sizes, with either covariance.
+    """
+    member, own = members[index], _own(members, index)
+    sizes = list(member.candidate.sizes)
+    shape = np.delete(own, sizes)
+    sandwich, plain, freedom = _covariances(search, lens, members, without=shape)
+    places = own[sizes] - np.searchsorted(shape, own[sizes])
+    k = min(len(sizes), freedom)
+    limit = k * freedom / max(freedom - k + 1, 1) * fisher.ppf(0.95, k, max(freedom - k + 1, 1))
+    distance = np.array([member.u[i] - member.candidate.coordinates[i].identity for i in sizes])
+    if not np.isfinite(distance).all():  # a size that only its logarithm measures has no nothing
+        return True
+    covariances = [v[np.ix_(places, places)] for v in (sandwich, plain)]
+    return bool(min(distance @ np.linalg.pinv(v, hermitian=True) @ distance for v in covariances) > limit)
+
+
+def _covariances(
+    search: Search, lens: Lens, members: Sequence[Member], without: IntArray | None = None
+) -> tuple[FloatArray, FloatArray, int]:
+    """Sandwich and Gauss-Newton covariance of all coordinates (but some), and the sandwich's degrees of freedom."""
     trial = try_set(search.bench, lens, search.observed, members)
+    slopes = trial.slopes if without is None else np.delete(trial.slopes, without, axis=1)
     block = lens.block
     n_blocks = int(block.max()) + 1
-    inverse = np.linalg.pinv(trial.slopes.T @ trial.slopes, hermitian=True)
-    scores = np.stack([trial.slopes[block == b].T @ trial.z[block == b] for b in range(n_blocks)])
+    gram: FloatArray = slopes.T @ slopes
+    inverse: FloatArray = np.linalg.pinv(gram, hermitian=True).astype(np.float64)
+    scores = np.stack([slopes[block == b].T @ trial.z[block == b] for b in range(n_blocks)])
     meat = scores.T @ scores * n_blocks / max(n_blocks - 1, 1)
-    variance = np.maximum(np.diag(inverse @ meat @ inverse), np.diag(inverse))
-    half = student.ppf(0.975, max(n_blocks - 1, 1)) * np.sqrt(variance)
+    sandwich: FloatArray = inverse @ meat @ inverse
+    return sandwich, inverse, max(n_blocks - 1, 1)
+
+
+def _own(members: Sequence[Member], index: int) -> IntArray:
+    """Places of one member's coordinates among all."""
     begin = sum(len(m.u) for m in members[:index])
-    return {i: float(half[begin + i]) for i in range(len(members[index].u))}
+    return np.arange(begin, begin + len(members[index].u))
 
 
 def explained_by_others(search: Search, members: Sequence[Member], index: int) -> float:

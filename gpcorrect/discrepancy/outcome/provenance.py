@@ -12,6 +12,7 @@ import scipy
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.named import EXACT, STABLE
 from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.discrepancy.recording.stated import GIVEN, LOUDER_WORDS
 from gpcorrect.discrepancy.search.laid import Laid
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.types import CalibrationLog
@@ -50,17 +51,29 @@ def provenance_of(
             }
             for c, n in zip(bench.scene.channels, state.lens.noises, strict=True)
         },
-        "remarks": [*data.remarks, *_model_remarks(bench.scene)],
+        "remarks": [*data.remarks, *_model_remarks(bench.scene), _noise_remark(state)],
         "no_trace": list(state.silent),
     }
+
+
+def _noise_remark(state: Search) -> str:
+    """Return whether the noise was given or estimated."""
+    given = [n.basis.startswith(GIVEN) for n in state.lens.noises]
+    louder = [
+        c.name for c, n in zip(state.bench.scene.channels, state.lens.noises, strict=True) if LOUDER_WORDS in n.basis
+    ]
+    if all(given):
+        return "noise: as [noise] of the model file gives it, tails from the recording"
+    if louder:
+        return f"noise: the recording is clearly louder than [noise] says in {', '.join(louder)}; there it is estimated"
+    said = "as [noise] gives it where it does, else " if any(given) else ""
+    return f"noise: {said}estimated from the recording"
 
 
 def _model_remarks(scene: Scene) -> list[str]:
     model = scene.model
     absent = [
-        name
-        for name in ("controller", "transmission", "links", "noise", "T_tracker_base")
-        if getattr(model, name) is None
+        name for name in ("controller", "transmission", "links", "T_tracker_base") if getattr(model, name) is None
     ]
     if not absent:
         return []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -80,6 +80,10 @@ class Bench(Parts):
     @property
     def _known_bytes(self) -> int:
         return 8 * len(self) * len(self.scene.channels)
+
+    def strict(self) -> Bench:
+        """Return the bench with all of the residual in account, for what is reported of it."""
+        return self if self.scene.slack is None else replace(self, scene=self.scene.strict(), _known={})
 
     @property
     def seen(self) -> BoolArray:

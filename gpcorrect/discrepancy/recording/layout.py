@@ -20,7 +20,7 @@ class Layout:
     rows : (n, N) int array
         Row of the table; behind a column's end its last row again.
     valid : (n, N) bool array
-        False behind a column's end, and where a column only repeats the end of the one before to warm up.
+        False behind a column's end, and where a column only repeats rows of its neighbours to warm up and run out.
     """
 
     rows: IntArray
@@ -37,7 +37,7 @@ class Layout:
         return values
 
 
-def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0) -> Layout:
+def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0, run_out: int = 0) -> Layout:
     """Lay the rows of each label side by side, in their order.
 
     Parameters
@@ -45,22 +45,35 @@ def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0) ->
     label : (m,) int array
         Of each row; rows of label -1 are left out.
     piece : int, optional
-        Cut labels of more than `piece + warm_up` rows into columns of `piece` rows: fewer, wider steps along time.
+        Labels of more than `piece + warm_up` rows may be cut into columns of `piece` rows. They are where that makes
+        the grid smaller: one long label would pad the columns of many short ones.
     warm_up : int
         Rows before a cut that its column repeats, so that what has a memory fills it.
+    run_out : int
+        Rows behind a cut that its column repeats, so that a motion cut there does not seem to stop at once.
     """
-    groups: list[tuple[IntArray, int]] = []
-    for k in np.unique(label[label >= 0]):
-        rows = np.flatnonzero(label == k)
-        long = piece is not None and len(rows) > piece + warm_up
-        for start in range(0, len(rows), piece) if long and piece is not None else (0,):
-            first = max(0, start - warm_up)
-            stop = start + piece if long and piece is not None else len(rows)
-            groups.append((rows[first:stop], start - first))
-    n = max((len(g) for g, _ in groups), default=0)
+    whole = [(rows, 0, len(rows)) for rows in (np.flatnonzero(label == k) for k in np.unique(label[label >= 0]))]
+    cut = [] if piece is None else [part for rows, *_ in whole for part in _pieces(rows, piece, warm_up, run_out)]
+    groups = cut if cut and _cells(cut) < _cells(whole) else whole
+    n = max((len(g) for g, *_ in groups), default=0)
     if n == 0:
         return Layout(np.zeros((0, 0), dtype=np.int64), np.zeros((0, 0), dtype=np.bool_))
     index = np.arange(n)
-    rows = np.stack([np.pad(g, (0, n - len(g)), mode="edge") for g, _ in groups], axis=1)
-    valid = np.stack([(index >= warm) & (index < len(g)) for g, warm in groups], axis=1)
+    rows = np.stack([np.pad(g, (0, n - len(g)), mode="edge") for g, *_ in groups], axis=1)
+    valid = np.stack([(index >= begin) & (index < end) for _, begin, end in groups], axis=1)
     return Layout(rows, valid)
+
+
+def _pieces(rows: IntArray, piece: int, warm_up: int, run_out: int) -> list[tuple[IntArray, int, int]]:
+    """Rows of each piece, and where those begin and end that do not only warm up or run out."""
+    if len(rows) <= piece + warm_up:
+        return [(rows, 0, len(rows))]
+    parts = []
+    for start in range(0, len(rows), piece):
+        first, stop = max(0, start - warm_up), min(start + piece, len(rows))
+        parts.append((rows[first : stop + run_out], start - first, stop - first))
+    return parts
+
+
+def _cells(groups: list[tuple[IntArray, int, int]]) -> int:
+    return len(groups) * max(len(g) for g, *_ in groups)

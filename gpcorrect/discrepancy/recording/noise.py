@@ -21,6 +21,7 @@ LONGEST_LAG = 0.8  # s; beyond, motion and noise can no longer be told apart
 CORRELATION_TIMES = np.geomspace(0.02, 0.5, 20)  # s; longer ones would take motion effects for noise
 NORMAL_MAD = 0.6744897501960817
 TAILS = (3.0, 4.0, 6.0, 10.0, np.inf)
+MANY, BULK = 0.2, 0.99  # share of unchanged samples from which on a sensor rounds, and the share that is no fault
 SPIKE = 6.0  # robust standard deviations from the running median
 SPIKE_REACH = 3  # samples on either side
 
@@ -112,8 +113,17 @@ def _structure(time: FloatArray, residual: FloatArray, label: IntArray) -> tuple
         change = change[np.isfinite(change)]
         if len(change) >= MIN_PAIRS // 4:
             lags.append(float(np.median((time[lag:] - time[:-lag])[pair])))
-            halves.append(float((np.median(np.abs(change)) / NORMAL_MAD) ** 2 / 2))
+            halves.append(_half_square(change))
     return np.array(lags), np.array(halves)
+
+
+def _half_square(change: FloatArray) -> float:
+    """Half the robust mean squared change; a sensor that rounds often shows none, and then the bulk's mean is taken."""
+    size = np.abs(change)
+    if np.mean(size == 0.0) < MANY:
+        return float((np.median(size) / NORMAL_MAD) ** 2 / 2)
+    bulk = size[size <= np.quantile(size, BULK)]
+    return float(np.mean(bulk**2) / 2)
 
 
 def _fit_structure(lags: FloatArray, halves: FloatArray, floor: float) -> tuple[float, float, float]:

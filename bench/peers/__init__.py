@@ -1,0 +1,1 @@
+"""Other libraries' regressions behind one interface, a file a library."""
