@@ -19,13 +19,13 @@ from typing import Any
 
 from discrepancy_baselines import BASELINES
 from discrepancy_cases import ADVISED, Job, outcome_of, solve
-from joblib import Parallel, delayed
 from support import RESULTS, print_table
 from truth import SUITES, short, specs
 
 from gpcorrect.discrepancy.advice.next_experiment import ENOUGH
 from gpcorrect.discrepancy.protocol.score_reports import Score, Share, score_cases
 from gpcorrect.discrepancy.protocol.score_text import score_text
+from gpcorrect.parallel import each_as_done, workers
 
 FIRST_SEED = 900_000
 NUMBERS = {
@@ -49,7 +49,7 @@ def jobs_of(arguments: argparse.Namespace) -> Iterator[Job]:
             yield Job(short(spec) if arguments.short else spec, seed, not arguments.no_baselines)
 
 
-def run(jobs: list[Job], results: Path, workers: int) -> list[dict[str, Any]]:
+def run(jobs: list[Job], results: Path) -> list[dict[str, Any]]:
     """Solve what is not solved yet, each result written as soon as it is there."""
     results.parent.mkdir(parents=True, exist_ok=True)
     known = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
@@ -57,8 +57,7 @@ def run(jobs: list[Job], results: Path, workers: int) -> list[dict[str, Any]]:
     left = [job for job in jobs if job.key not in done]
     started = time.monotonic()
     with results.open("a") as file:
-        solved = Parallel(n_jobs=workers, return_as="generator_unordered")(delayed(solve)(job) for job in left)
-        for number, entry in enumerate(solved, 1):
+        for number, entry in enumerate(each_as_done(solve, left), 1):
             done[entry["key"]] = entry
             file.write(json.dumps(entry) + "\n")
             file.flush()
@@ -129,13 +128,16 @@ def main() -> None:
     parser.add_argument("--suite", action="append", choices=sorted(NUMBERS), help="only this set; repeatable")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="published figures: 900000 and up")
     parser.add_argument("--workers", type=int, default=-1, help="processes; all cores by default")
+    parser.add_argument("--scheduler", help="address of a Dask scheduler whose workers have bench/ on PYTHONPATH")
     parser.add_argument("--no-baselines", action="store_true")
     parser.add_argument("--results", type=Path, default=None, help="file that finished cases are kept in")
     arguments = parser.parse_args()
     name = "discrepancy_blind_short" if arguments.short else "discrepancy_blind"
     results = arguments.results or RESULTS / f"{name}.jsonl"
     jobs = list(jobs_of(arguments))
-    score = show(run(jobs, results, arguments.workers))
+    with workers(arguments.workers, arguments.scheduler):
+        entries = run(jobs, results)
+    score = show(entries)
     results.with_suffix(".json").write_text(json.dumps(score.to_dict(), indent=2))
 
 
