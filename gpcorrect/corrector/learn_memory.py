@@ -33,7 +33,8 @@ class Samples:
         NaN in the rotation of a position-only log.
     position, rotations : (n, 3) and (n, 3, 3) arrays
         Of the reference poses; no rotations in a position-only log.
-    trajectory : (n,) array
+    trajectory, path : (n,) arrays
+        Motions that are left out together, and the paths that they are parts of: memory is carried along these.
     """
 
     X: FloatArray
@@ -42,13 +43,14 @@ class Samples:
     position: FloatArray
     rotations: FloatArray | None
     trajectory: IntArray
+    path: IntArray
 
 
 def learn_recall(
     samples: Samples, joints: JointMap | None, without: ResidualModel, bounds: Bounds, learn: Learn
 ) -> tuple[Recall, ResidualModel]:
     """Return what was learned with memory features chosen by what they explain of the errors `without` them."""
-    paths = samples.position, samples.rotations, samples.trajectory
+    paths = samples.position, samples.rotations, samples.path
     candidates = (None,) if joints is None else (None, joints)
     memory = choose_memory(candidates, *paths, without.errors, trajectory_folds(samples.trajectory))
     width = samples.X.shape[1]

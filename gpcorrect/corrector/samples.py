@@ -10,6 +10,7 @@ from gpcorrect.corrector.command import CommandCorrector
 from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.corrector.reference import observed_twists, reference_twists, rotations_of
 from gpcorrect.errors import LogError
+from gpcorrect.play import path_labels
 from gpcorrect.rigid import pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
@@ -66,6 +67,7 @@ def log_samples(corrector: CommandCorrector, log: CalibrationLog, keep: BoolArra
     recall = corrector.recall
     wide = None
     if recall is not None:
-        wide = np.hstack([X, recall.memory.transform(reference.position, turned, trajectory)])
+        path = path_labels(log.time[rows], log.session[rows])
+        wide = np.hstack([X, recall.memory.transform(reference.position, turned, path)])
     residual = pose_residual(reference, command[rows])[:, : 6 if corrector.has_orientation else 3]
     return LogSamples(X, wide, residual, trajectory, log.time[rows])

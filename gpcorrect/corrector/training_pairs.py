@@ -12,6 +12,7 @@ from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.corrector.reference import observed_twists, reference_twists, rotations_of
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import FeatureMap
+from gpcorrect.play import path_labels
 from gpcorrect.rigid import RigidModel, pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
@@ -30,6 +31,7 @@ class TrainingPairs:
     twist: FloatArray
     trajectory: IntArray
     time: FloatArray
+    session: IntArray
 
     @classmethod
     def of(cls, log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> Self:
@@ -49,7 +51,7 @@ class TrainingPairs:
                 hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
                 path=log.name,
             )
-        return cls(observed[rows], command[rows], twist[rows], log.trajectory[rows], log.time[rows])
+        return cls(observed[rows], command[rows], twist[rows], log.trajectory[rows], log.time[rows], log.session[rows])
 
     def samples(self, rigid: RigidModel, kinds: tuple[str, ...]) -> tuple[FeatureMap, Samples]:
         """Return the features of these kinds, fitted, and with them what the residual is learned from."""
@@ -59,7 +61,8 @@ class TrainingPairs:
         features = FeatureMap(kinds).fit(reference.position, rotations, twist)
         residual = pose_residual(reference, self.command)
         X = features.transform(reference.position, rotations, twist)
-        return features, Samples(X, features.groups, residual, reference.position, rotations, self.trajectory)
+        path = path_labels(self.time, self.session)
+        return features, Samples(X, features.groups, residual, reference.position, rotations, self.trajectory, path)
 
     @property
     def check_queries(self) -> FloatArray:
