@@ -230,7 +230,7 @@ def _measure(corrector: CommandCorrector, log: CalibrationLog, keep: BoolArray) 
             path=log.name,
         )
     observed, command, twist = observed[rows], command[rows], twist[rows]
-    path = corrector.correct_observed(possible[rows], twist, path_labels(log.time[rows], log.session[rows]))
+    path = corrector.correct_observed(possible[rows], twist, command, path_labels(log.time[rows], log.session[rows]))
     return Measured(
         raw=pose_residual(observed, command),
         rigid=pose_residual(corrector.rigid.apply(observed), command),

@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from gpcorrect.corrector.learn_memory import Samples
+from gpcorrect.corrector.memory import History
 from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.corrector.reference import observed_twists, reference_twists, rotations_of
 from gpcorrect.errors import LogError
@@ -61,8 +62,9 @@ class TrainingPairs:
         features = FeatureMap(kinds).fit(reference.position, rotations, twist)
         residual = pose_residual(reference, self.command)
         X = features.transform(reference.position, rotations, twist)
-        path = path_labels(self.time, self.session)
-        return features, Samples(X, features.groups, residual, reference.position, rotations, self.trajectory, path)
+        labels = path_labels(self.time, self.session)
+        history = History.of(self.command, reference, labels, orientation=features.has_orientation)
+        return features, Samples(X, features.groups, residual, history, self.trajectory)
 
     @property
     def check_queries(self) -> FloatArray:
