@@ -17,6 +17,7 @@ from gpcorrect.cli.joint import joint_app
 from gpcorrect.cli.models import models_app
 from gpcorrect.cli.query import query_app
 from gpcorrect.cli.reproduce import reproduce_app
+from gpcorrect.cli.secure import doctor, router, secure_app
 from gpcorrect.cli.serve import serve
 from gpcorrect.cli.simulate import simulate
 from gpcorrect.cli.update import update
@@ -50,6 +51,9 @@ app.command()(explore)
 app.command()(serve)
 app.add_typer(query_app, name="query")
 app.add_typer(models_app, name="models")
+app.add_typer(secure_app, name="secure")
+app.command()(router)
+app.command()(doctor)
 app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")

@@ -23,6 +23,7 @@ NORMAL_MAD = 0.6744897501960817
 TAILS = (3.0, 4.0, 6.0, 10.0, np.inf)
 MANY, BULK = 0.2, 0.99  # share of unchanged samples from which on a sensor rounds, and the share that is no fault
 SPIKE = 6.0  # robust standard deviations from the running median
+LONGEST_SPIKE = 2  # samples in a row that a sensor's fault may last
 SPIKE_REACH = 3  # samples on either side
 
 
@@ -262,8 +263,18 @@ def outliers(residual: FloatArray, block: IntArray) -> BoolArray:
         distance = np.abs(residual[rows] - local)
         scale = np.median(distance) / NORMAL_MAD
         around = np.lib.stride_tricks.sliding_window_view(np.pad(distance, SPIKE_REACH, mode="edge"), window)
-        spikes[rows] = (distance > SPIKE * max(scale, 1e-300)) & (distance > 3 * np.median(around, axis=1))
+        far = (distance > SPIKE * max(scale, 1e-300)) & (distance > 3 * np.median(around, axis=1))
+        spikes[rows] = far & ~_in_long_run(far)
     return spikes
+
+
+def _in_long_run(flags: BoolArray) -> BoolArray:
+    """Whether each flag stands among more than a few in a row: a machine that was pushed aside, not a fault."""
+    edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
+    long = np.zeros(len(flags), dtype=np.bool_)
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        long[start:stop] = stop - start > LONGEST_SPIKE
+    return long
 
 
 def standard_draws(tail: float, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
