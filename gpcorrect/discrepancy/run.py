@@ -38,6 +38,8 @@ __all__ = ["RunSettings", "find_discrepancy"]
 
 ORDER: tuple[Level, ...] = ("EXACT", "CLASS", "SET")
 
+BURST = 3.0  # noise levels
+
 
 @dataclass(frozen=True)
 class RunSettings:
@@ -200,7 +202,7 @@ def _verdict(
     laid: Laid, state: Search, before: Localisation, effects: Sequence[NamedEffect], members: Sequence[Member]
 ) -> Level:
     if not before.something and not effects:
-        return "NONE" if before.nothing else "INCONCLUSIVE"
+        return "NONE" if before.nothing and not _has_bursts(state) else "INCONCLUSIVE"
     if effects and (members or not before.something):
         return _least_sure(effects)
     joints = {e.named.member.candidate.joint for e in effects}  # of effects on noise, which say what is odd there
@@ -213,3 +215,13 @@ def _verdict(
 
 def _least_sure(effects: Sequence[NamedEffect]) -> Level:
     return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # kept effects have one of these
+
+
+def _has_bursts(state: Search) -> bool:
+    """Whether a channel is far louder than its noise mostly is: something rare happens there, too rare to be named.
+
+    The sealed part counts as well: nothing is fitted to it, and "nothing is missing" must hold there too.
+    """
+    residual, part = state.bench.residual(), state.bench.part
+    size = np.stack([np.sqrt(np.nanmean(residual[part == p] ** 2, axis=0)) for p in np.unique(part)])
+    return bool((size > BURST * np.array([n.std for n in state.lens.noises])).any())
