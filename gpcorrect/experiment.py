@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.cleaning import CleaningReport
+from gpcorrect.cleaning import CleaningReport, require_segments
 from gpcorrect.corrector import (
     CommandCorrector,
     FitResult,
@@ -187,10 +187,11 @@ def run_experiment(
     LogError
         Signals are missing, or nothing can be held out.
     DataError
-        The data do not determine a model.
+        The data do not determine a model, or a segment to keep or drop is not in the log.
     """
     settings = settings or FitSettings()
     start = time.perf_counter()
+    require_segments(log, (*settings.cleaning.keep, *settings.cleaning.drop))
     log, clocks = on_one_clock(log, settings.time_offset)
     rng = np.random.default_rng(settings.seed) if shuffle else None
     train, test = split_trajectories(log, holdout, rng=rng)

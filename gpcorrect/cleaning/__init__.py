@@ -3,7 +3,7 @@
 from gpcorrect.cleaning.cleaner import FittedCleaner, clean, clean_with, fit_cleaner
 from gpcorrect.cleaning.reasons import Reason
 from gpcorrect.cleaning.report import CleaningReport
-from gpcorrect.cleaning.segments import Segment
+from gpcorrect.cleaning.segments import Segment, require_segments
 from gpcorrect.cleaning.settings import CleaningSettings
 
 __all__ = [
@@ -15,4 +15,5 @@ __all__ = [
     "clean",
     "clean_with",
     "fit_cleaner",
+    "require_segments",
 ]

@@ -90,7 +90,7 @@ def pose_error(mapped: PoseSignal, command: PoseSignal) -> FloatArray:
 
 def part_norms(error: FloatArray) -> FloatArray:
     """Lengths (n, parts) of the position part and, where there is one, of the rotation part of (n, 3 parts)."""
-    lengths: FloatArray = np.linalg.norm(error.reshape(len(error), -1, 3), axis=2)
+    lengths: FloatArray = np.linalg.norm(error.reshape(len(error), error.shape[1] // 3, 3), axis=2)
     return lengths
 
 

@@ -9,7 +9,19 @@ import typer
 
 from gpcorrect import artifact
 from gpcorrect.cli.console import err, out, print_json, show_errors
-from gpcorrect.cli.options import Arm, AsIs, Columns, Disordered, Json, Logs, Namespace, Tracker, read_logs
+from gpcorrect.cli.options import (
+    Arm,
+    AsIs,
+    Columns,
+    Disordered,
+    Json,
+    Logs,
+    Namespace,
+    Tracker,
+    TrackerLog,
+    clock_left,
+    read_logs,
+)
 from gpcorrect.corrector import on_one_clock
 from gpcorrect.experiment import evaluate as evaluate_model
 
@@ -23,6 +35,7 @@ def evaluate(
     time_offset: Annotated[str, typer.Option(help="Tracker's clock, as for fit: auto, none, or seconds.")] = "auto",
     namespace: Namespace = None,
     tracker_topic: Tracker = None,
+    tracker_log: TrackerLog = None,
     arm: Arm = None,
     as_is: AsIs = False,
     drop_disordered: Disordered = False,
@@ -41,8 +54,10 @@ def evaluate(
         namespace=namespace,
         tracker_topic=tracker_topic,
         arm=arm,
+        tracker_log=tracker_log,
+        time_offset=time_offset,
     )
-    log, clocks = on_one_clock(log, time_offset)
+    log, clocks = on_one_clock(log, clock_left(time_offset, tracker_log))
     measured = evaluate_model(corrector, log)
     result = {
         "n_test": len(measured.clean.rows),

@@ -12,7 +12,19 @@ from gpcorrect import artifact
 from gpcorrect.atomic import atomic_path, make_folder, require_folder
 from gpcorrect.cleaning import CleaningReport, CleaningSettings, Segment
 from gpcorrect.cli.console import err, out, print_json, progress_bar, show_errors, split_names
-from gpcorrect.cli.options import Arm, AsIs, Columns, Disordered, Json, Logs, Namespace, Tracker, read_logs
+from gpcorrect.cli.options import (
+    Arm,
+    AsIs,
+    Columns,
+    Disordered,
+    Json,
+    Logs,
+    Namespace,
+    Tracker,
+    TrackerLog,
+    clock_left,
+    read_logs,
+)
 from gpcorrect.corrector import FitSettings
 from gpcorrect.errors import DataError
 from gpcorrect.experiment import Experiment, run_experiment
@@ -58,6 +70,7 @@ def fit(
     ] = None,
     namespace: Namespace = None,
     tracker_topic: Tracker = None,
+    tracker_log: TrackerLog = None,
     arm: Arm = None,
     as_is: AsIs = False,
     drop_disordered: Disordered = False,
@@ -71,11 +84,21 @@ def fit(
 
     gpcorrect fit monday.csv --features pose,velocity,memory --output model.gpc
 
-    gpcorrect fit optitrack.csv --columns map.toml --output model.gpc --json
+    gpcorrect fit lab.csv --columns map.toml --output model.gpc --json
+
+    gpcorrect fit robot.bag --tracker-log "Take 2026-11-21.csv" --output model.gpc
     """
     require_folder(output)
     if report is not None:
         make_folder(report)
+    settings = FitSettings(
+        features=split_names(features),
+        clean=clean,
+        cleaning=CleaningSettings(keep=_segments(keep), drop=_segments(drop)),
+        marker=_marker(marker),
+        time_offset=clock_left(time_offset, tracker_log),
+        seed=seed,
+    )
     log = read_logs(
         logs,
         columns,
@@ -84,14 +107,8 @@ def fit(
         namespace=namespace,
         tracker_topic=tracker_topic,
         arm=arm,
-    )
-    settings = FitSettings(
-        features=split_names(features),
-        clean=clean,
-        cleaning=CleaningSettings(keep=_segments(keep), drop=_segments(drop)),
-        marker=_marker(marker),
+        tracker_log=tracker_log,
         time_offset=time_offset,
-        seed=seed,
     )
     with progress_bar(quiet=json) as progress:
         experiment = run_experiment(log, settings, holdout=holdout, shuffle=shuffle, progress=progress)

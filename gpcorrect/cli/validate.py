@@ -10,8 +10,9 @@ import typer
 from rich.table import Table
 
 from gpcorrect.cli.console import out, print_json
-from gpcorrect.cli.options import Arm, Columns, Json, Namespace, Tracker
-from gpcorrect.logs import ValidationReport, read_log, validate_log
+from gpcorrect.cli.options import Arm, Columns, Json, Namespace, Tracker, TrackerLog, seconds_ahead
+from gpcorrect.logs import ValidationReport, read_log, validate_log, with_tracker
+from gpcorrect.uses import Use, with_uses
 
 __all__ = ["validate"]
 
@@ -24,27 +25,37 @@ def validate(
     namespace: Namespace = None,
     tracker_topic: Tracker = None,
     arm: Arm = None,
+    tracker_log: TrackerLog = None,
+    time_offset: Annotated[
+        str, typer.Option(help="Clock of --tracker-log: auto (matched by the motion), none, or seconds it runs ahead.")
+    ] = "auto",
     json: Json = False,
 ) -> None:
     """Look at a recording before fitting: rates, gaps, stamps, frozen signals, units, limits, swapped arms.
 
     Exit status 0 when it can be used (warnings included), 2 when something must be mended first.
 
-    Example: gpcorrect validate monday.bag --namespace PSM2
+    Examples
+    --------
+    gpcorrect validate monday.bag --namespace PSM2
+
+    gpcorrect validate robot.csv --tracker-log "Take 2026-11-21.csv"
     """
     recording = read_log(
         log, columns=columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm, disorder="keep"
     )
-    report = validate_log(recording)
+    if tracker_log is not None:
+        recording = with_tracker(recording, read_log(tracker_log, columns=columns), seconds_ahead(time_offset))
+    report, uses = with_uses(validate_log(recording), recording)
     if json:
-        print_json(report.to_dict())
+        print_json({**report.to_dict(), "uses": {use.command: use.refusal or True for use in uses}})
     else:
-        _show(report)
+        _show(report, uses)
     if not report.ok:
         raise typer.Exit(2)
 
 
-def _show(report: ValidationReport) -> None:
+def _show(report: ValidationReport, uses: tuple[Use, ...]) -> None:
     facts = report.facts
     out.print(f"{facts['name']}: {_recording(facts)}")
     out.print(_signals(facts["signals"]))
@@ -55,7 +66,11 @@ def _show(report: ValidationReport) -> None:
         out.print(f"[{STYLE[finding.severity]}]{finding.severity:8}[/] {about}{finding.message}")
         if finding.hint and finding.severity != "info":
             out.print(f"         [dim]{finding.hint}[/]")
-    verdict = "can be used" if report.ok else "mend the errors first"
+    able = [use.command for use in uses if not use.refusal]
+    for use in uses if able else ():
+        if use.refusal:
+            out.print(f"[dim]{'not for':8} {use.command}: {use.refusal}[/]")
+    verdict = f"can be used for {', '.join(able)}" if report.ok else "mend the errors first"
     counts = f"{len(report.errors)} errors, {len(report.warnings)} warnings"
     out.print(f"[bold]{verdict}[/] ({counts})")
 

@@ -12,6 +12,7 @@ from gpcorrect.corrector.samples import LogSamples, log_samples
 from gpcorrect.corrector.scores import normalised, scores_by_trajectory
 from gpcorrect.corrector.settings import FitSettings
 from gpcorrect.corrector.stream import CorrectionStream
+from gpcorrect.corrector.usable import require_learnable
 
 __all__ = [
     "CommandCorrector",
@@ -27,6 +28,7 @@ __all__ = [
     "observed_twists",
     "on_one_clock",
     "pose_pair",
+    "require_learnable",
     "scores_by_trajectory",
     "trajectory_folds",
 ]

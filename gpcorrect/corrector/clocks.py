@@ -12,7 +12,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.logs import TimeOffset, align, log_offset
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["PLAUSIBLE_LAG", "Clocks", "on_one_clock"]
+__all__ = ["PLAUSIBLE_LAG", "Clocks", "on_one_clock", "seconds_of"]
 
 # s: a servo follows its command within this time and never runs ahead of it; recorded: 13 to 47 ms on a dVRK.
 PLAUSIBLE_LAG = (0.0, 0.15)
@@ -61,7 +61,7 @@ def on_one_clock(log: CalibrationLog, mode: str) -> tuple[CalibrationLog, Clocks
     if mode == "none":
         return log, Clocks(None, 0.0, "the stamps of the tracker were taken as they are")
     if mode != "auto":
-        seconds = _seconds(mode)
+        seconds = seconds_of(mode)
         return align(log, seconds), Clocks(
             None, seconds, f"the tracker was shifted by the {seconds:g} s that were given"
         )
@@ -82,7 +82,14 @@ def _sample_step(log: CalibrationLog) -> float:
     return float(np.median(np.diff(log.time)[inside])) if inside.any() else 0.0
 
 
-def _seconds(text: str) -> float:
+def seconds_of(text: str) -> float:
+    """Seconds that an option states.
+
+    Raises
+    ------
+    DataError
+        It is no finite number.
+    """
     try:
         seconds = float(text)
     except ValueError:

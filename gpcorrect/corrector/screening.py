@@ -10,7 +10,6 @@ import numpy as np
 
 from gpcorrect.cleaning import CleaningReport, CleaningSettings, FittedCleaner, clean_with, fit_cleaner
 from gpcorrect.corrector.pairs import pose_pair
-from gpcorrect.errors import LogError
 from gpcorrect.packing import pack, unpack
 from gpcorrect.rigid import MarkerOption, RigidModel, fit_pose, fit_position, register
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
@@ -52,13 +51,6 @@ class Screen:
         """
         observed, command = pose_pair(log)
         rows = observed.finite & command.finite
-        if not rows.any():
-            raise LogError(
-                f"no sample of {len(log)} has both poses complete (tracker_cp: {int(observed.finite.sum())},"
-                f" setpoint_cp: {int(command.finite.sum())}).",
-                hint="Look for missing numbers, quaternions not of norm 1, clocks apart: gpcorrect validate",
-                path=log.name,
-            )
         rigid = register(observed[rows], command[rows], log.trajectory[rows], marker).model
         cleaner, report = fit_cleaner(
             _through(rigid, log, observed), _registered, settings, rng=np.random.default_rng(seed)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from gpcorrect.cleaning import CleaningSettings
+from gpcorrect.gpr import FeatureMap
 from gpcorrect.rigid import MarkerOption
 
 __all__ = ["MEMORY", "FitSettings"]
@@ -38,6 +39,11 @@ class FitSettings:
         neighbouring samples, "auto" a step that keeps the tracker's noise out of the velocities.
     seed : int
         Seed of everything random.
+
+    Raises
+    ------
+    DataError
+        A feature is unknown.
     """
 
     features: tuple[str, ...] = ("pose", "velocity")
@@ -49,3 +55,6 @@ class FitSettings:
     time_offset: str = "auto"
     velocity_step: float | Literal["auto"] | None = "auto"
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        FeatureMap([kind for kind in self.features if kind != MEMORY])  # refuses unknown ones

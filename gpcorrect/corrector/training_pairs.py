@@ -41,9 +41,16 @@ class TrainingPairs:
         Raises
         ------
         LogError
-            There are too few of them.
+            There are too few of them, or the log lacks a signal.
         """
         observed, command = pose_pair(log)
+        if not (observed.finite & command.finite).any():
+            raise LogError(
+                f"no sample of {len(log)} has both poses complete (tracker_cp: {int(observed.finite.sum())},"
+                f" setpoint_cp: {int(command.finite.sum())}).",
+                hint="Look for missing numbers, quaternions not of norm 1, clocks apart: gpcorrect validate",
+                path=log.name,
+            )
         twist = observed_twists(log.time, log.trajectory, observed, keep, velocity_step)
         rows = keep & observed.finite & command.finite & np.isfinite(twist[:, :3]).all(axis=1)
         if rows.sum() < MIN_SAMPLES:

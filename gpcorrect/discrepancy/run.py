@@ -14,13 +14,17 @@ from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.intervals import half_widths
 from gpcorrect.discrepancy.naming.named import Named
 from gpcorrect.discrepancy.naming.prune import name_members
+from gpcorrect.discrepancy.naming.sensor_noise import noise_effects
 from gpcorrect.discrepancy.naming.weigh import smooth_nats, view_of
 from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
 from gpcorrect.discrepancy.outcome.kept import searched
 from gpcorrect.discrepancy.outcome.provenance import provenance_of
 from gpcorrect.discrepancy.outcome.result import Discrepancy, Level, NamedEffect
 from gpcorrect.discrepancy.outcome.store import StageStore
-from gpcorrect.discrepancy.search.candidates import Member, all_candidates, describe
+from gpcorrect.discrepancy.recording.bench import Bench
+from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.recording.stated import samples_a_row
+from gpcorrect.discrepancy.search.candidates import Candidate, Member, all_candidates, describe
 from gpcorrect.discrepancy.search.laid import Laid, lay_out, localise_residual
 from gpcorrect.discrepancy.search.needs import split_by_needs
 from gpcorrect.discrepancy.search.score import search
@@ -33,6 +37,8 @@ from gpcorrect.types import BoolArray, CalibrationLog, Progress
 __all__ = ["RunSettings", "find_discrepancy"]
 
 ORDER: tuple[Level, ...] = ("EXACT", "CLASS", "SET")
+
+BURST = 3.0  # noise levels
 
 
 @dataclass(frozen=True)
@@ -90,46 +96,53 @@ def find_discrepancy(
     """
     settings, progress, started = settings or RunSettings(), progress or Progress(), time.monotonic()
     rng = np.random.default_rng(settings.seed)
+    progress.step("laying out", 0.0)
     laid = lay_out(log, model, settings.max_rows, rng)
     bench = laid.bench
+    progress.step("laying out", 1.0)
     progress.step("localising", 0.0)
     before = localise_residual(laid, (), estimate_noises(bench, bench.residual(), bench.seen), settings.tolerance, rng)
     progress.step("localising", 1.0)
-    state, kept, dropped = _search(log, laid, before, settings, progress, store)
+    candidates, lacks = split_by_needs(all_candidates(bench.scene), bench.scene, laid.log)
+    state, kept, dropped = _search(laid, candidates if before.something else [], settings, progress, store)
+    progress.step("numbers", 0.0)
     members = _refit(state, [n.member for n in kept], bench.seen)
     effects = _with_numbers(state, kept, members, bench.seen)
+    progress.step("numbers", 1.0)
     final = estimate_noises(bench, state.residual(members), bench.seen)
+    noise, doubtful = _on_noise(bench, members, final)
     remainder = localise_residual(laid, members, final, settings.tolerance, rng) if before.something else None
+    progress.step("what is left", 1.0)
     progress.step("sealed part", 0.0)
     gap = gaps_of(laid, members, final, rng)
     progress.step("sealed part", 1.0)
+    level = _verdict(laid, state, before, (*effects, *noise), members)
+    progress.step("next experiment", 0.0)
+    advice = advise(bench.scene, members, [*kept, *dropped], final, settings.seed)
+    progress.step("next experiment", 1.0)
     return Discrepancy(
-        level=_verdict(laid, state, before, effects, members),
-        effects=effects,
-        unnamed=dropped,
+        level=level,
+        effects=(*effects, *noise),
+        unnamed=(*dropped, *doubtful),
         localisation=before,
         remainder=remainder,
         gap=gap,
-        next_experiment=advise(bench.scene, members, [*kept, *dropped], final, settings.seed),
-        model=model.with_effects(*in_order((*model.effects, *(m.effect for m in members)))),
+        next_experiment=advice,
+        model=model.with_effects(*in_order((*model.effects, *(e.named.member.effect for e in (*effects, *noise))))),
         evidence=evidence_of(laid, state, members),
-        provenance=provenance_of(log, settings.seed, laid, state, before, time.monotonic() - started),
+        provenance=provenance_of(log, settings.seed, laid, state, before, lacks, time.monotonic() - started),
     )
 
 
 def _search(
-    log: CalibrationLog,
     laid: Laid,
-    before: Localisation,
+    candidates: Sequence[Candidate],
     settings: RunSettings,
     progress: Progress,
     store: StageStore | None,
 ) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
     """Search and naming, when there is something to name."""
-    scene = laid.bench.scene
-    candidates, unable = split_by_needs(all_candidates(scene) if before.something else [], scene, log)
     state = start_search(laid.bench, candidates, progress=progress)
-    state = replace(state, silent=(*unable, *state.silent))
     if not state.traces:
         return state, (), ()
     state = searched(state, candidates, store, lambda start: search(start, rounds=settings.rounds, progress=progress))
@@ -150,6 +163,16 @@ def _refit(state: Search, members: Sequence[Member], rows: BoolArray) -> tuple[M
         for i, member in zip(group, fresh, strict=True):
             done[i] = member
     return tuple(done)
+
+
+def _on_noise(
+    bench: Bench, members: Sequence[Member], noises: Sequence[ChannelNoise]
+) -> tuple[tuple[NamedEffect, ...], tuple[Named, ...]]:
+    """Return effects that change no mean, and those that are not sure enough to be named."""
+    level = np.array([n.std for n in noises]) * np.sqrt(samples_a_row(bench.group))
+    found = noise_effects(bench, [m.effect for m in members], level)
+    sure = tuple(NamedEffect(e.named, e.parameters) for e in found if e.named.may_be_named)
+    return sure, tuple(e.named for e in found if not e.named.may_be_named)
 
 
 def _groups(state: Search, members: Sequence[Member]) -> list[list[int]]:
@@ -178,10 +201,27 @@ def _with_numbers(
 def _verdict(
     laid: Laid, state: Search, before: Localisation, effects: Sequence[NamedEffect], members: Sequence[Member]
 ) -> Level:
-    if not before.something:
-        return "NONE" if before.nothing else "INCONCLUSIVE"
-    if effects:
-        return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # kept effects have one of these
-    everywhere = np.ones(len(laid.bench.scene.channels), dtype=np.bool_)
-    left = smooth_nats(view_of(state, laid.tests, laid.inputs), members, everywhere)
-    return "UNKNOWN" if left > penalty(max(state.n_kinds, 1)) else "INCONCLUSIVE"
+    if not before.something and not effects:
+        return "NONE" if before.nothing and not _has_bursts(state) else "INCONCLUSIVE"
+    if effects and (members or not before.something):
+        return _least_sure(effects)
+    joints = {e.named.member.candidate.joint for e in effects}  # of effects on noise, which say what is odd there
+    elsewhere = np.array([c.joint not in joints for c in laid.bench.scene.channels])
+    left = smooth_nats(view_of(state, laid.tests, laid.inputs), members, elsewhere)
+    if left > penalty(max(state.n_kinds, 1)):
+        return "UNKNOWN"
+    return _least_sure(effects) if effects else "INCONCLUSIVE"
+
+
+def _least_sure(effects: Sequence[NamedEffect]) -> Level:
+    return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # kept effects have one of these
+
+
+def _has_bursts(state: Search) -> bool:
+    """Whether a channel is far louder than its noise mostly is: something rare happens there, too rare to be named.
+
+    The sealed part counts as well: nothing is fitted to it, and "nothing is missing" must hold there too.
+    """
+    residual, part = state.bench.residual(), state.bench.part
+    size = np.stack([np.sqrt(np.nanmean(residual[part == p] ** 2, axis=0)) for p in np.unique(part)])
+    return bool((size > BURST * np.array([n.std for n in state.lens.noises])).any())

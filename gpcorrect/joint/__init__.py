@@ -1,10 +1,10 @@
 """Joint-space calibration: trajectories, data sets, features and calibrators, from reported joints to true ones."""
 
-from gpcorrect.joint.cable_ukf import CableModel, learn_cable
+from gpcorrect.joint.cable_ukf import CableFilter, CableModel, learn_cable
 from gpcorrect.joint.calibrators import Calibrator, NetworkCalibrator, PolynomialCalibrator
 from gpcorrect.joint.coupled_play import CoupledPlay
 from gpcorrect.joint.dataset import Direction, InputSignal, JointData, check_moves, joint_data
-from gpcorrect.joint.excitation import amplitude_ladder, holds, random_sinusoids, speed_ladder
+from gpcorrect.joint.excitation import amplitude_ladder, holds, random_sinusoids, random_sweeps, speed_ladder
 from gpcorrect.joint.features import FeatureKind, JointFeatures, feature_kinds
 from gpcorrect.joint.maps import ErrorMap, NetworkMap, PolynomialMap
 from gpcorrect.joint.timing import TimedPath, timed
@@ -13,6 +13,7 @@ from gpcorrect.joint.zigzag import DIRECTIONS, direction_named, zigzag
 
 __all__ = [
     "DIRECTIONS",
+    "CableFilter",
     "CableModel",
     "Calibrator",
     "CoupledPlay",
@@ -35,6 +36,7 @@ __all__ = [
     "joint_data",
     "learn_cable",
     "random_sinusoids",
+    "random_sweeps",
     "speed_ladder",
     "timed",
     "zero_path",

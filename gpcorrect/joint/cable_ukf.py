@@ -18,7 +18,7 @@ from gpcorrect.joint.dataset import JointData
 from gpcorrect.joint.maps import PolynomialMap
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["CableModel", "learn_cable"]
+__all__ = ["CableFilter", "CableModel", "learn_cable"]
 
 GAPS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)  # half gap over half the range, to choose from
 PROCESS = (0.01, 0.1, 1.0)  # standard deviation a step over that of the play's residual, to choose from
@@ -52,19 +52,25 @@ class CableModel:
 
     def estimate(self, data: JointData) -> tuple[FloatArray, FloatArray]:
         """Return true positions `(n, d)` and their standard deviations."""
-        motor = data.q + self.motor.predict(data.q)[0]
-        told = self._told(data)
+        motor, told = self.inputs(data.q, data.effort)
         parts = [
             _filtered(motor[:, j], told[:, j], data.new, self.gap[j], self.process[j], self.measurement[j])
             for j in range(motor.shape[1])
         ]
         return np.column_stack([mean for mean, _ in parts]), np.column_stack([std for _, std in parts])
 
-    def _told(self, data: JointData) -> FloatArray:
-        if data.effort is None:
-            return np.full(data.q.shape, np.nan)
-        told = self.stretch_per_effort * data.effort + self.stretch_at_rest
-        return np.where(np.isfinite(self.measurement), told, np.nan)
+    def inputs(self, q: FloatArray, effort: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Return corrected motor positions and the stretch that efforts tell `(n, d)`, NaN where they tell nothing."""
+        motor = q + self.motor.predict(q)[0]
+        if effort is None:
+            return motor, np.full(q.shape, np.nan)
+        told = self.stretch_per_effort * effort + self.stretch_at_rest
+        return motor, np.where(np.isfinite(self.measurement), told, np.nan)
+
+    def filters(self) -> list[CableFilter]:
+        """Return a filter for every joint, for a live path."""
+        noises = zip(self.gap.tolist(), self.process.tolist(), self.measurement.tolist(), strict=True)
+        return [CableFilter(*parts) for parts in noises]
 
 
 def learn_cable(data: JointData, rows: IntArray, motor: PolynomialMap) -> CableModel:
@@ -128,27 +134,51 @@ def _filtered(
     motor: FloatArray, told: FloatArray, new: BoolArray, gap: float, process: float, measurement: float
 ) -> tuple[FloatArray, FloatArray]:
     """One joint through the filter. Where efforts tell nothing, the sigma points alone carry the play along."""
-    scale = max(gap, process, TINY)
-    points = MerweScaledSigmaPoints(1, alpha=0.5, beta=2.0, kappa=2.0)
-    now = np.zeros(1)
-    drag = gap / scale
-    ukf = UnscentedKalmanFilter(
-        1, 1, 1.0, hx=lambda x: now - x, fx=lambda x, dt: np.clip(x, now - drag, now + drag), points=points
-    )
-    ukf.Q[:] = (process / scale) ** 2
-    if np.isfinite(measurement):
-        ukf.R[:] = max(measurement / scale, TINY) ** 2
-    mean, std = np.full(len(motor), np.nan), np.full(len(motor), np.nan)
-    for t in range(len(motor)):
-        if not np.isfinite(motor[t]):
-            continue
-        now[0] = motor[t] / scale
-        if new[t]:
-            ukf.x, ukf.P = now.copy(), np.array([[max(drag, process / scale, TINY) ** 2]])
-        else:
-            ukf.predict()
-        if np.isfinite(told[t]):
-            ukf.update(np.array([told[t] / scale]))
-        ukf.P = np.clip(ukf.P, TINY**2, max(drag, 1.0) ** 2 * 100.0)
-        mean[t], std[t] = ukf.x[0] * scale, np.sqrt(ukf.P[0, 0]) * scale
+    cable = CableFilter(gap, process, measurement)
+    steps = [cable.step(*sample) for sample in zip(motor.tolist(), told.tolist(), new.tolist(), strict=True)]
+    mean, std = np.array(steps).reshape(len(motor), 2).T
     return mean, std
+
+
+class CableFilter:
+    """The filter of one joint, sample by sample.
+
+    Parameters
+    ----------
+    gap : float
+        Half gap, rad or m.
+    process, measurement : float
+        Standard deviations of the joint's step, and of the stretch that the effort tells; infinite where it tells
+        nothing.
+    """
+
+    def __init__(self, gap: float, process: float, measurement: float) -> None:
+        self._scale = max(gap, process, TINY)
+        self._drag, self._start = gap / self._scale, max(gap, process, TINY) / self._scale
+        self._motor = np.zeros(1)
+        points = MerweScaledSigmaPoints(1, alpha=0.5, beta=2.0, kappa=2.0)
+        self._ukf = UnscentedKalmanFilter(1, 1, 1.0, hx=self._stretch, fx=self._dragged, points=points)
+        self._ukf.Q[:] = (process / self._scale) ** 2
+        if np.isfinite(measurement):
+            self._ukf.R[:] = max(measurement / self._scale, TINY) ** 2
+
+    def step(self, motor: float, told: float, new: bool) -> tuple[float, float]:
+        """Return mean and standard deviation after one sample; NaN where the motor's position is not known."""
+        ukf = self._ukf
+        if not np.isfinite(motor):
+            return np.nan, np.nan
+        self._motor[0] = motor / self._scale
+        if new:
+            ukf.x, ukf.P = self._motor.copy(), np.array([[self._start**2]])
+        ukf.predict()  # a new path too: an update takes its sigma points from here
+        if np.isfinite(told):
+            ukf.update(np.array([told / self._scale]))
+        ukf.P = np.clip(ukf.P, TINY**2, max(self._drag, 1.0) ** 2 * 100.0)
+        return float(ukf.x[0]) * self._scale, float(np.sqrt(ukf.P[0, 0])) * self._scale
+
+    def _dragged(self, x: FloatArray, dt: float) -> FloatArray:
+        return np.clip(x, self._motor - self._drag, self._motor + self._drag)
+
+    def _stretch(self, x: FloatArray) -> FloatArray:
+        stretch: FloatArray = self._motor - x
+        return stretch

@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
-__all__ = ["CoupledPlay", "learn_coupled_play", "play_lags"]
+__all__ = ["CoupledPlay", "learn_coupled_play"]
 
 FIRST_GAP = 0.08  # half gap that learning starts from, in units of half the range
 STRONGEST = 0.9  # coupling, as a correlation of stiffness
@@ -57,14 +57,16 @@ class CoupledPlay:
         lags: FloatArray = _lags(np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new)
         return lags
 
+    def advance(self, joints: FloatArray, motors: FloatArray) -> FloatArray:
+        """Return where joints `(d,)` stand after the motors have moved on to `(d,)`: one step of a live path."""
+        moved = np.array(joints, dtype=np.float64)
+        _drag(moved, np.array(motors, dtype=np.float64), np.array(self.stiffness), np.array(self.gap))
+        return moved
 
-def play_lags(path: FloatArray, radii: FloatArray, new: BoolArray) -> FloatArray:
-    """Return the lags `(n, h, d)` of independent plays of radii `(h,)`; where `new`, a path starts without any."""
-    lags: FloatArray = _plays(np.ascontiguousarray(path), np.array(radii, dtype=np.float64), new)
-    return lags
 
-
-def learn_coupled_play(path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray) -> CoupledPlay:
+def learn_coupled_play(
+    path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray, shown: BoolArray
+) -> CoupledPlay:
     """Learn stiffness and friction, so that errors are linear in path and lags as nearly as can be.
 
     Weights are solved for inside each step (variable projection, Golub and Pereyra 1973).
@@ -79,8 +81,17 @@ def learn_coupled_play(path: FloatArray, errors: FloatArray, new: BoolArray, row
         Where a path starts.
     rows : (k,) int array
         Rows whose errors may be looked at.
+    shown : (d,) bool array
+        Joints whose slack this path shows; the others neither pull nor are pulled.
     """
-    path, errors, new, rows = _thinned(path, errors, new, rows)
+    stiffness, gap = np.eye(path.shape[1]), np.full(path.shape[1], FIRST_GAP)
+    if shown.any():
+        found = _learned(*_thinned(path[:, shown], errors, new, rows))
+        stiffness[np.ix_(shown, shown)], gap[shown] = found.stiffness, found.gap
+    return CoupledPlay(stiffness, gap)
+
+
+def _learned(path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray) -> CoupledPlay:
     dof = path.shape[1]
     linear = np.hstack([np.ones((len(path), 1)), path])
     scale = np.maximum(_left(linear, errors, rows).std(axis=0), 1e-300)
@@ -128,42 +139,34 @@ def _thinned(
 
 @njit(cache=True)
 def _lags(path: FloatArray, K: FloatArray, gap: FloatArray, new: BoolArray) -> FloatArray:
-    """Coordinate descent from the joints' last place: each sweep solves one joint's stick or slip exactly."""
-    n, d = path.shape
-    lag = np.zeros((n, d))
+    lag = np.zeros(path.shape)
     y = path[0].copy()
-    before = y.copy()
-    for t in range(n):
+    for t in range(len(path)):
         if new[t]:
             y[:] = path[t]
-            continue
-        before[:] = y
-        for _ in range(SWEEPS):
-            change = 0.0
-            for i in range(d):
-                pull = 0.0
-                for j in range(d):
-                    if j != i:
-                        pull += K[i, j] * (path[t, j] - y[j])
-                rest = path[t, i] + pull / K[i, i]
-                place = min(max(before[i], rest - gap[i]), rest + gap[i])
-                change = max(change, abs(place - y[i]))
-                y[i] = place
-            if change < TOLERANCE:
-                break
+        else:
+            _drag(y, path[t], K, gap)
         lag[t] = path[t] - y
     return lag
 
 
 @njit(cache=True)
-def _plays(path: FloatArray, radii: FloatArray, new: BoolArray) -> FloatArray:
-    n, d = path.shape
-    lag = np.zeros((n, len(radii), d))
-    for t in range(1, n):
-        if new[t]:
-            continue
-        for h in range(len(radii)):
-            for j in range(d):
-                moved = lag[t - 1, h, j] + path[t, j] - path[t - 1, j]
-                lag[t, h, j] = min(max(moved, -radii[h]), radii[h])
-    return lag
+def _drag(y: FloatArray, q: FloatArray, K: FloatArray, gap: FloatArray) -> None:
+    """Move the joints `y`, in place, to where motors at `q` drag them.
+
+    Coordinate descent from their last place: each sweep solves one joint's stick or slip exactly.
+    """
+    before = y.copy()
+    for _ in range(SWEEPS):
+        change = 0.0
+        for i in range(len(y)):
+            pull = 0.0
+            for j in range(len(y)):
+                if j != i:
+                    pull += K[i, j] * (q[j] - y[j])
+            rest = q[i] + pull / K[i, i]
+            place = min(max(before[i], rest - gap[i]), rest + gap[i])
+            change = max(change, abs(place - y[i]))
+            y[i] = place
+        if change < TOLERANCE:
+            break

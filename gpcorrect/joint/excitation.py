@@ -12,10 +12,12 @@ from gpcorrect.errors import DataError
 from gpcorrect.joint.timing import TimedPath, timed
 from gpcorrect.types import FloatArray
 
-__all__ = ["amplitude_ladder", "holds", "random_sinusoids", "speed_ladder"]
+__all__ = ["amplitude_ladder", "holds", "random_sinusoids", "random_sweeps", "speed_ladder"]
 
 SINES = 4
 LADDER = (0.1, 0.25, 0.5, 1.0)  # shares of the highest speed
+NEAR_LIMIT = 0.2  # share of the range, from its ends, in which a sweep ends
+TURN_SECONDS = 1.0
 AMPLITUDES = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)  # shares of the range
 
 
@@ -46,6 +48,48 @@ def random_sinusoids(
     time = np.arange(round(seconds * rate_hz) + 1) / rate_hz
     waves = (share * np.sin(omega * time[:, None, None] + phase)).sum(axis=2)
     return TimedPath(time, middle + half * waves)
+
+
+def random_sweeps(
+    limits: FloatArray, slow: FloatArray, fast: FloatArray, seconds: float, rate_hz: float, rng: np.random.Generator
+) -> TimedPath:
+    """Return joints that sweep to and fro, each for itself, to a new end near its limit at a new speed every time.
+
+    As the random motion of the public RAVEN-II Python controller (Peng 2022, run_r2_random_joint_movement.py).
+
+    Parameters
+    ----------
+    limits : (dof, 2) array
+        rad or m.
+    slow, fast : (dof,) arrays
+        Lowest and highest speed of a sweep.
+    seconds, rate_hz : float
+        Length and rate.
+    rng : numpy.random.Generator
+        Of ends and speeds.
+    """
+    if not (
+        seconds * rate_hz >= 2 and (np.ptp(limits, axis=1) > 0).all() and (slow > 0).all() and (slow <= fast).all()
+    ):
+        raise DataError("random sweeps need a range and rising speeds above 0 for every joint, and two samples.")
+    time = np.arange(round(seconds * rate_hz) + 1) / rate_hz
+    joints = [_sweeps(*parts, time, rng) for parts in zip(limits, slow, fast, strict=True)]
+    return TimedPath(time, np.column_stack(joints))
+
+
+def _sweeps(limits: FloatArray, slow: float, fast: float, time: FloatArray, rng: np.random.Generator) -> FloatArray:
+    low, high = limits
+    upwards = bool(rng.integers(2))
+    moments, ends = [-TURN_SECONDS], [rng.uniform(low, high)]
+    while moments[-1] < time[-1] + TURN_SECONDS:
+        drawn = rng.uniform(0.0, NEAR_LIMIT) * (high - low)
+        ends.append(high - drawn if upwards else low + drawn)
+        moments.append(moments[-1] + max(abs(ends[-1] - ends[-2]) / rng.uniform(slow, fast), 1e-9))
+        upwards = not upwards
+    # The mean over a moving window rounds the turns off, and is no faster and reaches no further than the sweeps.
+    around = np.linspace(-0.5, 0.5, 21) * TURN_SECONDS
+    rounded: FloatArray = np.interp(time[:, None] + around, moments, ends).mean(axis=1)
+    return rounded
 
 
 def speed_ladder(limits: FloatArray, speed: FloatArray, rate_hz: float) -> TimedPath:

@@ -39,6 +39,11 @@ class GPMap:
         mean, std, _ = self.predictor.mean_std_batch(X[:, self.columns])
         return self.linear.predict(X)[0] + mean, std
 
+    def predict_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return mean and standard deviation `(m,)` for one sample's features `(d,)`: the hot path."""
+        mean, std, _ = self.predictor.mean_std(x[self.columns])
+        return self.linear.predict(x[None])[0][0] + mean, std
+
 
 def learn_gp(
     X: FloatArray,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gpcorrect.logs.beside import with_tracker
 from gpcorrect.logs.combine import combine
 from gpcorrect.logs.join import join_logs
 from gpcorrect.logs.misread import refuse_misread
@@ -23,5 +24,6 @@ __all__ = [
     "read_log",
     "refuse_misread",
     "validate_log",
+    "with_tracker",
     "write_log",
 ]

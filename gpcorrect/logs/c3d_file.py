@@ -1,8 +1,13 @@
-"""C3D motion capture recordings, through ezc3d."""
+"""C3D motion capture recordings, through ezc3d in a process of its own."""
 
 from __future__ import annotations
 
+import importlib.util
+import io
 import struct
+import subprocess
+import sys
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,13 +15,18 @@ from typing import Any
 import numpy as np
 
 from gpcorrect.errors import LogError, MissingExtraError
-from gpcorrect.logs.markers import tool_poses
+from gpcorrect.logs.c3d_child import UNREADABLE
+from gpcorrect.logs.mocap.take import Take, log_of, scale_of
 from gpcorrect.logs.settings import ReadSettings, check_size
 from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["read"]
 
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+CHILD = Path(__file__).with_name("c3d_child.py")
+PATIENCE = 30.0  # s for a small file; a sound one takes a second
+PACE = 2e6  # bytes/s beyond that; ezc3d reads a hundred times faster
+MEMORY = 2 * 1024**3  # bytes for a small file
+MEMORY_SHARE = 40  # bytes for each byte of the file beyond that
 BLOCK = 512  # bytes
 HEADER_MARK = 0x50  # second byte of every C3D file
 BIG_ENDIAN = bytes([86])  # processor code of files in big-endian order
@@ -35,46 +45,52 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
         The library ezc3d is not installed.
     """
     check_size(path, settings.max_bytes)
+    if importlib.util.find_spec("ezc3d") is None:
+        raise MissingExtraError("ezc3d", extra="c3d", purpose="Reading C3D files")
+    _check_whole(path)
     content = _load(path)
-    point = content["parameters"]["POINT"]
-    labels, chosen = _labels(point), settings.columns.c3d.markers
-    points, remarks = _points(content, point)
-    rate = float(np.ravel(point["RATE"]["value"])[0]) if "RATE" in point else 0.0
-    if not rate > 0 or not points.size:
+    labels = _own_names(content["labels"].tolist())
+    points, remarks = _points(content)
+    rate = float(content["rate"])
+    if not rate > 0 or not points.size or points.shape[1] != len(labels):
         raise LogError(f"expected markers at a rate, got {len(labels)} markers at {rate:g} Hz.")
-    pose, rms = tool_poses(points[:, _places(labels, chosen)])
-    used = ", ".join(chosen or labels)
-    frames = int(content["header"]["points"]["first_frame"]) + np.arange(len(points))
-    return CalibrationLog(
-        frames / rate,
-        np.zeros(len(points), np.int64),
-        np.zeros(len(points), np.int64),
-        tracker_cp=pose,
-        extra={"marker_rms": rms},
-        remarks=(f"tracker_cp was computed from the markers {used}.", *remarks),
-    )
+    frames = int(content["first"]) + np.arange(len(points))
+    markers = {name: points[:, k] for k, name in enumerate(labels)}
+    return log_of(Take(frames / rate, markers=markers, remarks=remarks), settings.columns.mocap)
 
 
 def _load(path: Path) -> Mapping[str, Any]:
+    """Arrays that the child process read.
+
+    Raises
+    ------
+    LogError
+        It refused the file, crashed, or did not come to an end.
+    """
+    size = path.stat().st_size
+    patience, memory = PATIENCE + size / PACE, MEMORY + MEMORY_SHARE * size
+    command = [sys.executable, "-P", str(CHILD), str(path), str(memory)]
     try:
-        import ezc3d
-    except ImportError as error:
-        raise MissingExtraError("ezc3d", extra="c3d", purpose="Reading C3D files") from error
-    _check_whole(path)
+        done = subprocess.run(command, capture_output=True, timeout=patience, check=False)
+    except subprocess.TimeoutExpired as error:
+        raise LogError(f"the C3D file is damaged: reading it did not end within {patience:.0f} s.") from error
+    if done.returncode == UNREADABLE:
+        said = done.stderr.decode(errors="replace").strip()
+        raise LogError(f"the C3D file cannot be read, it may be cut off: {said}.")
     try:
-        content: Mapping[str, Any] = ezc3d.c3d(str(path))
-    except (OSError, RuntimeError, ValueError, IndexError, MemoryError) as error:
-        raise LogError(f"the C3D file cannot be read, it may be cut off: {error}.") from error
-    return content
+        with np.load(io.BytesIO(done.stdout), allow_pickle=False) as arrays:
+            return dict(arrays)
+    except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
+        raise LogError(f"the C3D file is damaged: it crashed its reader (status {done.returncode}).") from error
 
 
 def _check_whole(path: Path) -> None:
-    """Refuse a file shorter than its header says: ezc3d reads such a file in part, or never returns."""
+    """Refuse a file shorter than its header says: ezc3d reads such a file in part."""
     with path.open("rb") as file:
         head = file.read(BLOCK)
         if len(head) < BLOCK or head[1] != HEADER_MARK:
             raise LogError("the file does not begin like a C3D file.")
-        file.seek((head[0] - 1) * BLOCK)
+        file.seek(max(head[0] - 1, 0) * BLOCK)
         order = ">" if file.read(4)[3:] == BIG_ENDIAN else "<"
     count, analog, first, last, _, scale, start = struct.unpack(f"{order}5HfH", head[2:18])
     number = 4 if scale < 0 else 2  # bytes; a negative scale marks floating point data
@@ -84,27 +100,14 @@ def _check_whole(path: Path) -> None:
         raise LogError(f"the C3D file is cut off: its header asks for {expected} bytes, it has {size}.")
 
 
-def _labels(point: Mapping[str, Any]) -> list[str]:
-    """Names of all markers; the format keeps those beyond the 255th apart."""
-    parts = [point[key]["value"] for key in ("LABELS", "LABELS2", "LABELS3", "LABELS4") if key in point]
-    return [label.strip() for part in parts for label in part]
+def _own_names(labels: list[str]) -> list[str]:
+    """Give markers that share a label names of their own."""
+    return [name if labels.count(name) == 1 else f"{name}#{k + 1}" for k, name in enumerate(labels)]
 
 
-def _points(content: Mapping[str, Any], point: Mapping[str, Any]) -> tuple[FloatArray, list[str]]:
+def _points(content: Mapping[str, Any]) -> tuple[FloatArray, list[str]]:
     """Markers `(n, m, 3)` in metres, NaN where hidden."""
-    unit = "".join(point.get("UNITS", {"value": []})["value"]).strip()
-    if unit and unit not in METRES:
-        raise LogError(f"markers are in {unit!r}, expected one of {', '.join(METRES)}.")
+    unit = str(content["unit"])
     remarks = [] if unit else ["the file states no unit; millimetres were assumed, as usual in C3D."]
-    points = np.moveaxis(np.asarray(content["data"]["points"][:3]), 0, -1).swapaxes(0, 1)
-    hidden = np.asarray(content["data"]["meta_points"]["residuals"])[0].T < 0
-    return np.where(hidden[..., None], np.nan, points * METRES[unit or "mm"]), remarks
-
-
-def _places(labels: list[str], chosen: tuple[str, ...] | None) -> list[int]:
-    if chosen is None:
-        return list(range(len(labels)))
-    missing = [name for name in chosen if name not in labels]
-    if missing:
-        raise LogError(f"there is no marker {', '.join(missing)}.", hint=f"Markers here: {', '.join(labels)}.")
-    return [labels.index(name) for name in chosen]
+    points: FloatArray = content["points"] * scale_of(unit or "mm")
+    return np.where(content["residuals"][..., None] < 0, np.nan, points), remarks

@@ -15,16 +15,20 @@ from gpcorrect.logs.orientation import CONVERTERS
 __all__ = [
     "ArrayColumns",
     "BagOptions",
-    "C3dOptions",
     "Column",
     "ColumnMap",
     "CsvOptions",
+    "EulerOrder",
+    "MocapOptions",
     "PoseColumns",
     "load_columns",
 ]
 
 Column = StrictStr | Annotated[StrictInt, Field(ge=0)]
 """A column by its name, or by its number counted from zero."""
+
+EulerOrder = Literal["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"]
+"""Order of three turns, each about the axes of the body as the turns before left it."""
 
 Triple = tuple[Column, Column, Column]
 Four = tuple[Column, Column, Column, Column]
@@ -99,10 +103,18 @@ class BagOptions(_Section):
     shifts: dict[str, float] = {}
 
 
-class C3dOptions(_Section):
-    """Which markers of a motion capture recording are on the tool; all of them when not given."""
+class MocapOptions(_Section):
+    """What of a motion capture recording is the tool: a solved body, or the markers on it; and how it is turned."""
 
+    body: str | None = None
     markers: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+    rotation: Literal["rotvec"] | EulerOrder | None = None
+
+    @model_validator(mode="after")
+    def _one_tool(self) -> Self:
+        if self.body is not None and self.markers is not None:
+            raise ValueError("give the body or its markers, not both")
+        return self
 
 
 class ColumnMap(_Section):
@@ -129,7 +141,7 @@ class ColumnMap(_Section):
     temperature: ArrayColumns | None = None
     csv: CsvOptions = CsvOptions()
     bag: BagOptions = BagOptions()
-    c3d: C3dOptions = C3dOptions()
+    mocap: MocapOptions = MocapOptions()
 
     @model_validator(mode="after")
     def _scalars_have_one_column(self) -> Self:
@@ -189,7 +201,7 @@ def _explain(error: ValidationError, content: dict[str, Any], path: str) -> LogE
 
 def _known_keys(section: tuple[str, ...]) -> list[str]:
     """Keys of the mapping file, or of one of its sections."""
-    sections: dict[str, type[BaseModel]] = {"csv": CsvOptions, "bag": BagOptions, "c3d": C3dOptions}
+    sections: dict[str, type[BaseModel]] = {"csv": CsvOptions, "bag": BagOptions, "mocap": MocapOptions}
     if not section:
         return list(ColumnMap.model_fields)
     kind = PoseColumns if section[0].endswith("_cp") else ArrayColumns

@@ -14,7 +14,7 @@ from pathlib import Path
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import CsvOptions
 
-__all__ = ["DECIMAL_COMMA", "Dialect", "is_number", "sniff"]
+__all__ = ["DECIMAL_COMMA", "Dialect", "encoding_of", "is_number", "sniff"]
 
 DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 LOOK_AHEAD = 20  # lines of data that are looked at for decimal commas
@@ -72,7 +72,7 @@ def sniff(path: Path, options: CsvOptions) -> Dialect:
     LogError
         The file is no text table, has no sample, or two columns of one name.
     """
-    encoding = _encoding(path)
+    encoding = encoding_of(path)
     lines = _first_lines(path, encoding, options.skip)
     if not lines:
         raise LogError("expected a table, found no line of text.")
@@ -88,7 +88,14 @@ def sniff(path: Path, options: CsvOptions) -> Dialect:
     return Dialect(names, number if headed else number - 1, delimiter, decimal, encoding)
 
 
-def _encoding(path: Path) -> str:
+def encoding_of(path: Path) -> str:
+    """Tell the encoding of a text file by its byte order mark; UTF-8 without one.
+
+    Raises
+    ------
+    LogError
+        The file is binary.
+    """
     with path.open("rb") as file:
         head = file.read(4096)
     for mark, encoding in BYTE_ORDER_MARKS.items():

@@ -9,7 +9,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.types import FloatArray
 
-__all__ = ["CONVERTERS", "unit_quaternions"]
+__all__ = ["CONVERTERS", "quaternion_from_euler", "unit_quaternions"]
 
 NORM_TOLERANCE = 1e-3  # of the log format: a quaternion further off is a bad sample
 ROUNDING = 1e-12  # nearer to one than this a quaternion is left as it is, so that a written log reads back exactly
@@ -43,14 +43,28 @@ def _from_rotvec(values: FloatArray) -> FloatArray:
     return _where_finite(lambda v: se3.quaternion_from_matrix(se3.matrix_from_rotvec(v)), values)
 
 
+def quaternion_from_euler(angles: FloatArray, order: str) -> FloatArray:
+    """Turn Euler angles, each about the axes as the turns before left them, into unit quaternions wxyz `(n, 4)`.
+
+    Parameters
+    ----------
+    angles : (n, 3) array
+        About x, y and z, in this order whatever the order of the turns, rad.
+    order : str
+        Order of the turns: "ZYX" is R = Rz Ry Rx.
+    """
+
+    def convert(values: FloatArray) -> FloatArray:
+        turns = {axis: se3.matrix_from_rotvec(values[:, k, None] * np.eye(3)[k]) for k, axis in enumerate("XYZ")}
+        first, second, third = (turns[axis] for axis in order)
+        return se3.quaternion_from_matrix(first @ second @ third)
+
+    return _where_finite(convert, angles)
+
+
 def _from_rpy(values: FloatArray) -> FloatArray:
     """Roll, pitch, yaw in rad about the fixed x, y and z axes, in this order: R = Rz Ry Rx."""
-
-    def convert(rpy: FloatArray) -> FloatArray:
-        r_x, r_y, r_z = (se3.matrix_from_rotvec(rpy[:, k, None] * np.eye(3)[k]) for k in range(3))
-        return se3.quaternion_from_matrix(r_z @ r_y @ r_x)
-
-    return _where_finite(convert, values)
+    return quaternion_from_euler(values, "ZYX")
 
 
 def _from_rpy_deg(values: FloatArray) -> FloatArray:

@@ -8,15 +8,18 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from gpcorrect.errors import DataError, LogError
-from gpcorrect.logs import c3d_file, csv_file, npy_file, parquet_file, rosbag
+from gpcorrect.logs import c3d_file, csv_file, matlab, npy_file, parquet_file, rosbag
 from gpcorrect.logs.columns import ColumnMap, load_columns
 from gpcorrect.logs.digest import recording_digest
+from gpcorrect.logs.mocap import motive, trc, vicon
 from gpcorrect.logs.order import Disorder
 from gpcorrect.logs.settings import DEFAULT_MAX_BYTES, ReadSettings
 from gpcorrect.logs.sidecar import read_sidecar, sidecar_path
 from gpcorrect.types import CalibrationLog, LogMeta
 
 __all__ = ["read_log"]
+
+HEAD = 1024  # bytes that tell a format
 
 
 @dataclass(frozen=True)
@@ -25,22 +28,37 @@ class Format:
 
     title: str
     suffixes: tuple[str, ...]
-    magic: bytes
+    marks: tuple[bytes, ...]
     read: Callable[[Path, ReadSettings], CalibrationLog]
+    text: bool = False
+
+    def begins(self, head: bytes) -> bool:
+        """Whether a file with these first bytes is one; a text may begin with empty lines and a byte order mark."""
+        seen = head.removeprefix(b"\xef\xbb\xbf").lstrip(b'\r\n ,;\t"') if self.text else head
+        return any(seen.startswith(mark) for mark in self.marks)
+
+
+def _titles(*titles: str) -> tuple[bytes, ...]:
+    """Titles that stand alone in their line, or in its first cell."""
+    return tuple(title.encode() + end for title in titles for end in (b"\r", b"\n", b",", b";", b"\t", b'"'))
 
 
 FORMATS = (
-    Format("Parquet", (".parquet", ".pq"), b"PAR1", parquet_file.read),
-    Format("NumPy", (".npy",), b"\x93NUMPY", npy_file.read),
-    Format("ROS 1 bag", (".bag",), b"#ROSBAG V", rosbag.read),
-    Format("MCAP", (".mcap",), b"\x89MCAP0\r\n", rosbag.read),
-    Format("ROS 2 database", (".db3",), b"SQLite format 3\0", rosbag.read),
-    Format("C3D", (".c3d",), b"", c3d_file.read),
-    Format("CSV", (".csv", ".tsv", ".txt"), b"", csv_file.read),
+    Format("Parquet", (".parquet", ".pq"), (b"PAR1",), parquet_file.read),
+    Format("NumPy", (".npy",), (b"\x93NUMPY",), npy_file.read),
+    Format("ROS 1 bag", (".bag",), (b"#ROSBAG V",), rosbag.read),
+    Format("MCAP", (".mcap",), (b"\x89MCAP0\r\n",), rosbag.read),
+    Format("ROS 2 database", (".db3",), (b"SQLite format 3\0",), rosbag.read),
+    Format("MATLAB", (".mat",), matlab.MARKS, matlab.read),
+    Format("OptiTrack Motive CSV", (), (b"Format Version,",), motive.read, text=True),
+    Format("Vicon CSV", (), _titles(*vicon.TITLES), vicon.read, text=True),
+    Format("TRC", (".trc",), (b"PathFileType",), trc.read, text=True),
+    Format("C3D", (".c3d",), (), c3d_file.read),
+    Format("CSV", (".csv", ".tsv", ".txt"), (), csv_file.read),
 )
 """A new format is a new file with a `read` function, and one line here."""
 
-FOLDER = Format("folder of a ROS 2 recording", (), b"", rosbag.read)
+FOLDER = Format("folder of a ROS 2 recording", (), (), rosbag.read)
 
 
 def read_log(
@@ -58,9 +76,10 @@ def read_log(
     Parameters
     ----------
     path : str or Path
-        A CSV, Parquet, npy, bag, db3, MCAP or C3D file, or the folder of a ROS 2 recording.
+        A CSV, Parquet, npy, bag, db3, MCAP, MATLAB, C3D or TRC file, an export of Motive or Vicon, or the folder of a
+        ROS 2 recording.
     columns : str or Path, optional
-        Mapping file for a foreign table; its sections [bag] and [c3d] say more about those formats.
+        Mapping file for a foreign table; its sections [bag] and [mocap] say more about those formats.
     namespace : str, optional
         Which arm of a recording of CRTK topics, such as "/PSM1".
     tracker_topic : str, optional
@@ -110,20 +129,20 @@ def _format(path: Path) -> Format:
             return FOLDER
         raise LogError("expected a file or the folder of a ROS 2 recording, found no metadata.yaml in it.")
     with path.open("rb") as file:
-        head = file.read(16)
+        head = file.read(HEAD)
     for known in FORMATS:
-        if known.magic and head.startswith(known.magic):
+        if known.begins(head):
             return known
     named = next((f for f in FORMATS if path.suffix.lower() in f.suffixes), None)
     if named is None:
         raise LogError(f"the name ends in {path.suffix or 'nothing'} and the content is unknown.", hint=_known())
-    if named.magic and head:
+    if named.marks and head:
         raise LogError(f"the name says {named.title}, but the file does not begin like one.", hint=_known())
     return named
 
 
 def _known() -> str:
-    formats = ", ".join(f"{f.title} ({', '.join(f.suffixes)})" for f in FORMATS)
+    formats = ", ".join(f"{f.title} ({', '.join(f.suffixes)})" if f.suffixes else f.title for f in FORMATS)
     return f"Known formats: {formats}, and the folder of a ROS 2 recording."
 
 

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.sim.body import Body
-from gpcorrect.sim.rigid_body import Tables, rigid_loads
+from gpcorrect.sim.rigid_body import Tables, rigid_inertias, rigid_loads
+from gpcorrect.sim.threads import in_parts
 from gpcorrect.types import FloatArray
 
 __all__ = ["Posture", "posture_at"]
+
+STEPS = 20  # of a posture, in the small steps that threads are counted in
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +39,21 @@ class Posture:
 
     def loads(self, velocity: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Torques or forces `(..., k)` that hold the arm up, and those that make it follow joint rates `(..., k)`."""
-        gravity, inertial, _ = self._all_three(velocity, acceleration)
-        return gravity, inertial
+        rates = [
+            np.ascontiguousarray(a, dtype=np.float64).reshape(-1, self.shape[-1]) for a in (velocity, acceleration)
+        ]
+        out = np.empty((2, len(self.values), self.shape[-1]))
+
+        def part(first: int, last: int) -> None:
+            rigid_loads(first, last, self.tables, self.payload, self.values, rates[0], rates[1], out)
+
+        in_parts(len(self.values), len(self.values) * STEPS, part)
+        return out[0].reshape(self.shape), out[1].reshape(self.shape)
 
     def gravity_load(self) -> FloatArray:
         """Torques or forces `(..., k)` that hold the arm up against gravity."""
-        return self._at_rest()[0]
+        still = np.zeros(self.shape)
+        return self.loads(still, still)[0]
 
     def inertial_load(self, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
         """Torques or forces `(..., k)` that make the links follow joint rates and accelerations `(..., k)`."""
@@ -49,19 +61,9 @@ class Posture:
 
     def inertia_diagonal(self) -> FloatArray:
         """Diagonal `(..., k)` of the joint-space mass matrix."""
-        return self._at_rest()[2]
-
-    def _at_rest(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        still = np.zeros(self.shape)
-        return self._all_three(still, still)
-
-    def _all_three(self, velocity: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return loads of weight and of inertia, and the inertias."""
-        rates = (
-            np.ascontiguousarray(a, dtype=np.float64).reshape(-1, self.shape[-1]) for a in (velocity, acceleration)
-        )
-        gravity, inertial, diagonal = rigid_loads(self.tables, self.payload, self.values, *rates)
-        return gravity.reshape(self.shape), inertial.reshape(self.shape), diagonal.reshape(self.shape)
+        out = np.zeros((len(self.values), self.shape[-1]))
+        rigid_inertias(0, len(out), self.tables, self.payload, self.values, out)
+        return out.reshape(self.shape)
 
 
 def posture_at(body: Body, q: FloatArray) -> Posture | None:
@@ -83,7 +85,7 @@ def _tables(body: Body) -> Tables:
     column = np.full(dof, -1, dtype=np.int64)
     column[body.columns] = np.arange(len(body.joints))
     return Tables(
-        dh=np.array([(joint.alpha, joint.a, joint.d, joint.theta) for joint in chain.joints]),
+        dh=np.array([(np.cos(j.alpha), np.sin(j.alpha), j.a, j.d, j.theta) for j in chain.joints]),
         prismatic=~chain.revolute,
         modified=chain.convention == "modified",
         column=column,

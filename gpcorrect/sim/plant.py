@@ -14,15 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.sim.body import Body
+from gpcorrect.sim.command import Command, pushed_aside
 from gpcorrect.sim.effects import Effect, PathEffect, Stage, TipEffect, of_kind
 from gpcorrect.sim.loads import JointPath, LinkLoad, link_load, mean_inertia
-from gpcorrect.sim.machine import Drive, Machine
+from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
-from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
+from gpcorrect.sim.servo import ServoPath, follow
 from gpcorrect.types import FloatArray
 
-__all__ = ["PASSES", "Outcome", "joint_path", "run", "tip_path"]
+__all__ = ["PASSES", "Driven", "Outcome", "follow_command", "joint_path", "run", "tip_path"]
 
 PASSES = 2  # after the first guess; each shrinks an error of the load to a few per cent of it (load stiffness / kp)
 
@@ -49,6 +50,23 @@ class Outcome:
     T_base_tip: FloatArray | None
 
 
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """Motion of the motors, what they carried and were told, and the links' true path before anyone looks.
+
+    Parameters
+    ----------
+    motion : Motion
+        Of the motors.
+    torque, q : (n, N, dof) arrays
+        Commanded torque; joint path behind every mechanical effect.
+    """
+
+    motion: Motion
+    torque: FloatArray
+    q: FloatArray
+
+
 def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
     """Let the machine follow a plan.
 
@@ -65,32 +83,56 @@ def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
     -------
     Outcome
     """
+    driven = follow_command(machine, Command.of(machine, plan), passes)
+    motion = driven.motion
+    seen = _through([e for e in machine.effects if e.stage == Stage.CLOCK], driven.q, motion)
+    tip = tip_path(machine.effects, machine.actual_body(plan).forward(seen), motion)
+    return Outcome(motion, driven.torque, seen, tip)
+
+
+def follow_command(machine: Machine, command: Command, passes: int = PASSES) -> Driven:
+    """Let the motors follow a command, with the effects on the way from the drive to the link.
+
+    Parameters
+    ----------
+    machine : Machine
+        Arm, drives and effects.
+    command : Command
+        Made once for this arm, drive and plan; the effects may be others each time.
+    passes : int
+        As for :func:`run`.
+
+    Returns
+    -------
+    Driven
+    """
+    plan, clock = command.plan, command.clock
     body = machine.actual_body(plan)
-    clock = Clock.of(machine.drive.rate_hz, plan.rate_hz)
-    command = _Command.of(machine, plan, clock)
-    mass = mean_inertia(body, plan.q)
-    path = _first_guess(machine, plan, body, command)
-    for _ in range(passes):
-        load = link_load(body, path)
+    mass = command.mass if machine.has_nominal_body else mean_inertia(body, plan.q)
+    path, load = _first_guess(machine, body, command)
+    for number in range(passes):
+        load = link_load(body, path) if number or load is None else load
         reference = command.reference(load.total, mass * path.acceleration, machine.drive.motor_inertia + mass)
         servo = follow(machine.drive, reference, clock, body.joints, machine.effects)
         motion = _motion(body, plan, servo, load)
         q = joint_path(_mechanical(machine), motion)
         path = JointPath(q, servo.velocity, np.gradient(servo.velocity, 1.0 / plan.rate_hz, axis=0))
-    seen = _through([e for e in machine.effects if e.stage == Stage.CLOCK], q, motion)
-    return Outcome(motion, servo.torque, seen, tip_path(machine.effects, body.forward(seen), motion))
+    return Driven(motion, servo.torque, q)
 
 
-def _first_guess(machine: Machine, plan: Plan, body: Body, command: _Command) -> JointPath:
-    """Path of motors that follow without delay and friction, pushed aside by the load that nothing feeds forward."""
+def _first_guess(machine: Machine, body: Body, command: Command) -> tuple[JointPath, LinkLoad | None]:
+    """Path of motors that follow without delay and friction, pushed aside by the load that nothing feeds forward.
+
+    With the load along it, where that is known already: effects in the drive do not change it.
+    """
+    if machine.has_nominal_body and not of_kind(_mechanical(machine), PathEffect):
+        return command.guess, command.guess_load
     desired = command.desired
     load = command.nominal_load if machine.has_nominal_body else link_load(body, desired)
-    fed = command.feedforward[:: command.clock.stride]
-    unmet = load.total + machine.drive.motor_inertia * desired.acceleration - fed
-    position = desired.q - unmet / machine.drive.kp
-    servo = ServoPath(position, desired.velocity, unmet, np.zeros(position.shape))
-    q = joint_path(_mechanical(machine), _motion(body, plan, servo, load))
-    return JointPath(q, desired.velocity, desired.acceleration)
+    position = pushed_aside(machine.drive, desired, load, command.feedforward)
+    servo = ServoPath(position, desired.velocity, load.total, np.zeros(position.shape))
+    q = joint_path(_mechanical(machine), _motion(body, command.plan, servo, load))
+    return JointPath(q, desired.velocity, desired.acceleration), None
 
 
 def joint_path(effects: Sequence[Effect], motion: Motion) -> FloatArray:
@@ -118,43 +160,6 @@ def _through(effects: Sequence[Effect], q: FloatArray, motion: Motion) -> FloatA
     return q
 
 
-@dataclass(frozen=True, eq=False)
-class _Command:
-    """Desired motion at the log's samples, and at the servo's steps with the torque fed forward."""
-
-    desired: JointPath
-    nominal_load: LinkLoad
-    position: FloatArray
-    velocity: FloatArray
-    feedforward: FloatArray
-    clock: Clock
-
-    @classmethod
-    def of(cls, machine: Machine, plan: Plan, clock: Clock) -> _Command:
-        spline = plan.spline()
-        samples = np.arange(len(plan.q)) / plan.rate_hz
-        steps = np.arange((len(plan.q) - 1) * clock.stride + 1) * clock.step
-        desired = JointPath(plan.q, spline(samples, 1), spline(samples, 2))
-        load = link_load(machine.nominal_body(plan), desired)
-        feedforward = _interpolated(_feedforward(machine.drive, desired, load), clock.stride)
-        return cls(desired, load, spline(steps), spline(steps, 1), feedforward, clock)
-
-    def reference(self, carried: FloatArray, of_inertia: FloatArray, inertia: FloatArray) -> Reference:
-        whole = _interpolated(carried, self.clock.stride)
-        beyond = whole - _interpolated(of_inertia, self.clock.stride)
-        return Reference(self.position, self.velocity, self.feedforward, beyond, inertia, whole)
-
-
-def _feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> FloatArray:
-    match drive.feedforward:
-        case "none":
-            return np.zeros(desired.q.shape)
-        case "gravity":
-            return nominal_load.gravity
-        case "rigid-body":
-            return nominal_load.total + drive.motor_inertia * desired.acceleration
-
-
 def _motion(body: Body, plan: Plan, servo: ServoPath, load: LinkLoad) -> Motion:
     return Motion(
         joints=body.joints,
@@ -166,10 +171,3 @@ def _motion(body: Body, plan: Plan, servo: ServoPath, load: LinkLoad) -> Motion:
         gravity_load=load.gravity,
         tip_force=body.tip_force,
     )
-
-
-def _interpolated(samples: FloatArray, stride: int) -> FloatArray:
-    """Values `((n - 1) stride + 1, ...)` on the servo's steps, linear between the `n` samples."""
-    fraction = np.arange(stride).reshape(-1, *([1] * (samples.ndim - 1))) / stride
-    between = samples[:-1, None] + fraction * (samples[1:] - samples[:-1])[:, None]
-    return np.concatenate([between.reshape(-1, *samples.shape[1:]), samples[-1:]])

@@ -15,10 +15,10 @@ from numba import njit
 from gpcorrect.sim.vectors import Frame, Vector, add, cross, dot, scaled, screw_x, screw_z
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Tables", "rigid_loads"]
+__all__ = ["Tables", "rigid_inertias", "rigid_loads"]
 
 Twist = tuple[Vector, Vector, Vector, Vector]  # omega, v, alpha, a of what rides on a link, at the base origin
-GRAVITY, INERTIAL, DIAGONAL = 0, 1, 2
+GRAVITY, INERTIAL = 0, 1
 
 
 class Tables(NamedTuple):
@@ -26,8 +26,8 @@ class Tables(NamedTuple):
 
     Parameters
     ----------
-    dh : (dof, 4) array
-        alpha, a, d, theta.
+    dh : (dof, 5) array
+        cos(alpha), sin(alpha), a, d, theta.
     prismatic : (dof,) bool array
         Whether the joint value adds to d, not theta.
     modified : bool
@@ -56,14 +56,23 @@ class Tables(NamedTuple):
     gravity: FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def rigid_loads(
-    tables: Tables, payload: FloatArray, q: FloatArray, velocity: FloatArray, acceleration: FloatArray
-) -> FloatArray:
-    """Return loads and inertias of many postures.
+    first: int,
+    last: int,
+    tables: Tables,
+    payload: FloatArray,
+    q: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Write the loads of the postures `first` to `last` into `out`.
 
     Parameters
     ----------
+    first, last : int
+        Of the m postures.
     tables : Tables
         The arm.
     payload : (m,) array
@@ -72,46 +81,98 @@ def rigid_loads(
         All joint values.
     velocity, acceleration : (m, k) arrays
         Rates of the moving ones.
-
-    Returns
-    -------
-    (3, m, k) array
-        Loads that hold the arm up, loads that accelerate it, and the diagonal of the mass matrix.
+    out : (2, m, k) array
+        Loads that hold the arm up, and loads that accelerate it.
     """
-    out = np.zeros((3, *velocity.shape))
-    screws = np.empty((velocity.shape[1], 6))
-    for r in range(len(q)):
-        _posture(tables, payload[r], q[r], velocity[r], acceleration[r], screws, out[:, r])
-    return out
+    screws, wrenches = np.empty((velocity.shape[1], 6)), np.empty((q.shape[1], 12))
+    for r in range(first, last):
+        _outward(tables, r, payload, q, velocity, acceleration, screws, wrenches)
+        _inward(tables, r, screws, wrenches, out)
+
+
+@njit(cache=True, nogil=True)
+def rigid_inertias(first: int, last: int, tables: Tables, payload: FloatArray, q: FloatArray, out: FloatArray) -> None:
+    """Write the diagonal `(m, k)` of the mass matrix of the postures `first` to `last` into `out`."""
+    screws = np.empty((out.shape[1], 6))
+    for r in range(first, last):
+        frame = _base(tables)
+        for i in range(q.shape[1]):
+            axis, frame = _link(tables, i, q[r, i], frame)
+            if tables.column[i] >= 0:
+                w, v = _screw(axis, tables.prismatic[i])
+                _keep(screws, tables.column[i], w, v)
+            if tables.mass[i] > 0.0:
+                moments = (tables.moments[i, 0], tables.moments[i, 1], tables.moments[i, 2])
+                _move(tables, i, tables.mass[i], moments, _centre(tables, i, frame), frame, screws, out, r)
+        if payload[r] > 0.0:
+            _move(tables, q.shape[1] - 1, payload[r], (0.0, 0.0, 0.0), _tip(tables, frame), frame, screws, out, r)
 
 
 @njit(cache=True)
-def _posture(
+def _outward(
     tables: Tables,
-    payload: float,
+    r: int,
+    payload: FloatArray,
     q: FloatArray,
     velocity: FloatArray,
     acceleration: FloatArray,
     screws: FloatArray,
-    out: FloatArray,
+    wrenches: FloatArray,
 ) -> None:
-    frame = (_column(tables.base, 0), _column(tables.base, 1), _column(tables.base, 2), _column(tables.base, 3))
-    rest = (0.0, 0.0, 0.0)
+    """From the base to the tip: screws of the joints, and what weight and inertia of each link ask."""
+    frame, rest = _base(tables), (0.0, 0.0, 0.0)
     twist = (rest, rest, rest, rest)
-    for i in range(len(q)):
-        axis, frame = _link(tables, i, q[i], frame)
+    for i in range(q.shape[1]):
+        axis, frame = _link(tables, i, q[r, i], frame)
         j = tables.column[i]
         if j >= 0:
             w, v = _screw(axis, tables.prismatic[i])
-            screws[j, 0], screws[j, 1], screws[j, 2] = w
-            screws[j, 3], screws[j, 4], screws[j, 5] = v
-            twist = _ridden(twist, w, v, velocity[j], acceleration[j])
+            _keep(screws, j, w, v)
+            twist = _ridden(twist, w, v, velocity[r, j], acceleration[r, j])
+        for c in range(12):
+            wrenches[i, c] = 0.0
         if tables.mass[i] > 0.0:
-            centre = _at(frame, tables.com[i, 0], tables.com[i, 1], tables.com[i, 2])
-            _carry(tables, i, tables.mass[i], tables.moments[i], centre, frame, twist, screws, out)
-    if payload > 0.0:
-        tip = _at(frame, tables.tool[0, 3], tables.tool[1, 3], tables.tool[2, 3])
-        _carry(tables, len(q) - 1, payload, np.zeros(3), tip, frame, twist, screws, out)
+            moments = (tables.moments[i, 0], tables.moments[i, 1], tables.moments[i, 2])
+            _carry(tables, tables.mass[i], moments, _centre(tables, i, frame), frame, twist, wrenches, i)
+    if payload[r] > 0.0:
+        _carry(tables, payload[r], rest, _tip(tables, frame), frame, twist, wrenches, q.shape[1] - 1)
+
+
+@njit(cache=True)
+def _inward(tables: Tables, r: int, screws: FloatArray, wrenches: FloatArray, out: FloatArray) -> None:
+    """From the tip to the base: each joint takes its screw's share of all wrenches behind it."""
+    for i in range(len(wrenches) - 1, -1, -1):
+        j = tables.column[i]
+        if j >= 0:
+            weight, inertia = 0.0, 0.0
+            for c in range(6):
+                weight += screws[j, c] * wrenches[i, c]
+                inertia += screws[j, c] * wrenches[i, 6 + c]
+            out[GRAVITY, r, j], out[INERTIAL, r, j] = weight, inertia
+        if i > 0:
+            for c in range(12):
+                wrenches[i - 1, c] += wrenches[i, c]
+
+
+@njit(cache=True)
+def _base(tables: Tables) -> Frame:
+    return _column(tables.base, 0), _column(tables.base, 1), _column(tables.base, 2), _column(tables.base, 3)
+
+
+@njit(cache=True)
+def _centre(tables: Tables, i: int, frame: Frame) -> Vector:
+    return _at(frame, tables.com[i, 0], tables.com[i, 1], tables.com[i, 2])
+
+
+@njit(cache=True)
+def _tip(tables: Tables, frame: Frame) -> Vector:
+    return _at(frame, tables.tool[0, 3], tables.tool[1, 3], tables.tool[2, 3])
+
+
+@njit(cache=True)
+def _keep(screws: FloatArray, j: int, w: Vector, v: Vector) -> None:
+    screws[j, 0], screws[j, 1], screws[j, 2] = w
+    screws[j, 3], screws[j, 4], screws[j, 5] = v
 
 
 @njit(cache=True)
@@ -128,15 +189,16 @@ def _at(frame: Frame, x: float, y: float, z: float) -> Vector:
 @njit(cache=True)
 def _link(tables: Tables, i: int, value: float, frame: Frame) -> tuple[Frame, Frame]:
     """Frame along whose z axis joint i moves, and frame of link i."""
-    alpha, a, d, theta = tables.dh[i, 0], tables.dh[i, 1], tables.dh[i, 2], tables.dh[i, 3]
+    cosine, sine, a = tables.dh[i, 0], tables.dh[i, 1], tables.dh[i, 2]
+    d, theta = tables.dh[i, 3], tables.dh[i, 4]
     if tables.prismatic[i]:
         d += value
     else:
         theta += value
     if tables.modified:
-        moved = screw_z(screw_x(frame, alpha, a), theta, d)
+        moved = screw_z(screw_x(frame, cosine, sine, a), theta, d)
         return moved, moved
-    return frame, screw_x(screw_z(frame, theta, d), alpha, a)
+    return frame, screw_x(screw_z(frame, theta, d), cosine, sine, a)
 
 
 @njit(cache=True)
@@ -159,36 +221,52 @@ def _ridden(twist: Twist, w: Vector, v: Vector, rate: float, change: float) -> T
 @njit(cache=True)
 def _carry(
     tables: Tables,
-    link: int,
     mass: float,
-    moments: FloatArray,
+    moments: Vector,
     centre: Vector,
     frame: Frame,
     twist: Twist,
-    screws: FloatArray,
-    out: FloatArray,
+    wrenches: FloatArray,
+    i: int,
 ) -> None:
-    """Add one body's share to the loads of every joint before it."""
+    """Add the wrenches that a body's weight and its motion ask for."""
     omega, v, alpha, a = twist
     weight = (-mass * tables.gravity[0], -mass * tables.gravity[1], -mass * tables.gravity[2])
     v_centre = add(v, cross(omega, centre))
     force = scaled(mass, add(add(a, cross(alpha, centre)), cross(omega, v_centre)))
     spin = add(_times(frame, moments, alpha), cross(omega, _times(frame, moments, omega)))
-    moment = add(cross(centre, force), spin)
-    lever = cross(centre, weight)
+    moment, lever = add(cross(centre, force), spin), cross(centre, weight)
+    for c in range(3):
+        wrenches[i, c] += lever[c]
+        wrenches[i, 3 + c] += weight[c]
+        wrenches[i, 6 + c] += moment[c]
+        wrenches[i, 9 + c] += force[c]
+
+
+@njit(cache=True)
+def _move(
+    tables: Tables,
+    link: int,
+    mass: float,
+    moments: Vector,
+    centre: Vector,
+    frame: Frame,
+    screws: FloatArray,
+    out: FloatArray,
+    r: int,
+) -> None:
+    """Add a body's inertia at each joint before it."""
     for i in range(link + 1):
         j = tables.column[i]
         if j < 0:
             continue
-        w_j, v_j = (screws[j, 0], screws[j, 1], screws[j, 2]), (screws[j, 3], screws[j, 4], screws[j, 5])
-        out[GRAVITY, j] += dot(w_j, lever) + dot(v_j, weight)
-        out[INERTIAL, j] += dot(w_j, moment) + dot(v_j, force)
-        unit = add(v_j, cross(w_j, centre))
-        out[DIAGONAL, j] += mass * dot(unit, unit) + dot(w_j, _times(frame, moments, w_j))
+        w, v = (screws[j, 0], screws[j, 1], screws[j, 2]), (screws[j, 3], screws[j, 4], screws[j, 5])
+        unit = add(v, cross(w, centre))
+        out[r, j] += mass * dot(unit, unit) + dot(w, _times(frame, moments, w))
 
 
 @njit(cache=True)
-def _times(frame: Frame, moments: FloatArray, vector: Vector) -> Vector:
+def _times(frame: Frame, moments: Vector, vector: Vector) -> Vector:
     """Inertia, principal along the frame's axes, times a vector in base axes."""
     x, y, z, _ = frame
     along = scaled(moments[0] * dot(x, vector), x)

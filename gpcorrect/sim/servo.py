@@ -21,9 +21,10 @@ from gpcorrect.sim.effects.stages import SIDES
 from gpcorrect.sim.machine import Drive
 from gpcorrect.sim.motion import DriveState
 from gpcorrect.sim.servo_steps import Given, Laws, Outside, advance, no_outside
+from gpcorrect.sim.threads import in_parts
 from gpcorrect.types import FloatArray
 
-__all__ = ["Clock", "Reference", "ServoPath", "follow"]
+__all__ = ["Clock", "Loop", "Reference", "ServoPath", "follow"]
 
 
 @dataclass(frozen=True)
@@ -42,19 +43,19 @@ class Clock:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What the loop is given at each of its m steps, `(m, N, dof)` arrays.
+    """What the loop is given.
 
     Parameters
     ----------
-    position, velocity : arrays
-        Desired motor motion, joint units.
-    feedforward : array
-        Torque added to the controller's.
-    load : array
+    position, velocity : (N, m, dof) arrays
+        Desired motor motion at each of the loop's m steps, joint units; runs first, as the loop reads them.
+    feedforward : (n, N, dof) array
+        Torque added to the controller's, at the log's samples; linear between them, as the two loads are.
+    load : (n, N, dof) array
         Torque that the links ask of the motor, beyond `inertia` times its acceleration.
     inertia : (dof,) array
         Motor and mean link inertia that the loop accelerates, kg m^2 or kg.
-    carried : array or None
+    carried : (n, N, dof) array or None
         Torque that the links ask of the joint altogether, on which friction may depend; `load` when None.
     """
 
@@ -79,6 +80,52 @@ class ServoPath(NamedTuple):
     joint_friction: FloatArray
 
 
+class Loop:
+    """The servo loop of one machine, over one reference after the other.
+
+    Parameters
+    ----------
+    drive : Drive
+        Gains and feedforward.
+    joints : tuple of int
+        Joint numbers of the columns.
+    effects : sequence of Effect
+        Of the machine; those that act in the loop are used.
+    """
+
+    def __init__(self, drive: Drive, joints: tuple[int, ...], effects: Sequence[Effect]) -> None:
+        self._drive = drive
+        self._laws, self._lawless = _laws(effects, joints), _Lawless.of(effects, joints)
+
+    def check_stable(self, inertia: FloatArray, step: float) -> None:
+        """Refuse gains that cannot hold joints of that inertia `(dof,)` at that step, s.
+
+        Raises
+        ------
+        DataError
+            The gains, or a stop's stiffness, make the sampled loop unstable.
+        """
+        _check_stable(self._drive, _stops(self._laws, len(inertia)), inertia, step)
+
+    def run(self, reference: Reference, clock: Clock, position: FloatArray, velocity: FloatArray) -> ServoPath:
+        """Go over a reference from a state `(N, dof)`, which is moved on in place."""
+        given, laws, lawless = _given(self._drive, reference, clock), self._laws, self._lawless
+        runs, steps = given.position.shape[:2]
+        samples = np.empty((4, *given.load.shape))
+        outside = no_outside(*velocity.shape)
+        if not lawless.effects:
+
+            def move(first: int, last: int) -> None:
+                advance((first, last), (0, steps), given, laws, outside, position, velocity, samples)
+
+            in_parts(runs, given.position.size, move)
+        else:
+            for i in range(steps):
+                lawless.ask(given, i, position, velocity, outside)
+                advance((0, runs), (i, i + 1), given, laws, outside, position, velocity, samples)
+        return ServoPath(*np.ascontiguousarray(samples.swapaxes(1, 2)))
+
+
 def follow(
     drive: Drive, reference: Reference, clock: Clock, joints: tuple[int, ...], effects: Sequence[Effect]
 ) -> ServoPath:
@@ -89,41 +136,33 @@ def follow(
     DataError
         The gains, or a stop's stiffness, make the sampled loop unstable.
     """
-    laws, lawless = _laws(effects, joints), _Lawless.of(effects, joints)
-    _check_stable(drive, _stops(laws, len(joints)), reference.inertia, clock.step)
-    given = _given(drive, reference, clock)
+    loop = Loop(drive, joints, effects)
+    loop.check_stable(reference.inertia, clock.step)
     balance = (reference.feedforward[0] - reference.load[0]) / drive.kp
-    position, velocity = reference.position[0] + balance, np.array(reference.velocity[0])
-    steps = len(reference.position)
-    samples = np.empty((4, 1 + (steps - 1) // clock.stride, *velocity.shape))
-    outside = no_outside(*velocity.shape)
-    if not lawless.effects:
-        advance(0, steps, clock.stride, given, laws, outside, position, velocity, samples)
-    else:
-        for i in range(steps):
-            lawless.ask(given, i, position, velocity, outside)
-            advance(i, i + 1, clock.stride, given, laws, outside, position, velocity, samples)
-    return ServoPath(*samples)
+    return loop.run(reference, clock, reference.position[:, 0] + balance, np.array(reference.velocity[:, 0]))
 
 
 def _given(drive: Drive, reference: Reference, clock: Clock) -> Given:
     gain = clock.step / reference.inertia
     kp, kd, gain = (np.asarray(a, dtype=np.float64) for a in (drive.kp, drive.kd, gain))
     carried = reference.load if reference.carried is None else reference.carried
-    paths = (reference.position, reference.velocity, reference.feedforward, reference.load, carried)
-    position, velocity, feedforward, load, carried = (np.ascontiguousarray(p, dtype=np.float64) for p in paths)
-    return Given(kp, kd, gain, clock.step, position, velocity, feedforward, load, carried)
+    position, velocity = (np.ascontiguousarray(p) for p in (reference.position, reference.velocity))
+    sampled = (reference.feedforward, reference.load, carried)
+    feedforward, load, carried = (np.ascontiguousarray(p.swapaxes(0, 1)) for p in sampled)
+    return Given(kp, kd, gain, clock.step, clock.stride, position, velocity, feedforward, load, carried)
 
 
 def _laws(effects: Sequence[Effect], joints: tuple[int, ...]) -> Laws:
     """Laws of the catalogue's effects as arrays."""
-    frictions, torques = of_kind(effects, LawfulFriction), of_kind(effects, LawfulTorque)
+    frictions = sorted(of_kind(effects, LawfulFriction), key=lambda e: e.column(joints))
+    torques = sorted(of_kind(effects, LawfulTorque), key=lambda e: e.column(joints))
+    columns = np.arange(len(joints) + 1)
     return Laws(
         friction=np.array([e.law() for e in frictions]).reshape(-1, len(FrictionLaw._fields)),
-        friction_column=np.array([e.column(joints) for e in frictions], dtype=np.int64),
+        friction_of=np.searchsorted([e.column(joints) for e in frictions], columns),
         friction_side=np.array([SIDES.index(e.side) for e in frictions], dtype=np.int64),
         torque=np.array([e.law() for e in torques]).reshape(-1, len(TorqueLaw._fields)),
-        torque_column=np.array([e.column(joints) for e in torques], dtype=np.int64),
+        torque_of=np.searchsorted([e.column(joints) for e in torques], columns),
     )
 
 
@@ -148,9 +187,9 @@ class _Lawless:
 
     def ask(self, given: Given, i: int, position: FloatArray, velocity: FloatArray, outside: Outside) -> None:
         """Put what the effects do in step i into `outside`."""
-        state = DriveState(self.joints, position.copy(), velocity.copy(), given.carried[i])
-        commanded = given.kp * (given.position[i] - position) + given.kd * (given.velocity[i] - velocity)
-        commanded += given.feedforward[i]
+        state = DriveState(self.joints, position.copy(), velocity.copy(), _at_step(given.carried, i, given.stride))
+        commanded = given.kp * (given.position[:, i] - position) + given.kd * (given.velocity[:, i] - velocity)
+        commanded += _at_step(given.feedforward, i, given.stride)
         torque = commanded
         for effect in self.torques:
             torque = effect.act(torque, state)
@@ -165,10 +204,17 @@ class _Lawless:
             outside.damping[where] += damping
 
 
+def _at_step(samples: FloatArray, i: int, stride: int) -> FloatArray:
+    """Values `(N, dof)` at a step, linear between samples `(N, n, dof)`."""
+    k, part = divmod(i, stride)
+    here, after = samples[:, k], samples[:, min(k + 1, samples.shape[1] - 1)]
+    return here + part / stride * (after - here)
+
+
 def _stops(laws: Laws, dof: int) -> FloatArray:
     """Stiffness `(dof,)` of the stops of each joint together."""
-    stiffness = np.zeros(dof)
-    np.add.at(stiffness, laws.torque_column, laws.torque[:, TorqueLaw._fields.index("stiffness")])
+    stiffness, column = np.zeros(dof), np.repeat(np.arange(dof), np.diff(laws.torque_of))
+    np.add.at(stiffness, column, laws.torque[:, TorqueLaw._fields.index("stiffness")])
     return stiffness
 
 

@@ -45,8 +45,8 @@ def screw_z(frame: Frame, angle: float, shift: float) -> Frame:
 
 
 @njit(cache=True)
-def screw_x(frame: Frame, angle: float, shift: float) -> Frame:
-    """Frame turned about and moved along its own x axis."""
+def screw_x(frame: Frame, cosine: float, sine: float, shift: float) -> Frame:
+    """Frame turned about its own x axis by an angle of this cosine and sine, and moved along it."""
     x, y, z, origin = frame
-    c, s = cos(angle), sin(angle)
-    return x, add(scaled(c, y), scaled(s, z)), add(scaled(c, z), scaled(-s, y)), add(origin, scaled(shift, x))
+    turned = add(scaled(cosine, y), scaled(sine, z)), add(scaled(cosine, z), scaled(-sine, y))
+    return x, turned[0], turned[1], add(origin, scaled(shift, x))

@@ -5,7 +5,7 @@ from gpcorrect_service.aio import AsyncCorrectionClient
 from gpcorrect_service.client import CorrectionClient
 from gpcorrect_service.config import ClientSettings, ServerSettings
 from gpcorrect_service.errors import EndpointError, ServiceError
-from gpcorrect_service.replies import CorrectionReply, PathReply
+from gpcorrect_service.replies import CorrectionReply, JointsReply, PathReply
 
 __all__ = [
     "AsyncCorrectionClient",
@@ -13,6 +13,7 @@ __all__ = [
     "CorrectionClient",
     "CorrectionReply",
     "EndpointError",
+    "JointsReply",
     "PathReply",
     "ServerSettings",
     "ServiceError",

@@ -6,7 +6,12 @@ from importlib.util import find_spec
 
 from gpcorrect.errors import MissingExtraError
 
-LIBRARIES = {"zenoh": "eclipse-zenoh", "msgspec": "msgspec", "structlog": "structlog"}
+LIBRARIES = {
+    "zenoh": "eclipse-zenoh",
+    "msgspec": "msgspec",
+    "structlog": "structlog",
+    "prometheus_client": "prometheus-client",
+}
 
 for _module, _library in LIBRARIES.items():
     if find_spec(_module) is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 from gpcorrect_service.client import POLL_SECONDS
 from gpcorrect_service.desk import Call, ClientBase, Line
 from gpcorrect_service.errors import ServiceError
-from gpcorrect_service.replies import CorrectionReply, PathReply
+from gpcorrect_service.replies import CorrectionReply, JointsReply, PathReply
 from gpcorrect_service.wire import HealthAnswer, ModelAnswer
 
 __all__ = ["AsyncCorrectionClient"]
@@ -46,6 +47,20 @@ class AsyncCorrectionClient(ClientBase):
         """See :meth:`gpcorrect_service.CorrectionClient.correct_path`."""
         return await self._ask(self._desk.correct_path(poses, times))
 
+    async def correct_joints(
+        self,
+        q: ArrayLike,
+        times: ArrayLike,
+        efforts: ArrayLike | None = None,
+        sessions: Sequence[int] | None = None,
+    ) -> JointsReply:
+        """See :meth:`gpcorrect_service.CorrectionClient.correct_joints`."""
+        return await self._ask(self._desk.correct_joints(q, times, efforts, sessions))
+
+    async def metrics(self) -> str:
+        """See :meth:`gpcorrect_service.CorrectionClient.metrics`."""
+        return await self._ask(self._desk.metrics())
+
     async def model(self) -> ModelAnswer:
         """See :meth:`gpcorrect_service.CorrectionClient.model`."""
         return await self._ask(self._desk.model())
@@ -65,12 +80,16 @@ class AsyncCorrectionClient(ClientBase):
         line = self._desk.open_line(call.kind)
         if line is None:
             line = await asyncio.to_thread(self._desk.line, call.kind)
-        if not line.matched:
+        if line.fresh:
             await self._await_server(line)
-        nearest, everyone = line.attempts
-        answer = await self._attempt(nearest, call)
+        first, second = line.attempts()
+        answer = await self._attempt(first, call)
         if isinstance(answer, ServiceError):
-            answer = await self._attempt(everyone, call)
+            if not line.matched:
+                await self._await_server(line)
+            elif answer.status == "NO_SERVICE":
+                line.suspect()
+            answer = await self._attempt(second, call)
         if isinstance(answer, ServiceError):
             raise answer
         return answer

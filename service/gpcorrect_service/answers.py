@@ -19,6 +19,7 @@ __all__ = [
     "check_age",
     "error_answer",
     "internal_error",
+    "plain_answer",
     "read_meta",
     "refusal",
 ]
@@ -42,13 +43,15 @@ class Request(msgspec.Struct, frozen=True):
 
 
 class Answer(msgspec.Struct, frozen=True):
-    """A reply as it goes: bytes, zenoh encoding, attachment, and the status that the counts keep."""
+    """A reply as it goes: bytes, zenoh encoding, attachment; status, poses and poses out of domain, for the counts."""
 
     payload: bytes
     encoding: str
     attachment: bytes
     status: str
     is_error: bool = False
+    rows: int = 1
+    outside: int = 0
 
 
 def read_meta(codec: wire.Codec, attachment: bytes) -> wire.RequestMeta:
@@ -94,6 +97,11 @@ def check_age(meta: wire.RequestMeta, age: float) -> None:
             hint="Ask less often, allow more time, or add a replica.",
             request_id=meta.request_id,
         )
+
+
+def plain_answer(codec: wire.Codec, kind: wire.Kind, message: msgspec.Struct) -> Answer:
+    """Return an answer that needs nothing beside it."""
+    return Answer(codec.encode(message), wire.encoding_name(codec, kind), b"", "OK")
 
 
 def error_answer(codec: wire.Codec, error: ServiceError, replica: str, request_id: str = "") -> Answer:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,9 @@ from gpcorrect_service.errors import ServiceError
 
 __all__ = [
     "MAX_PATH_POSES",
+    "bad_input",
     "check_answer",
+    "check_times",
     "checked_path",
     "checked_pose",
     "checked_twist",
@@ -27,6 +29,8 @@ ROOM = 5.0  # m: no tabletop robot or tracker of its workspace sees further, and
 # Beyond ten times the reach of the training data a position is a wrong unit; mm for m is a thousand times.
 REACH_FACTOR = 10.0
 MAX_SPEED = 20.0  # m/s
+SHORTEST_STEP = 1e-6  # s: no robot is asked more often, and velocities over less are rounding
+LATEST = 1e11  # s: three thousand years; nanoseconds since 1970 are ten million times more
 MAX_TURNING = 200.0  # rad/s
 MAX_PATH_POSES = 5000  # about a minute at 100 Hz; keeps request and reply under the message limit in JSON too
 
@@ -63,12 +67,14 @@ def checked_pose(pose: Sequence[float], limit: float) -> FloatArray:
         BAD_INPUT: wrong length, not finite, no unit quaternion, or too far away.
     """
     if len(pose) not in (POSE, POSITION):
-        raise _bad(f"a pose is 7 numbers (x y z qw qx qy qz) or 3 (x y z), got {len(pose)}.", "Send metres and wxyz.")
+        raise bad_input(
+            f"a pose is 7 numbers (x y z qw qx qy qz) or 3 (x y z), got {len(pose)}.", "Send metres and wxyz."
+        )
     _check_finite("pose", pose)
     if len(pose) == POSE:
         norm = math.hypot(*pose[POSITION:])
         if abs(norm - 1) > QUATERNION_TOLERANCE:
-            raise _bad(f"the quaternion has norm {norm:.6g}, not 1.", "Normalise it; the order is qw qx qy qz.")
+            raise bad_input(f"the quaternion has norm {norm:.6g}, not 1.", "Normalise it; the order is qw qx qy qz.")
     distance = math.hypot(*pose[:POSITION])
     if distance > limit:
         raise _too_far(distance, limit)
@@ -86,14 +92,14 @@ def checked_twist(twist: Sequence[float] | None) -> FloatArray | None:
     if twist is None:
         return None
     if len(twist) != TWIST:
-        raise _bad(
+        raise bad_input(
             f"a twist is 6 numbers (vx vy vz wx wy wz), got {len(twist)}.",
             "Leave it out where it is not known.",
         )
     _check_finite("twist", twist)
     speed, turning = math.hypot(*twist[:POSITION]), math.hypot(*twist[POSITION:])
     if speed > MAX_SPEED or turning > MAX_TURNING:
-        raise _bad(
+        raise bad_input(
             f"a twist of {speed:.4g} m/s and {turning:.4g} rad/s is no robot's.",
             "Send m/s and rad/s, not mm/s or deg/s.",
         )
@@ -111,24 +117,41 @@ def checked_path(
         BAD_INPUT: as for one pose, naming the row; or times that do not increase.
     """
     if not 0 < len(poses) <= MAX_PATH_POSES:
-        raise _bad(
+        raise bad_input(
             f"a path has 1 to {MAX_PATH_POSES} poses, got {len(poses)}.",
             "Cut longer paths where the robot rests.",
         )
     if len(times) != len(poses):
-        raise _bad(f"{len(poses)} poses came with {len(times)} times.", "Send one time (s) a pose.")
+        raise bad_input(f"{len(poses)} poses came with {len(times)} times.", "Send one time (s) a pose.")
     if len({len(pose) for pose in poses}) != 1:
-        raise _bad("the poses of the path differ in length.", "Send 7 numbers in every pose, or 3 in every pose.")
+        raise bad_input("the poses of the path differ in length.", "Send 7 numbers in every pose, or 3 in every pose.")
     for row, pose in enumerate(poses):
         try:
             checked_pose(pose, limit)
         except ServiceError as error:
-            raise _bad(f"pose {row} of the path: {error.message}", error.hint) from error
+            raise bad_input(f"pose {row} of the path: {error.message}", error.hint) from error
     _check_finite("times", times)
     stamps = np.array(times, dtype=np.float64)
-    if (np.diff(stamps) <= 0).any():
-        raise _bad("the times of the path do not increase.", "Send seconds, strictly increasing.")
+    check_times(stamps)
     return np.array(poses, dtype=np.float64), stamps
+
+
+def check_times(times: FloatArray) -> None:
+    """Refuse times that no path has: not increasing, closer than a microsecond, or from another unit.
+
+    Raises
+    ------
+    ServiceError
+        BAD_INPUT.
+    """
+    steps = np.diff(times)
+    if (steps <= 0).any():
+        raise bad_input("the times of the path do not increase.", "Send seconds, strictly increasing.")
+    if (steps < SHORTEST_STEP).any() or (np.abs(times) > LATEST).any():
+        raise bad_input(
+            f"times are seconds at least {SHORTEST_STEP:g} apart and up to {LATEST:g}.",
+            "Send seconds, not nanoseconds; stamps since 1970 or since the start are both well.",
+        )
 
 
 def check_answer(position: Sequence[float], quaternion: Sequence[float] | None, limit: float) -> None:
@@ -148,21 +171,25 @@ def check_answer(position: Sequence[float], quaternion: Sequence[float] | None, 
         raise _unsafe(f"lies further than {limit:.3g} m away")
 
 
-def _check_finite(what: str, numbers: Iterable[float]) -> None:
-    if not all(map(math.isfinite, numbers)):
-        raise _bad(f"the {what} holds a number that is not finite.", "Send only complete poses.")
+def _check_finite(what: str, numbers: Sequence[float]) -> None:
+    # One sum tells of most rows that all is well; a sum of huge numbers may overflow, so it alone condemns nobody.
+    if not math.isfinite(sum(numbers)) and not all(map(math.isfinite, numbers)):
+        raise bad_input(f"the {what} holds a number that is not finite.", "Send only complete poses.")
 
 
 def _too_far(distance: float, limit: float) -> ServiceError:
     if distance / 1000 <= limit:
-        return _bad(f"the position is {distance:.4g} m from the origin.", "This looks like millimetres: send metres.")
-    return _bad(
+        return bad_input(
+            f"the position is {distance:.4g} m from the origin.", "This looks like millimetres: send metres."
+        )
+    return bad_input(
         f"the position is {distance:.4g} m from the origin, beyond {limit:.3g} m.",
         "Check frame and unit (metres).",
     )
 
 
-def _bad(cause: str, next_step: str) -> ServiceError:
+def bad_input(cause: str, next_step: str) -> ServiceError:
+    """Return the refusal of a request that cannot be meant."""
     return ServiceError("BAD_INPUT", cause, hint=next_step)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from gpcorrect_service.desk import Call, ClientBase, Line
 from gpcorrect_service.errors import ServiceError
-from gpcorrect_service.replies import CorrectionReply, PathReply
+from gpcorrect_service.replies import CorrectionReply, JointsReply, PathReply
 from gpcorrect_service.wire import HealthAnswer, ModelAnswer
 
 __all__ = ["POLL_SECONDS", "REPLIES_KEPT", "CorrectionClient"]
@@ -76,6 +77,43 @@ class CorrectionClient(ClientBase):
         """
         return self._ask(self._desk.correct_path(poses, times))
 
+    def correct_joints(
+        self,
+        q: ArrayLike,
+        times: ArrayLike,
+        efforts: ArrayLike | None = None,
+        sessions: Sequence[int] | None = None,
+    ) -> JointsReply:
+        """Return the true joints of a path of reported ones, or what to command, by the model's direction.
+
+        Parameters
+        ----------
+        q : (n, d) array
+            rad or m; NaN where missing.
+        times : (n,) array
+            Seconds, strictly increasing.
+        efforts : (n, d) array, optional
+            As logged, for models that look at them.
+        sessions : n int, optional
+            Where the number changes, the arm was homed or moved by hand.
+
+        Raises
+        ------
+        ServiceError
+            As for :meth:`correct`.
+        """
+        return self._ask(self._desk.correct_joints(q, times, efforts, sessions))
+
+    def metrics(self) -> str:
+        """Return the server's numbers as OpenMetrics text.
+
+        Raises
+        ------
+        ServiceError
+            As for :meth:`model`.
+        """
+        return self._ask(self._desk.metrics())
+
     def model(self) -> ModelAnswer:
         """Return which model is active and what it says of itself.
 
@@ -104,12 +142,17 @@ class CorrectionClient(ClientBase):
 
     def _ask_servers(self, call: Call[R]) -> R:
         line = self._desk.open_line(call.kind) or self._desk.line(call.kind)
-        if not line.matched:
+        if line.fresh:
             self._await_server(line)
-        nearest, everyone = line.attempts
-        answer = self._attempt(nearest, call)
+        first, second = line.attempts()
+        answer = self._attempt(first, call)
         if isinstance(answer, ServiceError):
-            answer = self._attempt(everyone, call)
+            # Asked only now: looking at who matches costs a tenth of a query.
+            if not line.matched:
+                self._await_server(line)
+            elif answer.status == "NO_SERVICE":
+                line.suspect()
+            answer = self._attempt(second, call)
         if isinstance(answer, ServiceError):
             raise answer
         return answer

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import ipaddress
+import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.errors import EndpointError
+from gpcorrect_service.guard import CorrectionBound
 
 __all__ = [
     "DEFAULT_ENDPOINT",
@@ -57,6 +59,16 @@ class ServerSettings:
         Whether an address other than loopback may be listened on.
     config_file : Path or None
         A zenoh JSON5 configuration that replaces `endpoint`; its `namespace`, where given, wins.
+    bound : CorrectionBound
+        What no correction may exceed; the model's own bounds hold as well.
+    max_rate : float
+        Corrections a second that are answered; the others hear BUSY.
+    stream_key : str
+        The robot's joints come under this key of the arm.
+    stream_max_age : float
+        Seconds after which an estimate of the stream is called STALE.
+    stream_rate : float
+        Largest change of a streamed joint correction, rad/s and m/s.
     """
 
     endpoint: str = DEFAULT_ENDPOINT
@@ -68,9 +80,16 @@ class ServerSettings:
     replica: str = ""
     allow_remote: bool = False
     config_file: Path | None = None
+    bound: CorrectionBound = field(default_factory=CorrectionBound)
+    max_rate: float = math.inf
+    stream_key: str = "measured_js"
+    stream_max_age: float = 0.05
+    stream_rate: float = math.inf
 
     def __post_init__(self) -> None:
         _check_names(self.arm, self.namespace)
+        for name in ("max_rate", "stream_max_age", "stream_rate"):
+            _at_least(name, getattr(self, name), 1e-6)
         _at_least("workers", self.workers, 1)
         _at_least("queue_capacity", self.queue_capacity, 1)
         _at_least("drain_seconds", self.drain_seconds, 0)

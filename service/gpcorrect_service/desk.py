@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
@@ -13,18 +15,21 @@ import zenoh
 from numpy.typing import ArrayLike
 
 from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray
 from gpcorrect_service import wire
 from gpcorrect_service.config import DEFAULT_ENDPOINT, ClientSettings, OnFailure
 from gpcorrect_service.errors import ServiceError
-from gpcorrect_service.exchange import Exchange, Message, no_service, numbers
-from gpcorrect_service.replies import CorrectionReply, PathReply
+from gpcorrect_service.exchange import Exchange, Message, array, gaps, no_service, numbers
+from gpcorrect_service.replies import CorrectionReply, JointsReply, PathReply
 from gpcorrect_service.transport import open_client
+from gpcorrect_service.wire_joints import CorrectJointsAnswer, CorrectJointsRequest, Row
 
 __all__ = ["Call", "ClientBase", "Desk", "Line"]
 
 S = TypeVar("S", bound=msgspec.Struct)
 R = TypeVar("R")
 
+SUSPICION_SECONDS = 10.0  # after which zenoh itself drops a server that hangs
 # Another replica may do better with these; bad input is bad everywhere.
 WORTH_A_RETRY = frozenset({"BUSY", "STALE", "NO_MODEL", "INTERNAL", "NO_SERVICE"})
 
@@ -32,7 +37,8 @@ WORTH_A_RETRY = frozenset({"BUSY", "STALE", "NO_MODEL", "INTERNAL", "NO_SERVICE"
 class Line:
     """Two ways to ask one key: the nearest server, then every server.
 
-    zenoh always sends to the same nearest server and does not leave one that hangs, hence the second way.
+    zenoh always sends to the same nearest server and does not leave one that hangs, hence the second way; while the
+    nearest one is under suspicion, every server is asked at once.
     """
 
     def __init__(self, session: zenoh.Session, key: str, timeout: float) -> None:
@@ -47,15 +53,25 @@ class Line:
                 timeout=timeout / 2,
             )
 
-        self.attempts = (declare(zenoh.QueryTarget.BEST_MATCHING), declare(zenoh.QueryTarget.ALL))
+        self._nearest, self._everyone = declare(zenoh.QueryTarget.BEST_MATCHING), declare(zenoh.QueryTarget.ALL)
+        self._trusted_from = -math.inf
         self.timeout = timeout
         self.fresh = True
 
     @property
     def matched(self) -> bool:
         """Whether some server declares this key now."""
-        status: Any = self.attempts[0].matching_status  # zenoh's stubs say bool; it is a MatchingStatus
+        status: Any = self._nearest.matching_status  # zenoh's stubs say bool; it is a MatchingStatus
         return bool(status.matching)
+
+    def attempts(self) -> tuple[zenoh.Querier, zenoh.Querier]:
+        """Return whom to ask first, and whom when that fails."""
+        trusted = time.monotonic() >= self._trusted_from
+        return (self._nearest if trusted else self._everyone), self._everyone
+
+    def suspect(self) -> None:
+        """Note that the nearest server kept silent: for a while it is not asked alone."""
+        self._trusted_from = time.monotonic() + SUSPICION_SECONDS
 
 
 class Call(msgspec.Struct, Generic[R], frozen=True, eq=False):
@@ -158,7 +174,9 @@ class Desk:
             self._closed = True
             self._lines.clear()
             self._session = None
-            self._stack.close()
+            # A server that hangs does not say goodbye: zenoh gives up on it after its own while, and so is it closed.
+            with suppress(zenoh.ZError):
+                self._stack.close()
 
     def patience(self, line: Line) -> float:
         """Return how long, s, to wait for a server to appear: only the first question may wait longer."""
@@ -193,6 +211,29 @@ class Desk:
         fallback = (lambda error: PathReply.identity(asked, error)) if self._identity else None
         return Call("correct_path", self._message("correct_path", body), read, fallback)
 
+    def correct_joints(
+        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None, sessions: Sequence[int] | None
+    ) -> Call[JointsReply]:
+        """Return the question what true joints belong to a path of joints."""
+        joints = array(q, "joints", 2)
+        body = CorrectJointsRequest(
+            _gap_rows(joints),
+            tuple(numbers(times, "times")),
+            None if efforts is None else _gap_rows(array(efforts, "efforts", 2)),
+            None if sessions is None else tuple(int(one) for one in sessions),
+        )
+
+        def read(reply: zenoh.Reply) -> JointsReply:
+            answer, beside = self._exchange.read(reply, CorrectJointsAnswer)
+            return JointsReply.received(answer, self._exchange.read_meta(beside))
+
+        fallback = (lambda error: JointsReply.identity(joints, error)) if self._identity else None
+        return Call("correct_joints", self._message("correct_joints", body), read, fallback)
+
+    def metrics(self) -> Call[str]:
+        """Return the question for the server's numbers."""
+        return Call("metrics", self._message("metrics", None), self._exchange.read_text)
+
     def model(self) -> Call[wire.ModelAnswer]:
         """Return the question which model is active."""
         return self._plain("model", wire.ModelAnswer)
@@ -208,7 +249,11 @@ class Desk:
         return self._exchange.message(kind, body, deadline=self._timeout(kind) / 2)
 
     def _timeout(self, kind: wire.Kind) -> float:
-        return self.settings.path_timeout if kind == "correct_path" else self.settings.timeout
+        return self.settings.path_timeout if kind in ("correct_path", "correct_joints") else self.settings.timeout
+
+
+def _gap_rows(values: FloatArray) -> tuple[Row, ...]:
+    return tuple(tuple(gaps(row)) for row in values.tolist())
 
 
 class ClientBase:

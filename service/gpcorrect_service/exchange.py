@@ -14,11 +14,13 @@ import zenoh
 from numpy.typing import ArrayLike
 
 from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray
 from gpcorrect_service import wire
 from gpcorrect_service.config import MAX_MESSAGE_BYTES, ClientSettings
 from gpcorrect_service.errors import FailureStatus, ServiceError
+from gpcorrect_service.wire import gaps
 
-__all__ = ["Exchange", "Message", "no_service", "numbers"]
+__all__ = ["Exchange", "Message", "array", "gaps", "no_service", "numbers"]
 
 S = TypeVar("S", bound=msgspec.Struct)
 
@@ -85,6 +87,12 @@ class Exchange:
             raise no_service(f"a reply that is not the service's ({error.message})") from error
         return body, (b"" if attachment is None else attachment.to_bytes())
 
+    def read_text(self, reply: zenoh.Reply) -> str:
+        """Return what a server answered as text; raises as :meth:`read`."""
+        if reply.ok is None:
+            raise _refusal(reply)
+        return reply.ok.payload.to_bytes().decode(errors="replace")
+
     def read_meta(self, attachment: bytes) -> wire.ReplyMeta:
         """Return what the server wrote beside its reply.
 
@@ -131,6 +139,23 @@ def no_service(what: str = "", settings: ClientSettings | None = None) -> Servic
             "a query larger than the server takes, a server that hangs."
         ),
     )
+
+
+def array(values: ArrayLike, what: str, ndim: int) -> FloatArray:
+    """Return values as an array of `ndim` dimensions.
+
+    Raises
+    ------
+    ServiceError
+        BAD_INPUT: these are not numbers, or not so many dimensions.
+    """
+    try:
+        numbers = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ServiceError("BAD_INPUT", f"the {what} are not an array of numbers ({error}).") from error
+    if numbers.ndim != ndim:
+        raise ServiceError("BAD_INPUT", f"the {what} have {numbers.ndim} dimensions, {ndim} were expected.")
+    return numbers
 
 
 def numbers(values: ArrayLike, what: str) -> list[Any]:

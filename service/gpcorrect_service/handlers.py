@@ -2,164 +2,163 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Sequence
 
-import msgspec
 import numpy as np
 
-from gpcorrect.errors import DataError
-from gpcorrect.types import FloatArray
+from gpcorrect.types import Correction, FloatArray
 from gpcorrect_service import wire
-from gpcorrect_service.answers import (
-    Answer,
-    Clock,
-    Request,
-    check_age,
-    error_answer,
-    internal_error,
-    read_meta,
-)
-from gpcorrect_service.checks import check_answer, checked_path, checked_pose, checked_twist, position_limit
-from gpcorrect_service.errors import ServiceError
-from gpcorrect_service.journal import Journal
-from gpcorrect_service.model import Model
+from gpcorrect_service.answers import Answer, Request, plain_answer
+from gpcorrect_service.cdr import CDR_ENCODING, CdrBeside, StampedPose, read_pose, write_pose
+from gpcorrect_service.checks import check_answer, checked_path, checked_pose, checked_twist
+from gpcorrect_service.guard import CorrectionBound
+from gpcorrect_service.model import Model, PathResult
+from gpcorrect_service.reception import Reception
 
-__all__ = ["Handlers"]
+__all__ = ["BOUNDED", "Handlers", "first_trouble"]
 
-Work = Callable[[Model, wire.Codec, bytes], tuple[msgspec.Struct, str]]
+BOUNDED = "cut to the bound that this server's operator set"
 
 
 class Handlers:
-    """Answers requests for one model; safe to call from several threads.
+    """Answers requests about poses, paths and their model.
 
     Parameters
     ----------
-    model : Model or None
-        What is served; without it every correction is answered NO_MODEL.
-    arm, replica : str
-        Names that the answers carry.
-    journal : Journal
-        Where failures of the model are written.
-    clock : Clock
-        Where the time comes from.
+    reception : Reception
+        Reads and refuses.
+    bound : CorrectionBound
+        What no correction may exceed; the model's own bounds hold as well.
     """
 
-    def __init__(self, model: Model | None, *, arm: str, replica: str, journal: Journal, clock: Clock) -> None:
-        self._model = model
-        self._limit = position_limit(model.corrector.info()) if model else math.inf
-        self._arm = arm
-        self._replica = replica
-        self._journal = journal
-        self._clock = clock
+    def __init__(self, reception: Reception, bound: CorrectionBound | None = None) -> None:
+        self._reception = reception
+        self._active = reception.active
+        self._bound = bound if bound is not None and bound.acts else None
 
     def correct(self, request: Request) -> Answer:
-        """Answer one desired pose."""
-        return self._answer("correct", request, self._correct)
+        """Answer one desired pose, in the encoding in which it came."""
+        if request.encoding.startswith(CDR_ENCODING):
+            return self._reception.answer("correct", request, lambda *beside: self._cdr(request, *beside), wire.JSON)
+        return self._reception.answer("correct", request, lambda *beside: self._correct(request, *beside))
 
     def correct_path(self, request: Request) -> Answer:
         """Answer a timed path."""
-        return self._answer("correct_path", request, self._correct_path)
+        return self._reception.answer("correct_path", request, lambda *beside: self._correct_path(request, *beside))
 
     def model(self, request: Request) -> Answer:
         """Answer which model is active."""
-        return self._answer("model", request, self._describe)
+        return self._reception.answer("model", request, self._describe)
 
-    def _answer(self, kind: wire.Kind, request: Request, work: Work) -> Answer:
-        started = self._clock.monotonic()
-        codec, meta = wire.JSON, wire.RequestMeta()
-        try:
-            codec = wire.choose_codec(request.encoding, kind)
-            meta = read_meta(codec, request.attachment)
-            check_age(meta, started - request.arrived)
-            model = self._active()
-            message, status = work(model, codec, request.payload)
-            beside = codec.encode(self._reply_meta(meta, model, started))
-            return Answer(codec.encode(message), wire.encoding_name(codec, kind), beside, status)
-        except ServiceError as error:
-            if error.status == "INTERNAL":
-                self._journal.error(
-                    "unsafe command withheld", kind=kind, request_id=meta.request_id, cause=error.message
-                )
-            return error_answer(codec, error, self._replica, meta.request_id)
-        except DataError as error:
-            bad = ServiceError("BAD_INPUT", error.message, hint=error.hint)
-            return error_answer(codec, bad, self._replica, meta.request_id)
-        except Exception as error:  # noqa: BLE001 - whatever a model does, the planner gets a reply and the worker lives on
-            self._journal.error("query failed inside", kind=kind, request_id=meta.request_id, exc_info=error)
-            return error_answer(codec, internal_error(error), self._replica, meta.request_id)
-
-    def _active(self) -> Model:
-        if self._model is None:
-            raise ServiceError(
-                "NO_MODEL",
-                "this server holds no model.",
-                hint="Start it with a model file: gpcorrect serve MODEL",
-            )
-        return self._model
-
-    def _reply_meta(self, meta: wire.RequestMeta, model: Model, started: float) -> wire.ReplyMeta:
-        return wire.ReplyMeta(
-            request_id=meta.request_id,
-            model_id=model.id,
-            model_hash=model.hash,
-            replica=self._replica,
-            served_at=self._clock.wall(),
-            serving_seconds=self._clock.monotonic() - started,
-        )
-
-    def _correct(self, model: Model, codec: wire.Codec, payload: bytes) -> tuple[msgspec.Struct, str]:
-        asked = codec.decode(wire.CorrectRequest, payload)
-        answer = model.corrector.correct(checked_pose(asked.pose, self._limit), checked_twist(asked.twist))
-        position = answer.position.tolist()
-        quaternion = None if answer.quaternion is None else answer.quaternion.tolist()
-        check_answer(position, quaternion, self._limit)
+    def _correct(self, request: Request, codec: wire.Codec, meta: wire.RequestMeta, started: float) -> Answer:
+        asked = codec.decode(wire.CorrectRequest, request.payload)
+        model = self._active.pose_model()
+        answer, position, quaternion = self._ask(model, asked.pose, asked.twist)
         message = wire.CorrectAnswer(
-            position=position,
-            quaternion=quaternion,
-            std=gaps(answer.std.tolist()),
-            interval95=gaps(answer.interval95.tolist()),
-            in_domain=bool(answer.in_domain),
-            status=answer.status,
-            reason=answer.reason,
+            position,
+            quaternion,
+            wire.gaps(answer.std.tolist()),
+            wire.gaps(answer.interval95.tolist()),
+            bool(answer.in_domain),
+            answer.status,
+            answer.reason,
         )
-        return message, answer.status
+        beside = self._reception.beside(codec, meta, started, model)
+        return Answer(
+            codec.encode(message),
+            wire.NAMES[codec.name, "correct"],
+            beside,
+            answer.status,
+            outside=not answer.in_domain,
+        )
 
-    def _correct_path(self, model: Model, codec: wire.Codec, payload: bytes) -> tuple[msgspec.Struct, str]:
-        asked = codec.decode(wire.CorrectPathRequest, payload)
-        answer = model.corrector.correct_path(*checked_path(asked.poses, asked.times, self._limit))
-        positions = answer.positions.tolist()
-        quaternions = None if answer.quaternions is None else answer.quaternions.tolist()
-        for row, position in enumerate(positions):
-            check_answer(position, None if quaternions is None else quaternions[row], self._limit)
-        message = wire.CorrectPathAnswer(
-            positions=positions,
-            quaternions=quaternions,
-            std=gap_rows(answer.std),
-            interval95=gap_rows(answer.interval95),
+    def _cdr(self, request: Request, codec: wire.Codec, meta: wire.RequestMeta, started: float) -> Answer:
+        asked = read_pose(request.payload)
+        model = self._active.pose_model()
+        answer, position, quaternion = self._ask(model, asked.pose, None)
+        command = (*position, *(quaternion or asked.pose[3:]))
+        wall, serving = self._reception.elapsed(started)
+        beside = CdrBeside(
+            meta.request_id,
+            model.id,
+            model.hash,
+            self._reception.replica,
+            wall,
+            serving,
+            wire.gaps(answer.std.tolist()),
+            wire.gaps(answer.interval95.tolist()),
+            bool(answer.in_domain),
+            answer.status,
+            answer.reason,
+        )
+        payload = write_pose(StampedPose(command, asked.sec, asked.nanosec, asked.frame_id))
+        return Answer(payload, CDR_ENCODING, codec.encode(beside), answer.status, outside=not answer.in_domain)
+
+    def _ask(
+        self, model: Model, pose: Sequence[float], twist: Sequence[float] | None
+    ) -> tuple[Correction, list[float], list[float] | None]:
+        asked = checked_pose(pose, model.limit)
+        answer = model.corrector.correct(asked, checked_twist(twist))
+        if self._bound is not None:
+            answer = self._bounded(self._bound, model, asked, answer)
+        position: list[float] = answer.position.tolist()
+        quaternion = None if answer.quaternion is None else answer.quaternion.tolist()
+        check_answer(position, quaternion, model.limit)
+        return answer, position, quaternion
+
+    def _bounded(self, bound: CorrectionBound, model: Model, asked: FloatArray, answer: Correction) -> Correction:
+        parts = [answer.position] if answer.quaternion is None else [answer.position, answer.quaternion]
+        command, cut = bound.apply(model.reference(asked[None]), np.concatenate(parts)[None])
+        if not cut[0]:
+            return answer
+        quaternion = None if answer.quaternion is None else command[0, 3:]
+        reason = "; ".join(filter(None, (BOUNDED, answer.reason)))
+        return Correction(
+            command[0, :3], quaternion, answer.std, answer.interval95, answer.in_domain, "LIMITED", reason
+        )
+
+    def _correct_path(self, request: Request, codec: wire.Codec, meta: wire.RequestMeta, started: float) -> Answer:
+        asked = codec.decode(wire.CorrectPathRequest, request.payload)
+        model = self._active.pose_model()
+        poses, times = checked_path(asked.poses, asked.times, model.limit)
+        message = self._path_message(model, poses, model.corrector.correct_path(poses, times))
+        for row, position in enumerate(message.positions):
+            check_answer(position, message.quaternions[row] if message.quaternions else None, model.limit)
+        beside = self._reception.beside(codec, meta, started, model)
+        status = first_trouble(message.status)
+        outside = len(message.in_domain) - sum(message.in_domain)
+        name = wire.encoding_name(codec, "correct_path")
+        return Answer(codec.encode(message), name, beside, status, rows=len(poses), outside=outside)
+
+    def _path_message(self, model: Model, poses: FloatArray, answer: PathResult) -> wire.CorrectPathAnswer:
+        positions, quaternions = answer.positions, answer.quaternions
+        status, reason = list(answer.status), list(answer.reason)
+        if self._bound is not None:
+            whole = positions if quaternions is None else np.hstack([positions, quaternions])
+            bounded, cut = self._bound.apply(model.reference(poses), whole)
+            positions, quaternions = bounded[:, :3], (None if quaternions is None else bounded[:, 3:])
+            for row in np.flatnonzero(cut):
+                status[row], reason[row] = "LIMITED", "; ".join(filter(None, (BOUNDED, reason[row])))
+        return wire.CorrectPathAnswer(
+            positions=positions.tolist(),
+            quaternions=None if quaternions is None else quaternions.tolist(),
+            std=wire.gap_rows(answer.std),
+            interval95=wire.gap_rows(answer.interval95),
             in_domain=np.asarray(answer.in_domain, dtype=bool).tolist(),
-            status=list(answer.status),
-            reason=list(answer.reason),
+            status=status,
+            reason=reason,
         )
-        return message, first_trouble(answer.status)
 
-    def _describe(self, model: Model, codec: wire.Codec, payload: bytes) -> tuple[msgspec.Struct, str]:
-        info = dict(model.corrector.info())
-        return wire.ModelAnswer(model.id, model.hash, self._arm, self._replica, info), "OK"
-
-
-def gaps(numbers: list[float]) -> list[float | None]:
-    """Numbers for the wire: None where there is none (JSON knows no NaN)."""
-    return [number if math.isfinite(number) else None for number in numbers]
-
-
-def gap_rows(numbers: FloatArray) -> list[list[float | None]]:
-    """Rows `(n, k)` for the wire, see :func:`gaps`."""
-    rows: list[Any] = numbers.tolist()
-    return rows if np.isfinite(numbers).all() else [gaps(row) for row in rows]
+    def _describe(self, codec: wire.Codec, meta: wire.RequestMeta, started: float) -> Answer:
+        now = self._active.now
+        model = now.pose or now.joints
+        if model is None:
+            model = self._active.pose_model()
+        info = dict(model.corrector.info() if isinstance(model, Model) else model.info)
+        message = wire.ModelAnswer(model.id, model.hash, self._reception.arm, self._reception.replica, info)
+        return plain_answer(codec, "model", message)
 
 
-def first_trouble(statuses: tuple[str, ...]) -> str:
+def first_trouble(statuses: Sequence[str]) -> str:
     """Return the status that a whole path is counted under: the first that is not OK."""
     return next((status for status in statuses if status != "OK"), "OK")

@@ -1,46 +1,27 @@
-"""How a server is: counts of what it answered, and the state that its `health` key tells."""
+"""How a server is: the state that its `health` key tells, and the numbers under its `metrics` key."""
 
 from __future__ import annotations
 
-import threading
-from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from gpcorrect_service import wire
-from gpcorrect_service.answers import Answer, Request, error_answer, read_meta
+from gpcorrect_service.active import Active
+from gpcorrect_service.answers import Answer, Request, error_answer, plain_answer, read_meta
 from gpcorrect_service.errors import ServiceError
-from gpcorrect_service.model import Model
+from gpcorrect_service.metrics import OPENMETRICS, Tally, exposition
 from gpcorrect_service.workers import Lane
 
-__all__ = ["Health", "Tally"]
-
-
-class Tally:
-    """Counts answers by key and status, from any thread."""
-
-    def __init__(self) -> None:
-        self._counts: dict[str, Counter[str]] = {}
-        self._lock = threading.Lock()
-
-    def add(self, kind: str, status: str) -> None:
-        """Count one answer."""
-        with self._lock:
-            self._counts.setdefault(kind, Counter())[status] += 1
-
-    def counts(self) -> dict[str, dict[str, int]]:
-        """Return the counts so far, as `{"correct": {"OK": 12, "BUSY": 3}}`."""
-        with self._lock:
-            return {kind: dict(counts) for kind, counts in self._counts.items()}
+__all__ = ["Health"]
 
 
 class Health:
-    """Answers the `health` key; touches neither the model nor the queues it reports on.
+    """Answers `health` and `metrics`; touches neither the models nor the queues it reports on.
 
     Parameters
     ----------
-    model : Model or None
-        The active model.
+    active : Active
+        The active models.
     arm, replica : str
         Names that the answer carries.
     tally : Tally
@@ -53,7 +34,7 @@ class Health:
 
     def __init__(
         self,
-        model: Model | None,
+        active: Active,
         *,
         arm: str,
         replica: str,
@@ -61,7 +42,7 @@ class Health:
         lanes: Mapping[str, Lane[Any]],
         monotonic: Callable[[], float],
     ) -> None:
-        self._model = model
+        self._active = active
         self._arm = arm
         self._replica = replica
         self._tally = tally
@@ -77,24 +58,28 @@ class Health:
             read_meta(codec, request.attachment)
         except ServiceError as error:
             return error_answer(codec, error, self._replica)
-        report = self.report()
-        return Answer(codec.encode(report), wire.encoding_name(codec, "health"), b"", "OK")
+        return plain_answer(codec, "health", self.report())
+
+    def metrics(self, request: Request) -> Answer:
+        """Answer the numbers of this moment as OpenMetrics text, whatever the request says."""
+        return Answer(exposition(self.report(), self._tally), OPENMETRICS, b"", "OK")
 
     def report(self) -> wire.HealthAnswer:
         """Return the state of this moment."""
+        now = self._active.now
         return wire.HealthAnswer(
             state=self._state(),
             arm=self._arm,
             replica=self._replica,
-            model_id=self._model.id if self._model else "",
-            model_hash=self._model.hash if self._model else "",
+            model_id=now.pose.id if now.pose else "",
+            model_hash=now.pose.hash if now.pose else "",
             uptime=self._monotonic() - self._started,
             queued={name: lane.waiting for name, lane in self._lanes.items()},
             counts=self._tally.counts(),
+            joint_model_id=now.joints.id if now.joints else "",
+            joint_model_hash=now.joints.hash if now.joints else "",
         )
 
     def _state(self) -> str:
-        """Return the CRTK state: FAULT when a worker is gone, DISABLED without a model, ENABLED otherwise."""
-        if not all(lane.alive for lane in self._lanes.values()):
-            return "FAULT"
-        return "ENABLED" if self._model else "DISABLED"
+        """Return the state of :class:`Active`, or FAULT when a worker is gone."""
+        return self._active.state if all(lane.alive for lane in self._lanes.values()) else "FAULT"

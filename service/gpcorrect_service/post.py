@@ -10,8 +10,8 @@ import zenoh
 from gpcorrect_service import wire
 from gpcorrect_service.answers import Answer, Request, busy_error, refusal
 from gpcorrect_service.config import ServerSettings
-from gpcorrect_service.health import Tally
 from gpcorrect_service.journal import Journal
+from gpcorrect_service.metrics import Tally
 
 __all__ = ["Handler", "Parcel", "Post"]
 
@@ -38,28 +38,34 @@ class Post:
         Where answers are counted.
     journal : Journal
         Where replies that cannot be sent are written.
+    monotonic : callable
+        Clock, s.
     """
 
-    def __init__(self, settings: ServerSettings, tally: Tally, journal: Journal) -> None:
+    def __init__(
+        self, settings: ServerSettings, tally: Tally, journal: Journal, monotonic: Callable[[], float]
+    ) -> None:
         self._settings = settings
         self._tally = tally
         self._journal = journal
+        self._monotonic = monotonic
+        self._keys: dict[wire.Kind, str] = {kind: f"{settings.arm}/{kind}" for kind in wire.KINDS}
 
     def key(self, kind: wire.Kind) -> str:
         """Return the key of `kind` inside the namespace."""
-        return f"{self._settings.arm}/{kind}"
+        return self._keys[kind]
 
     def answer(self, parcel: Parcel) -> None:
         """Send what the parcel's handler says."""
         with parcel.query as query:
-            self._send(query, parcel.kind, parcel.handler(_request(query, parcel.arrived)))
+            self._send(query, parcel, parcel.handler(_request(query, parcel.arrived)))
 
     def refuse(self, parcel: Parcel) -> None:
         """Send BUSY."""
         busy = busy_error(self._settings.queue_capacity)
         with parcel.query as query:
             request = _request(query, parcel.arrived)
-            self._send(query, parcel.kind, refusal(request, busy, self._settings.replica))
+            self._send(query, parcel, refusal(request, busy, self._settings.replica))
 
     def drop(self, parcel: Parcel) -> None:
         """Let the query go without an answer, so that its client does not wait for one."""
@@ -67,13 +73,14 @@ class Post:
         with parcel.query:
             pass
 
-    def _send(self, query: zenoh.Query, kind: wire.Kind, answer: Answer) -> None:
-        self._tally.add(kind, answer.status)
+    def _send(self, query: zenoh.Query, parcel: Parcel, answer: Answer) -> None:
+        kind = parcel.kind
+        self._tally.add(kind, answer.status, self._monotonic() - parcel.arrived, answer.rows, answer.outside)
         try:
             if answer.is_error:
                 query.reply_err(answer.payload, encoding=answer.encoding)
             else:
-                query.reply(self.key(kind), answer.payload, encoding=answer.encoding, attachment=answer.attachment)
+                query.reply(self._keys[kind], answer.payload, encoding=answer.encoding, attachment=answer.attachment)
         except zenoh.ZError as error:
             self._journal.warning("reply not sent", kind=kind, status=answer.status, cause=str(error))
 

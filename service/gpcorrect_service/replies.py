@@ -14,41 +14,12 @@ import numpy as np
 from gpcorrect.types import BoolArray, FloatArray
 from gpcorrect_service import wire
 from gpcorrect_service.errors import ServiceError
+from gpcorrect_service.wire_joints import CorrectJointsAnswer
 
-__all__ = ["CorrectionReply", "PathReply", "Provenance"]
+__all__ = ["CorrectionReply", "JointsReply", "PathReply", "Provenance"]
 
+Provenance = wire.ReplyMeta
 Fallback = Literal["", "identity"]
-
-
-class Provenance(msgspec.Struct, frozen=True):
-    """Where a reply comes from; empty in a fallback, which comes from nowhere.
-
-    Parameters
-    ----------
-    request_id, model_id, model_hash, replica : str
-        The request, the model file (name and SHA-256), and the server process.
-    served_at, serving_seconds : float
-        When the server answered (its clock, s since 1970), and how long it worked, s; NaN in a fallback.
-    """
-
-    request_id: str = ""
-    model_id: str = ""
-    model_hash: str = ""
-    replica: str = ""
-    served_at: float = float("nan")
-    serving_seconds: float = float("nan")
-
-    @classmethod
-    def of(cls, meta: wire.ReplyMeta) -> Provenance:
-        """Return the provenance that a server sent."""
-        return cls(
-            meta.request_id,
-            meta.model_id,
-            meta.model_hash,
-            meta.replica,
-            meta.served_at,
-            meta.serving_seconds,
-        )
 
 
 class CorrectionReply(msgspec.Struct, frozen=True, eq=False):
@@ -104,7 +75,7 @@ class CorrectionReply(msgspec.Struct, frozen=True, eq=False):
             in_domain=answer.in_domain,
             status=answer.status,
             reason=answer.reason,
-            provenance=Provenance.of(meta),
+            provenance=meta,
         )
 
     @classmethod
@@ -159,7 +130,7 @@ class PathReply(msgspec.Struct, frozen=True, eq=False):
             in_domain=np.array(answer.in_domain, dtype=bool),
             status=tuple(answer.status),
             reason=tuple(answer.reason),
-            provenance=Provenance.of(meta),
+            provenance=meta,
         )
 
     @classmethod
@@ -173,6 +144,40 @@ class PathReply(msgspec.Struct, frozen=True, eq=False):
         return cls(positions, quaternions, unknown, unknown.copy(), inside, status, reason, "identity")
 
 
+class JointsReply(msgspec.Struct, frozen=True, eq=False):
+    """What true joints belong to reported ones (or what to command, by the model's direction), n rows of d.
+
+    Parameters
+    ----------
+    q, std : (n, d) arrays
+        Corrected joints and standard deviations, rad or m; NaN where a number was missing.
+    status : tuple of n str
+        OK or MISSING; in a fallback the failure.
+    fallback : str
+    provenance : Provenance
+    """
+
+    q: FloatArray
+    std: FloatArray
+    status: tuple[str, ...]
+    fallback: Fallback = ""
+    provenance: Provenance = Provenance()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain numbers and texts; NaN becomes None."""
+        return _plain(self)
+
+    @classmethod
+    def received(cls, answer: CorrectJointsAnswer, meta: wire.ReplyMeta) -> JointsReply:
+        """Return the reply of a server."""
+        return cls(_floats(answer.q), _floats(answer.std), tuple(answer.status), provenance=meta)
+
+    @classmethod
+    def identity(cls, q: FloatArray, error: ServiceError) -> JointsReply:
+        """Return the joints themselves, flagged with the failure that left them uncorrected."""
+        return cls(q, np.full(q.shape, np.nan), (error.status,) * len(q), "identity")
+
+
 def _parts(poses: FloatArray) -> tuple[FloatArray, FloatArray | None]:
     return poses[..., :3], (poses[..., 3:] if poses.shape[-1] > 3 else None)
 
@@ -181,6 +186,6 @@ def _floats(values: Any) -> FloatArray:
     return np.array(values, dtype=np.float64)  # None becomes NaN
 
 
-def _plain(reply: CorrectionReply | PathReply) -> dict[str, Any]:
+def _plain(reply: CorrectionReply | PathReply | JointsReply) -> dict[str, Any]:
     plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(reply, enc_hook=np.ndarray.tolist))
     return plain

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
 import signal
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,30 +15,40 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import Self
+from typing import Any, Self
 
 import zenoh
 from threadpoolctl import threadpool_limits
 
-from gpcorrect_service import wire
+from gpcorrect.errors import DataError
+from gpcorrect.model_store import ModelStore
+from gpcorrect_service.active import Active
+from gpcorrect_service.admin import Admin, load_entry
 from gpcorrect_service.answers import Clock
 from gpcorrect_service.config import ServerSettings
+from gpcorrect_service.estimate import Estimator, stream_lane, stream_receiver
 from gpcorrect_service.handlers import Handlers
-from gpcorrect_service.health import Health, Tally
+from gpcorrect_service.health import Health
+from gpcorrect_service.joint_handlers import JointHandlers
 from gpcorrect_service.journal import Journal, open_journal
-from gpcorrect_service.model import Corrector, Model, load_model
-from gpcorrect_service.post import Handler, Parcel, Post
+from gpcorrect_service.metrics import Tally
+from gpcorrect_service.model import Corrector, JointModel, Model, load_joint_model, load_model
+from gpcorrect_service.post import Parcel, Post
+from gpcorrect_service.reception import Reception
+from gpcorrect_service.routes import Route, routes
+from gpcorrect_service.throttle import Throttle
 from gpcorrect_service.transport import open_server
 from gpcorrect_service.workers import Lane
 
 __all__ = ["Server", "run", "serve"]
 
 REFUSALS = 4096  # BUSY answers that may wait to be sent; beyond it queries end without one
+SWITCH_SECONDS = 5e-4
 LAST_MOMENT = 0.2  # s: handing a full queue to the refusals takes a millisecond
 
 
 class Server:
-    """Serves one corrector for one arm; a context manager.
+    """Serves the models of one arm; a context manager.
 
     Queries enter through zenoh's callbacks, which only queue them. Every key has its own queue and thread,
     so a long path does not delay a single pose and `health` answers while the others are flooded; refusals
@@ -45,9 +57,13 @@ class Server:
     Parameters
     ----------
     corrector : Corrector, Model or None
-        What is served; None answers NO_MODEL.
+        What answers poses; None answers NO_MODEL.
     settings : ServerSettings
         Address, names and bounds.
+    joints : JointModel, optional
+        What answers joints.
+    store : ModelStore, optional
+        From where models can be activated.
     journal : Journal, optional
         Where the server logs; standard error by default.
     clock : Clock, optional
@@ -59,18 +75,22 @@ class Server:
         corrector: Corrector | Model | None,
         settings: ServerSettings | None = None,
         *,
+        joints: JointModel | None = None,
+        store: ModelStore | None = None,
         journal: Journal | None = None,
         clock: Clock | None = None,
     ) -> None:
         given = settings or ServerSettings()
         # Named here and not with the settings, which may have been written in another process.
         self.settings = replace(given, replica=given.replica or f"{socket.gethostname()}-{os.getpid()}")
-        self.model = corrector if isinstance(corrector, Model) or corrector is None else Model(corrector)
+        model = corrector if isinstance(corrector, Model) or corrector is None else Model(corrector)
+        self.active = Active(model, joints)
+        self._store = store
         self._clock = clock or Clock()
         self._journal = journal or open_journal(arm=self.settings.arm, replica=self.settings.replica)
         self._tally = Tally()
-        self._lanes: dict[str, Lane[Parcel]] = {}
-        self._post = Post(self.settings, self._tally, self._journal)
+        self._lanes: dict[str, Lane[Any]] = {}
+        self._post = Post(self.settings, self._tally, self._journal, self._clock.monotonic)
         self._refusals = Lane(
             "refusals",
             self._post.refuse,
@@ -79,6 +99,7 @@ class Server:
             capacity=REFUSALS,
             journal=self._journal,
         )
+        self._throttle = Throttle(self.settings.max_rate)
         self._queryables = ExitStack()
         self._stack = ExitStack()
 
@@ -102,7 +123,6 @@ class Server:
         with ExitStack() as stack:
             stack.enter_context(threadpool_limits(limits=1))
             session = stack.enter_context(open_server(self.settings))
-            self._open_lanes()
             stack.callback(self._drain)
             self._declare(session)
             self._stack = stack.pop_all()
@@ -130,75 +150,123 @@ class Server:
             self._journal.warning("did not finish in time", hanging=ended.count(False))
 
     def _identity(self) -> dict[str, str]:
-        return {"model_id": self.model.id, "model_hash": self.model.hash} if self.model else {"model_id": ""}
-
-    def _open_lanes(self) -> None:
-        s, full = self.settings, self._refusals.offer
-        for name in wire.KINDS:
-            workers = s.workers if name == "correct" else 1
-            self._lanes[name] = Lane(
-                name,
-                self._post.answer,
-                full,
-                workers=workers,
-                capacity=s.queue_capacity,
-                journal=self._journal,
-            )
-        for lane in (self._refusals, *self._lanes.values()):
-            lane.start()
+        now = self.active.now
+        named = (("model", now.pose), ("joint_model", now.joints))
+        told = [(f"{what}_{part}", getattr(m, part)) for what, m in named if m for part in ("id", "hash")]
+        return dict(told) or {"model_id": ""}
 
     def _declare(self, session: zenoh.Session) -> None:
+        """Declare the keys, the operator's and the monitor's last: who sees them finds the rest answering."""
         s = self.settings
         names = {"arm": s.arm, "replica": s.replica}
-        handlers = Handlers(self.model, journal=self._journal, clock=self._clock, **names)
-        health = Health(self.model, tally=self._tally, lanes=self._lanes, monotonic=self._clock.monotonic, **names)
-        answers: dict[wire.Kind, Handler] = {
-            "correct": handlers.correct,
-            "correct_path": handlers.correct_path,
-            "model": handlers.model,
-            "health": health.answer,
-        }
-        for kind, handler in answers.items():
-            # A direct callback runs on zenoh's thread: it only queues, and saves a change of threads.
-            callback = zenoh.handlers.Callback(self._receiver(kind, handler), indirect=False)
-            self._queryables.enter_context(session.declare_queryable(self._post.key(kind), callback, complete=True))
+        reception = Reception(self.active, journal=self._journal, clock=self._clock, **names)
+        health = Health(self.active, tally=self._tally, lanes=self._lanes, monotonic=self._clock.monotonic, **names)
+        poses, admin = Handlers(reception, s.bound), Admin(reception, self._store, self._journal)
+        self._refusals.start()
+        if self._store is not None or self.active.now.joints is not None:
+            self._declare_stream(session)
+        for route in routes(poses, JointHandlers(reception), admin, health):
+            self._declare_route(session, route)
+        token = session.liveliness().declare_token(f"{s.arm}/live/{s.replica}")
+        self._queryables.callback(token.undeclare)
 
-    def _receiver(self, kind: wire.Kind, handler: Handler) -> Callable[[zenoh.Query], None]:
-        offer, monotonic = self._lanes[kind].offer, self._clock.monotonic
+    def _declare_route(self, session: zenoh.Session, route: Route) -> None:
+        s = self.settings
+        lane: Lane[Parcel] = Lane(
+            route.kind,
+            self._post.answer,
+            self._refusals.offer,
+            workers=s.workers if route.kind == "correct" else 1,
+            capacity=s.queue_capacity,
+            journal=self._journal,
+        )
+        self._lanes[route.kind] = lane
+        lane.start()
+        # A direct callback runs on zenoh's thread: it only queues, and saves a change of threads.
+        callback = zenoh.handlers.Callback(self._receiver(route, lane), indirect=False)
+        self._queryables.enter_context(session.declare_queryable(self._post.key(route.kind), callback, complete=True))
+
+    def _receiver(self, route: Route, lane: Lane[Parcel]) -> Callable[[zenoh.Query], None]:
+        kind, handler, monotonic = route.kind, route.handler, self._clock.monotonic
+        passes, refuse = self._throttle.passes, self._refusals.offer
 
         def receive(query: zenoh.Query) -> None:
-            offer(Parcel(query, kind, handler, monotonic()))
+            lane.offer(Parcel(query, kind, handler, monotonic()))
 
-        return receive
+        def receive_throttled(query: zenoh.Query) -> None:
+            parcel = Parcel(query, kind, handler, monotonic())
+            (lane.offer if passes(parcel.arrived) else refuse)(parcel)
+
+        return receive_throttled if route.throttled and math.isfinite(self.settings.max_rate) else receive
+
+    def _declare_stream(self, session: zenoh.Session) -> None:
+        """Listen to the robot's joints, and publish estimates."""
+        s = self.settings
+        estimator = Estimator(
+            self.active,
+            replica=s.replica,
+            tally=self._tally,
+            journal=self._journal,
+            monotonic=self._clock.monotonic,
+            max_age=s.stream_max_age,
+            rate=s.stream_rate,
+        )
+        lane = stream_lane(session, f"{s.arm}/estimate", estimator, self._tally, self._journal)
+        self._lanes["estimate"] = lane
+        lane.start()
+        receive = stream_receiver(self.active, lane, self._clock.monotonic)
+        callback = zenoh.handlers.Callback(receive, indirect=False)
+        self._queryables.enter_context(session.declare_subscriber(f"{s.arm}/{s.stream_key}", callback))
 
 
 def serve(
-    model_path: str | Path,
+    model_path: str | Path | None,
     settings: ServerSettings | None = None,
     stop_event: threading.Event | None = None,
     on_ready: Callable[[Server], None] | None = None,
+    *,
+    joint_path: str | Path | None = None,
+    store: str | Path | None = None,
 ) -> None:
-    """Serve a model file until told to stop: the whole life of a service process.
+    """Serve model files until told to stop: the whole life of a service process.
 
     Parameters
     ----------
-    model_path : path
-        What `gpcorrect fit` wrote.
+    model_path : path or None
+        What `gpcorrect fit` wrote; None takes the active one of the store.
     settings : ServerSettings, optional
         Address, names and bounds.
     stop_event : threading.Event, optional
         Ends the service when set. Without it SIGTERM and SIGINT do, which needs the main thread.
     on_ready : callable, optional
         Called once queries are answered.
+    joint_path : path, optional
+        What `gpcorrect joint fit` wrote; without it the active one of the store, where there is one.
+    store : path, optional
+        Folder of models that can be activated while serving.
 
     Raises
     ------
     ArtifactError
-        The model file is refused.
+        A model file is refused.
+    DataError
+        There is nothing to serve.
     EndpointError
         The address is taken or cannot be used.
     """
-    run(load_model(model_path), settings, stop_event, on_ready)
+    models = None if store is None else ModelStore(store)
+    pose = load_model(model_path) if model_path is not None else _stored(models, "pose")
+    joints = load_joint_model(joint_path) if joint_path is not None else _stored(models, "joints")
+    if pose is None and joints is None and models is None:
+        raise DataError("there is nothing to serve.", hint="Name a model, --joints JOINT_MODEL, or --store FOLDER.")
+    assert not isinstance(pose, JointModel)
+    assert not isinstance(joints, Model)
+    run(pose, settings, stop_event, on_ready, joints=joints, store=models)
+
+
+def _stored(store: ModelStore | None, kind: str) -> Model | JointModel | None:
+    entry = None if store is None else store.active(kind)
+    return None if store is None or entry is None else load_entry(store, entry)
 
 
 def run(
@@ -206,12 +274,17 @@ def run(
     settings: ServerSettings | None = None,
     stop_event: threading.Event | None = None,
     on_ready: Callable[[Server], None] | None = None,
+    *,
+    joints: JointModel | None = None,
+    store: ModelStore | None = None,
 ) -> None:
-    """Serve a corrector that is already loaded; see :func:`serve`."""
+    """Serve models that are already loaded; see :func:`serve`."""
     # What the process has loaded by now it keeps: the collector need not walk through it while a planner waits.
     gc.collect()
     gc.freeze()
-    with _stop_signal(stop_event) as stop, Server(corrector, settings) as server:
+    # A thread that loads a model hands the interpreter over after this long, s, when a query waits for it.
+    sys.setswitchinterval(SWITCH_SECONDS)
+    with _stop_signal(stop_event) as stop, Server(corrector, settings, joints=joints, store=store) as server:
         if on_ready is not None:
             on_ready(server)
         stop.wait()

@@ -7,12 +7,15 @@ payload's encoding.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 import msgspec
+import numpy as np
 
+from gpcorrect.types import FloatArray
 from gpcorrect_service.errors import ServiceError
 
 __all__ = [
@@ -27,6 +30,7 @@ __all__ = [
     "CorrectPathRequest",
     "CorrectRequest",
     "ErrorAnswer",
+    "Form",
     "HealthAnswer",
     "Kind",
     "ModelAnswer",
@@ -35,12 +39,26 @@ __all__ = [
     "choose_codec",
     "encoding_name",
     "error_codec",
+    "gap_rows",
+    "gaps",
 ]
 
 SCHEMA_VERSION = 1
 
-Kind = Literal["correct", "correct_path", "model", "health"]
-KINDS: tuple[Kind, ...] = ("correct", "correct_path", "model", "health")
+Kind = Literal[
+    "correct",
+    "correct_path",
+    "correct_joints",
+    "model",
+    "model/list",
+    "health",
+    "metrics",
+    "admin/activate",
+    "admin/state",
+]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+# What an encoding names: the messages of a queryable, an error, or a sample of a stream.
+Form = Kind | Literal["error", "estimate", "joint_state"]
 Numbers = tuple[float, ...]
 Gaps = list[float | None]
 S = TypeVar("S", bound=msgspec.Struct)
@@ -105,6 +123,8 @@ class HealthAnswer(msgspec.Struct, frozen=True):
     uptime: float
     queued: dict[str, int]
     counts: dict[str, dict[str, int]]
+    joint_model_id: str = ""
+    joint_model_hash: str = ""
 
 
 class ErrorAnswer(msgspec.Struct, frozen=True):
@@ -133,15 +153,38 @@ class RequestMeta(msgspec.Struct, frozen=True):
 
 
 class ReplyMeta(msgspec.Struct, frozen=True):
-    """What travels beside a reply: request, model, process, date (s since 1970) and serving time (s)."""
+    """What travels beside a reply, and where it comes from; empty in a fallback, which comes from nowhere.
 
-    request_id: str
-    model_id: str
-    model_hash: str
-    replica: str
-    served_at: float
-    serving_seconds: float
+    Parameters
+    ----------
+    request_id, model_id, model_hash, replica : str
+        The request, the model file (name and SHA-256), and the server process.
+    served_at, serving_seconds : float
+        When the server answered (its clock, s since 1970), and how long it worked, s; NaN in a fallback.
+    schema_version : int
+        Of the messages.
+    """
+
+    request_id: str = ""
+    model_id: str = ""
+    model_hash: str = ""
+    replica: str = ""
+    served_at: float = math.nan
+    serving_seconds: float = math.nan
     schema_version: int = SCHEMA_VERSION
+
+
+class _Decoders(dict[type, Callable[[bytes], Any]]):
+    """Decoders by message, each made when its message is first read."""
+
+    def __init__(self, make: Callable[[type], Any]) -> None:
+        super().__init__()
+        self._make = make
+
+    def __missing__(self, form: type) -> Callable[[bytes], Any]:
+        decode: Callable[[bytes], Any] = self._make(form).decode
+        self[form] = decode
+        return decode
 
 
 @dataclass(frozen=True)
@@ -182,41 +225,41 @@ class Codec:
         return decoded
 
 
-MESSAGES: tuple[type[msgspec.Struct], ...] = (
-    CorrectRequest,
-    CorrectPathRequest,
-    CorrectAnswer,
-    CorrectPathAnswer,
-    ModelAnswer,
-    HealthAnswer,
-    ErrorAnswer,
-    RequestMeta,
-    ReplyMeta,
-)
-JSON = Codec(
-    "json",
-    "application/json",
-    msgspec.json.Encoder().encode,
-    {m: msgspec.json.Decoder(m).decode for m in MESSAGES},
-)
-MSGPACK = Codec(
-    "msgpack",
-    "application/msgpack",
-    msgspec.msgpack.Encoder().encode,
-    {m: msgspec.msgpack.Decoder(m).decode for m in MESSAGES},
-)
+JSON = Codec("json", "application/json", msgspec.json.Encoder().encode, _Decoders(msgspec.json.Decoder))
+MSGPACK = Codec("msgpack", "application/msgpack", msgspec.msgpack.Encoder().encode, _Decoders(msgspec.msgpack.Decoder))
 CODECS = {codec.name: codec for codec in (JSON, MSGPACK)}
 
 
-def encoding_name(codec: Codec, schema: str) -> str:
+FORMS: tuple[Form, ...] = (*KINDS, "error", "estimate", "joint_state")
+NAMES: dict[tuple[str, Form], str] = {
+    (codec.name, form): f"{codec.media_type};gpcorrect.{form.replace('/', '_')}/{SCHEMA_VERSION}"
+    for codec in CODECS.values()
+    for form in FORMS
+}
+
+
+def encoding_name(codec: Codec, form: Form) -> str:
     """Return the zenoh encoding of a message, as `application/json;gpcorrect.correct/1`."""
-    return f"{codec.media_type};gpcorrect.{schema}/{SCHEMA_VERSION}"
+    return NAMES[codec.name, form]
 
 
-KNOWN_ENCODINGS = {encoding_name(codec, kind): (codec, kind) for codec in CODECS.values() for kind in KINDS}
+KNOWN_ENCODINGS = {encoding_name(codec, form): (codec, form) for codec in CODECS.values() for form in FORMS}
 ERROR_ENCODINGS = {encoding_name(codec, "error"): codec for codec in CODECS.values()}
 # zenoh/bytes is what zenoh writes where nothing was said, as people do who ask by hand.
 PLAIN_ENCODINGS = {**{codec.media_type: codec for codec in CODECS.values()}, "zenoh/bytes": JSON}
+
+
+def gaps(numbers: list[float]) -> list[float | None]:
+    """Numbers for the wire: None where there is none (JSON knows no NaN)."""
+    if math.isfinite(sum(numbers)):
+        return list(numbers)
+    return [number if math.isfinite(number) else None for number in numbers]
+
+
+def gap_rows(numbers: FloatArray) -> list[list[float | None]]:
+    """Rows `(n, k)` for the wire, see :func:`gaps`."""
+    rows: list[Any] = numbers.tolist()
+    return rows if np.isfinite(numbers).all() else [gaps(row) for row in rows]
 
 
 def error_codec(encoding: str) -> Codec | None:
@@ -224,8 +267,8 @@ def error_codec(encoding: str) -> Codec | None:
     return ERROR_ENCODINGS.get(encoding)
 
 
-def choose_codec(encoding: str, kind: Kind) -> Codec:
-    """Return how a request of `kind` is written; a bare media type is the newest schema.
+def choose_codec(encoding: str, kind: Form) -> Codec:
+    """Return how a message of `kind` is written; a bare media type is the newest schema.
 
     Raises
     ------

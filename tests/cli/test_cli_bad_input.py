@@ -159,6 +159,8 @@ def test_a_log_without_a_tracker_says_what_is_missing(gpcorrect: CommandLine, tm
         (("--marker", "maybe"), "maybe"),
         (("--holdout", "1.5"), "1.5"),
         (("--drop", "a:b"), "TRAJECTORY:START:STOP"),
+        (("--drop", "99:0:1"), "numbered from 0 to 15"),
+        (("--keep", "3:100:200"), "runs from 30"),
         (("--time-offset", "soon"), "soon"),
         (("--time-offset", "nan"), "nan"),
         (("--seed", "-1"), "--seed"),

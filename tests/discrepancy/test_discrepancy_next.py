@@ -29,11 +29,11 @@ def candidate(scene: Scene, name: str, joint: int = 1) -> Candidate:
 def question(own: Candidate, rival: Candidate | None, level: EffectLevel = "SET", u: float = 1.0) -> Named:
     """Return an effect of `u` times its start, that cannot be told from a rival (or from nothing)."""
     other = (
-        Alternative("nothing", "", None, "", 0.0, 0.4)
+        Alternative("nothing", "", None, "", 0.0, 0, 0.4)
         if rival is None
-        else Alternative(rival.label, rival.name, rival.joint, rival.family, 0.0, 0.4)
+        else Alternative(rival.label, rival.name, rival.joint, rival.family, 0.0, 0, 0.4)
     )
-    mine = Alternative(own.label, own.name, own.joint, own.family, 1.0, 0.6)
+    mine = Alternative(own.label, own.name, own.joint, own.family, 1.0, 0, 0.6)
     return Named(Member(own, u * np.array(own.start)), level, 0.6, 50.0, (mine, other), ())
 
 

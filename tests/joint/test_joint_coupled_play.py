@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from joint_logs import HALF, LIMITS, PLAY, joint_log
 
-from gpcorrect.joint import CoupledPlay, joint_data
-from gpcorrect.joint.coupled_play import learn_coupled_play, play_lags
+from gpcorrect.joint import CoupledPlay, JointFeatures, joint_data, timed, zigzag
+from gpcorrect.joint.coupled_play import learn_coupled_play
 from gpcorrect.joint.zero import zero_path
+from gpcorrect.play import play_states
+from gpcorrect.types import CalibrationLog
 
 
 def walk(seed: int = 0, n: int = 400) -> np.ndarray:
@@ -19,7 +21,8 @@ def test_without_coupling_each_joint_is_a_play_of_its_own() -> None:
     """A diagonal stiffness gives the lags of single plays."""
     path, new = walk(), np.arange(400) == 0
     lags = CoupledPlay(np.eye(3), np.full(3, 0.1)).lags(path, new)
-    np.testing.assert_allclose(lags, play_lags(path, np.array([0.1]), new)[:, 0], atol=1e-12)
+    single = play_states(np.diff(path, axis=0, prepend=path[:1]), np.full((1, 3), 0.1), np.zeros(400, dtype=np.int64))
+    np.testing.assert_allclose(lags, single[:, 0], atol=1e-12)
 
 
 def test_no_joint_is_pulled_harder_than_friction_bears() -> None:
@@ -42,11 +45,21 @@ def test_only_the_path_counts_not_its_speed() -> None:
     np.testing.assert_allclose(play.lags(fine, np.arange(len(fine)) == 0)[::2], coarse, atol=1e-12)
 
 
+def test_a_path_in_steps_is_the_path_at_once() -> None:
+    """Advancing sample by sample, as a stream does, leaves the joints where the whole path leaves them."""
+    path = walk(3, 60)
+    joints, seen = path[0], [path[0]]
+    for motors in path[1:]:
+        joints = PLAY.advance(joints, motors)
+        seen.append(joints)
+    np.testing.assert_array_equal(path - np.array(seen), PLAY.lags(path, np.arange(60) == 0))
+
+
 def test_planted_slack_is_found() -> None:
     """Stiffness and gaps come back from errors that they made."""
     data = joint_data(joint_log(5))
     path = (data.q - LIMITS.mean(axis=1)) / HALF
-    found = learn_coupled_play(path, data.error, data.new, np.arange(len(data)))
+    found = learn_coupled_play(path, data.error, data.new, np.arange(len(data)), np.ones(3, dtype=bool))
     np.testing.assert_allclose(found.gap, PLAY.gap, rtol=0.1)
     assert found.stiffness[0, 1] == pytest.approx(0.5, abs=0.1)
 
@@ -60,3 +73,20 @@ def test_a_zero_that_wanders_is_followed_and_one_that_holds_is_not() -> None:
     zero = zero_path(errors, number)
     assert zero.last[0] == pytest.approx(0.95, abs=0.2)
     assert zero.last[1] == 0.0
+
+
+def test_what_the_motion_does_not_show_is_not_learned() -> None:
+    """A joint that never turns back leaves its slack out, one that knows one speed its velocity; the fit says so."""
+    limits = np.array([[0.3, 1.1], [0.9, 1.9], [0.30, 0.42]])
+    path = timed(zigzag("J1", 3, limits), np.array([0.05, 0.05, 0.01]), 10.0)
+    still = np.zeros(len(path.time))
+    data = joint_data(CalibrationLog(path.time, still, still, measured_jp=path.q, external_jp=path.q + 0.01))
+    learned = JointFeatures.learn(("position", "velocity", "memory"), data, np.arange(len(data)))
+    assert learned.left_out == (
+        *(f"joint {j} always moves at one speed in training: its velocity is not used" for j in (1, 2, 3)),
+        *(f"joint {j} hardly turns back in training: its memory is not used" for j in (2, 3)),
+    )
+    assert learned.transform(data).shape[1] == 3 + 4
+    assert learned.smooth.tolist() == [0, 1, 2, 3]
+    rich = joint_data(joint_log(1))
+    assert JointFeatures.learn(("position", "velocity", "memory"), rich, np.arange(len(rich))).left_out == ()

@@ -12,6 +12,7 @@ from gpcorrect.joint import (
     direction_named,
     holds,
     random_sinusoids,
+    random_sweeps,
     speed_ladder,
     timed,
     zigzag,
@@ -78,6 +79,7 @@ def test_other_motions_stay_inside_limits_and_below_speeds() -> None:
     rng = np.random.default_rng(3)
     for path in (
         random_sinusoids(LIMITS, SPEED, 60.0, 50.0, rng),
+        random_sweeps(LIMITS, SPEED / 2, SPEED, 60.0, 50.0, rng),
         speed_ladder(LIMITS, SPEED, 50.0),
         amplitude_ladder(LIMITS, SPEED, 50.0),
         holds(LIMITS, SPEED, 50.0, rng, count=3, rest=1.0),

@@ -9,7 +9,7 @@ from read_support import write
 from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import DataError, DegenerateError, LogError, MissingExtraError
-from gpcorrect.logs import read_log
+from gpcorrect.logs import c3d_file, read_log
 from gpcorrect.logs.markers import configuration, tool_poses
 
 BODY = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.07, 0], [0, 0, 0.05], [0.04, 0.05, 0.02]])
@@ -154,20 +154,20 @@ def test_the_mapping_says_which_markers_are_on_the_tool(tmp_path: Path):
     _, _, points = motion(10)
     far = np.concatenate([points, np.random.default_rng(0).normal(size=(N, 1, 3))], axis=1)
     path = write_c3d(tmp_path / "a.c3d", far * 1e3, [*LABELS, "bench"])
-    mapping = write(tmp_path / "m.toml", '[c3d]\nmarkers = ["E", "A", "C"]\n')
+    mapping = write(tmp_path / "m.toml", '[mocap]\nmarkers = ["E", "A", "C"]\n')
     log = read_log(path, columns=mapping)
     np.testing.assert_allclose(log.tracker_cp.position, points[:, [4, 0, 2]].mean(axis=1), atol=1e-6)
     assert log.remarks == ("tracker_cp was computed from the markers E, A, C.",)
-    one = read_log(path, columns=write(tmp_path / "one.toml", '[c3d]\nmarkers = ["B"]\n'))
+    one = read_log(path, columns=write(tmp_path / "one.toml", '[mocap]\nmarkers = ["B"]\n'))
     assert one.tracker_cp.quaternion is None
     np.testing.assert_allclose(one.tracker_cp.position, points[:, 1], atol=1e-6)
     with pytest.raises(LogError, match=r"there is no marker Z\. Markers here: A, B, C, D, E, bench"):
-        read_log(path, columns=write(tmp_path / "z.toml", '[c3d]\nmarkers = ["A", "Z"]\n'))
+        read_log(path, columns=write(tmp_path / "z.toml", '[mocap]\nmarkers = ["A", "Z"]\n'))
 
 
 def test_bad_recordings_are_refused(tmp_path: Path):
     _, _, points = motion(11)
-    with pytest.raises(LogError, match="markers are in 'inch'"):
+    with pytest.raises(LogError, match="positions are in 'inch'"):
         read_log(write_c3d(tmp_path / "inch.c3d", points, LABELS, "inch"))
     with pytest.raises(LogError, match=r"two\.c3d: two markers give no orientation"):
         read_log(write_c3d(tmp_path / "two.c3d", points[:, :2], LABELS[:2]))
@@ -183,6 +183,51 @@ def test_a_recording_cut_off_anywhere_is_refused(tmp_path: Path):
     for size in np.linspace(1, used - 600, 40).astype(int):
         with pytest.raises(LogError, match=r"cut off|does not begin"):
             read_log(write(tmp_path / "cut.c3d", whole[:size]))
+
+
+def test_damaged_bytes_are_refused_or_read(tmp_path: Path):
+    """ezc3d asks for all memory on some damaged files and crashes on others; here the answer is a log or a LogError."""
+    whole = write_c3d(tmp_path / "a.c3d", motion(0)[2] * 1e3, LABELS).read_bytes()
+    refused = 0
+    for seed in (3, 22, 24, 30, 31):  # alone, ezc3d never ended on 3 and 24 and crashed on 22
+        rng = np.random.default_rng(seed)
+        damaged = bytearray(whole)
+        for place in rng.integers(0, min(len(damaged), 3000), rng.integers(1, 5)):
+            damaged[place] = rng.integers(0, 256)
+        try:
+            read_log(write(tmp_path / "damaged.c3d", bytes(damaged)))
+        except LogError:
+            refused += 1
+    assert refused >= 3
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        ("while True: pass", "did not end within 1 s"),
+        ("import os; os.abort()", "crashed its reader"),
+        ("print('half an answer')", "crashed its reader"),
+    ],
+)
+def test_a_reader_that_hangs_or_crashes_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str, said: str
+):
+    """Whatever happens to the process that reads, this one goes on with a message."""
+    path = write_c3d(tmp_path / "a.c3d", motion(0)[2] * 1e3, LABELS)
+    monkeypatch.setattr(c3d_file, "CHILD", write(tmp_path / "child.py", program))
+    monkeypatch.setattr(c3d_file, "PATIENCE", 1.0)
+    with pytest.raises(LogError, match=rf"a\.c3d: the C3D file is damaged.*{said}"):
+        read_log(path)
+
+
+def test_a_reader_of_its_own_sees_what_ezc3d_sees(tmp_path: Path):
+    """The process between changes no number."""
+    import ezc3d
+
+    path = write_c3d(tmp_path / "a.c3d", motion(15)[2] * 1e3, LABELS)
+    ours = c3d_file._load(path)
+    theirs = ezc3d.c3d(str(path))["data"]["points"][:3]
+    np.testing.assert_array_equal(ours["points"], np.moveaxis(theirs, 0, -1).swapaxes(0, 1))
 
 
 def test_a_missing_library_names_the_extra_that_brings_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

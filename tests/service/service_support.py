@@ -7,32 +7,37 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing.context import SpawnProcess
+from multiprocessing.context import ForkServerProcess
 from multiprocessing.synchronize import Event
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zenoh
 
+from gpcorrect.errors import DataError
 from gpcorrect.types import Correction, FloatArray
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
-from gpcorrect_service.model import Model
-from gpcorrect_service.server import run
+from gpcorrect_service.model import JointModel, Model
+from gpcorrect_service.server import run, serve
 from gpcorrect_service.transport import client_config
 
 SHIFT = np.array([0.001, -0.002, 0.003])
 POSE = [0.1, 0.02, -0.11, 1.0, 0.0, 0.0, 0.0]
+SLACK = 0.02  # rad and m
 PATIENT = 30.0  # s: only a test that fails waits this long
 REGION = {"position_min": [-0.1, -0.1, -0.2], "position_max": [0.1, 0.1, 0.0]}
 
-spawn = multiprocessing.get_context("spawn")
+# Children come from a process that has read the libraries and opened nothing: zenoh bears no fork after a session.
+spawn = multiprocessing.get_context("forkserver")
+spawn.set_forkserver_preload(["service_support"])
 
 
 @dataclass(frozen=True)
-class Path:
+class CorrectedPath:
     """A corrected path, as the real corrector returns it."""
 
     positions: FloatArray
@@ -61,12 +66,12 @@ class ShiftCorrector:
             path.reason[0],
         )
 
-    def correct_path(self, poses: FloatArray, times: FloatArray) -> Path:
+    def correct_path(self, poses: FloatArray, times: FloatArray) -> CorrectedPath:
         """Return the commands for a path."""
         n, inside = len(poses), poses[:, 0] <= 0.5
         std = np.full((n, 6), 1e-3)
         std[:, 3:] = np.nan
-        return Path(
+        return CorrectedPath(
             positions=poses[:, :3] + SHIFT,
             quaternions=poses[:, 3:] if poses.shape[1] == 7 else None,
             std=std,
@@ -108,6 +113,43 @@ class FaultyCorrector(ShiftCorrector):
         return Correction(np.full(3, np.nan), answer.quaternion, answer.std, answer.interval95, True)
 
 
+class LaggingStream:
+    """A play of half gap SLACK in every joint; `needs_effort` makes it as blind without efforts as such a model is."""
+
+    def __init__(self, needs_effort: bool) -> None:
+        self._needs_effort = needs_effort
+        self._joints: FloatArray | None = None
+        self._time = -np.inf
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._joints, self._time = None, -np.inf
+
+    def estimate(self, time: float, q: FloatArray, effort: FloatArray | None = None) -> LaggingEstimate:
+        """Return where the joints are."""
+        if time <= self._time:
+            raise DataError("time must advance from sample to sample.")
+        self._time = time
+        if not np.isfinite(q).all() or (self._needs_effort and effort is None):
+            self._joints = None
+            return LaggingEstimate(np.full(len(q), np.nan), np.full(len(q), np.nan))
+        self._joints = q if self._joints is None else np.clip(self._joints, q - SLACK, q + SLACK)
+        return LaggingEstimate(self._joints, np.full(len(q), 1e-3))
+
+
+@dataclass(frozen=True)
+class LaggingEstimate:
+    """Joints and their spread."""
+
+    q: FloatArray
+    std: FloatArray
+
+
+def lagging_joints(*, needs_effort: bool = False, digest: str = "beef") -> JointModel:
+    """Return a joint model of three joints with slack."""
+    return JointModel(lambda: LaggingStream(needs_effort), "RRP", {}, "lagging", digest)
+
+
 def free_port() -> int:
     """Return a port that was free a moment ago."""
     with socket.socket() as probe:
@@ -118,6 +160,14 @@ def free_port() -> int:
 
 def endpoint_of(port: int) -> str:
     return f"tcp/127.0.0.1:{port}"
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until something becomes true."""
+    end = time.monotonic() + PATIENT
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
 
 
 def end_with_parent() -> None:
@@ -132,6 +182,12 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+def serve_store(ready: Event, settings: ServerSettings, folder: str) -> None:
+    """Run in the child process: serve the active models of a store until SIGTERM."""
+    end_with_parent()
+    serve(None, settings, on_ready=lambda _: ready.set(), store=folder)
+
+
 def serve_in_child(kind: str, gate: Event, entered: Event, ready: Event, settings: ServerSettings) -> None:
     """Run in the child process: serve a small corrector until SIGTERM."""
     end_with_parent()
@@ -139,16 +195,19 @@ def serve_in_child(kind: str, gate: Event, entered: Event, ready: Event, setting
         "shift": ShiftCorrector,
         "gated": lambda: GatedCorrector(gate, entered),
         "faulty": FaultyCorrector,
+        "joints": ShiftCorrector,
     }
     corrector = kinds[kind]()
-    run(Model(corrector, id=f"{kind}-model", hash="0123abcd"), settings, on_ready=lambda _: ready.set())
+    model = Model(corrector, id=f"{kind}-model", hash="0123abcd")
+    joints = lagging_joints() if kind == "joints" else None
+    run(model, settings, on_ready=lambda _: ready.set(), joints=joints)
 
 
 @dataclass(frozen=True)
 class ServerProcess:
     """A server in another process."""
 
-    process: SpawnProcess
+    process: ForkServerProcess
     endpoint: str
     gate: Event
     entered: Event
@@ -169,11 +228,27 @@ def server_process(kind: str = "shift", *, port: int | None = None, **settings: 
     endpoint = endpoint_of(port or free_port())
     gate, entered, ready = spawn.Event(), spawn.Event(), spawn.Event()
     arguments = (kind, gate, entered, ready, ServerSettings(endpoint=endpoint, **settings))
-    process = spawn.Process(target=serve_in_child, args=arguments, daemon=True)
+    with child(serve_in_child, ready, arguments) as process:
+        yield ServerProcess(process, endpoint, gate, entered)
+
+
+@contextmanager
+def store_process(folder: Path, **settings: Any) -> Iterator[ServerProcess]:
+    """Start a server of a model store in another process, as :func:`server_process` does."""
+    endpoint, ready = endpoint_of(free_port()), spawn.Event()
+    arguments = (ready, ServerSettings(endpoint=endpoint, **settings), str(folder))
+    with child(serve_store, ready, arguments) as process:
+        yield ServerProcess(process, endpoint, spawn.Event(), spawn.Event())
+
+
+@contextmanager
+def child(target: Any, ready: Event, arguments: tuple[Any, ...]) -> Iterator[ForkServerProcess]:
+    """Run `target` in another process until the block ends."""
+    process = spawn.Process(target=target, args=arguments, daemon=True)
     process.start()
     try:
         assert ready.wait(PATIENT), "the server did not start"
-        yield ServerProcess(process, endpoint, gate, entered)
+        yield process
     finally:
         process.kill()
         process.join(PATIENT)

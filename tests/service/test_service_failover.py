@@ -4,12 +4,32 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
+import time
+from multiprocessing.synchronize import Event
+from pathlib import Path
 
 import numpy as np
 import pytest
-from service_support import PATIENT, POSE, endpoint_of, free_port, server_process
+import zenoh
+from service_support import (
+    PATIENT,
+    POSE,
+    child,
+    end_with_parent,
+    endpoint_of,
+    free_port,
+    serve_in_child,
+    server_process,
+    spawn,
+    stranger,
+    wait_for,
+)
 
-from gpcorrect_service import CorrectionClient, ServiceError
+from gpcorrect_service import CorrectionClient, ServerSettings, ServiceError
+from gpcorrect_service.router import route
+
+ROUTED = Path(__file__).resolve().parents[2] / "service" / "deploy" / "router"
 
 
 def test_nobody_there() -> None:
@@ -68,6 +88,102 @@ def test_another_replica_answers(blow: signal.Signals) -> None:
             victim = answering_pid(client)
             os.kill(victim, blow)
             assert answering_pid(client) in {first.process.pid, second.process.pid} - {victim}
+
+
+@pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "hung"])
+def test_a_lost_replica_costs_only_what_was_under_way(blow: signal.Signals) -> None:
+    """Four planners that ask all the time lose no query to a replica that dies or hangs: each is answered."""
+    with server_process() as first, server_process() as second:
+        endpoints = (first.endpoint, second.endpoint)
+        stop, statuses = threading.Event(), []
+
+        def plan() -> None:
+            with CorrectionClient(endpoints, timeout=4.0, connect_timeout=PATIENT, on_failure="identity") as client:
+                while not stop.is_set():
+                    statuses.append(client.correct(POSE).status)
+                    time.sleep(0.005)
+
+        planners = [threading.Thread(target=plan, daemon=True) for _ in range(4)]
+        with CorrectionClient(endpoints, timeout=2.0, connect_timeout=PATIENT) as client:
+            victim = answering_pid(client)
+        for planner in planners:
+            planner.start()
+        wait_for(lambda: len(statuses) > 100)
+        os.kill(victim, blow)
+        asked = len(statuses)
+        wait_for(lambda: len(statuses) > asked + 200)
+        stop.set()
+        for planner in planners:
+            planner.join(PATIENT)
+    assert set(statuses) == {"OK"}
+
+
+def test_a_hung_replica_is_left_for_a_while() -> None:
+    """After one silent answer the nearest server is not asked alone: later questions do not wait for it."""
+    with server_process() as first, server_process() as second:
+        client = CorrectionClient((first.endpoint, second.endpoint), timeout=8.0, connect_timeout=PATIENT)
+        with client:
+            os.kill(answering_pid(client), signal.SIGSTOP)
+            client.correct(POSE)
+            began = time.monotonic()
+            for _ in range(5):
+                client.correct(POSE)
+            assert time.monotonic() - began < 4.0  # half of one timeout is what each alone would have waited
+
+
+def test_replicas_with_different_models_are_told_apart() -> None:
+    """Every reply names its model and replica, so a planner can see that two replicas differ."""
+    with server_process("shift") as one, server_process("faulty") as other:
+        told = set()
+        for server in (one, other):
+            with server.client() as client:
+                reply = client.correct(POSE)
+                told.add((reply.provenance.model_id, int(reply.provenance.replica.rsplit("-", 1)[1])))
+        assert told == {("shift-model", one.process.pid), ("faulty-model", other.process.pid)}
+
+
+def test_a_replica_shows_that_it_lives() -> None:
+    """A server's liveliness token is there while it runs, and gone when it was killed."""
+    with server_process(replica="left-1") as server, stranger(server.endpoint) as session:
+        wait_for(lambda: alive(session) == ["gpcorrect/arm1/live/left-1"])
+        server.process.kill()
+        wait_for(lambda: not alive(session))
+
+
+def alive(session: zenoh.Session) -> list[str]:
+    replies = session.liveliness().get("gpcorrect/*/live/*", timeout=PATIENT)
+    return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+
+def route_in_child(ready: Event, config: str) -> None:
+    """Run in the child process: route until killed."""
+    end_with_parent()
+    route(Path(config), threading.Event(), ready.set)
+
+
+def test_a_router_that_comes_back_is_found_again(tmp_path: Path) -> None:
+    """When the router between planner and server is killed and started again, both find it by themselves."""
+    port = free_port()
+    files = {}
+    for name in ("router", "member"):
+        text = (ROUTED / f"{name}.json5").read_text().replace("127.0.0.1:7447", f"127.0.0.1:{port}")
+        files[name] = tmp_path / f"{name}.json5"
+        files[name].write_text(text)
+    serving, routing, again = spawn.Event(), spawn.Event(), spawn.Event()
+    settings = ServerSettings(config_file=files["member"])
+    served = ("shift", spawn.Event(), spawn.Event(), serving, settings)
+    with (
+        child(route_in_child, routing, (routing, str(files["router"]))) as router,
+        child(serve_in_child, serving, served) as server,
+        CorrectionClient(config_file=files["member"], timeout=1.0, connect_timeout=PATIENT) as client,
+    ):
+        assert answering_pid(client) == server.pid
+        router.kill()
+        router.join(PATIENT)
+        with pytest.raises(ServiceError, match="NO_SERVICE"):
+            client.correct(POSE)
+        with child(route_in_child, again, (again, str(files["router"]))):
+            assert answering_pid(client) == server.pid
 
 
 def test_a_closed_client_says_so() -> None:

@@ -14,10 +14,12 @@ from service_support import POSE, SHIFT, FaultyCorrector, ShiftCorrector
 
 from gpcorrect.errors import DataError
 from gpcorrect_service import wire
+from gpcorrect_service.active import Active
 from gpcorrect_service.answers import Answer, Clock, Request
 from gpcorrect_service.handlers import Handlers
 from gpcorrect_service.journal import open_journal
 from gpcorrect_service.model import Corrector, Model
+from gpcorrect_service.reception import Reception
 
 NOW = 100.0
 JSON, MSGPACK = wire.JSON, wire.MSGPACK
@@ -27,7 +29,8 @@ ENCODINGS = ["application/json", "application/msgpack", "zenoh/bytes", "text/pla
 def handlers(corrector: Corrector | None, log: io.StringIO | None = None) -> Handlers:
     model = None if corrector is None else Model(corrector, id="m", hash="h")
     clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
-    return Handlers(model, arm="arm1", replica="r1", journal=open_journal(log or io.StringIO()), clock=clock)
+    journal = open_journal(log or io.StringIO())
+    return Handlers(Reception(Active(model), arm="arm1", replica="r1", journal=journal, clock=clock))
 
 
 def request(kind: wire.Kind, body: Any, codec: wire.Codec = JSON, age: float = 0.0, **meta: Any) -> Request:

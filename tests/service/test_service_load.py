@@ -4,24 +4,16 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from service_support import PATIENT, POSE, ServerProcess, ask_bare, server_process, stranger
+from service_support import PATIENT, POSE, ServerProcess, ask_bare, server_process, stranger, wait_for
 
 from gpcorrect_service import CorrectionClient, ServiceError, wire
 
 REQUEST = wire.JSON.encode(wire.CorrectRequest(tuple(POSE)))
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    """Wait until something becomes true."""
-    end = time.monotonic() + PATIENT
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.01)
 
 
 class Askers:

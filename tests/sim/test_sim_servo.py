@@ -7,7 +7,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim import Segment, plan_of, run
 from gpcorrect.sim.effects import CableStretch, CoulombFriction, ViscousFriction
 from gpcorrect.sim.machine import Drive
-from gpcorrect.sim.servo import Clock, Reference, follow
+from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
 from gpcorrect.sim.time_laws import minimum_jerk
 
 SPEED = np.array([0.1, -0.2, 0.01])
@@ -17,11 +17,14 @@ ALL = (1, 2, 3)
 def released(*effects, kd=0.0, seconds=4.0, rate_hz=1000.0, amplitude=0.1):
     """One joint (column 0 of three alike) let go from rest, `amplitude` away from where its spring holds it."""
     spring = Drive(np.full(3, 10.0), np.full(3, kd), np.full(3, 0.1), rate_hz)
-    clock = Clock.of(rate_hz, RATE_HZ)
-    zero = np.zeros((round(seconds * RATE_HZ) * clock.stride + 1, 1, 3))
+    every = Clock(1.0 / rate_hz, 1)
+    stride = round(rate_hz / RATE_HZ)
+    steps = round(seconds * RATE_HZ) * stride + 1
+    still, zero = np.zeros((1, steps, 3)), np.zeros((steps, 1, 3))
     pull = zero.copy()
     pull[0] = -10.0 * amplitude  # balanced at the start, gone at the first step
-    return follow(spring, Reference(zero, zero, zero, pull, np.full(3, 0.1)), clock, ALL, effects)
+    path = follow(spring, Reference(still, still, zero, pull, np.full(3, 0.1)), every, ALL, effects)
+    return ServoPath(*(values[::stride] for values in path))
 
 
 def test_linear_loop_agrees_with_an_exact_solver():

@@ -6,22 +6,20 @@ And the level that follows.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others
 from gpcorrect.discrepancy.naming.named import EXACT, STABLE, Alternative, EffectLevel, Named
+from gpcorrect.discrepancy.naming.posterior import posterior
 from gpcorrect.discrepancy.naming.weigh import View, Weighed, weigh
-from gpcorrect.discrepancy.search.candidates import Candidate, Member
-from gpcorrect.discrepancy.search.state import COMPLEXITY, penalty
+from gpcorrect.discrepancy.search.candidates import Member
+from gpcorrect.discrepancy.search.state import penalty
 
-__all__ = ["name_member", "nothing_but"]
+__all__ = ["name_member"]
 
 CONFIRMED = 3.0  # nats on the confirmation part
 POSITIVE_SHARE = 0.6  # of the trajectories
-UNKNOWN_SHARE = 0.25  # of an effect's nats, found beside it by the smooth model: then that model competes in full
-STRONG = 30.0  # nats from which an effect with a small remainder stands against any smooth model
 EDGE = 0.01  # of a bound
 EXPLAINED = 0.95  # of a signature by the others: not nameable
 
@@ -30,63 +28,12 @@ def name_member(view: View, member: Member) -> tuple[Named, Weighed]:
     """Weigh one member of a finished search, and say at what level it may be named."""
     weighed = weigh(view, member)
     cost = penalty(view.search.n_kinds)
-    temper = weighed.temper
-    mine = _alternative(member.candidate, weighed.nats - cost - temper * COMPLEXITY * member.candidate.extra)
-    others = [
-        Alternative("nothing", "", None, "", 0.0),
-        Alternative("unknown", "", None, "", _unknown_nats(weighed, cost) - cost),
-        *(_alternative(r.candidate, r.nats - cost - temper * COMPLEXITY * r.candidate.extra) for r in weighed.rivals),
-    ]
-    alternatives = _posterior([mine, *others], weighed.temper, _rival_temper(weighed, cost))
+    alternatives = posterior(member.candidate, weighed, cost)
     doubts = _doubts(view, member, weighed, cost)
-    level, more = _level(alternatives, doubts, weighed)
+    level, more = _level(alternatives, doubts)
     ordered = tuple(sorted(alternatives, key=lambda a: -a.probability))
     nats = weighed.nats / weighed.temper
     return Named(member, level, alternatives[0].probability, nats, ordered, (*doubts, *more)), weighed
-
-
-def nothing_but(weighed: Weighed, cost: float) -> bool:
-    """Whether the smooth model says all that an effect says, and much besides."""
-    unknown = weighed.unknown
-    return unknown.beside > UNKNOWN_SHARE * weighed.nats and weighed.nats + unknown.beside - unknown.instead < cost
-
-
-def _alternative(candidate: Candidate, nats: float) -> Alternative:
-    return Alternative(candidate.label, candidate.name, candidate.joint, candidate.family, nats)
-
-
-def _unknown_nats(weighed: Weighed, cost: float) -> float:
-    """Nats of "something outside the catalogue" against this effect.
-
-    Each with the smooth model beside it where that pays.
-
-    A flexible model can say whatever a simple effect says. It speaks against the effect only when it has much to say
-    besides: an
-    effect with strong evidence and a small remainder stands.
-    """
-    unknown = weighed.unknown
-    nats = unknown.instead - max(0.0, unknown.beside - cost)
-    strong = weighed.nats > STRONG * weighed.temper
-    if strong and unknown.beside <= UNKNOWN_SHARE * weighed.nats:
-        return min(nats, weighed.nats - 2 * cost * weighed.temper)
-    return nats
-
-
-def _rival_temper(weighed: Weighed, cost: float) -> float:
-    """By how much nats between two effects count less while something else is still missing.
-
-    What neither explains, and the smooth model sees beside them, may favour either by as much as it is: a lead of that
-    size leaves the rival at e^-3, the edge of the stable set.
-    """
-    return max(weighed.temper, (weighed.unknown.beside - cost) / float(-np.log(STABLE)))
-
-
-def _posterior(alternatives: Sequence[Alternative], temper: float, rival_temper: float) -> list[Alternative]:
-    """Probabilities from nats, the first one's against nothing and unknown, and against other names."""
-    lead = alternatives[0].nats - np.array([a.nats for a in alternatives])
-    nats = -lead / np.array([rival_temper if a.name else temper for a in alternatives])
-    weight = np.exp(nats - nats.max())
-    return [replace(a, probability=float(w)) for a, w in zip(alternatives, weight / weight.sum(), strict=True)]
 
 
 def _doubts(view: View, member: Member, weighed: Weighed, cost: float) -> list[str]:
@@ -124,9 +71,7 @@ def _doubts_of_numbers(view: View, member: Member) -> list[str]:
     return doubts
 
 
-def _level(
-    alternatives: Sequence[Alternative], doubts: Sequence[str], weighed: Weighed
-) -> tuple[EffectLevel, list[str]]:
+def _level(alternatives: Sequence[Alternative], doubts: Sequence[str]) -> tuple[EffectLevel, list[str]]:
     mine, others = alternatives[0], alternatives[1:]
     stable = [a for a in others if a.name and a.probability >= STABLE]
     nothing, unknown = others[0].probability, others[1].probability

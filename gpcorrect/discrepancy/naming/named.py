@@ -30,7 +30,9 @@ class Alternative:
     family : str
         Class of the effect.
     nats : float
-        Held-out, beyond nothing, its penalty taken off.
+        Held-out, beyond nothing, the prior's penalty taken off.
+    extra : int
+        How many numbers it has beyond the first.
     probability : float
         Posterior among the alternatives.
     """
@@ -40,6 +42,7 @@ class Alternative:
     joint: int | str | None
     family: str
     nats: float
+    extra: int = 0
     probability: float = 0.0
 
 

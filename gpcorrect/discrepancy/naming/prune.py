@@ -84,7 +84,7 @@ def _better_rival(search: Search, opinions: dict[int, Opinion]) -> tuple[Member,
     best, place, new = 0.0, None, None
     for member in search.members:
         _, weighed = opinions[id(member)]
-        for rival in weighed.rivals[:1]:
+        for rival in weighed.rivals:
             gain = (rival.nats - weighed.nats) / weighed.temper
             gain -= COMPLEXITY * (rival.candidate.extra - member.candidate.extra)
             if gain > best:

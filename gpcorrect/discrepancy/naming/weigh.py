@@ -22,7 +22,7 @@ from gpcorrect.types import BoolArray, FloatArray
 
 __all__ = ["Rival", "Unknown", "View", "Weighed", "view_of", "weigh"]
 
-RIVALS = 2  # refined for each effect
+RIVALS = 2  # names that are refined in each effect's place
 TRIED = 8  # looked at for likeness
 LIKENESS = 0.5  # cosine of two signatures, beyond what the other effects explain, below which they are no rivals
 SMOOTH_CHANNELS = 3  # of those an effect shows in, the ones where it shows most
@@ -136,13 +136,15 @@ def _rivals(
     ranked = [r for r in rank(search, bare, [member.candidate], search.touched(member.candidate)) if r.nats > 0]
     found: list[Rival] = []
     for leader in ranked[:TRIED]:
+        if any(leader.candidate.called_like(r.candidate) for r in found):
+            continue
         first = reference[0] - view.look((*rest, leader.member))[0]
         if _likeness(first, own, bare.slopes) < LIKENESS:
             continue
         members = search.refit((*rest, leader.member), leader.candidate)
         gains = _gains(view, reference, members, leader.candidate)
         found.append(Rival(members[-1], float(gains[0].sum() + gains[1].sum())))
-        if len(found) == RIVALS:
+        if sum(not r.candidate.called_like(member.candidate) for r in found) == RIVALS:
             break
     return sorted(found, key=lambda r: -r.nats)
 

@@ -23,7 +23,7 @@ def gaps_of(
     data: Laid, members: Sequence[Member], noises: Sequence[ChannelNoise], rng: np.random.Generator
 ) -> tuple[ChannelGap, ...]:
     """Figures of every channel on the sealed part."""
-    bench = data.bench
+    bench = data.bench.strict()
     before, after = bench.residual(), bench.residual([m.effect for m in members])
     nominal = bench.predict()
     changes = [bench.predict([m.effect]) - nominal for m in members]
@@ -46,7 +46,7 @@ def gaps_of(
 
 def evidence_of(data: Laid, state: Search, members: Sequence[Member]) -> Evidence:
     """Residuals, motor paths and signature likeness of the condensed rows."""
-    bench, scene = data.bench, data.bench.scene
+    bench, scene = data.bench.strict(), data.bench.scene
     motor = scene.motor_path()
     run = scene.run_of_row()
     direction = np.stack([travel_direction(c, run) for c in motor.T], axis=1)

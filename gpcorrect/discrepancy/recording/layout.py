@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,9 +33,23 @@ class Layout:
 
     def gather(self, grid: FloatArray, n_rows: int) -> FloatArray:
         """Values `(n_rows, ...)` of the rows in a grid `(n, N, ...)`; NaN for rows that stand nowhere."""
+        if n_rows == len(self._cell_of_row) and self._every_row:
+            whole: FloatArray = grid.reshape(-1, *grid.shape[2:])[self._cell_of_row]
+            return whole
         values = np.full((n_rows, *grid.shape[2:]), np.nan)
         values[self.rows[self.valid]] = grid[self.valid]
         return values
+
+    @cached_property
+    def _cell_of_row(self) -> IntArray:
+        """Where each row up to the last one laid out stands in the flat grid; -1 for nowhere."""
+        cell = np.full(int(self.rows.max(initial=-1)) + 1, -1)
+        cell[self.rows[self.valid]] = np.flatnonzero(self.valid)
+        return cell
+
+    @cached_property
+    def _every_row(self) -> bool:
+        return bool((self._cell_of_row >= 0).all())
 
 
 def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0, run_out: int = 0) -> Layout:
@@ -45,20 +60,16 @@ def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0, ru
     label : (m,) int array
         Of each row; rows of label -1 are left out.
     piece : int, optional
-        Cut labels of more than `piece + warm_up` rows into columns of `piece` rows: fewer, wider steps along time.
+        Labels of more than `piece + warm_up` rows may be cut into columns of `piece` rows. They are where that makes
+        the grid smaller: one long label would pad the columns of many short ones.
     warm_up : int
         Rows before a cut that its column repeats, so that what has a memory fills it.
     run_out : int
         Rows behind a cut that its column repeats, so that a motion cut there does not seem to stop at once.
     """
-    groups: list[tuple[IntArray, int, int]] = []
-    for k in np.unique(label[label >= 0]):
-        rows = np.flatnonzero(label == k)
-        long = piece is not None and len(rows) > piece + warm_up
-        for start in range(0, len(rows), piece) if long and piece is not None else (0,):
-            first = max(0, start - warm_up)
-            stop = start + piece if long and piece is not None else len(rows)
-            groups.append((rows[first : stop + run_out], start - first, min(stop, len(rows)) - first))
+    whole = [(rows, 0, len(rows)) for rows in (np.flatnonzero(label == k) for k in np.unique(label[label >= 0]))]
+    cut = [] if piece is None else [part for rows, *_ in whole for part in _pieces(rows, piece, warm_up, run_out)]
+    groups = cut if cut and _cells(cut) < _cells(whole) else whole
     n = max((len(g) for g, *_ in groups), default=0)
     if n == 0:
         return Layout(np.zeros((0, 0), dtype=np.int64), np.zeros((0, 0), dtype=np.bool_))
@@ -66,3 +77,18 @@ def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0, ru
     rows = np.stack([np.pad(g, (0, n - len(g)), mode="edge") for g, *_ in groups], axis=1)
     valid = np.stack([(index >= begin) & (index < end) for _, begin, end in groups], axis=1)
     return Layout(rows, valid)
+
+
+def _pieces(rows: IntArray, piece: int, warm_up: int, run_out: int) -> list[tuple[IntArray, int, int]]:
+    """Rows of each piece, and where those begin and end that do not only warm up or run out."""
+    if len(rows) <= piece + warm_up:
+        return [(rows, 0, len(rows))]
+    parts = []
+    for start in range(0, len(rows), piece):
+        first, stop = max(0, start - warm_up), min(start + piece, len(rows))
+        parts.append((rows[first : stop + run_out], start - first, stop - first))
+    return parts
+
+
+def _cells(groups: list[tuple[IntArray, int, int]]) -> int:
+    return len(groups) * max(len(g) for g, *_ in groups)

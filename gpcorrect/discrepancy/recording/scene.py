@@ -9,40 +9,57 @@ closed loop is run as well and predicts the motors themselves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.discrepancy.recording.channels import (
     Channel,
+    compared_channels,
     continuous_runs,
-    external_signal,
     joint_columns,
     motor_side,
     sampling_is_even,
 )
 from gpcorrect.discrepancy.recording.layout import Layout, layout_of
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise
 from gpcorrect.discrepancy.recording.paths import PathMemory
+from gpcorrect.discrepancy.recording.replay_plan import RUN_OUT, commanded_plan
+from gpcorrect.discrepancy.recording.slack import (
+    Slack,
+    rotation_onto,
+    slack_of,
+    table_slopes,
+    without_registration,
+)
 from gpcorrect.sim.body import Body
+from gpcorrect.sim.command import Command
 from gpcorrect.sim.dynamics import posture_at
-from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, ReadingEffect, Stage, in_order, of_kind
+from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, Stage, in_order, of_kind
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion, Readings
-from gpcorrect.sim.plan import Plan, Segment, plan_of
-from gpcorrect.sim.plant import Outcome, run, tip_path
+from gpcorrect.sim.plan import Plan
+from gpcorrect.sim.plant import Driven, follow_command, tip_path
 from gpcorrect.sim.resolve import machine_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
-__all__ = ["Scene", "build_scene"]
+__all__ = ["Scene", "Signal", "build_scene"]
 
 REMEMBERED = 48  # closed-loop runs that are kept
 PIECE, WARM_UP = 200, 400  # rows; pieces of long motions are replayed after a warm-up that fills the memories
-LAST = 5  # rows whose parabola a motion goes on along
-RUN_OUT = 40  # rows that a motion goes on for behind a piece's or a recording's end
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
+
+
+class Signal(NamedTuple):
+    """One channel as simulated: two of a scene with the same key say the same."""
+
+    key: Hashable
+    rows: Callable[[], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +90,10 @@ class Scene:
         Reported efforts.
     registered_on : (n,) bool array
         Rows on which the tracker's frame is registered, when the model does not give it.
+    measured : bool
+        Whether the motors are measured; else their path is what the closed loop makes of the commands, where it runs.
+    slack : Slack or None
+        Part of the tracker's residual that is left out of account.
     remarks : tuple of str
         What had to be assumed.
     """
@@ -90,8 +111,11 @@ class Scene:
     session: IntArray
     effort: FloatArray | None
     registered_on: BoolArray
+    measured: bool = True
+    slack: Slack | None = None
     remarks: tuple[str, ...] = ()
-    _loops: dict[tuple[Effect, ...], Outcome] = field(default_factory=dict, repr=False)
+    _loops: dict[tuple[Effect, ...], Driven] = field(default_factory=dict, repr=False)
+    _commands: dict[Plan, Command] = field(default_factory=dict, repr=False)
     _paths: PathMemory = field(default_factory=PathMemory, repr=False)
 
     def __len__(self) -> int:
@@ -128,7 +152,46 @@ class Scene:
         DataError
             An effect does not fit the machine.
         """
+        return np.stack([signal.rows() for signal in self.signals(effects)], axis=1)
+
+    def signals(self, effects: Sequence[Effect] = ()) -> list[Signal]:
+        """Return the same channel by channel, each with what it depends on.
+
+        Raises
+        ------
+        DataError
+            An effect does not fit the machine.
+        """
         machine = self._machine(effects)
+        if self.tracked:
+            return self._signals_together(machine)
+        inside = tuple(e for e in machine.effects if e.stage in LOOP_STAGES)
+        loop, columns = self._loop(machine), self._paths.joint_columns(machine.effects, self._replay(machine), inside)
+        measured = self.motion.position if loop is None else loop.motion.position
+        return [
+            Signal((c.name, columns[c.index].number), self._rows_of(columns[c.index].path))
+            if c.signal == "external_jp"
+            else Signal((c.name, inside), self._rows_of(measured[..., c.index]))
+            for c in self.channels
+        ]
+
+    def _rows_of(self, grid: FloatArray) -> Callable[[], FloatArray]:
+        return lambda: self.layout.gather(grid, len(self))
+
+    def _signals_together(self, machine: Machine) -> list[Signal]:
+        """Signals where each depends on every effect."""
+
+        @cache
+        def together() -> FloatArray:
+            return self._all_rows(machine)
+
+        def one(i: int) -> Callable[[], FloatArray]:
+            return lambda: together()[:, i]
+
+        return [Signal((c.name, machine.effects), one(i)) for i, c in enumerate(self.channels)]
+
+    def _all_rows(self, machine: Machine) -> FloatArray:
+        """Return what the sensors say `(n, c)`."""
         readings = self._readings(machine)
         grids = {
             "measured_jp": readings.measured_jp,
@@ -136,9 +199,14 @@ class Scene:
             "tracker_cp": None if readings.T_tracker_marker is None else readings.T_tracker_marker[..., :3, 3],
         }
         columns = {name: self.layout.gather(g, len(self)) for name, g in grids.items() if g is not None}
-        if "tracker_cp" in columns and self.model.T_tracker_base is None and self._sees("tracker_cp"):
+        if "tracker_cp" in columns and self.model.T_tracker_base is None:
             columns["tracker_cp"] = self._registered(columns["tracker_cp"])
-        return np.stack([columns[c.signal][:, c.index] for c in self.channels], axis=1)
+        said = np.stack([columns[c.signal][:, c.index] for c in self.channels], axis=1)
+        return said if self.slack is None else said + self.slack.part(self.observed - said)
+
+    def strict(self) -> Scene:
+        """Return the scene with all of the residual in account, also what is within the tolerance of the table."""
+        return replace(self, slack=None)
 
     def residual(self, effects: Sequence[Effect] = ()) -> FloatArray:
         """Measured minus simulated `(n, c)`; NaN where nothing was measured."""
@@ -159,21 +227,20 @@ class Scene:
         measured = replay.position if loop is None else loop.motion.position
         velocity = replay.velocity if loop is None else loop.motion.velocity
         torque = replay.load if loop is None else loop.torque
-        readings = Readings(measured, velocity, torque, q, marker)
-        rng = np.random.default_rng(0)  # an effect that draws must draw the same at every call
-        for effect in of_kind(machine.effects, ReadingEffect):
-            readings = effect.act(readings, replay, rng)
-        return readings
+        return Readings(measured, velocity, torque, q, marker)  # effects on readings are noise: they change no mean
 
     def _replay(self, machine: Machine) -> Motion:
         loop = self._loop(machine)
         if loop is not None:
-            return replace(self.motion, load=loop.motion.load, gravity_load=loop.motion.gravity_load)
-        posture = posture_at(self._body(machine), self.motion.position)
+            made = loop.motion
+            motion = replace(self.motion, load=made.load, gravity_load=made.gravity_load, tip_force=made.tip_force)
+            return motion if self.measured else replace(motion, position=made.position, velocity=made.velocity)
+        body = self._body(machine)
+        posture = posture_at(body, self.motion.position)
         if posture is None:
             return self.motion
         gravity = posture.gravity_load()
-        return replace(self.motion, load=gravity, gravity_load=gravity)
+        return replace(self.motion, load=gravity, gravity_load=gravity, tip_force=body.tip_force)
 
     def _body(self, machine: Machine) -> Body:
         """Body with the payloads of the replayed runs and the effects on masses and geometry."""
@@ -184,15 +251,22 @@ class Scene:
             chain = chain if chain is None else change.act(chain)
         return replace(machine.body, links=links, chain=chain).compact()
 
-    def _loop(self, machine: Machine) -> Outcome | None:
+    def _loop(self, machine: Machine) -> Driven | None:
         if self.plan is None:
             return None
+        if self.plan not in self._commands:
+            self._commands[self.plan] = Command.of(self.machine, self.plan)
         inside = tuple(e for e in machine.effects if e.stage in LOOP_STAGES)
         if inside not in self._loops:
             while len(self._loops) >= REMEMBERED:
                 self._loops.pop(next(iter(self._loops)))
-            self._loops[inside] = run(machine.with_effects(*inside), self.plan)
+            self._loops[inside] = follow_command(machine.with_effects(*inside), self._commands[self.plan])
         return self._loops[inside]
+
+    @property
+    def tracked(self) -> bool:
+        """Whether the arm is seen by a tracker."""
+        return self._sees("tracker_cp")
 
     def _sees(self, signal: str) -> bool:
         return any(c.signal == signal for c in self.channels)
@@ -202,13 +276,13 @@ class Scene:
         seen = np.stack([self.observed[:, i] for i, c in enumerate(self.channels) if c.signal == "tracker_cp"], axis=1)
         rows = self.registered_on & np.isfinite(seen).all(axis=1) & np.isfinite(position).all(axis=1)
         a, b = position[rows], seen[rows]
-        u, _, vt = np.linalg.svd((b - b.mean(axis=0)).T @ (a - a.mean(axis=0)))
-        turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-        moved: FloatArray = (position - a.mean(axis=0)) @ turn.T + b.mean(axis=0)
+        moved: FloatArray = (position - a.mean(axis=0)) @ rotation_onto(a, b).T + b.mean(axis=0)
         return moved
 
 
-def build_scene(log: CalibrationLog, model: Model, registered_on: BoolArray) -> Scene:
+def build_scene(
+    log: CalibrationLog, model: Model, registered_on: BoolArray, noises: tuple[ChannelNoise, ...] | None = None
+) -> Scene:
     """Prepare a log and a model for comparison.
 
     Parameters
@@ -219,6 +293,9 @@ def build_scene(log: CalibrationLog, model: Model, registered_on: BoolArray) -> 
         What is known of the machine.
     registered_on : (n,) bool array
         Rows that may be used to register the tracker.
+    noises : tuple of ChannelNoise, optional
+        Of each channel, against which the tolerance of table and registration is held; as the recording shows it when
+        None.
 
     Returns
     -------
@@ -239,38 +316,65 @@ def build_scene(log: CalibrationLog, model: Model, registered_on: BoolArray) -> 
     session = np.unique(log.session, return_inverse=True)[1].astype(np.int64)
     payload = _payloads(log, model, layout)
     motion = _motion(log, joints, motor, session, label, layout)
-    channels, observed = _channels(log, machine, source, loop=loop)
-    return Scene(
+    channels, observed = compared_channels(log, machine.body, source, loop=loop)
+    scene = Scene(
         model=model,
         machine=machine,
         channels=channels,
         observed=observed,
         motion=motion,
         layout=layout,
-        plan=_plan(log, joints, layout, motion, payload) if loop else None,
+        plan=commanded_plan(log, joints, layout, motion, payload) if loop else None,
         payload=payload,
         time=log.time,
         trajectory=log.trajectory,
         session=session,
         effort=None if log.measured_jf is None else joint_columns(log, "measured_jf", joints),
         registered_on=registered_on,
+        measured=source == "measured_jp",
         remarks=tuple(remarks),
     )
+    return replace(scene, slack=_slack(scene, noises)) if scene.tracked else scene
+
+
+def _slack(scene: Scene, noises: tuple[ChannelNoise, ...] | None) -> Slack:
+    """Tolerance of table and registration, against the noise given or that the residual shows over short lags."""
+    body, said = scene.machine.body, scene.predict()
+    assert body.chain is not None
+    chain = replace(body.chain, tool=se3.compose(body.chain.tool, scene.machine.T_tip_marker))
+    q = body.all_joints(scene.motor_path())
+    seen = np.array([c.signal == "tracker_cp" for c in scene.channels])
+    rows = (scene.registered_on & np.isfinite(scene.observed).all(axis=1))[:, None] & seen
+    tip = chain.forward(q)[:, :3, 3]
+    axes = rotation_onto(tip, said[:, seen])
+    slopes = table_slopes(chain, q, axes)
+    if scene.model.T_tracker_base is None:
+        slopes = without_registration(slopes, tip @ axes.T, rows[:, seen].all(axis=1))
+    spread = np.zeros((*said.shape, slopes.shape[2]))
+    spread[:, seen] = slopes
+    label, still = scene.run_of_row(), np.zeros(len(scene), dtype=np.bool_)
+    if noises is None:
+        noises = tuple(estimate_noise(scene.time, r, label, still) for r in (scene.observed - said).T)
+    steps = np.diff(scene.time)
+    return slack_of(spread, rows, noises, float(np.median(steps[steps > 0])))
 
 
 def _loop_remarks(log: CalibrationLog, model: Model, label: IntArray, source: str) -> tuple[bool, list[str]]:
     """Whether the closed loop can be run, and what to say of it."""
     remarks = [f"motor side taken from {source}"]
+    why = ""
     if model.controller is None:
-        remarks.append("the model has no controller: effects inside the servo loop leave no trace and cannot be named")
-        return False, remarks
-    if source != "measured_jp" or log.setpoint_jp is None:
-        remarks.append("the closed loop needs setpoint_jp and measured_jp: effects inside it cannot be named")
-        return False, remarks
-    if not sampling_is_even(log.time, label):
-        remarks.append("samples are uneven in time: the closed loop is not run, effects inside it cannot be named")
-        return False, remarks
-    return True, remarks
+        why = "the model has no controller: effects inside the servo loop leave no trace and cannot be named"
+    elif log.setpoint_jp is None:
+        why = "the closed loop needs setpoint_jp: effects inside it cannot be named"
+    elif not sampling_is_even(log.time, label):
+        why = "samples are uneven in time: the closed loop is not run, effects inside it cannot be named"
+    if why:
+        remarks.append(why)
+    if source != "measured_jp":
+        path = "taken to follow their commands exactly" if why else "those of the simulated servo loop"
+        remarks.append(f"the motors were not measured: they are {path}")
+    return not why, remarks
 
 
 def _payloads(log: CalibrationLog, model: Model, layout: Layout) -> FloatArray:
@@ -299,60 +403,3 @@ def _motion(
     nothing = np.zeros(position.shape)
     rates = layout.spread(velocity)
     return Motion(joints, layout.spread(clock), session[layout.rows[0]], position, rates, nothing, nothing)
-
-
-def _channels(
-    log: CalibrationLog, machine: Machine, source: str, *, loop: bool
-) -> tuple[tuple[Channel, ...], FloatArray]:
-    joints, types = machine.body.joints, machine.body.types
-    channels: list[Channel] = []
-    columns: list[FloatArray] = []
-    outside = external_signal(log, kinematics=machine.body.chain is not None)
-    signals = ([source] if loop else []) + ([outside] if outside == "external_jp" else [])
-    for signal in signals:
-        values = joint_columns(log, signal, joints)
-        for i, (joint, kind) in enumerate(zip(joints, types, strict=True)):
-            channels.append(Channel(f"{signal}_{joint}", signal, i, joint, "m" if kind == "P" else "rad"))
-            columns.append(values[:, i])
-    if outside == "tracker_cp":
-        assert log.tracker_cp is not None
-        for i, axis in enumerate("xyz"):
-            channels.append(Channel(f"tracker_cp_{axis}", "tracker_cp", i, 0, "m"))
-            columns.append(log.tracker_cp.position[:, i])
-    return tuple(channels), np.stack(columns, axis=1)
-
-
-def _plan(log: CalibrationLog, joints: tuple[int, ...], layout: Layout, motion: Motion, payload: FloatArray) -> Plan:
-    command = joint_columns(log, "setpoint_jp", joints)
-    rate = 1.0 / float(np.median(np.diff(motion.time, axis=0)[layout.valid[1:]]))
-    segments = []
-    for k in range(layout.rows.shape[1]):
-        path = _run_out(command[layout.rows[: _length(layout.rows[:, k]), k]], len(layout.rows))
-        segments.append(
-            Segment(
-                path,
-                np.zeros(len(path), dtype=np.int64),
-                int(motion.session[k]),
-                float(motion.time[0, k]),
-                float(payload[k]),
-            )
-        )
-    return plan_of(segments, rate)
-
-
-def _length(rows: IntArray) -> int:
-    """Return the number of different rows of a column, whose end repeats its last row."""
-    return int(np.argmax(rows)) + 1
-
-
-def _run_out(path: FloatArray, n: int) -> FloatArray:
-    """Let a path `(m, dof)` that ends before the grid's n samples swing on, its last acceleration kept.
-
-    A hard stop would be an acceleration that no motor was asked for, and the interpolation would spread it backwards.
-    """
-    more, last = min(RUN_OUT, n - len(path)), path[-LAST:]
-    if more <= 0 or len(last) < LAST:
-        return path
-    t = np.arange(1 - LAST, more + 1)
-    on = np.polynomial.polynomial.polyval(t[LAST:], np.polynomial.polynomial.polyfit(t[:LAST], last - last[-1], 2))
-    return np.concatenate([path, last[-1] + on.T])

@@ -67,6 +67,11 @@ class Candidate:
         """What it is, whatever its numbers: two members of a set with one key are one."""
         return (self.name, self.joint, self.fixed)
 
+    def called_like(self, other: Candidate) -> bool:
+        """Whether a report would give both the same name: on which side of the cable friction sits is a detail."""
+        own, others = ({k: v for k, v in c.fixed if k != "side"} for c in (self, other))
+        return (self.name, self.joint, own) == (other.name, other.joint, others)
+
     @property
     def label(self) -> str:
         """Words for tables and figures."""

@@ -11,11 +11,13 @@ from gpcorrect.discrepancy.evidence.cells import Cells, all_cells
 from gpcorrect.discrepancy.evidence.lens import lens_on
 from gpcorrect.discrepancy.evidence.localise import ChannelData, Localisation, localise
 from gpcorrect.discrepancy.recording.bench import Bench, build_bench
+from gpcorrect.discrepancy.recording.commanded import with_joint_paths
 from gpcorrect.discrepancy.recording.covariates import Covariates, covariates_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import build_scene
 from gpcorrect.discrepancy.recording.split import split_rows
 from gpcorrect.discrepancy.search.candidates import Member
+from gpcorrect.sim import machine_of
 from gpcorrect.sim.model import Model
 from gpcorrect.types import CalibrationLog
 
@@ -28,6 +30,8 @@ class Laid:
 
     Parameters
     ----------
+    log : CalibrationLog
+        The recording, with the joint paths that its poses stand for.
     bench : Bench
         Condensed rows and simulator.
     tests : tuple of tuple of Cells
@@ -38,6 +42,7 @@ class Laid:
         How it was split, and what had to be assumed.
     """
 
+    log: CalibrationLog
     bench: Bench
     tests: tuple[tuple[Cells, ...], ...]
     inputs: tuple[Covariates, ...]
@@ -52,6 +57,7 @@ def lay_out(log: CalibrationLog, model: Model, max_rows: int, rng: np.random.Gen
     DataError
         The log lacks a needed signal or is too short to split.
     """
+    log, told = with_joint_paths(log, machine_of(model).body)
     split = split_rows(log.time, log.trajectory, log.session, rng)
     scene = build_scene(log, model, split.seen)
     bench = build_bench(scene, split, max_rows)
@@ -61,10 +67,11 @@ def lay_out(log: CalibrationLog, model: Model, max_rows: int, rng: np.random.Gen
             by_joint[channel.joint] = _condensed(bench, covariates_of(scene, channel.index if channel.joint else None))
     tests = {joint: tuple(all_cells(c)) for joint, c in by_joint.items()}
     return Laid(
+        log,
         bench,
         tuple(tests[c.joint] for c in scene.channels),
         tuple(by_joint[c.joint] for c in scene.channels),
-        (split.remark, *scene.remarks),
+        (split.remark, *told, *scene.remarks),
     )
 
 
@@ -96,4 +103,4 @@ def _condensed(bench: Bench, covariates: Covariates) -> Covariates:
     middle = used[(first + last) // 2]
     values = {name: v[middle] for name, v in covariates.values.items()}
     kept = {name: v for name, v in values.items() if np.std(v) > 0}
-    return Covariates(kept, tuple(p for p in covariates.primary if p in kept))
+    return Covariates(kept, tuple(p for p in covariates.primary if p in kept), covariates.units)

@@ -68,9 +68,10 @@ class TorqueLaw(NamedTuple):
 
 
 @njit(cache=True)
-def resisting(law: FloatArray, q: float, v: float, load: float) -> tuple[float, float]:
-    """Dry limits against forward and backward motion, >= 0, given a :class:`FrictionLaw` as an array."""
-    torque, static, speed, swing, waves, phase, wrap = law[0], law[1], law[2], law[3], law[4], law[5], law[6]
+def resisting(laws: FloatArray, i: int, q: float, v: float, load: float) -> tuple[float, float]:
+    """Dry limits against forward and backward motion, >= 0, of row i of :class:`FrictionLaw` numbers."""
+    torque, static, speed = laws[i, 0], laws[i, 1], laws[i, 2]
+    swing, waves, phase, wrap = laws[i, 3], laws[i, 4], laws[i, 5], laws[i, 6]
     limit = torque
     if speed > 0.0:
         limit += (static - torque) * exp(-((v / speed) ** 2))
@@ -84,9 +85,9 @@ def resisting(law: FloatArray, q: float, v: float, load: float) -> tuple[float, 
 
 
 @njit(cache=True)
-def contact(law: FloatArray, q: float) -> float:
-    """Torque with which a stop is pressed, positive at its upper end, given a :class:`TorqueLaw` as an array."""
-    stiffness, upper, lower = law[1], law[2], law[3]
+def contact(laws: FloatArray, i: int, q: float) -> float:
+    """Torque with which a stop is pressed, positive at its upper end, of row i of :class:`TorqueLaw` numbers."""
+    stiffness, upper, lower = laws[i, 1], laws[i, 2], laws[i, 3]
     if stiffness == 0.0:
         return 0.0
     pressed: float = stiffness * (max(q - upper, 0.0) - max(lower - q, 0.0))
@@ -97,17 +98,17 @@ def contact(law: FloatArray, q: float) -> float:
 def _resisting_rows(law: FloatArray, q: FloatArray, v: FloatArray, load: FloatArray) -> FloatArray:
     limits = np.empty((2, q.size))
     for i in range(q.size):
-        limits[0, i], limits[1, i] = resisting(law, q[i], v[i], load[i])
+        limits[0, i], limits[1, i] = resisting(law, 0, q[i], v[i], load[i])
     return limits
 
 
 def resisting_along(law: FrictionLaw, q: FloatArray, v: FloatArray, load: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Dry limits against forward and backward motion in many states, arrays of the states' shape."""
-    limits = _resisting_rows(np.array(law), *(np.ravel(a).astype(np.float64) for a in (q, v, load)))
+    limits = _resisting_rows(np.array([law]), *(np.ravel(a).astype(np.float64) for a in (q, v, load)))
     return limits[0].reshape(q.shape), limits[1].reshape(q.shape)
 
 
 def contact_along(law: TorqueLaw, q: FloatArray) -> FloatArray:
     """Torque with which a stop is pressed at many joint values."""
-    pressed = [contact(np.array(law), float(value)) for value in np.ravel(q)]
+    pressed = [contact(np.array([law]), 0, float(value)) for value in np.ravel(q)]
     return np.array(pressed).reshape(q.shape)

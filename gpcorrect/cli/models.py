@@ -1,0 +1,217 @@
+"""`gpcorrect models`: the store of models, and which one a server answers with."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from gpcorrect.cli.console import out, print_json
+from gpcorrect.cli.options import Json
+from gpcorrect.errors import DataError
+from gpcorrect.model_store import Entry, ModelStore, compare
+
+if TYPE_CHECKING:
+    from gpcorrect_service.operator_client import Operator
+    from gpcorrect_service.wire_admin import ModelListAnswer
+
+__all__ = ["models_app"]
+
+models_app = typer.Typer(
+    help="A folder of models: list, add, compare, activate, go back. With --endpoint the running servers do it.",
+    no_args_is_help=True,
+)
+
+Store = Annotated[Path | None, typer.Option(help="Folder of the models.", show_default=False)]
+Endpoint = Annotated[str | None, typer.Option(help="Address of running servers instead.", show_default=False)]
+Arm = Annotated[str, typer.Option(help="CRTK name of the arm, with --endpoint.")]
+Namespace = Annotated[str, typer.Option(help="First part of every key, with --endpoint.")]
+Config = Annotated[
+    Path | None, typer.Option(help="zenoh configuration (JSON5) with --endpoint's place.", show_default=False)
+]
+Kind = Annotated[str, typer.Option(help="pose or joints.")]
+Name = Annotated[str, typer.Argument(help="Name of a model, or the beginning of its hash.", show_default=False)]
+
+
+@models_app.command("list")
+def list_models(
+    store: Store = None,
+    endpoint: Endpoint = None,
+    arm: Arm = "arm1",
+    namespace: Namespace = "gpcorrect",
+    config: Config = None,
+    json: Json = False,
+) -> None:
+    """List the models, oldest first.
+
+    Example: gpcorrect models list --store models/
+    """
+    if store is not None:
+        folder = ModelStore(store)
+        rows = [_row(folder, entry) for entry in folder.models()]
+    else:
+        with _operator(endpoint, arm, namespace, config) as operator:
+            rows = [row for answer in operator.models() for row in _served_rows(answer)]
+    if json:
+        print_json(rows)
+        return
+    _show(rows)
+
+
+@models_app.command()
+def add(
+    model: Annotated[Path, typer.Argument(help="Model file that a fit wrote.", show_default=False)],
+    store: Annotated[Path, typer.Option(help="Folder of the models; made where it is not there.")],
+    name: Annotated[str, typer.Option(help="What to call it; the file's name by default.")] = "",
+) -> None:
+    """Copy a model file into the store, verified and tried on its recorded check queries; it is not yet activated.
+
+    Example: gpcorrect models add model.gpc --store models/
+    """
+    entry = ModelStore(store).add(model, now=time.time(), name=name)
+    out.print(f"added {entry.id} {entry.hash[:12]} ({entry.kind})")
+
+
+@models_app.command()
+def activate(
+    model: Name,
+    store: Store = None,
+    endpoint: Endpoint = None,
+    arm: Arm = "arm1",
+    namespace: Namespace = "gpcorrect",
+    config: Config = None,
+) -> None:
+    """Make a model the active one: in the folder for the next start, or in every running server at once.
+
+    Example: gpcorrect models activate monday --endpoint tcp/127.0.0.1:7447
+    """
+    if store is not None:
+        folder = ModelStore(store)
+        entry = folder.find(model)
+        folder.activate(entry)
+        out.print(f"active {entry.kind}: {entry.id} {entry.hash[:12]}")
+        return
+    with _operator(endpoint, arm, namespace, config) as operator:
+        _show_activated(operator, model)
+
+
+@models_app.command()
+def rollback(
+    store: Store = None,
+    endpoint: Endpoint = None,
+    arm: Arm = "arm1",
+    namespace: Namespace = "gpcorrect",
+    config: Config = None,
+    kind: Kind = "pose",
+) -> None:
+    """Go back to the model that was active before.
+
+    Example: gpcorrect models rollback --store models/
+    """
+    _check_kind(kind)
+    if store is not None:
+        entry = ModelStore(store).rollback(kind)
+        out.print(f"active {kind}: {entry.id} {entry.hash[:12]}")
+        return
+    with _operator(endpoint, arm, namespace, config) as operator:
+        _show_activated(operator, _previous(operator.models()[0], kind))
+
+
+@models_app.command()
+def diff(one: Name, other: Name, store: Annotated[Path, typer.Option(help="Folder.")], json: Json = False) -> None:
+    """Compare two pose models: what they say of themselves, and how far their commands lie apart.
+
+    Example: gpcorrect models diff monday tuesday --store models/
+    """
+    folder = ModelStore(store)
+    found = compare(folder, folder.find(one), folder.find(other))
+    if json:
+        print_json(found)
+        return
+    table = Table(box=None, pad_edge=False)
+    for column in ("", one, other):
+        table.add_column(column)
+    for name, (left, right) in found["differs"].items():
+        table.add_row(name, str(left), str(right))
+    out.print(table)
+    if "commands" in found:
+        apart = found["commands"]
+        out.print(
+            f"commands apart on {apart['queries']} recorded queries: mean {apart['mean_mm']:.3f} mm, "
+            f"max {apart['max_mm']:.3f} mm, max {apart['max_deg']:.3f} deg"
+        )
+
+
+@models_app.command()
+def state(
+    state: Annotated[str, typer.Argument(help="ENABLED or PAUSED.", show_default=False)],
+    endpoint: Annotated[str, typer.Option(help="Address of running servers.")] = "tcp/127.0.0.1:7447",
+    arm: Arm = "arm1",
+    namespace: Namespace = "gpcorrect",
+    config: Config = None,
+) -> None:
+    """Pause every running server of an arm, or let it go on; ENABLED also ends a FAULT.
+
+    Example: gpcorrect models state PAUSED
+    """
+    if state not in ("ENABLED", "PAUSED"):
+        raise DataError(f"a state is ENABLED or PAUSED, got {state!r}.")
+    with _operator(endpoint, arm, namespace, config) as operator:
+        for answer in operator.set_state(state):  # type: ignore[arg-type]  # checked above
+            out.print(f"{answer.replica}: {answer.state}")
+
+
+def _operator(endpoint: str | None, arm: str, namespace: str, config: Path | None) -> Operator:
+    from gpcorrect_service.operator_client import Operator  # zenoh is an extra; folders need none
+
+    if endpoint is None and config is None:
+        raise DataError("name the models' place.", hint="--store FOLDER, or --endpoint tcp/127.0.0.1:7447")
+    return Operator.at(endpoint or "tcp/127.0.0.1:7447", arm, namespace, config)
+
+
+def _show_activated(operator: Operator, model: str) -> None:
+    for answer in operator.activate(model):
+        out.print(f"{answer.replica}: {answer.kind} {answer.id} {answer.hash[:12]}, before {answer.before[:12] or '-'}")
+
+
+def _previous(answer: ModelListAnswer, kind: str) -> str:
+    history = answer.history.get(kind, [])
+    if len(history) < 2:
+        raise DataError(f"{answer.replica} has no {kind} model to go back to.")
+    return history[-2]
+
+
+def _row(folder: ModelStore, entry: Entry) -> dict[str, Any]:
+    active = folder.active(entry.kind)
+    return {
+        "id": entry.id,
+        "hash": entry.hash,
+        "kind": entry.kind,
+        "added": entry.added,
+        "active": active is not None and active.hash == entry.hash,
+    }
+
+
+def _served_rows(answer: ModelListAnswer) -> list[dict[str, Any]]:
+    import msgspec  # comes with the same extra as zenoh
+
+    return [{**msgspec.to_builtins(entry), "replica": answer.replica} for entry in answer.models]
+
+
+def _show(rows: list[dict[str, Any]]) -> None:
+    table = Table(box=None, pad_edge=False)
+    for column in ("", "name", "hash", "kind", "added", "server"):
+        table.add_column(column)
+    for row in rows:
+        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(row["added"]))
+        mark = "active" if row["active"] else ""
+        table.add_row(mark, row["id"], row["hash"][:12], row["kind"], when, row.get("replica", ""))
+    out.print(table if rows else "no models yet; add one: gpcorrect models add MODEL --store FOLDER")
+
+
+def _check_kind(kind: str) -> None:
+    if kind not in ("pose", "joints"):
+        raise DataError(f"a kind is pose or joints, got {kind!r}.")

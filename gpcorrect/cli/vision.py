@@ -1,0 +1,275 @@
+"""`gpcorrect vision`: calibrate cameras, and track coloured balls with them into a log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from gpcorrect.atomic import require_folder
+from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
+from gpcorrect.cli.options import Columns, Json, Logs, read_logs
+from gpcorrect.errors import DataError
+from gpcorrect.estimator import (
+    ESTIMATOR_METHODS,
+    EstimatorMethod,
+    EstimatorSettings,
+    evaluate_estimator,
+    fit_estimator,
+)
+from gpcorrect.estimator_artifact import load_estimator, save_estimator
+from gpcorrect.logs import write_log
+
+if TYPE_CHECKING:  # OpenCV is an extra: it is imported only when a command needs it
+    from gpcorrect.vision import AnnotatedVideo, Camera, Source, Target
+
+__all__ = ["vision_app"]
+
+vision_app = typer.Typer(
+    no_args_is_help=True,
+    help="Ground truth from ordinary cameras and coloured balls, and a position estimator from it.",
+)
+
+Page = Annotated[Path | None, typer.Option(help="Quality page (HTML) to write.", show_default=False)]
+
+
+@vision_app.command()
+def calibrate(
+    rig: Annotated[Path, typer.Argument(help="Rig file (TOML): pictures, chessboard, markers.", show_default=False)],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Calibration file to write (JSON).")] = Path(
+        "cameras.json"
+    ),
+    page: Page = None,
+    json: Json = False,
+) -> None:
+    """Calibrate cameras: lenses from chessboards, places from markers at known points.
+
+    Examples
+    --------
+    gpcorrect vision calibrate rig.toml --output cameras.json --page calibration.html
+    """
+    from gpcorrect.vision import calibrate_rig, read_rig, write_cameras
+
+    for path in filter(None, (output, page)):
+        require_folder(path)
+    with progress_bar(quiet=json) as progress:
+        report = calibrate_rig(read_rig(rig), progress)
+    write_cameras([camera.camera for camera in report.cameras], output)
+    if page is not None:
+        from gpcorrect.report import write_calibration_page  # the report's libraries are an extra
+
+        write_calibration_page(report, page)
+    figures = report.to_dict()
+    if json:
+        print_json(figures)
+    else:
+        _show_cameras(figures["cameras"])
+        out.print(f"calibration: {output}" + (f"   page: {page}" if page else ""))
+
+
+@vision_app.command()
+def track(
+    videos: Annotated[
+        list[Path],
+        typer.Argument(help="One video or folder of images a camera, in the calibration's order.", show_default=False),
+    ],
+    cameras: Annotated[Path, typer.Option("--cameras", "-c", help="Calibration file.")] = Path("cameras.json"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="Log to write: .csv or .parquet.")] = Path(
+        "track.parquet"
+    ),
+    target: Annotated[
+        Path | None,
+        typer.Option(
+            help="Target file (TOML): balls, colours, places; green, yellow and red on a 33 mm cross without it."
+        ),
+    ] = None,
+    ball: Annotated[
+        str | None, typer.Option(help="Track a single ball of this colour instead of a target.", show_default=False)
+    ] = None,
+    fps: Annotated[
+        float | None, typer.Option(help="Frames a second; as the videos or file names say, or 30.", show_default=False)
+    ] = None,
+    annotated: Annotated[
+        Path | None, typer.Option(help="Annotated video to write (.mp4 or .avi).", show_default=False)
+    ] = None,
+    page: Page = None,
+    measured_only: Annotated[
+        bool, typer.Option("--measured-only", help="Leave out poses that were predicted through an occlusion.")
+    ] = False,
+    first_look: Annotated[
+        bool, typer.Option("--first-look/--no-first-look", help="Check pictures, calibration and target first.")
+    ] = True,
+    workers: Annotated[int, typer.Option(help="Pictures searched at the same time.", min=1)] = 2,
+    json: Json = False,
+) -> None:
+    """Track coloured balls through synchronised videos into `tracker_cp` of a log.
+
+    Rows whose pose was predicted through an occlusion have tracking_status 1; rows of a lost tool are empty (2).
+
+    Examples
+    --------
+    gpcorrect vision track front.mp4 left.mp4 back.mp4 right.mp4 --cameras cameras.json --output log.parquet
+
+    gpcorrect vision track cam0/ cam1/ --ball red --fps 25 --annotated look.mp4 --page quality.html
+    """
+    from gpcorrect.vision import TrackSettings, open_source, read_cameras
+    from gpcorrect.vision import track as track_sources
+
+    for path in filter(None, (output, page, annotated)):
+        require_folder(path)
+    if output.suffix not in (".csv", ".parquet"):
+        raise DataError(f"a log ends in .csv or .parquet; got {output.name}.")
+    followed, known = _target(target, ball), read_cameras(cameras)
+    sources = [open_source(path) for path in videos]
+    settings = TrackSettings(fps=fps, first_look=first_look, workers=workers)
+    with progress_bar(quiet=json) as progress, _drawing(annotated, known, followed, fps, sources) as video:
+        result = track_sources(sources, known, followed, settings, progress, None if video is None else video.add)
+    write_log(result.log_without_predictions() if measured_only else result.log, output)
+    if page is not None:
+        from gpcorrect.report import write_tracking_page
+
+        write_tracking_page(result, known, followed, page)
+    figures = result.to_dict()
+    if json:
+        print_json(figures)
+        return
+    _show_track(figures)
+    out.print(
+        " ".join(f"{name}: {path}" for name, path in (("log", output), ("video", annotated), ("page", page)) if path)
+    )
+
+
+@vision_app.command()
+def fit(
+    logs: Logs,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.", show_default=False)] = Path(
+        "estimator.gpc"
+    ),
+    method: Annotated[str, typer.Option(help=f"One of {', '.join(ESTIMATOR_METHODS)}.")] = "gp",
+    holdout: Annotated[float, typer.Option(help="Share of whole trajectories, the last ones, to measure on.")] = 0.2,
+    extra: Annotated[
+        str | None, typer.Option(help="Extra columns of the log that belong to the state.", show_default=False)
+    ] = None,
+    columns: Columns = None,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    json: Json = False,
+) -> None:
+    """Learn where the tool really is from the robot's own state, with tracker_cp as labels: no sensor needed after.
+
+    Example: gpcorrect vision fit monday.parquet --method gp --output estimator.gpc
+    """
+    require_folder(output)
+    settings = EstimatorSettings(_method(method), holdout, extra=split_names(extra or ""), seed=seed)
+    with progress_bar(quiet=json) as progress:
+        experiment = fit_estimator(read_logs(logs, columns), settings, progress)
+    save_estimator(experiment.estimator, output)
+    figures = experiment.to_dict()
+    if json:
+        print_json(figures)
+        return
+    _show_estimator(figures)
+    out.print(f"trained on {experiment.n_train} samples in {experiment.seconds:.1f} s -> {output}")
+
+
+@vision_app.command()
+def evaluate(
+    model: Annotated[Path, typer.Argument(help="Model file of `gpcorrect vision fit`.", show_default=False)],
+    logs: Logs,
+    columns: Columns = None,
+    json: Json = False,
+) -> None:
+    """Measure a position estimator on recordings it has not seen.
+
+    Example: gpcorrect vision evaluate estimator.gpc tuesday.parquet
+    """
+    figures = evaluate_estimator(load_estimator(model), read_logs(logs, columns))
+    if json:
+        print_json(figures)
+    else:
+        _show_estimator(figures)
+
+
+def _method(name: str) -> EstimatorMethod:
+    for method in ESTIMATOR_METHODS:
+        if method == name:
+            return method
+    raise DataError(f"a method is one of {', '.join(ESTIMATOR_METHODS)}; got {name!r}.")
+
+
+def _show_estimator(figures: dict[str, Any]) -> None:
+    if "raw" not in figures:
+        err.print("[yellow]note:[/] nothing was held out, so nothing was measured")
+        return
+    table = Table(box=None, pad_edge=False)
+    for name in ("position error [mm]", "RMS", "SD", "RMS x y z"):
+        table.add_column(name.replace("[", r"\["), justify="left" if "[" in name else "right", no_wrap=True)
+    rows = (("raw", "reported"), ("rigid", "after rigid motion"), ("estimated", "estimated"))
+    for key, name in rows:
+        row = figures[key]
+        axes = " ".join(f"{value:.3f}" for value in row["rms_axes_mm"])
+        table.add_row(name, f"{row['rms_mm']:.3f}", f"{row['sd_mm']:.3f}", axes)
+    out.print(table)
+    out.print(f"RMS less by {figures['rms_reduction']:.1f} %, SD by {figures['sd_reduction']:.1f} %")
+
+
+def _target(path: Path | None, ball: str | None) -> Target:
+    from gpcorrect.vision import END_EFFECTOR, read_target, single_ball
+
+    if path is not None and ball is not None:
+        raise DataError("give --target or --ball, not both.")
+    if ball is not None:
+        return single_ball(ball)
+    return END_EFFECTOR if path is None else read_target(path)
+
+
+@contextmanager
+def _drawing(
+    path: Path | None, cameras: Sequence[Camera], target: Target, fps: float | None, sources: Sequence[Source]
+) -> Iterator[AnnotatedVideo | None]:
+    """Open the annotated video, when one is asked for."""
+    from gpcorrect.vision import AnnotatedVideo
+
+    if path is None:
+        yield None
+        return
+    with AnnotatedVideo(path, cameras, target, fps or next((s.fps for s in sources if s.fps), 30.0)) as video:
+        yield video
+
+
+def _show_cameras(cameras: list[dict[str, Any]]) -> None:
+    table = Table(box=None, pad_edge=False)
+    for name in ("camera", "boards", "corners [px]", "markers", "markers [px]", "focal [px]", "position ± [mm]"):
+        table.add_column(name.replace("[", r"\["), justify="left" if name == "camera" else "right", no_wrap=True)
+    for row in cameras:
+        left_out = f" (without {', '.join(row['marker_outliers'])})" if row["marker_outliers"] else ""
+        table.add_row(
+            row["name"],
+            f"{row['boards_used']}/{row['boards_given']}",
+            _number(row["corner_rms_px"]),
+            f"{row['markers']}{left_out}",
+            _number(row["marker_rms_px"]),
+            f"{row['focal_px']:.1f}",
+            _number(row["position_std_mm"]),
+        )
+    out.print(table)
+    for row in cameras:
+        if row["without_board"]:
+            err.print(f"[yellow]note:[/] {row['name']}: no chessboard in {', '.join(row['without_board'])}")
+        if row["position_std_mm"] is None:
+            err.print(f"[yellow]note:[/] {row['name']}: placed by its board alone, roughly: no markers were given")
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def _show_track(figures: dict[str, Any]) -> None:
+    shares = ", ".join(f"{100 * figures[f'{name}_share']:.1f} % {name}" for name in ("measured", "coasting", "lost"))
+    out.print(f"{figures['frames']} frames: {shares}; reprojection {_number(figures['reprojection_px'])} px")
+    for remark in figures["remarks"]:
+        err.print(f"[yellow]note:[/] {remark}")
+    out.print(f"{figures['seconds']:.1f} s, {figures['frames_a_second']:.1f} frames a second")

@@ -1,0 +1,84 @@
+"""Whether values are written down in steps: their remainders then all agree (Widrow and Kollar 2008, Ch. 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.types import FloatArray
+
+__all__ = ["Counts", "counts_of"]
+
+FEWEST = 8  # counts that were visited
+AGREE = 0.97  # length of the mean of unit vectors at the remainders' angles
+TRIES = 25  # step sizes near a first guess
+
+
+@dataclass(frozen=True)
+class Counts:
+    """A step in which values are written down.
+
+    Parameters
+    ----------
+    step : float
+        Its size, in the values' unit.
+    error : float
+        Half width of what the values leave open of it.
+    agreement : float
+        Of the remainders, from 0 (spread evenly) to 1 (all the same).
+    visited : int
+        Different counts among the values.
+    """
+
+    step: float
+    error: float
+    agreement: float
+    visited: int
+
+
+def counts_of(values: FloatArray) -> Counts | None:
+    """Return the largest step on whose multiples (and a common remainder) values `(n,)` lie; None when there is none.
+
+    Values rounded a second time, more finely, still count. Each value counts once, however long the joint rested there.
+    """
+    distinct = np.unique(values[np.isfinite(values)])
+    if len(distinct) < FEWEST:
+        return None
+    gaps = np.diff(distinct)
+    found = [c for guess in _guesses(gaps) if (c := _fitted(distinct, guess)) is not None]
+    return max(found, key=lambda c: c.step, default=None)
+
+
+def _guesses(gaps: FloatArray) -> list[float]:
+    """Typical gaps: the smallest one, and that between groups of neighbouring values."""
+    real = gaps[gaps > 1e-9 * gaps.max()]
+    ordered = np.sort(real)
+    jump = int(np.argmax(ordered[1:] / ordered[:-1])) if len(ordered) > 1 else 0
+    return sorted({float(ordered[0]), float(np.median(ordered[jump + 1 :])) if len(ordered) > 1 else float(ordered[0])})
+
+
+def _fitted(distinct: FloatArray, guess: float) -> Counts | None:
+    """Best step near a guess, fitted over an ever wider range of values, so that no count is skipped."""
+    step, base = guess, distinct[0]
+    span = float(np.ptp(distinct))
+    if span < (FEWEST - 1) * guess:
+        return None
+    reach = 4.0 * guess
+    while True:
+        near = distinct[distinct - base <= reach]
+        width = 0.3 * step**2 / max(reach, step)
+        tried = step + width * np.linspace(-1.0, 1.0, TRIES)
+        step = float(tried[int(np.argmax([_agreement(near, t) for t in tried]))])
+        if reach >= span:
+            break
+        reach *= 2.0
+    agreement = _agreement(distinct, step)
+    visited = len(np.unique(np.round((distinct - base) / step)))
+    if agreement < AGREE or visited < FEWEST:
+        return None
+    return Counts(step, float(width), agreement, visited)
+
+
+def _agreement(values: FloatArray, step: float) -> float:
+    return float(np.abs(np.mean(np.exp(2j * np.pi * (values - values[0]) / step))))

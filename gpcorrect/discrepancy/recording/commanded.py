@@ -1,0 +1,232 @@
+"""The motor side of a log that speaks of poses only: joint paths by inverse kinematics of the nominal arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import qmc
+
+from gpcorrect import se3
+from gpcorrect.errors import DataError
+from gpcorrect.sim.body import Body
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
+
+__all__ = ["joint_path_of_poses", "with_joint_paths"]
+
+LENGTH = 0.1  # m that weigh as much as one radian: the reach of a surgical tool beyond its pivot
+STARTS = 48  # points of a Halton sequence over the limits, from which the first poses are sought
+SEEK, WALK, POLISH = 40, 20, 40  # Newton steps from far, from the pose before, and from between two solved poses
+STRIDE = 10  # samples from one solved pose to the next; those between start from between them
+STEP = 0.3  # rad, and LENGTH times that in m: longest Newton step
+DAMPING = 1e-9  # of the squared Jacobian: only keeps singular poses finite
+REACHED = 2e-5  # rad, and LENGTH times that in m: a pose written down to a micrometre is nearer
+SOLVED = 1e-11  # rad, and LENGTH times that in m: no further step is made
+FEW = 0.01  # share of the poses that may be out of reach: faults of the recording
+
+
+def with_joint_paths(log: CalibrationLog, body: Body) -> tuple[CalibrationLog, tuple[str, ...]]:
+    """Return a log with the joint paths that its poses stand for, where it has none, and what was done.
+
+    `measured_jp` comes from `measured_cp`, `setpoint_jp` from `setpoint_cp`: both are the robot's own kinematics of
+    its joints, so that the nominal inverse gives back just these joints. Rows without a motor position are left out.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        Recording; one with `measured_jp` or `setpoint_jp`, or of bare joints, keeps its own.
+    body : Body
+        Nominal arm.
+
+    Raises
+    ------
+    DataError
+        The nominal arm does not reach the poses.
+    """
+    remarks = []
+    if body.chain is not None and log.measured_jp is None and log.setpoint_jp is None:
+        for poses, joints in (("measured_cp", "measured_jp"), ("setpoint_cp", "setpoint_jp")):
+            signal: PoseSignal | None = getattr(log, poses)
+            if signal is not None:
+                path, how = joint_path_of_poses(body, signal, log.trajectory, poses)
+                measured = joints == "measured_jp"
+                log = replace(log, measured_jp=path) if measured else replace(log, setpoint_jp=path)
+                remarks.append(f"{joints} computed from {poses} by inverse kinematics of the nominal arm{how}")
+    whole = _has_motor_side(log)
+    if not whole.all() and whole.any():
+        remarks.append(f"{int((~whole).sum())} of {len(log)} rows have no motor position and are left out")
+        log = log.select(whole)
+    return log, tuple(remarks)
+
+
+def _has_motor_side(log: CalibrationLog) -> BoolArray:
+    mask = np.ones(len(log), dtype=np.bool_)
+    for values in (log.measured_jp, log.setpoint_jp):
+        if values is not None:
+            mask &= np.isfinite(values).all(axis=1)
+    return mask
+
+
+@dataclass(frozen=True, eq=False)
+class _Goal:
+    """Poses to reach, and whether their orientation counts."""
+
+    T: FloatArray
+    turned: bool
+
+    def at(self, rows: IntArray) -> _Goal:
+        return _Goal(self.T[rows], self.turned)
+
+
+def joint_path_of_poses(
+    body: Body, signal: PoseSignal, trajectory: IntArray, name: str = "poses"
+) -> tuple[FloatArray, str]:
+    """Return the moving joints `(n, k)` that reach poses, NaN where none do, and words on what was used.
+
+    The first poses of all trajectories are sought from many starts; from there each path is followed. Of two branches,
+    the one nearer to the middle of the joints' limits is taken for the first trajectory, and the nearest to that for
+    the others.
+
+    Parameters
+    ----------
+    body : Body
+        Arm with kinematics; its other joints are held.
+    signal : PoseSignal
+        Base frame; rows with NaN stay without an answer.
+    trajectory : (n,) int array
+        Of each row; paths are followed inside them.
+    name : str
+        Of the signal, for messages.
+
+    Raises
+    ------
+    DataError
+        More than a few of the poses are out of reach.
+    """
+    rows = np.flatnonzero(signal.finite)
+    goals = [_goal(signal, rows, turned=True)] if signal.quaternion is not None else []
+    if len(body.joints) <= 3:
+        goals.append(_goal(signal, rows, turned=False))
+    if not goals:
+        raise DataError(
+            f"{name} has no orientation: positions alone do not tell {len(body.joints)} joints.",
+            hint="Log measured_jp or setpoint_jp, or quaternions with the positions.",
+        )
+    missed = []
+    for goal in goals:
+        q, miss = _followed(body, goal, trajectory[rows])
+        miss = np.maximum(miss, _beyond_limits(body, q))
+        good = miss < REACHED
+        if good.mean() >= 1.0 - FEW:
+            path = np.full((len(signal), len(body.joints)), np.nan)
+            path[rows[good]] = q[good]
+            alone = not goal.turned and signal.quaternion is not None
+            return path, " (positions only: the orientations do not fit the held joints)" if alone else ""
+        missed.append(float(np.median(miss[~good])))
+    raise DataError(
+        f"the nominal arm misses the poses of {name}, or its joint limits, by {1e3 * LENGTH * min(missed):.3g} mm or "
+        f"{np.rad2deg(min(missed)):.3g} deg: they are of another arm or frame, or other joints move than the model's.",
+        hint="Check arm, joints, wrist and theta_offset_deg of the model; poses must be in the base frame.",
+    )
+
+
+def _goal(signal: PoseSignal, rows: IntArray, *, turned: bool) -> _Goal:
+    position = signal.position[rows]
+    if turned and signal.quaternion is not None:
+        return _Goal(se3.from_parts(position, signal.quaternion[rows]), turned=True)
+    return _Goal(se3.pose(np.broadcast_to(np.eye(3), (len(rows), 3, 3)), position), turned=False)
+
+
+def _followed(body: Body, goal: _Goal, trajectory: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Joints `(n, k)` along poses, and how far each is missed `(n,)`, rad or m over LENGTH."""
+    groups = [np.flatnonzero(trajectory == k) for k in np.unique(trajectory)]
+    stops = [np.unique(np.r_[np.arange(0, len(g), STRIDE), len(g) - 1]) for g in groups]
+    here = _firsts(body, goal.at(np.array([g[0] for g in groups])))
+    longest = max(len(s) for s in stops)
+    solved = np.empty((longest, *here.shape))
+    for i in range(longest):
+        now = np.array([g[s[min(i, len(s) - 1)]] for g, s in zip(groups, stops, strict=True)])
+        here = solved[i] = _newton(body, goal.at(now), here, WALK)
+    start = np.empty((len(trajectory), here.shape[1]))
+    for k, (g, s) in enumerate(zip(groups, stops, strict=True)):
+        for j, column in enumerate(solved[: len(s), k].T):
+            start[g, j] = np.interp(np.arange(len(g)), s, column)
+    q = _newton(body, goal, start, POLISH)
+    return q, _miss(body, goal, q)
+
+
+def _firsts(body: Body, goal: _Goal) -> FloatArray:
+    """Joints `(N, k)` at the first poses, all on one branch; the nearest there is where none is reached."""
+    limits = _limits(body)
+    middle, span = limits.mean(axis=1), np.ptp(limits, axis=1)
+    spread = qmc.Halton(len(limits), scramble=False).random(STARTS + 1)[1:]
+    starts = np.concatenate([middle[None], limits[:, 0] + span * spread])
+    near, chosen = middle, []
+    for k in range(len(goal.T)):
+        rows = np.full(len(starts) + (k > 0), k)
+        tried = np.concatenate([near[None], starts]) if k else starts
+        found = _near_middle(body, _newton(body, goal.at(rows), tried, SEEK), middle)
+        miss = _miss(body, goal.at(rows), found)
+        inside = ((found >= limits[:, 0]) & (found <= limits[:, 1])).all(axis=1)
+        far = (((found - near) / span) ** 2).sum(axis=1)
+        near = found[np.lexsort((far, ~inside, np.maximum(miss, REACHED)))[0]]
+        chosen.append(near)
+    return np.array(chosen)
+
+
+def _beyond_limits(body: Body, q: FloatArray) -> FloatArray:
+    """How far `(n,)` joints are beyond their limits, rad or m over LENGTH, half a range to spare on either side."""
+    limits = _limits(body)
+    spare = 0.5 * np.ptp(limits, axis=1)
+    unit = np.where([kind == "R" for kind in body.types], 1.0, LENGTH)
+    over = np.maximum(limits[:, 0] - spare - q, q - limits[:, 1] - spare) / unit
+    beyond: FloatArray = np.maximum(over, 0.0).max(axis=1)
+    return beyond
+
+
+def _limits(body: Body) -> FloatArray:
+    assert body.chain is not None
+    return body.chain.limits[body.columns]
+
+
+def _near_middle(body: Body, q: FloatArray, middle: FloatArray) -> FloatArray:
+    """Angles by full turns nearest to the middle of their limits."""
+    turning = np.array([kind == "R" for kind in body.types])
+    turns: FloatArray = q + np.where(turning, 2 * np.pi * np.round((middle - q) / (2 * np.pi)), 0.0)
+    return turns
+
+
+def _newton(body: Body, goal: _Goal, q: FloatArray, steps: int) -> FloatArray:
+    """Damped Gauss-Newton steps `(m, k)` towards poses, all at once."""
+    assert body.chain is not None
+    unit = np.where([kind == "R" for kind in body.types], 1.0, LENGTH)
+    q = np.array(q)
+    left = np.arange(len(q))
+    for _ in range(steps):
+        error = _error(body, goal.at(left), q[left])
+        far = np.abs(error).max(axis=1) > SOLVED
+        left, error = left[far], error[far]
+        if len(left) == 0:
+            break
+        J = body.chain.jacobian(body.all_joints(q[left]))[..., body.columns] * unit
+        J = np.concatenate([J[:, :3] / LENGTH, J[:, 3:]], axis=1)[:, : error.shape[1]]
+        square = np.swapaxes(J, 1, 2) @ J + DAMPING * np.eye(len(unit))
+        move = np.linalg.solve(square, np.swapaxes(J, 1, 2) @ error[..., None])[..., 0]
+        q[left] += unit * move * np.minimum(1.0, STEP / np.maximum(np.abs(move).max(axis=1, keepdims=True), 1e-300))
+    return q
+
+
+def _error(body: Body, goal: _Goal, q: FloatArray) -> FloatArray:
+    """Pose errors, wanted less reached: `(m, 6)` positions over LENGTH and rotation vectors, or positions `(m, 3)`."""
+    T = body.forward(q)
+    assert T is not None
+    position = (goal.T[:, :3, 3] - T[:, :3, 3]) / LENGTH
+    if not goal.turned:
+        return position
+    turn = se3.rotvec_from_matrix(goal.T[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2))
+    return np.concatenate([position, turn], axis=1)
+
+
+def _miss(body: Body, goal: _Goal, q: FloatArray) -> FloatArray:
+    missed: FloatArray = np.abs(_error(body, goal, q)).max(axis=1)
+    return missed

@@ -1,0 +1,105 @@
+"""Noise as the model file states it, and what becomes of it where samples are averaged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.sim.effects import EncoderQuantisation, NoiseChange, of_kind
+from gpcorrect.sim.sensors import Noise
+from gpcorrect.types import IntArray
+
+__all__ = ["GIVEN", "LOUDER_WORDS", "averaged", "samples_a_row", "sampling_step", "settled", "stated_noises"]
+
+GIVEN = "[noise] of the model file"
+LOUDER_WORDS = "times what [noise] states"
+LOUDER = 1.25  # times what is stated: from there on the recording's own noise is believed
+FINEST = 1e-9  # rad or m; a sensor without any white noise is rounding
+UNIFORM = np.sqrt(12.0)  # step of a rounded value over the standard deviation of its error
+
+
+def sampling_step(scene: Scene) -> float:
+    """Return the usual time between samples, s."""
+    steps = np.diff(scene.time)
+    return float(np.median(steps[steps > 0]))
+
+
+def stated_noises(scene: Scene) -> tuple[ChannelNoise | None, ...]:
+    """Return the noise of single samples of every channel as the model states it; None where it says nothing."""
+    return tuple(_of_channel(scene, i) for i in range(len(scene.channels)))
+
+
+def _of_channel(scene: Scene, index: int) -> ChannelNoise | None:
+    noise, channel = scene.model.noise, scene.channels[index]
+    if noise is None:
+        return None
+    white, slow, phi = _parts(noise, channel)
+    if not white and not slow:
+        return None
+    step = sampling_step(scene)
+    more = [e.std for e in of_kind(scene.model.effects, NoiseChange) if e.joint == (channel.joint or "tool")]
+    rounded = [e.step / UNIFORM for e in of_kind(scene.model.effects, EncoderQuantisation) if e.joint == channel.joint]
+    time_constant = -step / np.log(phi) if 0.0 < phi < 1.0 else step / 10.0
+    white = float(np.linalg.norm([white, FINEST, *more, *rounded]))
+    return ChannelNoise(white, slow, time_constant, basis=GIVEN)
+
+
+def _parts(noise: Noise, channel: Channel) -> tuple[float, float, float]:
+    """White and slow standard deviation, and the slow part's correlation from sample to sample."""
+    if channel.signal == "tracker_cp":
+        return noise.tracker_white, noise.tracker_ar_std, noise.tracker_ar_phi
+    rounded = _number(noise.encoder_step, channel.index) / UNIFORM
+    if channel.signal == "measured_jp":
+        return rounded, 0.0, 0.0
+    white, slow = _number(noise.external_jp_white, channel.index), _number(noise.external_jp_ar_std, channel.index)
+    return float(np.hypot(white, rounded)) if white or slow else 0.0, slow, noise.external_jp_ar_phi
+
+
+def _number(values: tuple[float, ...], index: int) -> float:
+    return values[index] if values else 0.0
+
+
+def averaged(noise: ChannelNoise, count: int, step: float) -> ChannelNoise:
+    """Return the noise of means over `count` neighbouring samples, `step` seconds apart."""
+    if count <= 1:
+        return noise
+    lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) * step
+    kept = float(np.sqrt(np.mean(np.exp(-lag / noise.time_constant))))
+    return replace(noise, white=noise.white / np.sqrt(count), slow=noise.slow * kept)
+
+
+def settled(own: ChannelNoise, stated: ChannelNoise | None, step: float) -> ChannelNoise:
+    """Return the noise to go by: what is stated, unless the recording is clearly louder from sample to sample.
+
+    A stated noise that is too small would give names to noise, so it is not believed against the recording. Over
+    longer lags a recording is also louder by the very effects that are looked for: there the stated noise counts.
+    Tails are always the recording's.
+
+    Parameters
+    ----------
+    own, stated : ChannelNoise
+        As the recording shows it, and as the model states it.
+    step : float
+        Seconds from one row to the next.
+    """
+    if stated is None:
+        return own
+    ratio = _from_row_to_row(own, step) / _from_row_to_row(stated, step)
+    if ratio > LOUDER:
+        return replace(own, basis=f"{own.basis}; {ratio:.2g} {LOUDER_WORDS}")
+    return replace(stated, tail=own.tail)
+
+
+def _from_row_to_row(noise: ChannelNoise, step: float) -> float:
+    """Root of half the mean squared change from one row to the next."""
+    return float(np.sqrt(noise.white**2 - noise.slow**2 * np.expm1(-step / noise.time_constant)))
+
+
+def samples_a_row(group: IntArray) -> int:
+    """Return how many samples a condensed row is usually the mean of."""
+    counts = np.bincount(group[group >= 0])
+    return int(np.median(counts)) if len(counts) else 1

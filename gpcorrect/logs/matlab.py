@@ -1,0 +1,164 @@
+"""MATLAB files: version 5 to 7 through scipy, version 7.3 (HDF5) through h5py.
+
+Variables and fields of structures become columns by their names; a matrix `q` of k columns becomes `q_1` to `q_k`.
+Where one structure holds everything its name is left out. MATLAB may keep samples along either direction: it is the
+one as long as most variables are. A native pose may be 3 x n, 7 x n (x y z qw qx qy qz) or 4 x 4 x n.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.errors import LogError, MissingExtraError
+from gpcorrect.logs.native import orientation_names, position_names
+from gpcorrect.logs.orientation import CONVERTERS
+from gpcorrect.logs.settings import ReadSettings, check_size
+from gpcorrect.logs.table import Table, log_from_table
+from gpcorrect.types import CalibrationLog, FloatArray
+
+__all__ = ["MARKS", "read"]
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", HDF5)
+NUMERIC = "iufb"
+DAMAGES = (ValueError, TypeError, OSError, EOFError, LookupError, NotImplementedError, MemoryError, zlib.error)
+POSE = (4, 4)  # a homogeneous transform
+NO_ROWS = 'Save one variable a signal, or columns named as in the native log: save("log.mat", "-struct", "log").'
+
+Found = tuple[dict[str, np.ndarray[Any, Any]], list[str]]
+"""Arrays of numbers by their dotted names, and the names of what holds none."""
+
+
+def read(path: Path, settings: ReadSettings) -> CalibrationLog:
+    """Read the variables of a MATLAB file as columns.
+
+    Raises
+    ------
+    LogError
+        The file is damaged, too large, or its variables are no samples of one recording.
+    MissingExtraError
+        The file is of version 7.3 and h5py is not installed.
+    """
+    check_size(path, settings.max_bytes)
+    with path.open("rb") as file:
+        old = file.read(len(MARKS[0])) == MARKS[0]
+    arrays, left_out = _version_5(path) if old else _version_73(path)
+    columns, odd = _columns(_without_prefix(arrays))
+    return log_from_table(Table(columns, "sample {}".format, (*left_out, *odd)), settings.columns, settings.disorder)
+
+
+def _version_5(path: Path) -> Found:
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        content = loadmat(path, squeeze_me=False, struct_as_record=True, verify_compressed_data_integrity=True)
+    except (MatReadError, *DAMAGES) as error:
+        raise LogError(f"the MATLAB file cannot be read, it may be cut off: {error}.") from error
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    left_out: list[str] = []
+    for name, value in _fields({k: v for k, v in content.items() if not k.startswith("__")}):
+        if isinstance(value, np.ndarray) and value.dtype.kind in NUMERIC:
+            arrays[name] = value
+        else:
+            left_out.append(name)
+    return arrays, left_out
+
+
+def _fields(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Variables and, dotted, the fields of structures."""
+    for name, value in content.items():
+        if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
+            record = value.reshape(-1)[0]
+            yield from _fields({field: record[field] for field in value.dtype.names}, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _version_73(path: Path) -> Found:
+    try:
+        import h5py
+    except ImportError as error:
+        raise MissingExtraError("h5py", extra="matlab", purpose="Reading MATLAB files of version 7.3") from error
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    left_out: list[str] = []
+
+    def visit(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset) or name.startswith("#"):
+            return
+        kind = item.attrs.get("MATLAB_class", b"double")
+        dotted = name.replace("/", ".")
+        if item.dtype.kind in NUMERIC and kind != b"char" and "MATLAB_empty" not in item.attrs:
+            arrays[dotted] = np.asarray(item[()]).T  # MATLAB writes the last direction first
+        else:
+            left_out.append(dotted)
+
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(visit)
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
+        raise LogError(f"the MATLAB file cannot be read, it may be cut off: {error}.") from error
+    return arrays, left_out
+
+
+def _without_prefix(arrays: Mapping[str, np.ndarray[Any, Any]]) -> Mapping[str, np.ndarray[Any, Any]]:
+    """Leave out the name of a structure that holds all numbers."""
+    heads = {name.partition(".")[0] for name in arrays if "." in name}
+    if len(heads) != 1 or not all("." in name for name in arrays):
+        return arrays
+    return {name.partition(".")[2]: values for name, values in arrays.items()}
+
+
+def _columns(arrays: Mapping[str, np.ndarray[Any, Any]]) -> tuple[dict[str, FloatArray], list[str]]:
+    """Columns of the variables that have a value for every sample; the names of the others."""
+    lengths = Counter(max(a.shape) for a in arrays.values() if a.size > 1)
+    if not lengths:
+        raise LogError("the MATLAB file holds no variable with samples.", hint=NO_ROWS)
+    count = max(lengths, key=lambda n: (lengths[n], n))
+    columns: dict[str, FloatArray] = {}
+    left_out: list[str] = []
+    for name, values in arrays.items():
+        rows = _rows(np.asarray(values, dtype=np.float64), count)
+        if rows is None:
+            left_out.append(name)
+        else:
+            columns |= _named(name, rows)
+    return columns, left_out
+
+
+def _rows(values: FloatArray, count: int) -> FloatArray | None:
+    """Put samples `(n, ...)` first: the last direction of three, or the first that is `count` long; None without."""
+    if values.ndim == 3 and values.shape[2] == count:
+        return np.moveaxis(values, 2, 0)
+    direction = next((d for d in range(values.ndim) if values.shape[d] == count), None)
+    return None if direction is None else np.moveaxis(values, direction, 0)
+
+
+def _named(name: str, rows: FloatArray) -> dict[str, FloatArray]:
+    """Columns of one variable: native ones for a pose, else numbered from one."""
+    if name in CalibrationLog.POSES:
+        pose = _pose_columns(name, rows)
+        if pose:
+            return pose
+    flat = rows.reshape(len(rows), -1)
+    if flat.shape[1] == 1 and name not in CalibrationLog.JOINTS:
+        return {name: flat[:, 0]}
+    return {f"{name}_{k + 1}": flat[:, k] for k in range(flat.shape[1])}
+
+
+def _pose_columns(name: str, rows: FloatArray) -> dict[str, FloatArray]:
+    places: tuple[str, ...] = position_names(name)
+    if rows.shape[1:] == POSE:
+        turned = CONVERTERS["matrix"](rows[:, :3, :3].reshape(len(rows), 9))
+        rows, places = np.hstack([rows[:, :3, 3], turned]), (*places, *orientation_names(name))
+    elif rows.shape[1:] == (7,):
+        places = (*places, *orientation_names(name))
+    elif rows.shape[1:] != (3,):
+        return {}
+    return dict(zip(places, rows.T, strict=True))

@@ -1,0 +1,152 @@
+"""CSV exports of OptiTrack Motive, format versions 1.2 to 1.25.
+
+Line 1 holds pairs of keys and values (`Format Version`, `Rotation Type`, `Length Units`, ...). Above each column stand
+its `Type`, `Name`, `ID`, in newer versions `Parent`, a line of quantities (`Rotation`, `Position`,
+`Mean Marker Error`), and the line of axes that begins with `Frame`. Older versions leave the labels of these lines
+out. Euler angles turn about the body's own axes in the order that `Rotation Type` names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gpcorrect.errors import LogError
+from gpcorrect.logs.mocap.take import Body, Take, log_of, scale_of
+from gpcorrect.logs.mocap.text import Export, read_export, seen_only
+from gpcorrect.logs.orientation import quaternion_from_euler, unit_quaternions
+from gpcorrect.logs.settings import ReadSettings, check_size
+from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+
+__all__ = ["read"]
+
+TYPES = ("Rigid Body", "Marker", "Rigid Body Marker", "Bone", "Bone Marker")
+BODY, MARKER = "Rigid Body", "Marker"
+LABELLED = ("Type", "Name")
+ORDERS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
+
+
+@dataclass(frozen=True)
+class Item:
+    """A body or marker: its type and name, and the columns of its quantities by axis."""
+
+    kind: str
+    name: str
+    rotation: Mapping[str, int]
+    position: Mapping[str, int]
+    error: int | None
+
+
+def read(path: Path, settings: ReadSettings) -> CalibrationLog:
+    """Read the tool's pose: a rigid body, or labelled markers.
+
+    Raises
+    ------
+    LogError
+        The file is cut off, too large, or its header is not one of Motive's.
+    """
+    check_size(path, settings.max_bytes)
+    return log_of(_take(read_export(path)), settings.columns.mocap)
+
+
+def _take(export: Export) -> Take:
+    said = export.cells(0)
+    header = dict(zip(said[::2], said[1::2], strict=False))
+    heading = next((k for k in range(1, len(export)) if export.cells(k)[:1] == ("Frame",)), None)
+    if heading is None or "Length Units" not in header:
+        raise LogError("expected Length Units in line 1 of Motive's CSV, and a line that begins with Frame.")
+    items = _items(export, heading)
+    stop = export.stop(heading + 1)
+    axes = export.cells(heading)
+    clock = next((k for k, cell in enumerate(axes) if cell.startswith("Time (")), None)
+    if clock is None:
+        raise LogError("expected a column Time (Seconds) in Motive's CSV.")
+    width = max(len(export.cells(k)) for k in range(1, heading + 1))
+    text = {k for k, cell in enumerate(axes) if cell == "TimeCode"}
+    columns = [k for k in range(1, width) if k not in text]
+    table = export.numbers(heading + 1, stop, columns)
+    values = {column: table[:, place] for place, column in enumerate(columns)}
+    return _taken(header, items, values, values[clock])
+
+
+def _items(export: Export, heading: int) -> list[Item]:
+    """Group the columns by type and name, in the order of the file."""
+    lines = [export.cells(k) for k in range(1, heading) if not export.empty(k)]
+    kinds, names = (_labelled(lines, label) for label in LABELLED)
+    quantities, axes = lines[-1] if lines else (), export.cells(heading)
+    if not (kinds and names) or "Position" not in quantities:
+        raise LogError("the header of Motive's CSV lacks the lines of types, names and quantities.")
+    width = max(len(kinds), len(names), len(quantities))
+    cell = {name: row + ("",) * width for name, row in (("kind", kinds), ("name", names), ("what", quantities))}
+    axis = axes + ("",) * width
+    found: dict[tuple[str, str], dict[str, dict[str, int]]] = {}
+    for k in range(2, width):
+        if cell["kind"][k]:
+            parts = found.setdefault((cell["kind"][k], cell["name"][k]), {})
+            parts.setdefault(_quantity(cell["what"][k], axis[k]), {})[axis[k]] = k
+    return [
+        Item(kind, name, parts.get("Rotation", {}), parts.get("Position", {}), _only(parts.get("Error")))
+        for (kind, name), parts in found.items()
+    ]
+
+
+def _labelled(lines: Sequence[tuple[str, ...]], label: str) -> tuple[str, ...]:
+    """Return the line with this label; without labels, types are known by their words and names come below them."""
+    for line in lines:
+        if label in line[:2]:
+            return line
+    for k, line in enumerate(lines[:-1]):
+        if any(cell in TYPES for cell in line):
+            return line if label == "Type" else lines[k + 1]
+    return ()
+
+
+def _quantity(what: str, axis: str) -> str:
+    return "Error" if "Error" in what or "Error" in axis else what
+
+
+def _only(columns: Mapping[str, int] | None) -> int | None:
+    return next(iter(columns.values())) if columns else None
+
+
+def _taken(
+    header: Mapping[str, str], items: Sequence[Item], values: Mapping[int, FloatArray], time: FloatArray
+) -> Take:
+    scale, rotation = scale_of(header["Length Units"]), header.get("Rotation Type", "Quaternion")
+    bodies = {i.name: _body(i, values, rotation, scale) for i in items if i.kind == BODY}
+    markers, others = {}, []
+    for item in sorted(items, key=lambda i: i.kind == MARKER):  # a marker that was seen counts before an expected one
+        if item.kind.endswith(MARKER) and set("XYZ") <= set(item.position):
+            markers[item.name] = seen_only(_stack(values, item.position, "XYZ") * scale)[0]
+            if item.kind != MARKER or item.name.startswith("Unlabeled"):
+                others.append(item.name)
+    space = header.get("Coordinate Space", "Global")
+    remarks = [] if space == "Global" else [f"the coordinate space is {space}: bodies may be relative to others."]
+    seen = {item.name for item in items if item.kind == MARKER and not item.name.startswith("Unlabeled")}
+    return Take(time, bodies, markers, [n for n in others if n not in seen], remarks, "OptiTrack Motive")
+
+
+def _body(item: Item, values: Mapping[int, FloatArray], rotation: str, scale: float) -> Body:
+    if not set("XYZ") <= set(item.position):
+        raise LogError(f"the body {item.name} has no position.", hint="Export rigid bodies with their positions.")
+    position, _ = seen_only(_stack(values, item.position, "XYZ") * scale)
+    quaternion = _quaternion(item, values, rotation) if item.rotation else None
+    return Body(PoseSignal(position, quaternion), None if item.error is None else values[item.error] * scale)
+
+
+def _quaternion(item: Item, values: Mapping[int, FloatArray], rotation: str) -> FloatArray:
+    if rotation == "Quaternion":
+        return unit_quaternions(_stack(values, item.rotation, "WXYZ"))
+    if rotation not in ORDERS:
+        raise LogError(f"expected Rotation Type Quaternion or one of {', '.join(ORDERS)}, got {rotation!r}.")
+    return quaternion_from_euler(np.deg2rad(_stack(values, item.rotation, "XYZ")), rotation)
+
+
+def _stack(values: Mapping[int, FloatArray], columns: Mapping[str, int], axes: str) -> FloatArray:
+    missing = [axis for axis in axes if axis not in columns]
+    if missing:
+        raise LogError(f"Motive's CSV lacks the column {missing[0]} of a rotation.")
+    return np.stack([values[columns[axis]] for axis in axes], axis=1)

@@ -1,0 +1,112 @@
+"""Text exports of motion capture systems: header lines of their own, then lines of numbers with empty cells."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gpcorrect.errors import LogError
+from gpcorrect.logs.dialect import encoding_of
+from gpcorrect.types import FloatArray
+
+__all__ = ["Export", "read_export", "seen_only"]
+
+MISSING = frozenset({"", "nan", "-nan", "null", "na", "n/a", "none"})
+
+
+@dataclass(frozen=True)
+class Export:
+    """A text file's lines.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Counted from 0 here, from 1 in messages.
+    delimiter : str
+        Between cells.
+    """
+
+    lines: Sequence[str]
+    delimiter: str
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def cells(self, line: int) -> tuple[str, ...]:
+        """Cells of a line, without blanks around them; empty cells at its end are left out."""
+        cells = [cell.strip() for cell in next(csv.reader([self.lines[line]], delimiter=self.delimiter), [])]
+        while cells and not cells[-1]:
+            cells.pop()
+        return tuple(cells)
+
+    def empty(self, line: int) -> bool:
+        """Whether no cell of a line holds anything."""
+        return not self.lines[line].strip(f"{self.delimiter} \t\r")
+
+    def stop(self, start: int) -> int:
+        """First empty line after `start`, or the end of the file."""
+        return next((k for k in range(start, len(self)) if self.empty(k)), len(self))
+
+    def numbers(self, start: int, stop: int, columns: Sequence[int]) -> FloatArray:
+        """Cells `(n, k)` of these columns and lines, NaN where a cell is empty or the line ends before it.
+
+        Raises
+        ------
+        LogError
+            A cell holds text, or there is no line.
+        """
+        if stop <= start:
+            raise LogError("the file has a header but no samples.")
+        table = np.empty((stop - start, len(columns)))
+        rows = csv.reader(self.lines[start:stop], delimiter=self.delimiter)
+        for k, row in enumerate(rows):
+            for place, column in enumerate(columns):
+                table[k, place] = self._number(row[column] if column < len(row) else "", start + k, column)
+        return table
+
+    def _number(self, text: str, line: int, column: int) -> float:
+        try:
+            return float(text)  # blanks around it are allowed
+        except ValueError:
+            cell = text.strip()
+        if cell.lower() in MISSING:
+            return math.nan
+        try:
+            return float(cell.replace(",", "."))  # a comma inside a cell is a decimal one, whatever the delimiter
+        except ValueError:
+            raise LogError(f"expected a number in cell {column + 1} of line {line + 1}, got {cell!r}.") from None
+
+
+def read_export(path: Path) -> Export:
+    """Read the lines of a file; its delimiter is taken from the line that begins with "Frame".
+
+    Raises
+    ------
+    LogError
+        The file is binary, or its last line is cut off.
+    """
+    text = path.read_bytes().decode(encoding_of(path), errors="replace")
+    lines = text.splitlines()
+    heading = next((line.lstrip('"') for line in lines if line.lstrip('"').startswith("Frame")), "")
+    export = Export(lines, next((d for d in "\t;," if d in heading), ","))
+    if len(lines) > 1 and not text.endswith(("\n", "\r")) and _count(export, -1) < _count(export, -2):
+        raise LogError(f"the file is cut off inside line {len(lines)}.")
+    return export
+
+
+def _count(export: Export, line: int) -> int:
+    return export.lines[line].count(export.delimiter)
+
+
+def seen_only(points: FloatArray) -> tuple[FloatArray, int]:
+    """Positions `(n, 3)` with those at exactly 0, 0, 0 as missing, and their count.
+
+    No camera ever puts a point there: it is how several systems write a point that they do not see.
+    """
+    hidden = (points == 0.0).all(axis=1)
+    return np.where(hidden[:, None], np.nan, points), int(hidden.sum())

@@ -1,0 +1,144 @@
+"""Quality pages of `gpcorrect vision`: of a calibration, and of a tracked recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gpcorrect import plots
+from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
+
+if TYPE_CHECKING:  # OpenCV is an extra of its own: reports of other things must not ask for it
+    from gpcorrect.vision import CalibrationReport, Camera, Target, TrackResult
+
+__all__ = ["write_calibration_page", "write_tracking_page"]
+
+
+def write_calibration_page(report: CalibrationReport, path: Path) -> None:
+    """Write the page of a calibration.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
+    """
+    figures = report.to_dict()["cameras"]
+    rows = [
+        [
+            row["name"],
+            f"{row['boards_used']} of {row['boards_given']}",
+            _number(row["corner_rms_px"], 3),
+            str(row["markers"]),
+            ", ".join(row["marker_outliers"]) or "none",
+            _number(row["marker_rms_px"], 3),
+            f"{row['focal_px']:.1f}",
+            " ".join(f"{1e3 * v:.1f}" for v in row["position_m"]),
+            _number(row["position_std_mm"], 2),
+            _number(row["moved_from_rough_mm"], 1),
+        ]
+        for row in figures
+    ]
+    head = ["camera", "boards", "corners [px]", "markers", "left out", "markers [px]", "focal [px]"]
+    head += ["position [mm]", "± [mm]", "from rough [mm]"]
+    note = "± is one standard deviation, the length of three axes, with what the lens leaves open."
+    placed = [camera for camera in report.cameras if camera.marker_residuals]
+    sections = [Section("Cameras", (), (TableData(head, rows, note, text=(4,)),))]
+    if placed:
+        residuals = {c.camera.name: np.array(list(c.marker_residuals.values())) for c in placed}
+        used = {c.camera.name: np.array([n not in c.outliers for n in c.marker_residuals]) for c in placed}
+        figure = FigureImage(
+            plots.png(plots.marker_residuals(residuals, used)),
+            "Where each marker is seen, less where it should be, px. Crosses contradict the others and were left out.",
+        )
+        sections.append(Section("What is left", (), (), (figure,)))
+    stds = [row["position_std_mm"] for row in figures if row["position_std_mm"] is not None]
+    verdict = (
+        f"{len(figures)} cameras placed to ± {max(stds):.2f} mm or better."
+        if len(stds) == len(figures)
+        else f"{len(figures) - len(stds)} of {len(figures)} cameras are placed roughly, by their board alone."
+    )
+    board = report.board
+    facts = [("chessboard", f"{board.columns} x {board.rows} inner corners, {1e3 * board.square:g} mm squares")]
+    write_page(Page("gpcorrect vision calibrate", verdict, facts, sections), path)
+
+
+def write_tracking_page(result: TrackResult, cameras: Sequence[Camera], target: Target, path: Path) -> None:
+    """Write the page of a tracked recording.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
+    """
+    figures, shares = result.to_dict(), result.track.shares()
+    facts = [
+        ("recordings", result.log.name),
+        ("frames", f"{figures['frames']}, {float(np.ptp(result.track.time)):.1f} s"),
+        ("speed", f"{result.frames_a_second:.1f} frames a second, reading included"),
+        ("balls", ", ".join(target.names)),
+    ]
+    verdict = (
+        f"{100 * shares['measured']:.1f} % of the frames measured, {100 * shares['coasting']:.1f} % bridged, "
+        f"{100 * shares['lost']:.1f} % lost; reprojection {_number(figures['reprojection_px'], 2)} px."
+    )
+    sections = [
+        Section("What was noticed", result.remarks or ("Nothing.",)),
+        _path(result),
+        _trust(result, cameras, target),
+    ]
+    write_page(Page("gpcorrect vision track", verdict, facts, sections), path)
+
+
+def _path(result: TrackResult) -> Section:
+    track = result.track
+    path = plots.tracked_path(track.time, track.T_tracker_tool[:, :3, 3], track.std, track.status)
+    quality = plots.tracking_quality(track.time, track.std, track.reprojection_px)
+    return Section(
+        "Position and its uncertainty",
+        (),
+        (),
+        (
+            FigureImage(
+                plots.png(path),
+                "Position about its mean, with three standard deviations. Coasting poses are predicted from the frames "
+                "before; lost ones are not in the log.",
+            ),
+            FigureImage(plots.png(quality), "Standard deviation of the position, and how well the sightings agree."),
+        ),
+    )
+
+
+def _trust(result: TrackResult, cameras: Sequence[Camera], target: Target) -> Section:
+    from gpcorrect.vision import REASONS
+
+    views = result.track.views
+    rows = [
+        [
+            camera.name,
+            *(f"{100 * float((views[:, c, b] == 0).mean()):.1f} %" for b in range(len(target.names))),
+            _most_frequent(views[:, c], REASONS),
+        ]
+        for c, camera in enumerate(cameras)
+    ]
+    table = TableData(
+        ["camera", *target.names, "when not, mostly"],
+        rows,
+        "Share of the frames in which a camera was trusted with a ball.",
+        text=(len(target.names) + 1,),
+    )
+    names = [camera.name for camera in cameras]
+    figure = plots.view_states(result.track.time, views, names, target.names, REASONS)
+    return Section("Which camera saw what", (), (table,), (FigureImage(plots.png(figure), "Trust, frame by frame."),))
+
+
+def _most_frequent(views: object, reasons: Sequence[str]) -> str:
+    codes = np.asarray(views).ravel()
+    codes = codes[codes > 0]
+    return reasons[int(np.bincount(codes).argmax())] if codes.size else "-"
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"

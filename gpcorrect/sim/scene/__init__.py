@@ -1,0 +1,27 @@
+"""Pictures of balls and chessboards by ray casting, for testing cameras that must not be trusted with their own maths.
+
+Independent of `gpcorrect.vision` on purpose: own lens model, own inversion of the distortion, NumPy and SciPy only.
+"""
+
+from gpcorrect.sim.scene.board import Board, board_picture
+from gpcorrect.sim.scene.lens import Lens, looking_at
+from gpcorrect.sim.scene.picture import Ball, Card, Light, Studio, backdrop
+from gpcorrect.sim.scene.stage import END_EFFECTOR_BALLS, Stage, four_cameras, marker_points, single_ball, wander
+
+__all__ = [
+    "END_EFFECTOR_BALLS",
+    "Ball",
+    "Board",
+    "Card",
+    "Lens",
+    "Light",
+    "Stage",
+    "Studio",
+    "backdrop",
+    "board_picture",
+    "four_cameras",
+    "looking_at",
+    "marker_points",
+    "single_ball",
+    "wander",
+]

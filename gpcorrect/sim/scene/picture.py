@@ -1,0 +1,210 @@
+"""Shaded balls in front of clutter, seen through a lens: supersampled, blurred, noisy, eight bits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from gpcorrect.sim.scene.lens import Lens
+from gpcorrect.types import FloatArray
+
+__all__ = ["Ball", "Card", "Light", "Studio", "backdrop"]
+
+Picture = NDArray[np.uint8]
+Raster = NDArray[np.floating[Any]]
+NOISE_MARGIN = 64  # px by which the stored noise field is larger than a picture: each picture cuts its own piece
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """A ball: centre (m, world frame), radius (m), colour (red, green, blue; 0 to 255), gloss (0 to 1)."""
+
+    centre: FloatArray
+    radius: float
+    colour: tuple[float, float, float]
+    gloss: float = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Card:
+    """Something flat held before the lens: left, top, right, bottom in pixels, and its colour."""
+
+    box: tuple[int, int, int, int]
+    colour: tuple[float, float, float] = (45.0, 45.0, 50.0)
+
+
+@dataclass(frozen=True)
+class Light:
+    """Where the light comes from, the share of it that is everywhere, and the exponent of highlights."""
+
+    towards: tuple[float, float, float] = (0.25, -0.35, 0.9)
+    ambient: float = 0.45
+    shine: float = 25.0
+
+
+@dataclass(eq=False)
+class Studio:
+    """One camera and what stands still before it.
+
+    Parameters
+    ----------
+    lens : Lens
+        The camera.
+    background : (height, width, 3) array
+        What is behind the balls, red green blue, 0 to 255.
+    light : Light
+        Of the balls.
+    blur : float
+        Standard deviation of the lens' blur, px.
+    noise : float
+        Standard deviation of the sensor's noise, grey levels.
+    rng : Generator
+        Of the noise.
+    samples : int
+        Rays along each side of a pixel.
+    """
+
+    lens: Lens
+    background: Raster
+    light: Light = field(default_factory=Light)
+    blur: float = 0.7
+    noise: float = 2.0
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    samples: int = 3
+
+    def __post_init__(self) -> None:
+        self.background = np.asarray(self.background, dtype=np.float32)
+        self._blurred = _blurred(self.background, self.blur)
+        width, height = self.lens.size
+        shape = (height + NOISE_MARGIN, width + NOISE_MARGIN, 3)
+        self._field = self.rng.standard_normal(shape, dtype=np.float32) * self.noise
+
+    def photograph(self, balls: Sequence[Ball] = (), cards: Sequence[Card] = ()) -> Picture:
+        """Return the picture `(height, width, 3)`, blue green red as video files hold it."""
+        sharp, blurred = np.array(self.background), np.array(self._blurred)
+        boxes = [box for box in (self._box(ball) for ball in balls) if box is not None]
+        far_first = sorted(balls, key=lambda ball: -float(np.linalg.norm(ball.centre - self.lens.position)))
+        for ball in far_first:
+            self._paint(sharp, ball)
+        for card in cards:
+            left, top, right, bottom = card.box
+            sharp[top:bottom, left:right] = card.colour
+            boxes.append((left, top, right, bottom))
+        for box in boxes:
+            _refresh(blurred, sharp, box, self.blur)
+        return self._developed(blurred)
+
+    def _developed(self, image: Raster) -> Picture:
+        down, right = self.rng.integers(NOISE_MARGIN, size=2)
+        height, width = image.shape[:2]
+        noisy = image + self._field[down : down + height, right : right + width]
+        noisy += np.float32(0.5)
+        np.clip(noisy, 0, 255, out=noisy)
+        return np.ascontiguousarray(noisy.astype(np.uint8)[..., ::-1])
+
+    def _box(self, ball: Ball) -> tuple[int, int, int, int] | None:
+        """Pixels that a ball can touch, or None when it is behind the camera or outside the picture."""
+        local = (ball.centre - self.lens.position) @ self.lens.axes
+        if local[2] < 2 * ball.radius:
+            return None
+        u, v = self.lens.pixels(ball.centre)
+        reach = 1.5 * max(self.lens.focal) * ball.radius / local[2] + 3.0
+        width, height = self.lens.size
+        left, right = max(int(u - reach), 0), min(int(u + reach) + 2, width)
+        top, bottom = max(int(v - reach), 0), min(int(v + reach) + 2, height)
+        return (left, top, right, bottom) if left < right and top < bottom else None
+
+    def _paint(self, image: Raster, ball: Ball) -> None:
+        box = self._box(ball)
+        if box is None:
+            return
+        left, top, right, bottom = box
+        u, v = _grid(left, top, right, bottom, self.samples)
+        colour, hit = _seen(ball, self.lens, self.light, u, v)
+        shape = (bottom - top, self.samples, right - left, self.samples)
+        share = hit.reshape(shape).mean(axis=(1, 3))
+        paint = (colour * hit[..., None]).reshape(*shape, 3).mean(axis=(1, 3))
+        patch = image[top:bottom, left:right]
+        image[top:bottom, left:right] = patch * (1.0 - share[..., None]) + paint
+
+
+def _grid(left: int, top: int, right: int, bottom: int, samples: int) -> tuple[FloatArray, FloatArray]:
+    offsets = (np.arange(samples) + 0.5) / samples - 0.5
+    columns = (np.arange(left, right)[:, None] + offsets).ravel()
+    rows = (np.arange(top, bottom)[:, None] + offsets).ravel()
+    u, v = np.meshgrid(columns, rows)
+    return u, v
+
+
+def _seen(ball: Ball, lens: Lens, light: Light, u: FloatArray, v: FloatArray) -> tuple[FloatArray, NDArray[Any]]:
+    """Colours `(h, w, 3)` of a ball along rays, and which rays meet it."""
+    d = lens.directions(u, v)
+    d = d / np.linalg.norm(d, axis=-1, keepdims=True)
+    to_centre = ball.centre - lens.position
+    along = d @ to_centre
+    depth2 = ball.radius**2 - (to_centre @ to_centre - along**2)
+    hit = depth2 > 0.0
+    distance = along - np.sqrt(np.maximum(depth2, 0.0))
+    normal = (distance[..., None] * d - to_centre) / ball.radius
+    toward = np.asarray(light.towards) / np.linalg.norm(light.towards)
+    facing = normal @ toward
+    mirrored = 2.0 * facing[..., None] * normal - toward
+    sparkle = ball.gloss * np.maximum(-(mirrored * d).sum(axis=-1), 0.0) ** light.shine * (facing > 0)
+    diffuse = light.ambient + (1.0 - light.ambient) * np.maximum(facing, 0.0)
+    return diffuse[..., None] * np.asarray(ball.colour) + 255.0 * sparkle[..., None], hit
+
+
+def _blurred(image: Raster, sigma: float) -> Raster:
+    done: Raster = gaussian_filter(image, (sigma, sigma, 0.0), mode="nearest") if sigma > 0 else np.array(image)
+    return done
+
+
+def _refresh(blurred: Raster, sharp: Raster, box: tuple[int, int, int, int], sigma: float) -> None:
+    """Blur again what changed, with a margin from which the blur reaches in."""
+    reach = int(np.ceil(4 * sigma)) + 1
+    left, top, right, bottom = box
+    l2, t2 = max(left - 2 * reach, 0), max(top - 2 * reach, 0)
+    part = _blurred(sharp[t2 : bottom + 2 * reach, l2 : right + 2 * reach], sigma)
+    l1, t1 = max(left - reach, 0), max(top - reach, 0)
+    rows, columns = slice(t1, bottom + reach), slice(l1, right + reach)
+    height, width = blurred[rows, columns].shape[:2]
+    blurred[rows, columns] = part[t1 - t2 : t1 - t2 + height, l1 - l2 : l1 - l2 + width]
+
+
+def backdrop(
+    size: tuple[int, int], rng: np.random.Generator, *, pieces: int = 25, colourful: float = 0.3
+) -> FloatArray:
+    """Return clutter `(height, width, 3)`: uneven ground with boxes and discs on it, some of them colourful.
+
+    Parameters
+    ----------
+    size : (2,) tuple
+        Width and height.
+    rng : Generator
+        Of everything.
+    pieces : int
+        Things that lie about.
+    colourful : float
+        0: all grey; 1: colours as strong as the balls'.
+    """
+    width, height = size
+    ground = gaussian_filter(rng.standard_normal((height, width)), 30.0)
+    fine = gaussian_filter(rng.standard_normal((height, width)), 2.0)
+    level = 110.0 + 25.0 * ground / ground.std() + 4.0 * fine / fine.std()
+    image = level[..., None] * np.array([1.0, 0.98, 0.95])
+    v, u = np.mgrid[:height, :width]
+    for _ in range(pieces):
+        a, b = rng.uniform(5, 60, 2)
+        turn = rng.uniform(0, np.pi)
+        du, dv = u - rng.uniform(0, width), v - rng.uniform(0, height)
+        p, q = du * np.cos(turn) + dv * np.sin(turn), dv * np.cos(turn) - du * np.sin(turn)
+        inside = (np.abs(p) < a) & (np.abs(q) < b) if rng.random() < 0.6 else (p / a) ** 2 + (q / b) ** 2 < 1
+        grey = rng.uniform(20, 230)
+        image[inside] = (1 - colourful) * grey + colourful * rng.uniform(0, 255, 3)
+    clipped: FloatArray = np.clip(image, 0, 255)
+    return clipped

@@ -1,0 +1,128 @@
+"""Draws on the pictures what the tracker saw, and writes them as one video of all cameras."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from gpcorrect.atomic import atomic_path, require_folder
+from gpcorrect.errors import GpCorrectError
+from gpcorrect.vision.camera import Camera
+from gpcorrect.vision.opencv import Image, cv2
+from gpcorrect.vision.target import Target
+from gpcorrect.vision.tracker import Frame
+
+__all__ = ["AnnotatedVideo", "annotated"]
+
+INK = {"effective": (255, 255, 255), "suspended": (150, 150, 150), "back": (40, 40, 40)}
+STATUS_INK = {"measured": (80, 200, 80), "coasting": (0, 190, 255), "lost": (60, 60, 230)}
+AXIS_INK = ((60, 60, 230), (80, 200, 80), (230, 130, 50))  # x red, y green, z blue, as blue green red
+FONT = 0  # OpenCV's plain sans serif
+
+
+def annotated(frame: Frame, images: Sequence[Image | None], cameras: Sequence[Camera], target: Target) -> Image:
+    """Return all pictures of a frame side by side, with outlines, axes and words on them."""
+    tiles = []
+    for k, (camera, image) in enumerate(zip(cameras, images, strict=True)):
+        lens = camera.intrinsics
+        tile = np.zeros((lens.height, lens.width, 3), np.uint8) if image is None else np.array(image)
+        _draw_views(tile, frame, k, target)
+        if frame.pose.status != "lost" and target.has_pose:
+            _draw_axes(tile, frame, camera)
+        said = f"{camera.name}  {frame.time:.2f} s  {frame.pose.status}"
+        _write(tile, said if image is not None else f"{said}  no picture", (8, 20), STATUS_INK[frame.pose.status])
+        tiles.append(tile)
+    return _side_by_side(tiles)
+
+
+def _draw_views(tile: Image, frame: Frame, camera: int, target: Target) -> None:
+    row = tile.shape[0] - 8
+    for ball, view in zip(target.names, frame.views[camera], strict=True):
+        if view.outline is not None:
+            at = tuple(round(float(v) * 8) for v in view.outline.pixel)
+            ink = INK["effective" if view.effective else "suspended"]
+            cv2.circle(tile, at, round(view.outline.radius * 8), ink, 1, cv2.LINE_AA, 3)
+            cv2.drawMarker(tile, (at[0] // 8, at[1] // 8), ink, cv2.MARKER_CROSS, 7, 1)
+        if not view.effective:
+            _write(tile, f"{ball}: {view.reason}", (8, row), INK["effective"])
+            row -= 18
+
+
+def _draw_axes(tile: Image, frame: Frame, camera: Camera) -> None:
+    T = frame.pose.T_tracker_tool
+    ends = T[:3, 3] + 0.03 * np.vstack([np.zeros(3), T[:3, :3].T])
+    pixels = camera.project(ends)
+    if not np.isfinite(pixels).all() or np.abs(pixels).max() > 1e5:
+        return
+    start, *others = [tuple(round(float(v)) for v in p) for p in pixels]
+    for end, ink in zip(others, AXIS_INK, strict=True):
+        cv2.line(tile, start, end, ink, 2, cv2.LINE_AA)
+
+
+def _write(tile: Image, words: str, at: tuple[int, int], ink: tuple[int, int, int]) -> None:
+    cv2.putText(tile, words, (at[0] + 1, at[1] + 1), FONT, 0.5, INK["back"], 1, cv2.LINE_AA)
+    cv2.putText(tile, words, at, FONT, 0.5, ink, 1, cv2.LINE_AA)
+
+
+def _side_by_side(tiles: Sequence[Image]) -> Image:
+    """Put tiles into a grid as square as it gets; smaller ones are padded."""
+    columns = math.ceil(math.sqrt(len(tiles)))
+    height, width = (max(tile.shape[i] for tile in tiles) for i in (0, 1))
+    rows = math.ceil(len(tiles) / columns)
+    sheet = np.zeros((rows * height, columns * width, 3), np.uint8)
+    for k, tile in enumerate(tiles):
+        top, left = (k // columns) * height, (k % columns) * width
+        sheet[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
+    return sheet
+
+
+class AnnotatedVideo:
+    """Writes annotated frames to a video, which appears whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+        .mp4 or .avi.
+    cameras : sequence of Camera
+        For the drawing.
+    target : Target
+        For the drawing.
+    fps : float
+        Frames a second.
+    """
+
+    CODECS = {".mp4": "mp4v", ".avi": "MJPG"}  # noqa: RUF012 - never changed
+
+    def __init__(self, path: str | Path, cameras: Sequence[Camera], target: Target, fps: float) -> None:
+        self._path, self._cameras, self._target, self._fps = Path(path), cameras, target, fps
+        self._writer: Any = None
+        if self._path.suffix not in self.CODECS:
+            raise GpCorrectError(f"an annotated video ends in .mp4 or .avi; got {self._path.name}.")
+        require_folder(self._path)
+
+    def __enter__(self) -> Self:
+        self._context = atomic_path(self._path)
+        self._temporary = self._context.__enter__()
+        return self
+
+    def add(self, frame: Frame, images: Sequence[Image | None]) -> None:
+        """Draw a frame and write it."""
+        sheet = annotated(frame, images, self._cameras, self._target)
+        if self._writer is None:
+            code = cv2.VideoWriter_fourcc(*self.CODECS[self._path.suffix])
+            self._writer = cv2.VideoWriter(str(self._temporary), code, self._fps, (sheet.shape[1], sheet.shape[0]))
+            if not self._writer.isOpened():
+                raise GpCorrectError(f"this build of OpenCV cannot write {self._path.name}.", hint="Try .avi.")
+        self._writer.write(sheet)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._writer is not None:
+            self._writer.release()
+        self._context.__exit__(kind, error, trace)

@@ -1,0 +1,64 @@
+"""The dry run and the commands agree: what validate says can be used is taken, and what would be refused is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_support import CommandLine, assert_refused, written
+from support import small_log
+
+from gpcorrect.types import CalibrationLog, PoseSignal
+
+
+def on_a_line(log: CalibrationLog) -> CalibrationLog:
+    """Return the log with all positions on a line, and no orientations."""
+    line = np.outer(np.sin(np.linspace(0, 40, len(log))), [0.1, 0.2, 0.2])
+    return replace(log, setpoint_cp=PoseSignal(line), tracker_cp=PoseSignal(line + 0.01))
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        on_a_line,
+        lambda log: log.select(slice(0, 1)),
+        lambda log: log.select(slice(0, 2)),
+        lambda log: log.select(slice(0, 19)),
+        lambda log: log.select(np.arange(len(log)) % 60 < 1),
+        lambda log: replace(log, tracker_cp=None),
+        lambda log: replace(log, setpoint_cp=None),
+    ],
+    ids=["line", "one sample", "two samples", "too few", "a sample a trajectory", "no tracker", "no command"],
+)
+def test_what_fit_refuses_the_dry_run_refuses_too(
+    gpcorrect: CommandLine, tmp_path: Path, spoil: Callable[[CalibrationLog], CalibrationLog]
+) -> None:
+    """Exit status 2 of both, and the dry run names what fit says."""
+    path = written(spoil(small_log()), tmp_path / "spoilt.csv")
+    refused = gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--holdout", 0)
+    assert_refused(refused)
+    dry = gpcorrect("validate", path, "--json")
+    assert dry.code == 2
+    assert dry.json["uses"] == {} or dry.json["uses"]["fit"] is not True
+    assert not dry.json["ok"]
+
+
+def test_a_good_recording_says_for_what(gpcorrect: CommandLine, log_file: Path) -> None:
+    """The verdict names the commands that take it, and why others do not."""
+    dry = gpcorrect("validate", log_file)
+    assert dry.code == 0
+    assert "can be used for fit (0 errors" in dry.out
+    assert "not for  joint fit: joint calibration needs setpoint_jp" in dry.out
+
+
+def test_a_joint_recording_is_no_error_for_want_of_poses(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """One command that takes it is enough."""
+    q = np.random.default_rng(0).normal(size=(960, 2)).cumsum(axis=0) / 50
+    log = replace(small_log(), setpoint_cp=None, tracker_cp=None, measured_jp=q, external_jp=1.01 * q)
+    dry = gpcorrect("validate", written(replace(log, time=np.arange(960) / 50), tmp_path / "joints.csv"), "--json")
+    assert dry.json["uses"]["joint fit"] is True
+    assert dry.json["uses"]["fit"] is not True
+    assert dry.json["ok"]

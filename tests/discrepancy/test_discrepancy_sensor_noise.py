@@ -1,0 +1,123 @@
+"""Effects on noise alone: silent in noise that does not change, named where it does, and steps of encoders found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from discrepancy.discrepancy_core import joint_log
+from discrepancy.discrepancy_support import nominal
+from scipy.signal import lfilter
+
+from gpcorrect.discrepancy.evidence.counts import counts_of
+from gpcorrect.discrepancy.evidence.loudness import Growth, growth_of, levels_of, stated_level
+from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
+from gpcorrect.sim.effects import EncoderQuantisation, NoiseChange
+from gpcorrect.types import FloatArray
+
+TRAJECTORIES, SAMPLES = 16, 300
+
+
+def noise(rng: np.random.Generator, tail: float = np.inf, uneven: float = 0.0) -> FloatArray:
+    """White noise of unit deviation with slow noise beside it, each trajectory louder or softer by chance."""
+    shape = (TRAJECTORIES, SAMPLES)
+    white = rng.standard_normal(shape) if np.isinf(tail) else rng.standard_t(tail, shape) / np.sqrt(tail / (tail - 2))
+    slow = lfilter([np.sqrt(1 - 0.95**2)], [1.0, -0.95], rng.standard_normal(shape), axis=1)
+    return (white + 0.5 * slow) * np.exp(uneven * rng.standard_normal((TRAJECTORIES, 1)))
+
+
+def grown(values: FloatArray, stated: float | None = None) -> Growth | None:
+    number = np.repeat(np.arange(TRAJECTORIES), SAMPLES)
+    levels, numbers, errors = levels_of(values.ravel(), number, np.ones(len(number), dtype=np.bool_))
+    assert np.array_equal(numbers, np.arange(TRAJECTORIES))
+    start = 10.0 * numbers
+    return growth_of(levels, errors, start, start + 3.0, stated, 1)
+
+
+@pytest.mark.parametrize(("tail", "uneven"), [(np.inf, 0.0), (4.0, 0.0), (2.6, 0.0), (np.inf, 0.5)])
+def test_noise_that_does_not_change_is_called_so(tail: float, uneven: float) -> None:
+    """In 150 recordings, heavy tails or uneven trajectories included, at most one is called changed."""
+    named = sum(grown(noise(np.random.default_rng(seed), tail, uneven)) is not None for seed in range(150))
+    assert named <= 1
+
+
+@pytest.mark.parametrize("since", [3, 8, 12])
+def test_further_noise_is_found_with_size_and_moment(since: int) -> None:
+    """As much noise again, from one trajectory on: its size within its interval, its moment to the trajectory."""
+    rng = np.random.default_rng(since)
+    values = noise(rng)
+    values[since:] += 1.0 * rng.standard_normal(values[since:].shape)
+    found = grown(values)
+    assert found is not None
+    assert found.since == 10.0 * since
+    assert found.since_ci95[0] < 10.0 * since < found.since_ci95[1]
+    assert found.std_ci95[0] < 1.0 < found.std_ci95[1]
+
+
+def test_noise_beyond_the_stated_is_found_and_the_stated_itself_is_not() -> None:
+    """A sensor as loud as stated is no discrepancy; one that is half as loud again all along is."""
+    stated = stated_level(ChannelNoise(1.0, 0.5, -0.01 / np.log(0.95)), 0.01)
+    rng = np.random.default_rng(0)
+    assert grown(noise(rng), stated) is None
+    louder = grown(1.5 * noise(rng), stated)
+    assert louder is not None
+    assert louder.since == 0.0
+    assert louder.std == pytest.approx(np.sqrt(1.5**2 - 1.0), rel=0.05)
+
+
+def test_softer_noise_is_no_further_noise() -> None:
+    """Noise that calms down is not named: nothing can be added that makes it so."""
+    values = noise(np.random.default_rng(1))
+    values[8:] *= 0.4
+    assert grown(values) is None
+
+
+@pytest.mark.parametrize("step", [2e-4, 1e-3, 7e-3])
+def test_the_step_of_counts_is_found(step: float) -> None:
+    """Values on a grid give its step, rounded a second time or not; the interval holds the true step."""
+    path = 0.3 * np.sin(np.linspace(0, 40, 5000)) + 0.1 * np.sin(np.linspace(0, 93, 5000))
+    for values in (step * np.round(path / step), np.round(step * np.round(path / step), 5)):
+        found = counts_of(values)
+        assert found is not None
+        assert abs(found.step - step) <= found.error
+
+
+def test_smooth_values_are_on_no_grid() -> None:
+    """Paths, rests and random values lie on no grid."""
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        path = np.cumsum(rng.standard_normal(int(rng.integers(9, 2000))))
+        path[len(path) // 3 : len(path) // 2] = path[len(path) // 3]
+        assert counts_of(path) is None
+        assert counts_of(rng.uniform(size=500)) is None
+
+
+def test_noise_effects_are_named_written_and_then_known() -> None:
+    """A noisier sensor is named by the whole run; the model that it writes asks for nothing more."""
+    log = joint_log(11)
+    rng = np.random.default_rng(2)
+    seen = np.array(log.external_jp)
+    late = log.time > np.median(log.time)
+    seen[late, 1] += 2e-3 * rng.standard_normal(int(late.sum()))
+    found = find_discrepancy(replace(log, external_jp=seen), nominal(), RunSettings(0))
+    assert found.level == "EXACT"
+    (effect,) = found.model.effects
+    assert isinstance(effect, NoiseChange)
+    assert effect.joint == 2
+    assert effect.std == pytest.approx(2e-3, rel=0.1)
+    assert abs(effect.since - float(np.median(log.time))) < 70.0
+
+
+def test_a_coarse_encoder_is_named_and_then_known() -> None:
+    """An encoder of large steps is named with its step; the model that it writes asks for nothing more."""
+    log, step = joint_log(12), 3e-3
+    assert log.measured_jp is not None
+    coarse = np.array(log.measured_jp)
+    coarse[:, 0] = step * np.round(coarse[:, 0] / step)
+    log = replace(log, measured_jp=coarse)
+    found = find_discrepancy(log, nominal(), RunSettings(0))
+    assert [(type(e), e.joint) for e in found.model.effects] == [(EncoderQuantisation, 1)]
+    assert found.effects[0].parameters["step"]["value"] == pytest.approx(step, rel=1e-3)
+    assert not find_discrepancy(log, found.model, RunSettings(0)).effects

@@ -1,0 +1,55 @@
+"""Noise that the model states is what counts, unless the recording is clearly louder."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from discrepancy.discrepancy_core import NOISE, joint_log
+from discrepancy.discrepancy_support import nominal
+from scipy.signal import lfilter
+
+from gpcorrect.discrepancy.evidence.lens import estimate_noises
+from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.recording.stated import GIVEN, LOUDER_WORDS, averaged
+from gpcorrect.discrepancy.search.laid import lay_out
+from gpcorrect.sim.sensors import Noise
+
+
+def noises(noise: Noise | None) -> tuple[ChannelNoise, ...]:
+    model = nominal().model_copy(update={"noise": noise})
+    bench = lay_out(joint_log(3), model, 9000, np.random.default_rng(0)).bench
+    return estimate_noises(bench, bench.residual(), bench.seen)
+
+
+def test_stated_noise_is_used() -> None:
+    """White and slow part are those of the model file; the time constant is that of its correlation."""
+    stated = Noise(external_jp_white=(NOISE, 2 * NOISE), external_jp_ar_std=(5e-4, 5e-4), external_jp_ar_phi=0.9)
+    first, second = noises(stated)
+    assert first.basis == second.basis == GIVEN
+    assert first.white == pytest.approx(NOISE)
+    assert second.white == pytest.approx(2 * NOISE)
+    assert first.time_constant == pytest.approx(-0.05 / np.log(0.9))
+
+
+def test_noise_that_is_not_stated_is_estimated() -> None:
+    """Without a table, the noise comes from the recording and says so."""
+    for noise in noises(None):
+        assert noise.basis != GIVEN
+        assert noise.std == pytest.approx(NOISE, rel=0.25)
+
+
+def test_too_small_a_noise_is_not_believed() -> None:
+    """A stated noise far below the recording's would give names to noise: the recording's is taken, and said so."""
+    for noise in noises(Noise(external_jp_white=(1e-5, 1e-5))):
+        assert LOUDER_WORDS in noise.basis
+        assert noise.std == pytest.approx(NOISE, rel=0.25)
+
+
+def test_averaged_noise_is_that_of_means() -> None:
+    """White and slow part of means over neighbouring samples agree with simulated ones."""
+    rng, phi, count = np.random.default_rng(0), 0.95, 5
+    slow = lfilter([np.sqrt(1 - phi**2)], [1.0, -phi], rng.standard_normal(400_000))
+    single = ChannelNoise(0.8, 1.0, -0.01 / np.log(phi))
+    mean = averaged(single, count, 0.01)
+    assert mean.white == pytest.approx(0.8 / np.sqrt(count))
+    assert mean.slow == pytest.approx(slow.reshape(-1, count).mean(axis=1).std(), rel=0.03)

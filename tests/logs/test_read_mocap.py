@@ -1,0 +1,242 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mocap_support import RATE, Tool, mapping, moving_tool, write_motive, write_nexus, write_tracker, write_trc
+from read_support import write
+from scipy.spatial.transform import Rotation
+
+from gpcorrect.errors import LogError
+from gpcorrect.logs import read_log
+from gpcorrect.types import CalibrationLog
+
+ORDERS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
+
+
+def assert_sees(log: CalibrationLog, tool: Tool, *, turned: bool = True) -> None:
+    """Assert that the log holds the tool's poses where it was seen, nothing where it was hidden; six digits."""
+    assert log.tracker_cp is not None
+    np.testing.assert_array_equal(np.isnan(log.tracker_cp.position).any(axis=1), tool.hidden)
+    seen = ~tool.hidden
+    np.testing.assert_allclose(log.tracker_cp.position[seen], tool.position[seen], atol=2e-6)
+    if turned:
+        found = Rotation.from_quat(log.tracker_cp.quaternion[seen], scalar_first=True)
+        assert (found * tool.rotation[seen].inv()).magnitude().max() < 1e-5
+        assert np.isnan(log.tracker_cp.quaternion[tool.hidden]).all()
+
+
+def assert_turns_alike(log: CalibrationLog, tool: Tool) -> None:
+    """Assert the tool's pose up to the axes and the origin that the markers define."""
+    seen = ~tool.hidden
+    centre = tool.markers.mean(axis=1)
+    np.testing.assert_array_equal(np.isnan(log.tracker_cp.position).any(axis=1), tool.hidden)
+    np.testing.assert_allclose(log.tracker_cp.position[seen], centre[seen], atol=2e-6)
+    found = Rotation.from_quat(log.tracker_cp.quaternion[seen], scalar_first=True)
+    assert (found * (tool.rotation[seen] * tool.rotation[seen][0].inv()).inv()).magnitude().max() < 1e-4
+
+
+def read_or_refused(path: Path) -> str:
+    """Return "read", or the file that a refusal names; anything else raises."""
+    try:
+        read_log(path)
+    except LogError as error:
+        return error.path
+    return "read"
+
+
+@pytest.mark.parametrize("version", ["1.2", "1.23", "1.24", "1.25"])
+def test_every_version_of_motives_header_gives_the_same_recording(tmp_path: Path, version: str):
+    """Labels of the header lines, a time code and parents come and go; the poses do not."""
+    tool = moving_tool(0)
+    log = read_log(write_motive(tmp_path / "take.csv", tool, version=version, labelled=version != "1.2"))
+    assert_sees(log, tool)
+    np.testing.assert_allclose(log.time, tool.time, atol=1e-6)
+    assert log.remarks == ("tracker_cp is the body tool.",)
+    assert log.meta.tracker == "OptiTrack Motive"
+    np.testing.assert_allclose(log.extra["marker_rms"][~tool.hidden], 1e-4)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_motives_euler_angles_are_read_in_the_order_that_the_header_names(tmp_path: Path, order: str):
+    """All six orders give the same rotations."""
+    tool = moving_tool(1)
+    assert_sees(read_log(write_motive(tmp_path / "take.csv", tool, rotation=order)), tool)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("Meters", 1.0), ("Centimeters", 1e2), ("Millimeters", 1e3)])
+def test_motives_unit_is_turned_into_metres(tmp_path: Path, unit: str, scale: float):
+    """The header's unit holds for positions and for the error of the markers."""
+    tool = moving_tool(2)
+    log = read_log(write_motive(tmp_path / "take.csv", tool, unit=unit, scale=scale))
+    assert_sees(log, tool)
+    np.testing.assert_allclose(log.extra["marker_rms"][~tool.hidden], 1e-4)
+
+
+def test_one_of_several_bodies_must_be_named(tmp_path: Path):
+    """Nobody guesses which body is the tool."""
+    tool = moving_tool(3)
+    path = write_motive(tmp_path / "take.csv", tool, names=("tool", "base"))
+    with pytest.raises(LogError, match=r'2 bodies: tool, base.*\[mocap\] body = "tool"'):
+        read_log(path)
+    assert_sees(read_log(path, columns=mapping(tmp_path / "m.toml", {"body": "tool"})), tool)
+    with pytest.raises(LogError, match=r"there is no body Tool.*Bodies here: tool, base"):
+        read_log(path, columns=mapping(tmp_path / "m.toml", {"body": "Tool"}))
+
+
+def test_labelled_markers_make_the_tool_where_no_body_was_solved(tmp_path: Path):
+    """Unlabelled markers are not on the tool; markers that were seen come before those that were expected."""
+    tool = moving_tool(4)
+    bare = read_log(write_motive(tmp_path / "bare.csv", tool, bodies=False))
+    assert_turns_alike(bare, tool)
+    assert "Unlabeled" not in bare.remarks[0]
+    chosen = mapping(tmp_path / "m.toml", {"markers": tuple(f"tool:Marker {k:03d}" for k in range(1, 6))})
+    assert_turns_alike(read_log(write_motive(tmp_path / "both.csv", tool), columns=chosen), tool)
+
+
+@pytest.mark.parametrize("kind", ["", "Helical", "Euler", "Quaternion"])
+@pytest.mark.parametrize("lost", ["0", ""])
+def test_trackers_objects_are_read_whatever_the_angles(tmp_path: Path, kind: str, lost: str):
+    """Rotation vectors, Euler angles and quaternions; a lost object is zeros or empty cells."""
+    tool = moving_tool(5)
+    log = read_log(write_tracker(tmp_path / "trial.csv", tool, kind=kind, lost=lost))
+    assert_sees(log, tool)
+    np.testing.assert_allclose(np.diff(log.time), 0.01)
+    assert any("rotation vectors" in r for r in log.remarks) == (kind == "")
+
+
+def test_the_user_may_say_that_angles_are_euler_angles(tmp_path: Path):
+    """What the header leaves open the mapping file settles, and no remark is left."""
+    tool = moving_tool(6)
+    path = write_tracker(tmp_path / "trial.csv", tool, kind="Euler", unit="deg")
+    path.write_text(path.read_text().replace(" (Euler)", ""))
+    log = read_log(path, columns=mapping(tmp_path / "m.toml", {"rotation": "XYZ"}))
+    assert_sees(log, tool)
+    assert log.remarks == ("tracker_cp is the body tool.",)
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_trajectories_of_nexus_are_found_among_its_sections(tmp_path: Path, delimiter: str):
+    """Devices at another rate come before them; unlabelled trajectories are left out; frames begin anywhere."""
+    tool = moving_tool(7)
+    log = read_log(write_nexus(tmp_path / "trial.csv", tool, delimiter=delimiter))
+    assert_turns_alike(log, tool)
+    assert log.time[0] == pytest.approx(1.01)
+    assert log.remarks == ("tracker_cp was computed from the markers tool:M0, tool:M1, tool:M2, tool:M3, tool:M4.",)
+
+
+def test_a_solved_segment_comes_before_markers_and_markers_when_they_are_asked_for(tmp_path: Path):
+    """One file may hold both."""
+    tool = moving_tool(8)
+    path = write_nexus(tmp_path / "trial.csv", tool, segments=True)
+    assert_sees(read_log(path), tool)
+    chosen = mapping(tmp_path / "m.toml", {"markers": tuple(f"tool:M{k}" for k in range(5))})
+    assert_turns_alike(read_log(path, columns=chosen), tool)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("mm", 1e3), ("m", 1.0)])
+@pytest.mark.parametrize("gap", ["", "nan", "0"])
+@pytest.mark.parametrize("blank", [True, False])
+def test_trc_files_of_every_writer_give_the_same_markers(
+    tmp_path: Path, unit: str, scale: float, gap: str, blank: bool
+):
+    """Hidden markers are empty, nan or zeros; the empty line below the header may be missing."""
+    tool = moving_tool(9)
+    log = read_log(write_trc(tmp_path / "trial.trc", tool, unit=unit, scale=scale, gap=gap, blank=blank))
+    assert_turns_alike(log, tool)
+    np.testing.assert_allclose(np.diff(log.time), 1 / RATE, atol=2e-6)
+    assert any("exactly 0, 0, 0" in r for r in log.remarks) == (gap == "0")
+
+
+def test_decimal_commas_inside_cells_are_numbers(tmp_path: Path):
+    """A German Nexus writes semicolons and commas."""
+    tool = moving_tool(10)
+    path = write_nexus(tmp_path / "trial.csv", tool, delimiter=";")
+    path.write_text(path.read_text().replace(".", ","))
+    assert_turns_alike(read_log(path), tool)
+
+
+@pytest.mark.parametrize("writer", [write_motive, write_tracker, write_nexus, write_trc])
+def test_a_byte_order_mark_changes_nothing(tmp_path: Path, writer):
+    """Windows puts one before the first word."""
+    path = writer(tmp_path / "a.txt", moving_tool(11))
+    plain = read_log(path).tracker_cp.position
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    np.testing.assert_array_equal(read_log(path).tracker_cp.position, plain)
+
+
+@pytest.mark.parametrize("writer", [write_motive, write_tracker, write_nexus, write_trc])
+def test_a_file_cut_off_inside_a_line_is_refused(tmp_path: Path, writer):
+    """Half a number is another number: never read."""
+    whole = writer(tmp_path / "a.txt", moving_tool(12)).read_bytes().rstrip()
+    last = whole.rindex(b"\n")
+    for size in range(last + 4, len(whole) - 20, 25):
+        with pytest.raises(LogError, match="cut off"):
+            read_log(write(tmp_path / "cut.txt", whole[:size]))
+
+
+@pytest.mark.parametrize("writer", [write_motive, write_tracker, write_nexus, write_trc])
+def test_damaged_bytes_are_refused_or_read_but_never_crash(tmp_path: Path, writer):
+    """Whatever is changed in the file, the answer is a log or a LogError that names the file."""
+    whole = bytearray(writer(tmp_path / "a.txt", moving_tool(13, n=12)).read_bytes())
+    rng = np.random.default_rng(14)
+    for _ in range(60):
+        damaged = bytearray(whole)
+        for place in rng.integers(0, len(damaged), 6):
+            damaged[place] = rng.integers(32, 127)
+        path = write(tmp_path / "damaged.txt", bytes(damaged))
+        assert read_or_refused(path) in ("read", str(path))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("Length Units,Meters", "Length Units,Furlongs"), "Furlongs"),
+        (("Rotation Type,Quaternion", "Rotation Type,Gibbs"), "Gibbs"),
+        (("Length Units,Meters,", ""), "Length Units"),
+        (("Time (Seconds)", "Clock"), "Time"),
+        (("0.000000", "x0.00"), "x0.00"),
+    ],
+)
+def test_what_is_wrong_with_motives_header_is_named(tmp_path: Path, change: tuple[str, str], said: str):
+    """Unknown units and rotations are refused, not guessed."""
+    path = write_motive(tmp_path / "take.csv", moving_tool(15))
+    path.write_text(path.read_text().replace(*change))
+    with pytest.raises(LogError, match=said):
+        read_log(path)
+
+
+def test_what_is_wrong_with_the_other_headers_is_named(tmp_path: Path):
+    """The line and what was expected there are in the message."""
+    tool = moving_tool(16)
+    trc = write_trc(tmp_path / "a.trc", tool).read_text()
+    for old, new, said in (
+        ("\tmm\t", "\tyards\t", "yards"),
+        ("tool:M1", "tool:M0", "4 different"),
+        ("Frame#", "Frames", "line 4"),
+    ):
+        with pytest.raises(LogError, match=said):
+            read_log(write(tmp_path / "b.trc", trc.replace(old, new)))
+    vicon = write_tracker(tmp_path / "a.csv", tool).read_text()
+    for old, new, said in (
+        ("Objects\n100\n", "Objects\nfast\n", "rate in Hz in line 2"),
+        ("Objects", "Events", "expected a section Objects"),
+        ("mm", "px", "px"),
+    ):
+        with pytest.raises(LogError, match=said):
+            read_log(write(tmp_path / "b.csv", vicon.replace(old, new)))
+
+
+def test_the_header_counts_other_frames(tmp_path: Path):
+    """A trial cut out of a longer one is read, and said."""
+    path = write_trc(tmp_path / "a.trc", moving_tool(17))
+    path.write_text(path.read_text().replace("\t60\t5\t", "\t999\t5\t"))
+    assert any("999 frames, the file holds 60" in r for r in read_log(path).remarks)
+
+
+def test_a_body_and_markers_cannot_both_be_the_tool(tmp_path: Path):
+    """The mapping file says one thing."""
+    path = write_motive(tmp_path / "take.csv", moving_tool(18))
+    with pytest.raises(LogError, match="not both"):
+        read_log(path, columns=mapping(tmp_path / "m.toml", {"body": "tool", "markers": ("a",)}))

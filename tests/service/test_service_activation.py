@@ -1,0 +1,141 @@
+"""Models that change while a server answers: nothing fails, nothing is mixed, a bad one changes nothing."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from service_support import PATIENT, ServerProcess, store_process
+
+from gpcorrect import artifact
+from gpcorrect.model_store import ModelStore
+from gpcorrect.types import FloatArray
+from gpcorrect_service import ClientSettings, PathReply, ServiceError
+from gpcorrect_service.operator_client import Operator
+
+ACTIVATIONS = 12  # bench/service_activation.py makes a hundred
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory, model_files: tuple[Path, Path]) -> ModelStore:
+    made = ModelStore(tmp_path_factory.mktemp("served") / "store")
+    for when, path in enumerate(model_files):
+        made.add(path, now=float(when))
+    made.activate(made.find("monday"))
+    return made
+
+
+@pytest.fixture(scope="module")
+def server(store: ModelStore) -> Iterator[ServerProcess]:
+    with store_process(store.folder) as process:
+        yield process
+
+
+@pytest.fixture(scope="module")
+def operator(server: ServerProcess) -> Iterator[Operator]:
+    settings = ClientSettings((server.endpoint,), connect_timeout=PATIENT)
+    with Operator(settings, patience=PATIENT) as made:
+        yield made
+
+
+def path_of(model: Path) -> tuple[FloatArray, FloatArray]:
+    """Return a path through the training region, poses and times."""
+    _, arrays = artifact.read_parts(model)
+    start, end = arrays["check_queries"][0][:3], arrays["check_queries"][1][:3]
+    share = np.linspace(0.0, 1.0, 200)[:, None]
+    positions = (1 - share) * start + share * end
+    return np.hstack([positions, np.tile([1.0, 0.0, 0.0, 0.0], (200, 1))]), np.linspace(0.0, 4.0, 200)
+
+
+class Planner:
+    """Asks one path again and again until told to stop; keeps every reply and every failure."""
+
+    def __init__(self, server: ServerProcess, poses: FloatArray, times: FloatArray) -> None:
+        self._server, self._poses, self._times = server, poses, times
+        self._stop = threading.Event()
+        self.replies: list[PathReply] = []
+        self.failures: list[ServiceError] = []
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> Planner:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join(2 * PATIENT)
+
+    def _run(self) -> None:
+        with self._server.client(path_timeout=PATIENT) as client:
+            while not self._stop.is_set():
+                try:
+                    self.replies.append(client.correct_path(self._poses, self._times))
+                except ServiceError as error:
+                    self.failures.append(error)
+
+
+def test_activation_under_load(server: ServerProcess, operator: Operator, model_files: tuple[Path, Path]) -> None:
+    """While models change, no query fails, and every path comes from one model whole: the one that it names."""
+    poses, times = path_of(model_files[0])
+    expected = {
+        artifact.model_hash(file): artifact.load(file).correct_path(poses, times).positions for file in model_files
+    }
+    with Planner(server, poses, times) as planner:
+        for i in range(ACTIVATIONS):
+            (told,) = operator.activate(("tuesday", "monday")[i % 2])
+            assert told.hash in expected
+    assert planner.failures == []
+    assert {reply.provenance.model_hash for reply in planner.replies} == set(expected)
+    for reply in planner.replies:
+        np.testing.assert_allclose(reply.positions, expected[reply.provenance.model_hash], rtol=0, atol=1e-12)
+
+
+def test_what_is_activated_outlives_the_server(store: ModelStore, operator: Operator) -> None:
+    """The store remembers what was activated over the network, and in which order."""
+    (listed,) = operator.models()
+    before = store.active()
+    assert before is not None
+    assert listed.serving["pose"] == before.hash
+    other = next(entry for entry in store.models() if entry != before)
+    (told,) = operator.activate(other.hash[:10])
+    assert (told.before, store.active(), store.previous()) == (before.hash, other, before)
+
+
+def test_a_bad_file_leaves_the_old_model_serving(
+    server: ServerProcess, store: ModelStore, operator: Operator, model_files: tuple[Path, Path]
+) -> None:
+    """A truncated file in the store is refused with the reason; the old model goes on answering."""
+    operator.activate("monday")
+    path = store.path(store.find("tuesday"))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-100])
+    try:
+        with pytest.raises(ServiceError, match="refused") as caught:
+            operator.activate("tuesday")
+    finally:
+        path.write_bytes(whole)
+    assert caught.value.status == "BAD_INPUT"
+    with server.client() as client:
+        assert client.model().hash == artifact.model_hash(model_files[0])
+
+
+def test_an_unknown_model_is_named(operator: Operator) -> None:
+    """Activating what the store does not hold is BAD_INPUT with what there is."""
+    with pytest.raises(ServiceError, match="sunday") as caught:
+        operator.activate("sunday")
+    assert "monday" in caught.value.hint
+
+
+def test_a_paused_server_refuses_and_goes_on(server: ServerProcess, operator: Operator) -> None:
+    """PAUSED refuses corrections, health and the operator still answer; ENABLED answers again."""
+    operator.set_state("PAUSED")
+    with server.client() as client:
+        with pytest.raises(ServiceError, match="PAUSED"):
+            client.correct([0.0, 0.0, -0.1, 1.0, 0.0, 0.0, 0.0])
+        assert client.health().state == "PAUSED"
+        operator.set_state("ENABLED")
+        assert client.correct([0.0, 0.0, -0.1, 1.0, 0.0, 0.0, 0.0]).fallback == ""
+        assert 'gpcorrect_state{state="ENABLED"} 1.0' in client.metrics()

@@ -1,0 +1,219 @@
+"""Joint-space mode: paths of joints, and the live stream, without a network."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from service_support import SLACK, lagging_joints
+
+from gpcorrect_service import wire
+from gpcorrect_service.active import Active
+from gpcorrect_service.answers import Answer, Clock, Request
+from gpcorrect_service.estimate import Estimator, StreamSample
+from gpcorrect_service.joint_handlers import JointHandlers
+from gpcorrect_service.journal import open_journal
+from gpcorrect_service.metrics import Tally
+from gpcorrect_service.reception import Reception
+from gpcorrect_service.wire_joints import CorrectJointsAnswer, CorrectJointsRequest, JointEstimate, JointState
+
+NOW = 100.0
+Q = ((0.1, 0.2, 0.05), (0.2, 0.2, 0.06), (0.3, 0.2, 0.07))
+TIMES = (0.0, 0.1, 0.2)
+
+
+def ask(body: CorrectJointsRequest | bytes, active: Active | None = None) -> Answer:
+    clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
+    journal = open_journal(io.StringIO())
+    reception = Reception(
+        active or Active(joints=lagging_joints()), arm="arm1", replica="r1", journal=journal, clock=clock
+    )
+    payload = body if isinstance(body, bytes) else wire.JSON.encode(body)
+    return JointHandlers(reception).correct_joints(
+        Request(payload, wire.encoding_name(wire.JSON, "correct_joints"), b"", NOW)
+    )
+
+
+def answer(body: CorrectJointsRequest) -> CorrectJointsAnswer:
+    return wire.JSON.decode(CorrectJointsAnswer, ask(body).payload)
+
+
+def refusal(body: CorrectJointsRequest | bytes, active: Active | None = None) -> wire.ErrorAnswer:
+    return wire.JSON.decode(wire.ErrorAnswer, ask(body, active).payload)
+
+
+def test_a_path_carries_its_slack() -> None:
+    """Every row knows the rows before it: after a turn the joint stays where it was left."""
+    turned = answer(CorrectJointsRequest(((0.0,) * 3, (0.1,) * 3, (0.1 - SLACK,) * 3), TIMES))
+    np.testing.assert_allclose(turned.q, [[0.0] * 3, [0.1 - SLACK] * 3, [0.1 - SLACK] * 3], atol=1e-12)
+    assert turned.status == ["OK"] * 3
+
+
+def test_a_session_begins_anew() -> None:
+    """Where the session changes, the slack of before is forgotten."""
+    rows = ((0.0,) * 3, (0.1,) * 3, (0.1,) * 3)
+    assert answer(CorrectJointsRequest(rows, TIMES, sessions=(0, 0, 1))).q[2] == [0.1] * 3
+
+
+def test_missing_numbers_are_told_and_cost_nothing_else() -> None:
+    """A row with a null is answered with nulls and MISSING; the rows after it are answered."""
+    told = answer(CorrectJointsRequest((Q[0], (None, 0.2, 0.06), Q[2]), TIMES))
+    assert told.status == ["OK", "MISSING", "OK"]
+    assert told.q[1] == [None] * 3
+
+
+@pytest.mark.parametrize(
+    ("body", "cause"),
+    [
+        (CorrectJointsRequest((), ()), "1 to 5000 rows"),
+        (CorrectJointsRequest(Q, TIMES[:2]), "2 times"),
+        (CorrectJointsRequest(Q, (0.0, 0.2, 0.1)), "do not increase"),
+        (CorrectJointsRequest(Q, (0.0, 1e9, 2e18)), "seconds"),
+        (CorrectJointsRequest(Q, TIMES, efforts=Q[:1]), "1 efforts"),
+        (CorrectJointsRequest(Q, TIMES, sessions=(1,)), "1 sessions"),
+        (CorrectJointsRequest(((0.1, 0.2),) * 3, TIMES), "knows 3 joints"),
+        (CorrectJointsRequest(((0.1, 0.2, 50.0),) * 3, TIMES), "joint 3 is 50"),
+        (CorrectJointsRequest(((170.0, 0.2, 0.05),) * 3, TIMES), "joint 1 is 170"),
+        (b"{}", "q"),
+    ],
+)
+def test_bad_paths_are_named(body: CorrectJointsRequest | bytes, cause: str) -> None:
+    """Empty, torn, unordered, other joints, millimetres, degrees: BAD_INPUT with what came."""
+    told = refusal(body)
+    assert told.status == "BAD_INPUT"
+    assert cause in told.cause
+
+
+def test_without_a_joint_model() -> None:
+    """A server of poses says that it holds no model for joints, and how to start one."""
+    told = refusal(CorrectJointsRequest(Q, TIMES), Active())
+    assert told.status == "NO_MODEL"
+    assert "--joints" in told.next_step
+
+
+@dataclass
+class Stream:
+    """An estimator with a clock that the test sets."""
+
+    active: Active
+    tally: Tally
+    estimator: Estimator
+
+    def send(self, stamp: float, q: Any, *, age: float = 0.0, codec: wire.Codec = wire.JSON, **more: Any) -> Any:
+        state = JointState(stamp, tuple(q), **more)
+        sample = StreamSample(codec.encode(state), wire.encoding_name(codec, "joint_state"), NOW - age)
+        return self.heard(self.estimator.estimate(sample))
+
+    @staticmethod
+    def heard(answer: tuple[bytes, str] | None) -> JointEstimate | None:
+        if answer is None:
+            return None
+        return wire.choose_codec(answer[1], "estimate").decode(JointEstimate, answer[0])
+
+    def count(self, status: str) -> int:
+        return self.tally.counts().get("estimate", {}).get(status, 0)
+
+
+MakeStream = Callable[..., Stream]
+
+
+@pytest.fixture
+def stream() -> MakeStream:
+    def make(**options: Any) -> Stream:
+        active, tally = Active(joints=lagging_joints()), Tally()
+        settings = {"max_age": 0.05, "journal": open_journal(io.StringIO()), "monotonic": lambda: NOW, **options}
+        return Stream(active, tally, Estimator(active, replica="r1", tally=tally, **settings))
+
+    return make
+
+
+@pytest.mark.parametrize("codec", list(wire.CODECS.values()), ids=list(wire.CODECS))
+def test_a_stream_answers_as_the_path(stream: MakeStream, codec: wire.Codec) -> None:
+    """Sample by sample the stream says what `correct_joints` says of the whole path, in the sample's encoding."""
+    rng = np.random.default_rng(1)
+    path = np.cumsum(0.03 * rng.standard_normal((40, 3)), axis=0)
+    times = 1.0 + 0.001 * np.arange(40)
+    whole = answer(CorrectJointsRequest(tuple(map(tuple, path.tolist())), tuple(times.tolist())))
+    live = stream()
+    got = [live.send(t, q, codec=codec) for t, q in zip(times.tolist(), path.tolist(), strict=True)]
+    np.testing.assert_allclose([one.position for one in got], whole.q, atol=1e-12)
+    assert {one.status for one in got} == {"OK"}
+
+
+def test_a_session_or_another_clock_begins_the_stream_anew(stream: MakeStream) -> None:
+    """After a homing, or when the robot's clock jumped back, the slack of before is forgotten."""
+    for stamp, session in ((3.0, 1), (0.5, 0)):
+        live = stream()
+        live.send(1.0, [0.0] * 3)
+        assert live.send(2.0, [0.1] * 3).position == pytest.approx([0.1 - SLACK] * 3)
+        assert live.send(stamp, [0.1] * 3, session=session).position == pytest.approx([0.1] * 3)
+
+
+@pytest.mark.parametrize("stamp", [0.0, -1.0, math.inf, 2.0, 1.9])
+def test_bad_stamps_are_refused_and_counted(stream: MakeStream, stamp: float) -> None:
+    """Stamp 0, none, duplicates and late samples get no estimate; the stream goes on as if they had not come."""
+    live = stream()
+    live.send(1.0, [0.0] * 3)
+    live.send(2.0, [0.1] * 3)
+    if math.isfinite(stamp):
+        assert live.send(stamp, [0.5] * 3) is None
+    else:
+        assert live.send(stamp, [0.5] * 3, codec=wire.MSGPACK) is None
+    assert live.count("BAD_INPUT") == 1
+    assert live.send(2.1, [0.1] * 3).position == pytest.approx([0.1 - SLACK] * 3)
+
+
+def test_old_samples_are_answered_and_called_stale(stream: MakeStream) -> None:
+    """A sample that waited too long still moves the slack; its estimate says that it is old."""
+    live = stream()
+    live.send(1.0, [0.0] * 3)
+    assert live.send(2.0, [0.1] * 3, age=0.2).status == "STALE"
+    assert live.send(2.1, [0.1 - SLACK] * 3).position == pytest.approx([0.1 - SLACK] * 3)
+
+
+def test_missing_numbers_and_efforts(stream: MakeStream) -> None:
+    """A null joint, or an effort the model needs, is MISSING; efforts of another length are refused."""
+    live = stream()
+    assert live.send(1.0, [None, 0.0, 0.0]).status == "MISSING"
+    assert live.send(1.1, [0.0] * 3, effort=(1.0, None, 1.0)).status == "OK"
+    assert live.send(1.2, [0.0] * 3, effort=(1.0,)) is None
+    needy = stream()
+    needy.active.activate(lagging_joints(needs_effort=True))
+    assert needy.send(1.0, [0.0] * 3).status == "MISSING"
+    assert needy.send(1.1, [0.0] * 3, effort=(1.0, 1.0, 1.0)).status == "OK"
+
+
+def test_the_rate_of_a_streamed_correction_is_bounded(stream: MakeStream) -> None:
+    """A jump of the correction is passed on no faster than the operator allows, and said."""
+    live = stream(rate=0.1)
+    live.send(1.0, [0.0] * 3)
+    told = live.send(1.01, [0.1] * 3)
+    assert told.position == pytest.approx([0.1 - 0.001] * 3)
+    assert told.status == "LIMITED"
+
+
+def test_another_model_begins_anew(stream: MakeStream) -> None:
+    """After an activation the stream answers with the new model, and says whose answer it is."""
+    live = stream()
+    live.send(1.0, [0.0] * 3)
+    live.active.activate(lagging_joints(digest="feed"))
+    told = live.send(2.0, [0.1] * 3)
+    assert (told.position, told.model_hash) == ([0.1] * 3, "feed")
+
+
+@given(payload=st.binary(max_size=200))
+def test_no_bytes_bring_the_stream_down(payload: bytes) -> None:
+    """Whatever bytes come, the estimator answers, or refuses and counts."""
+    active, tally = Active(joints=lagging_joints()), Tally()
+    journal = open_journal(io.StringIO())
+    estimator = Estimator(active, replica="r1", tally=tally, journal=journal, monotonic=lambda: NOW, max_age=1.0)
+    for encoding in ("application/json", "application/msgpack", "zenoh/bytes", "text/plain"):
+        estimator.estimate(StreamSample(payload, encoding, NOW))
+    assert sum(tally.counts()["estimate"].values()) == 4

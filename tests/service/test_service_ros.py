@@ -1,0 +1,140 @@
+"""CDR in and out, what no PoseStamped says in the attachment, and the numbers that monitors read."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from prometheus_client.openmetrics.parser import text_string_to_metric_families
+from service_support import POSE, SHIFT, ShiftCorrector
+
+from gpcorrect_service import ServiceError, wire
+from gpcorrect_service.active import Active
+from gpcorrect_service.answers import Answer, Clock, Request
+from gpcorrect_service.cdr import CDR_ENCODING, CdrBeside, StampedPose, read_pose, write_pose
+from gpcorrect_service.guard import CorrectionBound
+from gpcorrect_service.handlers import BOUNDED, Handlers
+from gpcorrect_service.health import Health
+from gpcorrect_service.journal import open_journal
+from gpcorrect_service.metrics import OPENMETRICS, Tally
+from gpcorrect_service.model import Model
+from gpcorrect_service.reception import Reception
+
+NOW = 100.0
+ASKED = StampedPose(tuple(POSE), 12, 34, "tracker")
+
+
+def ask(payload: bytes, bound: CorrectionBound | None = None, **meta: Any) -> Answer:
+    active = Active(Model(ShiftCorrector(), id="m", hash="h"))
+    clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
+    reception = Reception(active, arm="arm1", replica="r1", journal=open_journal(io.StringIO()), clock=clock)
+    attachment = wire.JSON.encode(wire.RequestMeta(**meta)) if meta else b""
+    return Handlers(reception, bound).correct(Request(payload, CDR_ENCODING, attachment, NOW - 0.2))
+
+
+def test_a_pose_stamped_comes_back_corrected() -> None:
+    """A ROS pose is corrected under its own header; the spread and the model travel beside it."""
+    answer = ask(write_pose(ASKED), request_id="q1")
+    told = read_pose(answer.payload)
+    beside = wire.JSON.decode(CdrBeside, answer.attachment)
+    np.testing.assert_allclose(told.pose, [*(POSE[:3] + SHIFT), *POSE[3:]], atol=1e-15)
+    assert (told.sec, told.nanosec, told.frame_id) == (12, 34, "tracker")
+    assert (answer.encoding, answer.status) == (CDR_ENCODING, "OK")
+    assert (beside.request_id, beside.model_id, beside.in_domain, beside.std[3]) == ("q1", "m", True, None)
+
+
+def test_the_messages_of_ros_are_read() -> None:
+    """What rosbags' own types serialise is what is read, quaternion order included."""
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    t = store.types
+    message = t["geometry_msgs/msg/PoseStamped"](
+        header=t["std_msgs/msg/Header"](stamp=t["builtin_interfaces/msg/Time"](sec=5, nanosec=6), frame_id="base_link"),
+        pose=t["geometry_msgs/msg/Pose"](
+            position=t["geometry_msgs/msg/Point"](x=1.0, y=2.0, z=3.0),
+            orientation=t["geometry_msgs/msg/Quaternion"](x=0.1, y=0.2, z=0.3, w=0.9),
+        ),
+    )
+    data = bytes(store.serialize_cdr(message, "geometry_msgs/msg/PoseStamped"))
+    assert read_pose(data) == StampedPose((1.0, 2.0, 3.0, 0.9, 0.1, 0.2, 0.3), 5, 6, "base_link")
+
+
+@pytest.mark.parametrize(
+    ("payload", "meta", "status"),
+    [
+        (write_pose(StampedPose(tuple(POSE), 0, 0, "")), {}, "BAD_INPUT"),
+        (write_pose(StampedPose((np.nan, *POSE[1:]), 1, 0, "")), {}, "BAD_INPUT"),
+        (write_pose(StampedPose((*POSE[:3], 0.0, 0.0, 0.0, 0.0), 1, 0, "")), {}, "BAD_INPUT"),
+        (b"", {}, "BAD_INPUT"),
+        (write_pose(ASKED)[:40], {}, "BAD_INPUT"),
+        (write_pose(ASKED), {"deadline": 0.1}, "STALE"),
+    ],
+    ids=["stamp 0", "nan", "quaternion 0", "empty", "cut", "stale"],
+)
+def test_refusals_are_told_in_json(payload: bytes, meta: dict[str, Any], status: str) -> None:
+    """Bad CDR, stamp 0 and expired requests are refused as others are; in JSON, for CDR has no word for it."""
+    answer = ask(payload, **meta)
+    assert answer.is_error
+    assert wire.JSON.decode(wire.ErrorAnswer, answer.payload).status == status
+
+
+@given(data=st.binary(max_size=200))
+def test_random_bytes_are_bad_input(data: bytes) -> None:
+    """Random bytes are a pose by luck or BAD_INPUT, never another error."""
+    try:
+        assert len(read_pose(data).pose) == 7
+    except ServiceError as error:
+        assert error.status == "BAD_INPUT"  # noqa: PT017 - either outcome is lawful
+
+
+def test_the_operators_bound_acts_and_says_so() -> None:
+    """A correction beyond the operator's bound leaves shortened, LIMITED, with the reason."""
+    answer = ask(write_pose(ASKED), CorrectionBound(position=1e-3))
+    beside = wire.JSON.decode(CdrBeside, answer.attachment)
+    moved = np.array(read_pose(answer.payload).pose[:3]) - POSE[:3]
+    assert np.linalg.norm(moved) == pytest.approx(1e-3)
+    np.testing.assert_allclose(moved / np.linalg.norm(moved), SHIFT / np.linalg.norm(SHIFT))
+    assert (beside.status, beside.reason) == ("LIMITED", BOUNDED)
+
+
+def test_the_bound_holds_along_a_path() -> None:
+    """On a path every row is bounded alike, and those that were cut say so."""
+    active = Active(Model(ShiftCorrector()))
+    reception = Reception(active, arm="a", replica="r", journal=open_journal(io.StringIO()), clock=Clock())
+    body = wire.JSON.encode(wire.CorrectPathRequest((tuple(POSE), tuple(POSE)), (0.0, 0.1)))
+    request = Request(body, wire.encoding_name(wire.JSON, "correct_path"), b"", NOW)
+    answer = Handlers(reception, CorrectionBound(position=1e-3)).correct_path(request)
+    path = wire.JSON.decode(wire.CorrectPathAnswer, answer.payload)
+    away = np.linalg.norm(np.array(path.positions) - POSE[:3], axis=1)
+    np.testing.assert_allclose(away, 1e-3)
+    assert path.status == ["LIMITED"] * 2
+
+
+def test_metrics_are_openmetrics_and_count_what_was_answered() -> None:
+    """A monitor's own parser reads the text; counts, buckets, share out of domain and state are those of the server."""
+    tally = Tally()
+    for seconds in (1e-4, 3e-4, 2.0):
+        tally.add("correct", "OK", seconds)
+    tally.add("correct_path", "EXTRAPOLATING", 1e-2, rows=100, outside=7)
+    active = Active(Model(ShiftCorrector(), id="m", hash="h"))
+    health = Health(active, arm="arm1", replica="r1", tally=tally, lanes={}, monotonic=lambda: NOW)
+    answer = health.metrics(Request(b"", "", b"", NOW))
+    samples = {
+        (s.name, *sorted(s.labels.items())): s.value
+        for family in text_string_to_metric_families(answer.payload.decode())
+        for s in family.samples
+    }
+    assert answer.encoding == OPENMETRICS
+    assert samples["gpcorrect_answers_total", ("key", "correct"), ("status", "OK")] == 3
+    assert samples["gpcorrect_latency_seconds_bucket", ("key", "correct"), ("le", "0.0002")] == 1
+    assert samples["gpcorrect_latency_seconds_bucket", ("key", "correct"), ("le", "+Inf")] == 3
+    assert samples["gpcorrect_latency_seconds_count", ("key", "correct")] == 3
+    assert samples["gpcorrect_poses_total", ("key", "correct_path")] == 100
+    assert samples["gpcorrect_out_of_domain_total", ("key", "correct_path")] == 7
+    assert samples["gpcorrect_state", ("state", "ENABLED")] == 1
+    assert samples["gpcorrect_state", ("state", "FAULT")] == 0

@@ -1,0 +1,163 @@
+"""The store of models: whole before, whole after, whatever happens between."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gpcorrect import atomic, model_store
+from gpcorrect.corrector import CommandCorrector
+from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
+from gpcorrect.model_store import ModelStore, compare
+
+
+@pytest.fixture
+def store(tmp_path: Path, model_files: tuple[Path, Path]) -> ModelStore:
+    made = ModelStore(tmp_path / "store")
+    for when, path in enumerate(model_files):
+        made.add(path, now=float(when))
+    return made
+
+
+def names(store: ModelStore) -> list[str]:
+    return [entry.id for entry in store.history()]
+
+
+def test_models_come_back_in_order(store: ModelStore, model_files: tuple[Path, Path]) -> None:
+    """What was added is listed oldest first, under its file's name and hash, and its file is the one that was given."""
+    monday, tuesday = store.models()
+    assert [monday.id, tuesday.id] == ["monday", "tuesday"]
+    assert store.path(monday).read_bytes() == model_files[0].read_bytes()
+    assert store.find(tuesday.hash[:8]) == tuesday
+    assert store.active() is None
+
+
+def test_activation_and_rollback_are_inverse(store: ModelStore) -> None:
+    """Activating twice and going back once leaves the first; the same model twice is once."""
+    monday, tuesday = store.models()
+    for entry in (monday, tuesday, tuesday):
+        store.activate(entry)
+    assert names(store) == ["monday", "tuesday"]
+    assert store.rollback() == monday
+    assert names(store) == ["monday"]
+    with pytest.raises(DataError, match="go back"):
+        store.rollback()
+
+
+def test_a_name_that_is_none(store: ModelStore) -> None:
+    """An unknown name is refused with those that there are."""
+    with pytest.raises(DataError) as caught:
+        store.find("sunday")
+    assert "monday" in caught.value.hint
+
+
+@pytest.mark.parametrize("damage", ["truncated", "flipped", "swapped", "gone"])
+def test_a_damaged_model_is_not_activated(store: ModelStore, damage: str) -> None:
+    """A file that was cut, changed, exchanged or lost in the store is refused, and the active one stays."""
+    monday, tuesday = store.models()
+    store.activate(monday)
+    path = store.path(tuesday)
+    whole = path.read_bytes()
+    path.unlink()
+    if damage == "truncated":
+        path.write_bytes(whole[: len(whole) // 2])
+    elif damage == "flipped":
+        path.write_bytes(whole[:-5000] + bytes([whole[-5000] ^ 1]) + whole[-4999:])
+    elif damage == "swapped":
+        shutil.copyfile(store.path(monday), path)
+    with pytest.raises(ArtifactError):
+        store.activate(tuesday)
+    assert names(store) == ["monday"]
+
+
+def test_a_pickle_is_no_model(tmp_path: Path, store: ModelStore) -> None:
+    """A file with an object array inside is refused unread: loading runs no code."""
+    path = tmp_path / "trap.gpc"
+    with path.open("wb") as file:
+        np.savez(file, header=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(ArtifactError):
+        store.add(path, now=0.0)
+    assert len(store.models()) == 2
+
+
+@pytest.mark.parametrize("step", ["write", "sync", "rename"])
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS], ids=["full disk", "read-only disk"])
+def test_a_disk_that_takes_nothing_changes_nothing(
+    step: str, code: int, store: ModelStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever step of an activation the disk refuses, the store is as it was, and says so."""
+    monday, tuesday = store.models()
+    store.activate(monday)
+
+    def refuse(*_: object) -> None:
+        raise OSError(code, os.strerror(code))
+
+    places = {"write": (Path, "write_text"), "sync": (atomic, "_sync"), "rename": (Path, "replace")}
+    monkeypatch.setattr(*places[step], refuse)
+    with pytest.raises(GpCorrectError, match=os.strerror(code)):
+        store.activate(tuesday)
+    monkeypatch.undo()
+    assert names(store) == ["monday"]
+    assert not list(store.folder.glob(".store*"))
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from gpcorrect import atomic, model_store
+from gpcorrect.model_store import ModelStore
+step, folder = sys.argv[1], sys.argv[2]
+def die(*_): os._exit(9)
+if step == "before the write": Path.write_text = die
+if step == "before the sync": atomic._sync = die
+if step == "before the rename": Path.replace = die
+if step == "after the rename": model_store._sync_folder = die
+store = ModelStore(folder)
+store.activate(store.find("tuesday"))
+"""
+
+
+def test_a_kill_at_any_step_leaves_a_whole_store(store: ModelStore) -> None:
+    """Killed at each step of an activation, the store holds the old or the new state, and works on."""
+    monday, _ = store.models()
+    store.activate(monday)
+    for step in ("before the write", "before the sync", "before the rename", "after the rename"):
+        ended = subprocess.run([sys.executable, "-c", KILLED, step, str(store.folder)], timeout=120)
+        assert ended.returncode == 9
+        assert names(store) == (["monday", "tuesday"] if step == "after the rename" else ["monday"])
+        assert len(store.models()) == 2
+    store.rollback()
+    assert names(store) == ["monday"]
+
+
+def test_models_are_compared_by_what_they_command(store: ModelStore) -> None:
+    """A model is not apart from itself; two fits differ in what they say and in what they command."""
+    monday, tuesday = store.models()
+    assert compare(store, monday, monday) == {
+        "differs": {},
+        "commands": {"queries": 2 * len(load(store).check_queries), "mean_mm": 0.0, "max_mm": 0.0, "max_deg": 0.0},
+    }
+    apart = compare(store, monday, tuesday)
+    assert "fit.n_train" in apart["differs"]
+    assert 0.0 < apart["commands"]["mean_mm"] <= apart["commands"]["max_mm"]
+
+
+def load(store: ModelStore) -> CommandCorrector:
+    model = store.verified(store.models()[0])
+    assert isinstance(model, CommandCorrector)
+    return model
+
+
+def test_the_state_of_a_newer_version_is_refused(store: ModelStore) -> None:
+    """A store that a newer version wrote is not guessed at."""
+    (store.folder / "store.json").write_text('{"schema": 2}')
+    with pytest.raises(DataError, match="schema 2"):
+        store.models()
+    assert model_store.SCHEMA == 1

@@ -1,0 +1,94 @@
+"""The live stream of joints over zenoh: robot state in, estimates out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from queue import Empty, SimpleQueue
+
+import numpy as np
+import pytest
+import zenoh
+from service_support import PATIENT, SLACK, ServerProcess, server_process, stranger, wait_for
+
+from gpcorrect_service import wire
+from gpcorrect_service.wire_joints import JointEstimate, JointState
+
+CODEC = wire.MSGPACK
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[ServerProcess]:
+    with server_process("joints") as process:
+        yield process
+
+
+def test_a_thousand_samples_in_a_thousand_estimates_out(server: ServerProcess) -> None:
+    """Every sample of a robot that publishes its joints is answered, in order, as the model answers the path."""
+    heard: SimpleQueue[zenoh.Sample] = SimpleQueue()
+    rng = np.random.default_rng(2)
+    path = np.cumsum(0.01 * rng.standard_normal((1000, 3)), axis=0)
+    with stranger(server.endpoint) as session:
+        listening = session.declare_subscriber(
+            "gpcorrect/arm1/estimate", zenoh.handlers.Callback(heard.put, indirect=False)
+        )
+        publisher = session.declare_publisher("gpcorrect/arm1/measured_js")
+        told: list[JointEstimate] = []
+        with listening, publisher:
+            wait_for(lambda: bool(publisher.matching_status.matching) and listens(session, heard))
+            for i, q in enumerate(path.tolist()):
+                state = JointState(1.0 + 0.001 * i, tuple(q))
+                publisher.put(CODEC.encode(state), encoding=wire.encoding_name(CODEC, "joint_state"))
+                if i % 20 == 19:  # no more than that are under way: zenoh drops samples that nobody takes off its hands
+                    told += [next_of(heard) for _ in range(20)]
+    assert [one.stamp for one in told] == [1.0 + 0.001 * i for i in range(len(path))]
+    assert {one.status for one in told} <= {"OK", "STALE"}
+    joints = path[0]
+    for q, one in zip(path, told, strict=True):
+        joints = np.clip(joints, q - SLACK, q + SLACK)
+        np.testing.assert_allclose(one.position, joints, atol=1e-12)
+    with server.client() as client:
+        assert sum(client.health().counts["estimate"].values()) > len(path)
+
+
+def listens(session: zenoh.Session, heard: SimpleQueue[zenoh.Sample]) -> bool:
+    """Send a sample of another session; whether its estimate comes back, so that none of the test's is lost."""
+    state = JointState(time.monotonic(), (0.0,) * 3, session=9)
+    session.put("gpcorrect/arm1/measured_js", CODEC.encode(state), encoding=wire.encoding_name(CODEC, "joint_state"))
+    try:
+        return read(heard.get(timeout=0.1)).session == 9
+    except Empty:
+        return False
+
+
+def next_of(heard: SimpleQueue[zenoh.Sample]) -> JointEstimate:
+    """Return the next estimate of the test's own session."""
+    while (told := read(heard.get(timeout=PATIENT))).session != 0:
+        pass
+    return told
+
+
+def read(sample: zenoh.Sample) -> JointEstimate:
+    assert str(sample.encoding) == wire.encoding_name(CODEC, "estimate")
+    return CODEC.decode(JointEstimate, sample.payload.to_bytes())
+
+
+def test_joints_are_corrected_through_the_client(server: ServerProcess) -> None:
+    """A path of joints comes back with slack, NaN where a number was missing, and the joint model named."""
+    q = np.array([[0.0] * 3, [0.1] * 3, [np.nan, 0.1, 0.1]])
+    with server.client(path_timeout=PATIENT) as client:
+        reply = client.correct_joints(q, [0.0, 0.1, 0.2], efforts=np.zeros((3, 3)), sessions=[0, 0, 0])
+        health = client.health()
+    np.testing.assert_allclose(reply.q[:2], [[0.0] * 3, [0.1 - SLACK] * 3], atol=1e-12)
+    assert np.isnan(reply.q[2]).all()
+    assert reply.status == ("OK", "OK", "MISSING")
+    assert reply.provenance.model_id == health.joint_model_id == "lagging"
+
+
+def test_joints_fall_back_to_themselves(server: ServerProcess) -> None:
+    """Without a server of that name, a client that chose identity gets its joints back, flagged."""
+    q = np.array([[0.1, 0.2, 0.05]])
+    with server.client(arm="arm9", on_failure="identity", path_timeout=0.1, connect_timeout=0.2) as client:
+        reply = client.correct_joints(q, [0.0])
+    np.testing.assert_array_equal(reply.q, q)
+    assert (reply.fallback, reply.status) == ("identity", ("NO_SERVICE",))

@@ -1,0 +1,124 @@
+"""Balls in pictures: counted, coloured, and found to a twentieth of a pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from vision_support import cameras_of, intrinsics_of, path_of
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.scene import Card, Lens, Stage, looking_at
+from gpcorrect.vision import END_EFFECTOR, BallSpec, Target, colour_of, outline, target_from_dict
+from gpcorrect.vision.circles import Window, find_circles
+from gpcorrect.vision.opencv import cv2
+from gpcorrect.vision.rim import fit_cone
+from gpcorrect.vision.search import look_everywhere
+
+SEED = 402
+
+
+def _lens(distortion: tuple[float, float, float, float, float]) -> Lens:
+    position = np.array([0.3, -0.2, 0.35])
+    return Lens(position, looking_at(position, np.zeros(3)), (600.0, 610.0), (322.0, 238.0), distortion)
+
+
+@pytest.mark.parametrize("distortion", [(0.0, 0.0, 0.0, 0.0, 0.0), (-0.2, 0.06, 1e-3, -1e-3, 0.0)])
+def test_the_cone_of_touching_rays_is_exact(distortion: tuple[float, float, float, float, float]) -> None:
+    """Rim points of a ball far from the picture's middle give the ray to its centre and its size, bent lens or not."""
+    lens = _lens(distortion)
+    centre, radius = np.array([0.11, 0.07, -0.03]), 0.012
+    axis = centre - lens.position
+    distance = float(np.linalg.norm(axis))
+    half = np.arcsin(radius / distance)
+    a = np.cross(axis, [0.0, 0.0, 1.0])
+    a, angles = a / np.linalg.norm(a), np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    b = np.cross(axis / distance, a)
+    tangent = np.cos(half) * axis / distance + np.sin(half) * (
+        np.cos(angles)[:, None] * a + np.sin(angles)[:, None] * b
+    )
+    intrinsics = intrinsics_of(lens)
+    found = fit_cone(intrinsics.normalised(lens.pixels(lens.position + tangent)), intrinsics)
+    assert found is not None
+    assert np.allclose(found.pixel, lens.pixels(centre), atol=1e-4)
+    assert found.half_angle == pytest.approx(half, rel=1e-5)
+
+
+def test_centres_are_found_to_a_twentieth_of_a_pixel() -> None:
+    """Shaded, blurred and noisy balls before clutter, in every camera; the covariance says no less than half of it."""
+    stage = Stage.standard(SEED)
+    errors, said = [], []
+    for pose in path_of(SEED, 4, 5.0):
+        for lens, image, camera in zip(stage.lenses, stage.frame(pose), cameras_of(stage), strict=True):
+            for ball, spec in zip(stage.balls(pose), END_EFFECTOR.balls, strict=True):
+                true = lens.pixels(ball.centre)
+                window = Window.around(true + np.array([3.0, -4.0]), 30.0, image)
+                circles = find_circles(image, spec.colour, window, (8.0, 22.0))
+                assert len(circles) == 1
+                found = outline(image, circles[0], camera.intrinsics)
+                assert found is not None
+                errors.append(found.pixel - true)
+                said.append(camera.intrinsics.focal * np.sqrt(np.trace(found.covariance) / 2))
+    assert np.sqrt(np.mean(np.square(errors))) < 0.08
+    assert np.median(said) > 0.5 * np.sqrt(np.mean(np.square(errors)))
+
+
+def test_a_half_hidden_ball_is_not_drawn_to_the_side_that_is_seen() -> None:
+    """With a third of the ball covered, the centre stays within half a pixel, and its uncertainty grows."""
+    stage = Stage.standard(SEED)
+    pose = path_of(SEED, 1)[0]
+    lens, studio = stage.lenses[3], stage.studios[3]
+    ball = stage.balls(pose)[0]
+    u, v = lens.pixels(ball.centre)
+    card = Card((int(u + 5), int(v - 60), int(u + 80), int(v + 60)))
+    intrinsics = intrinsics_of(lens)
+    start = np.array([u + 1.0, v - 1.0, 14.0])
+    free = outline(studio.photograph([ball]), start, intrinsics)
+    covered = outline(studio.photograph([ball], [card]), start, intrinsics)
+    assert free is not None
+    assert covered is not None
+    assert np.linalg.norm(covered.pixel - [u, v]) < 0.5
+    assert covered.arc < 0.9
+    assert np.trace(covered.covariance) > np.trace(free.covariance)
+
+
+def test_as_many_circles_are_found_as_there_are() -> None:
+    """The bisected threshold gives k circles for k balls of one colour, and none where the colour is not."""
+    picture = np.full((160, 320, 3), 120, np.uint8)
+    for k, u in enumerate((50, 120, 200)):
+        cv2.circle(picture, (u, 80), 14 + k, (40, 40, 200), -1, cv2.LINE_AA)
+    everywhere = Window(0, 0, 320, 160)
+    for count in (1, 2, 3):
+        assert len(find_circles(picture, colour_of("red"), everywhere, (9.0, 24.0), count)) == count
+    assert find_circles(picture, colour_of("green"), everywhere, (9.0, 24.0), 1) == []
+
+
+def test_two_merged_balls_of_one_colour_are_told_apart() -> None:
+    """Two touching balls are two candidates, each in its place, not one large ball between them."""
+    stage = Stage.standard(SEED, {"red_a": (0.0, 0.0, 0.0), "red_b": (0.0, 0.016, 0.0)}, pieces=0)
+    pose = path_of(SEED, 1)[0]
+    for lens, image, camera in zip(stage.lenses, stage.frame(pose), cameras_of(stage), strict=True):
+        true = [lens.pixels(ball.centre) for ball in stage.balls(pose)]
+        for found in look_everywhere(image, camera, END_EFFECTOR.balls[2]):
+            assert min(float(np.linalg.norm(found.pixel - t)) for t in true) < 2.0
+
+
+def test_colours_may_be_named_measured_or_given_as_hues() -> None:
+    """A name, a hue and a shade of red all take a red pixel and leave a green one."""
+    hsv = cv2.cvtColor(np.array([[[30, 30, 200], [40, 170, 50]]], np.uint8), cv2.COLOR_BGR2HSV)
+    for given in ("red", 0.0, "#c81e1e", (200, 30, 30)):
+        assert colour_of(given).mask(hsv).tolist() == [[255, 0]]
+
+
+def test_targets_that_cannot_work_are_refused() -> None:
+    """Balls on a line, colours that cannot be told apart, grey, unknown names and unknown keys."""
+    line = [BallSpec(n, colour_of(n), (0.01 * k, 0.0, 0.0)) for k, n in enumerate(("green", "yellow", "red"))]
+    with pytest.raises(DataError, match="on a line"):
+        Target(tuple(line))
+    with pytest.raises(DataError, match="cannot be told apart"):
+        target_from_dict({"ball": [{"name": "a", "hue": 10.0}, {"name": "b", "color": "red"}]})
+    with pytest.raises(DataError, match="nearly grey"):
+        colour_of((120, 121, 119))
+    with pytest.raises(DataError, match="no name here"):
+        target_from_dict({"ball": [{"name": "ball", "color": "mauvish"}]})
+    with pytest.raises(DataError, match="size"):
+        target_from_dict({"ball": [{"name": "red", "size": 3}]})
