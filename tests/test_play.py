@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpcorrect.play import play_states
+from gpcorrect.play import path_labels, play_states
 from gpcorrect.sim.effects.operators import play
 
 RADII = np.array([[0.1, 0.3], [0.5, 0.02]])
@@ -51,3 +51,20 @@ def test_every_label_is_a_path_of_its_own() -> None:
     both = states_of(np.concatenate([one, other]), np.repeat([5, 2], 300))
     np.testing.assert_array_equal(both[:300], states_of(one))
     np.testing.assert_allclose(both[300:], states_of(other), atol=1e-12)
+
+
+def test_motions_without_a_pause_between_are_one_path() -> None:
+    """Labels change with the session, where time runs back, and after a pause, and nowhere else."""
+    time = np.concatenate(
+        [np.arange(0, 1, 0.01), np.arange(1.2, 2, 0.01), np.arange(3.5, 4, 0.01), np.arange(0, 1, 0.01)]
+    )
+    session = np.repeat([0, 1], [len(time) - 50, 50])
+    breaks = np.flatnonzero(np.diff(path_labels(time, session))) + 1
+    np.testing.assert_array_equal(breaks, [180, 230, len(time) - 50])
+
+
+def test_no_samples_are_no_path() -> None:
+    """An empty recording has no labels, a single sample has one."""
+    none = np.zeros(0)
+    assert path_labels(none, none.astype(int)).shape == (0,)
+    assert path_labels(np.zeros(1), np.zeros(1, dtype=int)).tolist() == [0]

@@ -12,6 +12,7 @@ from support import real_data, small_log
 from gpcorrect import artifact, se3
 from gpcorrect.corrector import CommandCorrector, FitResult, FitSettings, fit_command_corrector
 from gpcorrect.corrector.joint_map import JointMap
+from gpcorrect.corrector.memory import History
 from gpcorrect.corrector.reference import rotations_of
 from gpcorrect.experiment import evaluate, run_experiment
 from gpcorrect.logs import read_log
@@ -101,6 +102,32 @@ def test_a_stream_estimates_its_velocity(small_corrector: CommandCorrector) -> N
     np.testing.assert_allclose(answers[-1].position, last.position, rtol=0, atol=1e-9)
     assert "at rest" in answers[0].reason
     assert answers[1].reason == ""
+
+
+def test_memory_is_of_the_commands_before(sticky: FitResult) -> None:
+    """Features of a sample change with earlier commands and with its own reference, not with its own command."""
+    assert sticky.corrector.recall is not None
+    memory, rng = sticky.corrector.recall.memory, np.random.default_rng(5)
+    reference, command = (PoseSignal(np.cumsum(rng.normal(0, 2e-3, (30, 3)), axis=0)) for _ in range(2))
+    labels = np.zeros(30, dtype=int)
+    before = memory.transform(History(command, reference, labels))
+    for changed, row in ((command, 29), (command, 28), (reference, 29)):
+        moved = np.array(changed.position)
+        moved[row] += 1e-3
+        pair = (PoseSignal(moved), reference) if changed is command else (command, PoseSignal(moved))
+        same = np.array_equal(memory.transform(History(*pair, labels))[29], before[29])
+        assert same == (changed is command and row == 29)
+
+
+def test_a_new_path_starts_amid_the_slack(sticky: FitResult) -> None:
+    """The first sample of a path knows nothing, and what follows is as if nothing had gone before."""
+    assert sticky.corrector.recall is not None
+    memory = sticky.corrector.recall.memory
+    path = PoseSignal(np.cumsum(np.random.default_rng(6).normal(0, 2e-3, (40, 3)), axis=0))
+    both = memory.transform(History(path, path, np.repeat([0, 1], 20)))
+    alone = memory.transform(History(path[20:], path[20:], np.zeros(20, dtype=int)))
+    np.testing.assert_array_equal(both[20], 0.0)
+    np.testing.assert_allclose(both[20:], alone, atol=1e-12)
 
 
 def test_a_model_file_keeps_the_memory(sticky: FitResult, tmp_path: Path) -> None:
