@@ -268,7 +268,7 @@ def _regression(
                 Y,
                 data.trajectory[rows],
                 data.time[rows],
-                features.smooth,
+                features,
                 inducing=settings.inducing,
                 seed=settings.seed,
                 progress=progress,

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.gpr import Predictor, SparseGPR
-from gpcorrect.joint import PolynomialCalibrator, PolynomialMap, zero_path
+from gpcorrect.joint import JointFeatures, PolynomialMap, zero_path
+from gpcorrect.joint_corrector.law import linear_law
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 __all__ = ["GPMap", "learn_gp"]
 
-RIDGE = 1e-5
 FEWEST_STRETCHES = 40  # into which the recording is cut for noise that neighbours share: long ones cost their cube
 
 
@@ -50,7 +50,7 @@ def learn_gp(
     Y: FloatArray,
     trajectory: IntArray,
     time: FloatArray,
-    columns: IntArray,
+    features: JointFeatures,
     *,
     inducing: int,
     seed: int,
@@ -60,10 +60,9 @@ def learn_gp(
 
     A zero that wanders is taken out before the field is learned: it is a matter of time, not of place.
     """
-    first = PolynomialCalibrator(1, RIDGE).fit(X, Y)
-    zero = zero_path(Y - first.predict(X), trajectory)
-    linear = PolynomialCalibrator(1, RIDGE).fit(X, Y - zero.samples).map_
-    assert isinstance(linear, PolynomialMap)
+    columns = features.smooth
+    zero = zero_path(Y - linear_law(X, Y, features).predict(X)[0], trajectory)
+    linear = linear_law(X, Y - zero.samples, features)
     left = Y - zero.samples - linear.predict(X)[0]
     regressor = SparseGPR(
         n_inducing=inducing,
@@ -71,7 +70,7 @@ def learn_gp(
         output_groups=[1] * Y.shape[1],
         random_state=seed,
     ).fit(X[:, columns], left, groups=_stretches(trajectory), times=time, progress=progress)
-    return GPMap(linear, np.asarray(columns), regressor.predictor_), zero.last
+    return GPMap(linear, columns, regressor.predictor_), zero.last
 
 
 def _stretches(trajectory: IntArray) -> IntArray:
