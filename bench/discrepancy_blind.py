@@ -18,13 +18,14 @@ from pathlib import Path
 from typing import Any
 
 from discrepancy_baselines import BASELINES
-from discrepancy_cases import Job, outcome_of, solve
-from joblib import Parallel, delayed
+from discrepancy_cases import ADVISED, Job, outcome_of, solve
 from support import RESULTS, print_table
 from truth import SUITES, short, specs
 
+from gpcorrect.discrepancy.advice.next_experiment import ENOUGH
 from gpcorrect.discrepancy.protocol.score_reports import Score, Share, score_cases
 from gpcorrect.discrepancy.protocol.score_text import score_text
+from gpcorrect.parallel import each_as_done, workers
 
 FIRST_SEED = 900_000
 NUMBERS = {
@@ -35,8 +36,9 @@ NUMBERS = {
     "pairs": 200,
     "triples": 100,
     "outside": 300,
+    "advised": 400,  # of which those that are ambiguous at first count
 }
-SHORT = {"null": 3, "null_awkward": 2, "one": 6, "zigzag": 2, "pairs": 1, "triples": 1, "outside": 3}
+SHORT = {"null": 3, "null_awkward": 2, "one": 6, "zigzag": 2, "pairs": 1, "triples": 1, "outside": 3, "advised": 2}
 
 
 def jobs_of(arguments: argparse.Namespace) -> Iterator[Job]:
@@ -47,7 +49,7 @@ def jobs_of(arguments: argparse.Namespace) -> Iterator[Job]:
             yield Job(short(spec) if arguments.short else spec, seed, not arguments.no_baselines)
 
 
-def run(jobs: list[Job], results: Path, workers: int) -> list[dict[str, Any]]:
+def run(jobs: list[Job], results: Path) -> list[dict[str, Any]]:
     """Solve what is not solved yet, each result written as soon as it is there."""
     results.parent.mkdir(parents=True, exist_ok=True)
     known = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
@@ -55,8 +57,7 @@ def run(jobs: list[Job], results: Path, workers: int) -> list[dict[str, Any]]:
     left = [job for job in jobs if job.key not in done]
     started = time.monotonic()
     with results.open("a") as file:
-        solved = Parallel(n_jobs=workers, return_as="generator_unordered")(delayed(solve)(job) for job in left)
-        for number, entry in enumerate(solved, 1):
+        for number, entry in enumerate(each_as_done(solve, left), 1):
             done[entry["key"]] = entry
             file.write(json.dumps(entry) + "\n")
             file.flush()
@@ -72,14 +73,29 @@ def run(jobs: list[Job], results: Path, workers: int) -> list[dict[str, Any]]:
 
 def show(entries: list[dict[str, Any]]) -> Score:
     """Print the target table, the confusion matrix, detection limits, and the baselines beside the workflow."""
-    outcomes = [outcome_of(e["outcome"]) for e in entries]
+    outcomes = [outcome_of(e["outcome"]) for e in entries if e["outcome"] is not None]
     refused = [e for e in entries if "refused" in e]
     score = score_cases(outcomes)
     print(score_text(score))
+    told_apart(entries)
     if refused:
         print(f"\n{len(refused)} cases were refused and count as undecided, for example: {refused[0]['refused']}")
     compare(entries)
     return score
+
+
+def told_apart(entries: list[dict[str, Any]]) -> None:
+    """Print what became of the cases of the advised set."""
+    cases = [e for e in entries if e["suite"] == ADVISED]
+    if not cases:
+        return
+    ambiguous = [e for e in cases if "advice" in e]
+    made = [e for e in ambiguous if e["outcome"] is not None]
+    equivalent = sum(e["advice"]["expected_nats"] < ENOUGH for e in ambiguous)
+    print(
+        f"\nadvised set, {len(cases)} cases: {len(ambiguous)} ambiguous at first; of these {equivalent} are called "
+        f"equivalent with these sensors, {len(made)} had an advised run that one model file can hold."
+    )
 
 
 def compare(entries: list[dict[str, Any]]) -> None:
@@ -112,13 +128,16 @@ def main() -> None:
     parser.add_argument("--suite", action="append", choices=sorted(NUMBERS), help="only this set; repeatable")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="published figures: 900000 and up")
     parser.add_argument("--workers", type=int, default=-1, help="processes; all cores by default")
+    parser.add_argument("--scheduler", help="address of a Dask scheduler whose workers have bench/ on PYTHONPATH")
     parser.add_argument("--no-baselines", action="store_true")
     parser.add_argument("--results", type=Path, default=None, help="file that finished cases are kept in")
     arguments = parser.parse_args()
     name = "discrepancy_blind_short" if arguments.short else "discrepancy_blind"
     results = arguments.results or RESULTS / f"{name}.jsonl"
     jobs = list(jobs_of(arguments))
-    score = show(run(jobs, results, arguments.workers))
+    with workers(arguments.workers, arguments.scheduler):
+        entries = run(jobs, results)
+    score = show(entries)
     results.with_suffix(".json").write_text(json.dumps(score.to_dict(), indent=2))
 
 

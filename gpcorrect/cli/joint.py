@@ -26,7 +26,7 @@ from gpcorrect.joint_corrector import (
     method_named,
 )
 
-__all__ = ["joint_app"]
+__all__ = ["joint_app", "show_joint_errors"]
 
 joint_app = typer.Typer(
     no_args_is_help=True, help="Joint-space calibration: reported joints to true ones, or commands."
@@ -86,7 +86,7 @@ def fit(
     if json:
         print_json(experiment.to_dict())
         return
-    _show(f"Held-out errors, {experiment.n_test} samples", experiment.errors)
+    show_joint_errors(f"Held-out errors, {experiment.n_test} samples", experiment.errors)
     out.print(f"trained on {experiment.n_train} samples in {experiment.seconds:.1f} s -> {output}")
 
 
@@ -102,7 +102,7 @@ def evaluate(
     if json:
         print_json(result)
     else:
-        _show(f"Errors on {result['n_test']} samples", result["errors"])
+        show_joint_errors(f"Errors on {result['n_test']} samples", result["errors"])
     for row in result["zeros"]:
         if row["moved"]:
             err.print(
@@ -203,7 +203,8 @@ def _direction(name: str) -> Direction:
     raise DataError(f"the direction is estimate or command; got {name!r}.")
 
 
-def _show(title: str, errors: dict[str, JointErrors]) -> None:
+def show_joint_errors(title: str, errors: dict[str, JointErrors]) -> None:
+    """Print a table of joint errors, before and after."""
     if not errors:
         err.print("[yellow]note:[/] nothing was held out, so nothing was measured")
         return

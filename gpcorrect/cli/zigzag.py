@@ -17,7 +17,7 @@ from gpcorrect.joint import TimedPath, direction_named, timed, zigzag
 from gpcorrect.logs import write_log
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta
 
-__all__ = ["zigzag_command"]
+__all__ = ["joint_limits", "numbers", "zigzag_command"]
 
 ROUNDING = 1e-9  # rad and m: of limits written in degrees and millimetres
 UNIT = np.array([np.deg2rad(1.0), np.deg2rad(1.0), 1e-3])
@@ -50,11 +50,11 @@ def zigzag_command(
     """
     require_folder(output)
     chosen = direction_named(direction)
-    block = _limits(limits)
+    block = joint_limits(limits)
     if arm != "none":
         _require_within(block, arm)
     corners = zigzag(chosen, sparsity, block)
-    path = timed(corners, UNIT * np.array(_numbers(speed, ",", 3, "speed limits")), rate)
+    path = timed(corners, UNIT * np.array(numbers(speed, ",", 3, "speed limits")), rate)
     write_log(_log(path), output)
     title = f"zig-zag {chosen}, sparsity 1/{sparsity}: {path.duration / 60:.1f} min"
     if plot is not None:
@@ -98,19 +98,33 @@ def _draw(path: TimedPath, title: str, plot: Path) -> None:
         temporary.write_bytes(png(joint_trajectory(path.time, path.q, title)))
 
 
-def _limits(text: str) -> FloatArray:
+def joint_limits(text: str) -> FloatArray:
+    """Return (3, 2) limits, rad and m, of a text of three pairs LOW:HIGH in deg, deg and mm.
+
+    Raises
+    ------
+    DataError
+        It is no such text.
+    """
     pairs = text.split(",")
     if len(pairs) != len(UNIT):
         raise DataError(f"limits are three pairs LOW:HIGH, got {text!r}.", hint="For example 20:60,55:110,330:420")
-    limits: FloatArray = UNIT[:, None] * np.array([_numbers(pair, ":", 2, "limits") for pair in pairs])
+    limits: FloatArray = UNIT[:, None] * np.array([numbers(pair, ":", 2, "limits") for pair in pairs])
     return limits
 
 
-def _numbers(text: str, separator: str, count: int, what: str) -> list[float]:
+def numbers(text: str, separator: str, count: int, what: str) -> list[float]:
+    """Return the `count` numbers of a text.
+
+    Raises
+    ------
+    DataError
+        There are more or fewer, or they are no numbers.
+    """
     try:
-        numbers = [float(part) for part in text.split(separator)]
+        found = [float(part) for part in text.split(separator)]
     except ValueError as error:
         raise DataError(f"{what} must be numbers, got {text!r}.") from error
-    if len(numbers) != count:
+    if len(found) != count:
         raise DataError(f"{what} need {count} numbers separated by {separator!r}, got {text!r}.")
-    return numbers
+    return found

@@ -2,6 +2,7 @@
 
 from gpcorrect.plots.cleaning import dropped_samples
 from gpcorrect.plots.clocks import offset_curve
+from gpcorrect.plots.debridement import debridement_gif, debridement_paths
 from gpcorrect.plots.discrepancy_evidence import nats_waterfall, posterior_bars, signature_correlation
 from gpcorrect.plots.discrepancy_gap import gap_chart
 from gpcorrect.plots.discrepancy_loops import loop_plots
@@ -23,6 +24,8 @@ __all__ = [
     "accuracy_over_homings",
     "accuracy_over_hours",
     "accuracy_over_minutes",
+    "debridement_gif",
+    "debridement_paths",
     "drift_history",
     "dropped_samples",
     "error_by_speed",

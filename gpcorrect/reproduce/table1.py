@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from gpcorrect.corrector import FitSettings
 from gpcorrect.errors import LogError
 from gpcorrect.experiment import Experiment, Measured, run_experiment
 from gpcorrect.metrics import spread
+from gpcorrect.parallel import each
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
 
 __all__ = ["COMPONENTS", "METHODS", "NORMS", "Errors", "TableOne", "table_one"]
@@ -73,11 +75,9 @@ class TableOne:
 
 def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress) -> TableOne:
     """Fit the four regressions on the first 80 % of the reaches and measure all six methods on the others."""
-    experiments: dict[str, Experiment] = {}
-    for done, (name, changes) in enumerate(FITS.items()):
-        progress.step("Table I", done / len(FITS))
-        experiments[name] = run_experiment(log, replace(settings, **changes))
-    progress.step("Table I", 1.0)
+    tasks = [replace(settings, **changes) for changes in FITS.values()]
+    done = each(partial(run_experiment, log), tasks, progress, "Table I")
+    experiments: dict[str, Experiment] = dict(zip(FITS, done, strict=True))
     measured = {"no correction": ("offset + GPR", "raw"), "offset": ("offset + GPR", "rigid")}
     measured |= {name: (name, "corrected") for name in FITS}
     clean, dirty = (
