@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.gpr import Predictor, SparseGPR
-from gpcorrect.joint import JointFeatures, PolynomialMap, zero_path
+from gpcorrect.joint import PolynomialMap, zero_path
 from gpcorrect.joint_corrector.law import linear_law
 from gpcorrect.types import FloatArray, IntArray, Progress
 
@@ -50,19 +50,20 @@ def learn_gp(
     Y: FloatArray,
     trajectory: IntArray,
     time: FloatArray,
-    features: JointFeatures,
+    columns: IntArray,
     *,
     inducing: int,
     seed: int,
+    penalties: FloatArray | None = None,
     progress: Progress | None = None,
 ) -> tuple[GPMap, FloatArray]:
     """Learn from features `(n, d)` and errors `(n, m)`; also return where each joint's zero stood last `(m,)`.
 
-    A zero that wanders is taken out before the field is learned: it is a matter of time, not of place.
+    `penalties` (k, m) are those of the linear law. A zero that wanders is taken out before the field is learned: it is
+    a matter of time, not of place.
     """
-    columns = features.smooth
-    zero = zero_path(Y - linear_law(X, Y, features).predict(X)[0], trajectory)
-    linear = linear_law(X, Y - zero.samples, features)
+    zero = zero_path(Y - linear_law(X, Y, penalties).predict(X)[0], trajectory)
+    linear = linear_law(X, Y - zero.samples, penalties)
     left = Y - zero.samples - linear.predict(X)[0]
     regressor = SparseGPR(
         n_inducing=inducing,
@@ -70,7 +71,7 @@ def learn_gp(
         output_groups=[1] * Y.shape[1],
         random_state=seed,
     ).fit(X[:, columns], left, groups=_stretches(trajectory), times=time, progress=progress)
-    return GPMap(linear, columns, regressor.predictor_), zero.last
+    return GPMap(linear, np.asarray(columns), regressor.predictor_), zero.last
 
 
 def _stretches(trajectory: IntArray) -> IntArray:
