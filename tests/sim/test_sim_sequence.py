@@ -22,8 +22,8 @@ def test_runs_cut_from_one_another_lag_as_the_whole_does() -> None:
 
 def test_sessions_know_nothing_of_one_another() -> None:
     """The first run of a session starts in balance, whatever came before."""
-    time = np.tile(np.linspace(0.0, 5.0, 50)[:, None], (1, 2)) + [0.0, 6.0]
-    path = np.tile(np.sin(time[:, :1]), (1, 2)) + [0.0, 3.0]
+    time = np.tile(np.linspace(0.0, 5.0, 50)[:, None], (1, 2)) + np.array([0.0, 6.0])
+    path = np.tile(np.sin(time[:, :1]), (1, 2)) + np.array([0.0, 3.0])
     apart = lag_through(path, time, np.array([0, 1]), 4.0)
     np.testing.assert_allclose(apart, lag(path, time, 4.0))
     assert not np.allclose(lag_through(path, time, np.array([0, 0]), 4.0), apart)
@@ -31,7 +31,7 @@ def test_sessions_know_nothing_of_one_another() -> None:
 
 def test_a_gap_is_bridged_with_what_lies_on_either_side() -> None:
     """After a gap of many time constants at one load, the next run starts in balance with that load."""
-    time = np.tile(np.linspace(0.0, 1.0, 20)[:, None], (1, 2)) + [0.0, 1000.0]
+    time = np.tile(np.linspace(0.0, 1.0, 20)[:, None], (1, 2)) + np.array([0.0, 1000.0])
     path = np.concatenate([np.linspace(0.0, 2.0, 20)[:, None], np.full((20, 1), 2.0)], axis=1)
     through = lag_through(path, time, np.zeros(2, dtype=np.int64), 3.0)
     np.testing.assert_allclose(through[:, 1], 2.0, atol=1e-12)

@@ -89,7 +89,7 @@ def estimate_noises(bench: Bench, residual: FloatArray, rows: BoolArray) -> tupl
     own = [estimate_noise(bench.time, column, block, bench.still, FLOOR) for column in residual.T]
     count, step = samples_a_row(bench.group), sampling_step(bench.scene)
     stated = [n and averaged(n, count, step) for n in stated_noises(bench.scene)]
-    own = [settled(o, s) for o, s in zip(own, stated, strict=True)]
+    own = [settled(o, s, count * step) for o, s in zip(own, stated, strict=True)]
     channels = bench.scene.channels
     outside = {c.joint: n.std for c, n in zip(channels, own, strict=True) if c.signal == "external_jp"}
     floors = [0.0 if c.signal != "measured_jp" else MOTOR_SHARE * outside.get(c.joint, MOTOR_FLOOR) for c in channels]

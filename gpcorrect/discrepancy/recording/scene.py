@@ -26,7 +26,7 @@ from gpcorrect.discrepancy.recording.channels import (
     sampling_is_even,
 )
 from gpcorrect.discrepancy.recording.layout import Layout, layout_of
-from gpcorrect.discrepancy.recording.noise import estimate_noise
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise
 from gpcorrect.discrepancy.recording.paths import PathMemory
 from gpcorrect.discrepancy.recording.replay_plan import RUN_OUT, commanded_plan
 from gpcorrect.discrepancy.recording.slack import (
@@ -280,7 +280,9 @@ class Scene:
         return moved
 
 
-def build_scene(log: CalibrationLog, model: Model, registered_on: BoolArray) -> Scene:
+def build_scene(
+    log: CalibrationLog, model: Model, registered_on: BoolArray, noises: tuple[ChannelNoise, ...] | None = None
+) -> Scene:
     """Prepare a log and a model for comparison.
 
     Parameters
@@ -291,6 +293,9 @@ def build_scene(log: CalibrationLog, model: Model, registered_on: BoolArray) -> 
         What is known of the machine.
     registered_on : (n,) bool array
         Rows that may be used to register the tracker.
+    noises : tuple of ChannelNoise, optional
+        Of each channel, against which the tolerance of table and registration is held; as the recording shows it when
+        None.
 
     Returns
     -------
@@ -329,11 +334,11 @@ def build_scene(log: CalibrationLog, model: Model, registered_on: BoolArray) -> 
         measured=source == "measured_jp",
         remarks=tuple(remarks),
     )
-    return replace(scene, slack=_slack(scene)) if scene.tracked else scene
+    return replace(scene, slack=_slack(scene, noises)) if scene.tracked else scene
 
 
-def _slack(scene: Scene) -> Slack:
-    """Tolerance of table and registration, against the noise that the tracker's residual shows over short lags."""
+def _slack(scene: Scene, noises: tuple[ChannelNoise, ...] | None) -> Slack:
+    """Tolerance of table and registration, against the noise given or that the residual shows over short lags."""
     body, said = scene.machine.body, scene.predict()
     assert body.chain is not None
     chain = replace(body.chain, tool=se3.compose(body.chain.tool, scene.machine.T_tip_marker))
@@ -348,7 +353,8 @@ def _slack(scene: Scene) -> Slack:
     spread = np.zeros((*said.shape, slopes.shape[2]))
     spread[:, seen] = slopes
     label, still = scene.run_of_row(), np.zeros(len(scene), dtype=np.bool_)
-    noises = tuple(estimate_noise(scene.time, r, label, still) for r in (scene.observed - said).T)
+    if noises is None:
+        noises = tuple(estimate_noise(scene.time, r, label, still) for r in (scene.observed - said).T)
     steps = np.diff(scene.time)
     return slack_of(spread, rows, noises, float(np.median(steps[steps > 0])))
 

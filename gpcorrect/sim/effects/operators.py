@@ -16,7 +16,7 @@ from gpcorrect.sim.effects.loading_curve import along_curve, loading_curve
 from gpcorrect.sim.effects.oscillator import swung
 from gpcorrect.types import FloatArray
 
-__all__ = ["bouc_wen", "lag", "play", "ring"]
+__all__ = ["bouc_wen", "lag", "play", "ring", "travelled"]
 
 
 def play(path: FloatArray, radius: float) -> FloatArray:
@@ -170,14 +170,14 @@ def _bouc_wen(path: FloatArray, sharpness: float) -> FloatArray:
             u = path[i, j]
             if isnan(u):
                 continue
-            z = _travelled(curve, z, 0.0 if isnan(last) else u - last)
+            z = travelled(curve, z, 0.0 if isnan(last) else u - last)
             last, output[i, j] = u, z
     return output
 
 
 @njit(cache=True)
-def _travelled(curve: FloatArray, z: float, travel: float) -> float:
-    """State after a travel in one direction: back to zero along a straight line, then along the curve."""
+def travelled(curve: FloatArray, z: float, travel: float) -> float:
+    """Return a Bouc-Wen state after a travel in one direction, in widths: straight back to zero, then the curve."""
     direction = 1.0 if travel > 0 else -1.0
     z, left = z * direction, abs(travel)
     if z < 0.0:
