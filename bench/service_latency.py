@@ -1,8 +1,8 @@
 """How long a served correction takes, beside a bare zenoh echo of the same bytes in the same run.
 
-Processes: planners, the service with a real model, and an echo, a queryable that sends a query back and does
-nothing else. Questions alternate between the two, so that both see the same machine: JSON, MessagePack, CDR; one
-planner and eight, directly and through a router. Also: the model alone without a network, and how fast `health` answers while
+Processes: planners, the service with a real model, and an echo, a queryable that sends a query back and does nothing
+else. Questions alternate between the two, so that both see the same machine: JSON, MessagePack, CDR; one planner and
+eight, directly and through a router. Also: the model alone without a network, and how fast `health` answers while
 other planners flood the service.
 """
 
