@@ -18,11 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from discrepancy_baselines import BASELINES
-from discrepancy_cases import Job, outcome_of, solve
+from discrepancy_cases import ADVISED, Job, outcome_of, solve
 from joblib import Parallel, delayed
 from support import RESULTS, print_table
 from truth import SUITES, short, specs
 
+from gpcorrect.discrepancy.advice.next_experiment import ENOUGH
 from gpcorrect.discrepancy.protocol.score_reports import Score, Share, score_cases
 from gpcorrect.discrepancy.protocol.score_text import score_text
 
@@ -35,8 +36,9 @@ NUMBERS = {
     "pairs": 200,
     "triples": 100,
     "outside": 300,
+    "advised": 400,  # of which those that are ambiguous at first count
 }
-SHORT = {"null": 3, "null_awkward": 2, "one": 6, "zigzag": 2, "pairs": 1, "triples": 1, "outside": 3}
+SHORT = {"null": 3, "null_awkward": 2, "one": 6, "zigzag": 2, "pairs": 1, "triples": 1, "outside": 3, "advised": 2}
 
 
 def jobs_of(arguments: argparse.Namespace) -> Iterator[Job]:
@@ -72,14 +74,29 @@ def run(jobs: list[Job], results: Path, workers: int) -> list[dict[str, Any]]:
 
 def show(entries: list[dict[str, Any]]) -> Score:
     """Print the target table, the confusion matrix, detection limits, and the baselines beside the workflow."""
-    outcomes = [outcome_of(e["outcome"]) for e in entries]
+    outcomes = [outcome_of(e["outcome"]) for e in entries if e["outcome"] is not None]
     refused = [e for e in entries if "refused" in e]
     score = score_cases(outcomes)
     print(score_text(score))
+    told_apart(entries)
     if refused:
         print(f"\n{len(refused)} cases were refused and count as undecided, for example: {refused[0]['refused']}")
     compare(entries)
     return score
+
+
+def told_apart(entries: list[dict[str, Any]]) -> None:
+    """Print what became of the cases of the advised set."""
+    cases = [e for e in entries if e["suite"] == ADVISED]
+    if not cases:
+        return
+    ambiguous = [e for e in cases if "advice" in e]
+    made = [e for e in ambiguous if e["outcome"] is not None]
+    equivalent = sum(e["advice"]["expected_nats"] < ENOUGH for e in ambiguous)
+    print(
+        f"\nadvised set, {len(cases)} cases: {len(ambiguous)} ambiguous at first; of these {equivalent} are called "
+        f"equivalent with these sensors, {len(made)} had an advised run that one model file can hold."
+    )
 
 
 def compare(entries: list[dict[str, Any]]) -> None:

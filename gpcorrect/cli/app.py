@@ -22,6 +22,7 @@ from gpcorrect.cli.prefilter import prefilter
 from gpcorrect.cli.query import query_app
 from gpcorrect.cli.reproduce import reproduce_app
 from gpcorrect.cli.robot import robot_app
+from gpcorrect.cli.secure import doctor, router, secure_app
 from gpcorrect.cli.serve import serve
 from gpcorrect.cli.sim import sim_app
 from gpcorrect.cli.simulate import simulate
@@ -62,6 +63,9 @@ app.add_typer(sim_app, name="sim")
 app.add_typer(robot_app, name="robot")
 app.add_typer(collect_app, name="collect")
 app.add_typer(models_app, name="models")
+app.add_typer(secure_app, name="secure")
+app.command()(router)
+app.command()(doctor)
 app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from gpcorrect.arms import arm_named
 from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.cli.console import out, print_json
 from gpcorrect.cli.options import Json
@@ -18,6 +19,7 @@ from gpcorrect.types import CalibrationLog, FloatArray, LogMeta
 
 __all__ = ["joint_limits", "numbers", "zigzag_command"]
 
+ROUNDING = 1e-9  # rad and m: of limits written in degrees and millimetres
 UNIT = np.array([np.deg2rad(1.0), np.deg2rad(1.0), 1e-3])
 
 
@@ -30,6 +32,9 @@ def zigzag_command(
     ] = "J1",
     sparsity: Annotated[int, typer.Option(help="n: stripes lie 1/n of the block's side apart.")] = 4,
     limits: Annotated[str, typer.Option(help="LOW:HIGH of joints 1, 2 (deg) and 3 (mm).")] = "20:60,55:110,330:420",
+    arm: Annotated[
+        str, typer.Option(help="Arm whose limits must hold: raven2_left, raven2_right, dvrk_psm, or none.")
+    ] = "raven2_left",
     speed: Annotated[str, typer.Option(help="Speed limits of joints 1, 2 (deg/s) and 3 (mm/s).")] = "5,5,20",
     rate: Annotated[float, typer.Option(help="Samples a second.")] = 30.0,
     plot: Annotated[Path | None, typer.Option(help="Picture to write (PNG).", show_default=False)] = None,
@@ -45,7 +50,10 @@ def zigzag_command(
     """
     require_folder(output)
     chosen = direction_named(direction)
-    corners = zigzag(chosen, sparsity, joint_limits(limits))
+    block = joint_limits(limits)
+    if arm != "none":
+        _require_within(block, arm)
+    corners = zigzag(chosen, sparsity, block)
     path = timed(corners, UNIT * np.array(numbers(speed, ",", 3, "speed limits")), rate)
     write_log(_log(path), output)
     title = f"zig-zag {chosen}, sparsity 1/{sparsity}: {path.duration / 60:.1f} min"
@@ -63,6 +71,18 @@ def zigzag_command(
         print_json(facts)
     else:
         out.print(f"{title}, {len(corners)} corners, {len(path.time)} samples -> {output}")
+
+
+def _require_within(block: FloatArray, name: str) -> None:
+    """Refuse a block that the arm's own limits do not hold."""
+    allowed = arm_named(name).limits[: len(block)]
+    for joint, ((low, high), (least, most), unit) in enumerate(zip(block, allowed, UNIT, strict=True), start=1):
+        if low < least - ROUNDING or high > most + ROUNDING:
+            raise DataError(
+                f"joint {joint} would go from {low / unit:g} to {high / unit:g}, beyond the limits of {name}, "
+                f"{least / unit:g} to {most / unit:g}.",
+                hint="Narrow --limits, name another --arm, or give --arm none.",
+            )
 
 
 def _log(path: TimedPath) -> CalibrationLog:

@@ -10,6 +10,7 @@ from gpcorrect.plots.discrepancy_maps import residual_over_joints
 from gpcorrect.plots.drift import drift_history
 from gpcorrect.plots.errors import error_by_speed, error_distribution
 from gpcorrect.plots.intervals import reliability
+from gpcorrect.plots.joint_study import accuracy_over_homings, accuracy_over_hours, accuracy_over_minutes
 from gpcorrect.plots.landing import visits
 from gpcorrect.plots.overview import overview
 from gpcorrect.plots.style import png
@@ -20,6 +21,9 @@ from gpcorrect.plots.workspace import residual_maps, workspace_coverage
 from gpcorrect.plots.zigzag import joint_trajectory
 
 __all__ = [
+    "accuracy_over_homings",
+    "accuracy_over_hours",
+    "accuracy_over_minutes",
     "debridement_gif",
     "debridement_paths",
     "drift_history",

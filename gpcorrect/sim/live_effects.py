@@ -19,6 +19,7 @@ from gpcorrect.sim.effects.cable_coupling import CableCoupling
 from gpcorrect.sim.effects.creep import Creep
 from gpcorrect.sim.effects.delay import Delay
 from gpcorrect.sim.effects.hysteresis import Hysteresis
+from gpcorrect.sim.effects.loading_curve import loading_curve
 from gpcorrect.sim.effects.operators import lag, play, travelled
 from gpcorrect.sim.effects.oscillator import swung
 from gpcorrect.sim.effects.resonance import Resonance
@@ -103,7 +104,7 @@ class _LiveCreep:
 
 class _LiveHysteresis:
     def __init__(self, effect: Hysteresis) -> None:
-        self._effect = effect
+        self._effect, self._curve = effect, loading_curve(effect.sharpness)
         self._state = 0.0
         self._last: float | None = None
 
@@ -111,7 +112,7 @@ class _LiveHysteresis:
         effect, j = self._effect, self._effect.column(motion.joints)
         u = float(q[0, 0, j])
         if effect.radius > 0 and self._last is not None:
-            self._state = float(travelled(self._state, (u - self._last) / effect.radius, effect.sharpness))
+            self._state = float(travelled(self._curve, self._state, (u - self._last) / effect.radius))
         self._last = u
         return with_column(q, j, q[..., j] - effect.radius * self._state)
 
