@@ -93,6 +93,9 @@ def main() -> None:
         "none": lambda seed: cleaned(no_fault, World(), seed),
         "none, misses 2 cm and 20 deg": lambda seed: cleaned(no_fault, rough, seed),
     }
+    for reaches in (15, 30):
+        few = World(reaches=reaches, position_only=True)
+        runs[f"none, {reaches} reaches, positions only"] = lambda seed, few=few: cleaned(no_fault, few, seed)
     for name, plant in FAULTS.items():
         runs[name] = lambda seed, plant=plant: cleaned(plant, World(), seed)
     for name in ("scattered", "offset block", "occlusion jumps"):

@@ -3,6 +3,7 @@
     python bench/discrepancy_blind.py                     # 2400 cases: days on two cores
     python bench/discrepancy_blind.py --share 0.05        # a twentieth of every set
     python bench/discrepancy_blind.py --short             # minutes: 12 trajectories of 10 s, few cases
+    python bench/discrepancy_blind.py --short --share 0.05
 
 Truth comes from bench/truth, which shares no code with the simulator that the workflow uses. Seeds start at 900000;
 none of them was used in development. Finished cases are kept line by line in --results, so that a killed run goes on.
@@ -19,13 +20,13 @@ from typing import Any
 
 from discrepancy_baselines import BASELINES
 from discrepancy_cases import ADVISED, Job, outcome_of, solve
-from joblib import Parallel, delayed
 from support import RESULTS, print_table
 from truth import SUITES, short, specs
 
 from gpcorrect.discrepancy.advice.next_experiment import ENOUGH
 from gpcorrect.discrepancy.protocol.score_reports import Score, Share, score_cases
 from gpcorrect.discrepancy.protocol.score_text import score_text
+from gpcorrect.parallel import each_as_done, workers
 
 FIRST_SEED = 900_000
 NUMBERS = {
@@ -42,14 +43,22 @@ SHORT = {"null": 3, "null_awkward": 2, "one": 6, "zigzag": 2, "pairs": 1, "tripl
 
 
 def jobs_of(arguments: argparse.Namespace) -> Iterator[Job]:
-    """Yield the cases that are asked for."""
+    """Yield the cases that are asked for: of each set evenly spread ones, so that every effect and size has its share.
+
+    Sets take turns, so that a run that is stopped has seen something of all.
+    """
+    turns = []
     for suite in arguments.suite or SUITES:
-        number = SHORT[suite] if arguments.short else max(1, round(arguments.share * NUMBERS[suite]))
-        for spec, seed in specs(suite, number, arguments.first_seed):
-            yield Job(short(spec) if arguments.short else spec, seed, not arguments.no_baselines)
+        few = arguments.short and arguments.share is None
+        number = SHORT[suite] if few else max(1, round((arguments.share or 1.0) * NUMBERS[suite]))
+        offsets = range(number) if few else (i * NUMBERS[suite] // number for i in range(number))
+        turns += [((i + 0.5) / number, suite, arguments.first_seed + o) for i, o in enumerate(offsets)]
+    for _, suite, seed in sorted(turns):
+        spec, _ = next(specs(suite, 1, seed))
+        yield Job(short(spec) if arguments.short else spec, seed, not arguments.no_baselines)
 
 
-def run(jobs: list[Job], results: Path, workers: int) -> list[dict[str, Any]]:
+def run(jobs: list[Job], results: Path) -> list[dict[str, Any]]:
     """Solve what is not solved yet, each result written as soon as it is there."""
     results.parent.mkdir(parents=True, exist_ok=True)
     known = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
@@ -57,8 +66,7 @@ def run(jobs: list[Job], results: Path, workers: int) -> list[dict[str, Any]]:
     left = [job for job in jobs if job.key not in done]
     started = time.monotonic()
     with results.open("a") as file:
-        solved = Parallel(n_jobs=workers, return_as="generator_unordered")(delayed(solve)(job) for job in left)
-        for number, entry in enumerate(solved, 1):
+        for number, entry in enumerate(each_as_done(solve, left), 1):
             done[entry["key"]] = entry
             file.write(json.dumps(entry) + "\n")
             file.flush()
@@ -124,18 +132,21 @@ def _percent(share: Share) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--short", action="store_true", help="a few small cases of every set")
-    parser.add_argument("--share", type=float, default=1.0, help="of the protocol's numbers")
+    parser.add_argument("--short", action="store_true", help="small cases; a few of every set unless --share says more")
+    parser.add_argument("--share", type=float, help="of the protocol's numbers")
     parser.add_argument("--suite", action="append", choices=sorted(NUMBERS), help="only this set; repeatable")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="published figures: 900000 and up")
     parser.add_argument("--workers", type=int, default=-1, help="processes; all cores by default")
+    parser.add_argument("--scheduler", help="address of a Dask scheduler whose workers have bench/ on PYTHONPATH")
     parser.add_argument("--no-baselines", action="store_true")
     parser.add_argument("--results", type=Path, default=None, help="file that finished cases are kept in")
     arguments = parser.parse_args()
     name = "discrepancy_blind_short" if arguments.short else "discrepancy_blind"
     results = arguments.results or RESULTS / f"{name}.jsonl"
     jobs = list(jobs_of(arguments))
-    score = show(run(jobs, results, arguments.workers))
+    with workers(arguments.workers, arguments.scheduler):
+        entries = run(jobs, results)
+    score = show(entries)
     results.with_suffix(".json").write_text(json.dumps(score.to_dict(), indent=2))
 
 

@@ -67,9 +67,9 @@ class FieldInputs:
 
 
 def _pose_entries(samples: Samples) -> FloatArray:
-    """Position and rotation-matrix entries (n, 12); the identity where orientations are not compared."""
+    """Position and rotation-matrix entries (n, 12); the identity where no orientation was commanded."""
     command = samples.command
-    if command.quaternion is None or samples.error.shape[1] == 3:
+    if command.quaternion is None:
         rotation = np.tile(np.eye(3).ravel(), (len(samples), 1))
     else:
         rotation = se3.matrix_from_quaternion(command.quaternion).reshape(-1, 9)

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from gpcorrect.atomic import atomic_path, make_folder
 from gpcorrect.cli.console import err, out, print_json, progress_bar
-from gpcorrect.cli.options import Columns, Json, read_logs
+from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler, read_logs
 from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units, next_step, number, verdict_sentence
 from gpcorrect.discrepancy.protocol.generate import LABELS as SEALED
 from gpcorrect.discrepancy.protocol.generate import generate as generate_cases
@@ -23,6 +23,7 @@ from gpcorrect.discrepancy.resume import find_or_resume
 from gpcorrect.discrepancy.run import RunSettings
 from gpcorrect.logs import write_log
 from gpcorrect.logs.digest import recording_digest
+from gpcorrect.parallel import workers
 from gpcorrect.sim import read_model, write_model
 
 __all__ = ["discrepancy_app"]
@@ -46,6 +47,8 @@ def run(
     ],
     columns: Columns = None,
     seed: Annotated[int, typer.Option(help="Seed of the split and of everything drawn.")] = 0,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
     json: Json = False,
 ) -> None:
     """Name what is missing in a model, or say that nothing is, or that these data cannot tell.
@@ -66,7 +69,7 @@ def run(
 
     make_folder(output)
     machine, recording = read_model(model), read_logs(log, columns)
-    with progress_bar(quiet=json) as progress:
+    with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
         done = find_or_resume(recording, machine, RunSettings(seed=seed), output, progress)
     with atomic_path(output / "report.json") as path:
         path.write_text(json_text.dumps(done.report, indent=2), encoding="utf-8")
@@ -110,6 +113,8 @@ def generate(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Folder for the logs; made if absent.", show_default=False)
     ],
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
     json: Json = False,
 ) -> None:
     """Simulate recordings with hidden effects, and seal the labels apart from them.
@@ -134,7 +139,7 @@ def generate(
     make_folder(output)
     wanted = read_spec(spec)
     labels: dict[str, Any] = {}
-    with progress_bar(quiet=json) as progress:
+    with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
         for case in generate_cases(wanted, progress):
             path = output / f"{case.name}.parquet"
             write_log(case.log, path)

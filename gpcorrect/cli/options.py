@@ -17,9 +17,11 @@ __all__ = [
     "AsIs",
     "Columns",
     "Disordered",
+    "Jobs",
     "Json",
     "Logs",
     "Namespace",
+    "Scheduler",
     "Tracker",
     "TrackerLog",
     "clock_left",
@@ -49,6 +51,11 @@ TrackerLog = Annotated[
 ]
 Arm = Annotated[str | None, typer.Option(help="Which arm of a raven_state topic: left or right.")]
 
+Jobs = Annotated[int, typer.Option(help="Processes of this machine to spread the work over; -1 for one a core.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(help="Dask scheduler to spread the work over, such as tcp://head:8786.", show_default=False),
+]
 AsIs = Annotated[bool, typer.Option("--as-is", help="Take recordings whose units or frames look wrong as they are.")]
 Disordered = Annotated[
     bool, typer.Option("--drop-disordered", help="Leave out samples whose time does not increase, and say how many.")

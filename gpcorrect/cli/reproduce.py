@@ -11,7 +11,8 @@ from rich.table import Table
 
 from gpcorrect.atomic import atomic_path, make_folder
 from gpcorrect.cli.console import json_ready, out, print_json, progress_bar
-from gpcorrect.cli.options import Json
+from gpcorrect.cli.options import Jobs, Json, Scheduler
+from gpcorrect.parallel import workers
 from gpcorrect.reproduce import (
     Peng2020Scope,
     PengScope,
@@ -41,6 +42,8 @@ def mahler2014(
     seed: Annotated[int, typer.Option(help="Seed of the recording and of everything random.")] = 0,
     reaches: Annotated[int, typer.Option(help="Reaches of the recording; the paper had 303.")] = Scope.reaches,
     quick: Annotated[bool, typer.Option("--quick", help="A small recording: every part, rough figures.")] = False,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
     json: Json = False,
 ) -> None:
     """Mahler et al. 2014: Tables I and II, Figs. 4 and 5 on a simulated RAVEN-II, beside the paper's figures.
@@ -57,7 +60,7 @@ def mahler2014(
 
     make_folder(output)
     scope = Scope.quick(reaches) if quick else Scope(reaches)
-    with progress_bar(quiet=json) as progress:
+    with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
         result = reproduce_mahler2014(scope, seed, progress)
     write_mahler_report(result, output / "report.html")
     figures = json_ready(result.to_dict())

@@ -16,6 +16,7 @@ from gpcorrect.estimator.state import state_columns
 from gpcorrect.joint.calibrators import NetworkCalibrator, PolynomialCalibrator
 from gpcorrect.joint.coupled_play import CoupledPlay, learn_coupled_play
 from gpcorrect.joint.maps import NetworkMap, PolynomialMap, Scaler
+from gpcorrect.joint.shown import turns_back
 from gpcorrect.joint_corrector.gp import GPMap, learn_gp
 from gpcorrect.rigid import RigidModel, fit_position
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
@@ -175,7 +176,8 @@ def _fitted(
     dof = data.q.shape[1]
     play = CoupledPlay(np.eye(dof), np.full(dof, 1e-4))
     if settings.method != "network":
-        play = learn_coupled_play((data.q - (low + high) / 2) / half, error, data.new, rows)
+        path = (data.q - (low + high) / 2) / half
+        play = learn_coupled_play(path, error, data.new, rows, turns_back(path, data.new))
     with_effort = data.effort is not None and bool(np.isfinite(data.effort[rows]).all())
     bare = PositionEstimator(
         settings.method,

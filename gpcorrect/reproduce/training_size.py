@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -11,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from gpcorrect.corrector import FitSettings, trajectory_folds
 from gpcorrect.experiment import Experiment
 from gpcorrect.gpr import ExactGPR, SparseGPR, learn_inflation
+from gpcorrect.parallel import each
 from gpcorrect.reproduce.regression_data import RegressionData
 from gpcorrect.types import IntArray, Progress
 
@@ -54,23 +57,19 @@ def training_sizes(
     order = np.random.default_rng([settings.seed, 5]).permutation(len(train.X))
     counts = [max(2, round(share * len(order))) for share in shares]
     plan = [("exact", n) for n in counts if n <= MOST_EXACT] + [("sparse", n) for n in counts]
-    points = []
-    for done, (method, count) in enumerate(plan):
-        progress.step("Fig. 5", done / len(plan))
-        points.append(_fit(experiment, train, test, order[:count], method, settings))
-    progress.step("Fig. 5", 1.0)
-    return tuple(points)
+    tasks = [(method, order[:count]) for method, count in plan]
+    groups = experiment.corrector.features.groups
+    return tuple(each(partial(_fit, groups, train, test, settings), tasks, progress, "Fig. 5"))
 
 
 def _fit(
-    experiment: Experiment,
+    groups: Sequence[Sequence[int]],
     train: RegressionData,
     test: RegressionData,
-    rows: IntArray,
-    method: str,
     settings: FitSettings,
+    task: tuple[str, IntArray],
 ) -> TrainingSize:
-    groups = experiment.corrector.features.groups
+    method, rows = task
     regressor = ExactGPR() if method == "exact" else SparseGPR(n_inducing=min(settings.inducing, len(rows)))
     regressor.set_params(feature_groups=groups, output_groups=(POSITION, ROTATION), random_state=settings.seed)
     rows = np.sort(rows)

@@ -157,4 +157,4 @@ def test_a_tool_that_cannot_keep_up_slows_the_path_down():
         log = recorder.recording().log()
     assert log.setpoint_jp is not None
     assert np.ptp(log.setpoint_jp[:, 0]) == pytest.approx(0.1, rel=0.1)
-    np.testing.assert_allclose(log.setpoint_jp[-1], path[-1], atol=1e-4)
+    np.testing.assert_allclose(log.setpoint_jp[-1], path[-1], atol=0.01)

@@ -7,6 +7,7 @@ import json
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,6 +17,7 @@ from pydantic import Field, ValidationError
 from gpcorrect.atomic import atomic_path
 from gpcorrect.discrepancy.protocol.sizing import Drawn, drawn_effect
 from gpcorrect.errors import DataError
+from gpcorrect.parallel import each
 from gpcorrect.sim import Model, effect_from_dict, machine_of, read_model, simulate
 from gpcorrect.sim.effects import Effect, in_order
 from gpcorrect.sim.joint_motion import joint_motion_plan, joint_ranges
@@ -139,11 +141,8 @@ def generate(spec: Spec, progress: Progress | None = None) -> Iterator[Case]:
     """
     rng = np.random.default_rng([spec.table.seed, 41])
     wanted = [*_given(spec), *_drawn(spec, rng)]
-    for number, index in enumerate(rng.permutation(len(wanted))):
-        effects, ratio = wanted[index]
-        yield _case(spec, f"case_{number:03d}", number, effects, ratio)
-        if progress is not None:
-            progress.step("simulating", (number + 1) / len(wanted))
+    ordered = [(number, *wanted[index]) for number, index in enumerate(rng.permutation(len(wanted)))]
+    yield from each(partial(_case, spec), ordered, progress, "simulating")
 
 
 def _given(spec: Spec) -> list[tuple[tuple[Effect, ...], float | None]]:
@@ -168,13 +167,14 @@ def _drawn(spec: Spec, rng: np.random.Generator) -> list[tuple[tuple[Effect, ...
     return found
 
 
-def _case(spec: Spec, name: str, number: int, effects: tuple[Effect, ...], ratio: float | None) -> Case:
+def _case(spec: Spec, case: tuple[int, tuple[Effect, ...], float | None]) -> Case:
+    number, effects, ratio = case
     rng = np.random.default_rng([spec.table.seed, 42, number])
     hidden = spec.model.with_effects(*in_order((*spec.model.effects, *effects)))
     true = rehomed(hidden, spec.table.motion.sessions, rng)
     known = {id(e) for e in spec.model.effects}
     log = _log(spec, true, rng, seed=int(rng.integers(2**31)))
-    return Case(name, log, tuple(e for e in true.effects if id(e) not in known), ratio)
+    return Case(f"case_{number:03d}", log, tuple(e for e in true.effects if id(e) not in known), ratio)
 
 
 def _log(spec: Spec, model: Model, rng: np.random.Generator, seed: int) -> CalibrationLog:

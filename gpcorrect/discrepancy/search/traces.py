@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from gpcorrect.discrepancy.recording.bench import Bench
 from gpcorrect.discrepancy.search.candidates import Candidate, Member
 from gpcorrect.discrepancy.search.trial import signature
+from gpcorrect.parallel import each
 from gpcorrect.types import BoolArray, FloatArray, Progress
 
 __all__ = ["Trace", "traces_of"]
@@ -59,24 +61,16 @@ def traces_of(
         Told of each candidate.
     """
     base = bench.predict([m.effect for m in members])
-    kept, silent = [], []
     todo = list(candidates)
-    for i, candidate in enumerate(todo):
-        trace = _trace(bench, base, members, candidate, std)
-        if trace is None:
-            silent.append(candidate.label)
-        else:
-            kept.append(trace)
-        if progress is not None:
-            progress.step("signatures", (i + 1) / len(todo))
+    changes = each(partial(signature, bench, base, members), todo, progress, "signatures")
+    found = [_trace(candidate, change, std) for candidate, change in zip(todo, changes, strict=True)]
+    kept = [trace for trace in found if trace is not None]
+    silent = [candidate.label for candidate, trace in zip(todo, found, strict=True) if trace is None]
     heard = {t.candidate.label for t in kept}
     return kept, [label for label in dict.fromkeys(silent) if label not in heard]
 
 
-def _trace(
-    bench: Bench, base: FloatArray, members: Sequence[Member], candidate: Candidate, std: FloatArray
-) -> Trace | None:
-    change = signature(bench, base, members, candidate)
+def _trace(candidate: Candidate, change: FloatArray | None, std: FloatArray) -> Trace | None:
     if change is None or not np.isfinite(change).all():
         return None
     touched: BoolArray = np.sqrt(np.mean(change**2, axis=(0, 2))) > TRACE * std

@@ -1,0 +1,163 @@
+"""Many independent calls: in this process, in several, or on a Dask cluster; the results are the same.
+
+Library code maps a function over items with :func:`each` and knows nothing of where it runs. Whoever starts a long job
+says where with :func:`workers`; without it everything runs here, one call after the other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from importlib.metadata import version
+from typing import Any, TypeVar
+
+from joblib import Parallel, delayed, effective_n_jobs, parallel_config
+
+from gpcorrect.errors import GpCorrectError, MissingExtraError
+from gpcorrect.types import Progress
+
+__all__ = ["ClusterError", "each", "each_as_done", "workers"]
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+PATIENCE = 10.0  # s for the scheduler to answer
+CHUNKS = 4  # a worker: small enough that a lost worker costs little, large enough that shared data travel seldom
+
+
+class ClusterError(GpCorrectError):
+    """A cluster that does not answer, lost its workers, or runs another version of this package."""
+
+
+def each(
+    function: Callable[[Item], Result], items: Iterable[Item], progress: Progress | None = None, stage: str = ""
+) -> Iterator[Result]:
+    """Yield `function(item)` of every item, in their order, told to `progress` as `stage`.
+
+    Parameters
+    ----------
+    function : callable
+        Without side effects, of results that can be sent between processes; data that all calls share go into it
+        with :func:`functools.partial`.
+    items : iterable
+        What differs between the calls: a random generator of its own where one is needed.
+    progress, stage
+        See :class:`~gpcorrect.types.Progress`.
+
+    Raises
+    ------
+    ClusterError
+        The cluster lost the work.
+    """
+    todo = list(items)
+    done = 0
+    for results in _chunks(partial(_called, function), _cut(todo), "generator"):
+        for result in results:
+            done += 1
+            if progress is not None:
+                progress.step(stage, done / len(todo))
+            yield result
+
+
+def each_as_done(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """Yield `function(item)` of every item as soon as it is there, in any order; for long calls."""
+    return _chunks(function, list(items), "generator_unordered")
+
+
+@contextmanager
+def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[None]:
+    """Let :func:`each` run in `jobs` processes, or on the Dask cluster of a scheduler, inside this context.
+
+    Parameters
+    ----------
+    jobs : int
+        Processes of this machine; -1 for one a core.
+    scheduler : str, optional
+        Address such as "tcp://head:8786"; `jobs` is not looked at then.
+
+    Raises
+    ------
+    MissingExtraError
+        The library distributed is not installed.
+    ClusterError
+        The scheduler does not answer, has no workers, or they run another version of this package.
+    """
+    if scheduler is not None:
+        with _cluster(scheduler), parallel_config(backend="dask"):
+            yield
+    elif jobs != 1:
+        with parallel_config(backend="loky", n_jobs=jobs, inner_max_num_threads=1):
+            yield
+    else:
+        yield
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[None]:
+    try:
+        from distributed import Client
+        from distributed.client import FutureCancelledError
+        from distributed.comm.core import CommClosedError
+        from distributed.scheduler import KilledWorker
+    except ImportError as error:
+        raise MissingExtraError("distributed", extra="cluster", purpose="Work on a Dask cluster") from error
+    try:
+        client: Any = Client(address, timeout=PATIENCE)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise ClusterError(
+            f"no Dask scheduler answers at {address} ({error}).",
+            hint=f"Start one with `dask scheduler`, and workers with `dask worker {address}`.",
+        ) from error
+    lost = (KilledWorker, FutureCancelledError, CommClosedError)
+    try:
+        with client:
+            _check_workers(client, address)
+            yield
+    except lost as error:
+        raise ClusterError(
+            f"the cluster {address} lost the work: {error}.", hint="Give the same command again."
+        ) from error
+
+
+def _check_workers(client: Any, address: str) -> None:
+    """Refuse a cluster without workers, or whose workers would compute something else."""
+    try:
+        versions = client.run(_own_version)
+    except ImportError as error:
+        raise ClusterError(
+            f"the workers of {address} lack this package: {error}.", hint="Install the same version there."
+        ) from error
+    if not versions:
+        raise ClusterError(f"the cluster {address} has no workers.", hint=f"Start some: dask worker {address}")
+    other = sorted({found for found in versions.values() if found != _own_version()})
+    if other:
+        raise ClusterError(
+            f"the workers run version {', '.join(other)} of this package, here is {_own_version()}.",
+            hint="Install the same version there: results would differ.",
+        )
+
+
+def _own_version() -> str:
+    return version("gpcorrect")
+
+
+def _called(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    return [function(item) for item in items]
+
+
+def _cut(items: Sequence[Item]) -> list[Sequence[Item]]:
+    """Cut items into neighbouring chunks, some for each worker; one by one where there is one worker."""
+    count = effective_n_jobs()
+    size = 1 if count == 1 else max(1, math.ceil(len(items) / (CHUNKS * count)))
+    return [items[k : k + size] for k in range(0, len(items), size)]
+
+
+def _chunks(function: Callable[[Item], Result], items: Sequence[Item], return_as: str) -> Iterator[Result]:
+    """Run calls wherever the context says; all data travel with the call, so that any worker can take it again."""
+    calls = [partial(function, item) for item in items]
+    if len(calls) < 2:
+        yield from (call() for call in calls)
+    else:
+        yield from Parallel(return_as=return_as, batch_size=1)(delayed(call)() for call in calls)

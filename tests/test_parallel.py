@@ -1,0 +1,130 @@
+"""Work spread over processes and over a Dask cluster: the same results, also when a worker dies half-way."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gpcorrect.errors import DataError, MissingExtraError
+from gpcorrect.parallel import ClusterError, each, each_as_done, workers
+from gpcorrect.types import Progress
+
+pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[object]:
+    """Two worker processes of one thread each, and their scheduler."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as found:
+        yield found
+
+
+class Told(Progress):
+    """Remembers what it was told."""
+
+    def __init__(self) -> None:
+        self.steps: list[tuple[str, float]] = []
+
+    def step(self, stage: str, done: float) -> None:
+        self.steps.append((stage, done))
+
+
+def drawn(scale: np.ndarray, seed: int) -> np.ndarray:
+    """Return numbers that depend on shared data and the item alone."""
+    return scale * np.random.default_rng(seed).normal(size=50)
+
+
+def slow(folder: Path, seconds: float, number: int) -> tuple[int, int]:
+    """Take a while, leave a mark, and say who did it."""
+    (folder / f"{number}-{os.getpid()}").touch()
+    time.sleep(seconds)
+    return number, os.getpid()
+
+
+def refuse(number: int) -> int:
+    """Refuse the third."""
+    if number == 3:
+        raise DataError("the third is bad.", hint="Leave it out.")
+    return number
+
+
+SCALE = np.linspace(1, 2, 50)
+
+
+def test_results_are_the_same_wherever_they_are_computed(cluster) -> None:
+    """Here, in two processes, on a cluster: bit for bit, and in order."""
+    here = list(each(partial(drawn, SCALE), range(40)))
+    with workers(jobs=2):
+        processes = list(each(partial(drawn, SCALE), range(40)))
+    with workers(scheduler=cluster.scheduler_address):
+        spread = list(each(partial(drawn, SCALE), range(40)))
+    np.testing.assert_array_equal(processes, here)
+    np.testing.assert_array_equal(spread, here)
+
+
+def test_a_worker_that_is_killed_half_way_costs_no_result(cluster, tmp_path: Path) -> None:
+    """What it had begun is done again by another."""
+
+    def kill() -> None:
+        while len(list(tmp_path.iterdir())) < 4:
+            time.sleep(0.05)
+        victim = int(sorted(tmp_path.iterdir())[-1].name.split("-")[1])
+        killed.append(victim)
+        os.kill(victim, signal.SIGKILL)
+
+    killed: list[int] = []
+    killer = threading.Thread(target=kill)
+    killer.start()
+    with workers(scheduler=cluster.scheduler_address):
+        done = list(each(partial(slow, tmp_path, 0.15), range(24)))
+    killer.join()
+    assert [number for number, _ in done] == list(range(24))
+    begun = {tuple(map(int, p.name.split("-"))) for p in tmp_path.iterdir()}
+    assert any(pid == killed[0] and (number, pid) not in done for number, pid in begun)
+
+
+def test_progress_is_told_and_anything_done_first_comes_first() -> None:
+    """Each call is counted once; in any order every result is there once."""
+    told = Told()
+    assert list(each(partial(drawn, 1.0), range(3), told, "drawing"))[2].shape == (50,)
+    assert told.steps == [("drawing", 1 / 3), ("drawing", 2 / 3), ("drawing", 1.0)]
+    with workers(jobs=2):
+        assert sorted(each_as_done(abs, [-3, -1, -2])) == [1, 2, 3]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_error_of_a_call_is_the_errors_own(jobs: int) -> None:
+    """Message and hint come through, wherever the call ran."""
+    with workers(jobs=jobs), pytest.raises(DataError, match=r"the third is bad\. Leave it out"):
+        list(each(refuse, range(6)))
+
+
+def test_a_cluster_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With how to start one; and which extra brings the library."""
+    monkeypatch.setattr("gpcorrect.parallel.PATIENCE", 0.5)
+    with (
+        pytest.raises(ClusterError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1"),
+        workers(scheduler="tcp://127.0.0.1:1"),
+    ):
+        pass
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"gpcorrect\[cluster\]"), workers(scheduler="tcp://127.0.0.1:1"):
+        pass
+
+
+def test_workers_of_another_version_are_refused(cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They would compute something else."""
+    monkeypatch.setattr("gpcorrect.parallel.version", lambda name: "99")
+    with pytest.raises(ClusterError, match="version"), workers(scheduler=cluster.scheduler_address):
+        pass
