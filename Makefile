@@ -1,4 +1,4 @@
-# make demo   set up, then the whole job on simulated data: logs, fit, serve, ask `correct`, errors before and after, report
+# make demo   set up, then the whole loop on simulated robots, under two minutes: logs, fit, serve, plan, remove fragments, pages
 # make test   set up, then the tests
 # make check  what .ci/run runs: format, lint, types, import contracts, tests
 # make bench  every benchmark, each printing its table

@@ -1,6 +1,7 @@
 """Joint calibrators on the real wrist and arm of a dVRK, last fifth held out, beside the reference points of the task.
 
-Then the model of that motion on two recordings of another kind: the wrist wiggled at two poses of the arm.
+Then the model of that motion on two recordings of another kind: the wrist wiggled at two poses of the arm, also with
+zeros set anew from their first minute and measured on the rest.
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ from dataclasses import replace
 import numpy as np
 from support import print_table, real_data, save_results
 
-from gpcorrect.joint_corrector import METHODS, JointSettings, evaluate_joint, fit_joint
+from gpcorrect.joint_corrector import METHODS, JointCorrector, JointSettings, evaluate_joint, fit_joint
 from gpcorrect.logs import read_log
+from gpcorrect.types import CalibrationLog
 
 REFERENCES = {
     "linear with history (ref.)": [np.nan, np.nan, np.nan, 2.3, 5.5, 4.4],
@@ -20,6 +22,13 @@ REFERENCES = {
     "play ladder and GP (ref.)": [0.042, 0.035, 0.110, 1.36, 3.7, 2.65],
 }
 HEAD = ["RMSE", "J1 deg", "J2 deg", "J3 mm", "J4 deg", "J5 deg", "J6 deg", "seconds"]
+
+
+ZERO_SECONDS = 60.0
+
+
+def rmse_rows(model: JointCorrector, log: CalibrationLog) -> dict[str, list[object]]:
+    return {name: [r["rmse"] for r in part] for name, part in evaluate_joint(model, log)["errors"].items()}
 
 
 def main() -> None:
@@ -32,10 +41,14 @@ def main() -> None:
         rows.append([method, *(row["rmse"] for row in experiment.errors["corrected"]), experiment.seconds])
     rows += [[name, *values, np.nan] for name, values in REFERENCES.items()]
     print_table(HEAD, rows)
-    others = []
+    others: list[list[object]] = []
+    model = experiment.corrector
     for number in (1, 2):
-        errors = evaluate_joint(experiment.corrector, read_log(real_data(f"dvrk_wiggle_{number}.csv")))["errors"]
-        others += [[f"wiggle {number}, {name}", *(r["rmse"] for r in part), np.nan] for name, part in errors.items()]
+        log = read_log(real_data(f"dvrk_wiggle_{number}.csv"))
+        others += [[f"wiggle {number}, {name}", *cells, np.nan] for name, cells in rmse_rows(model, log).items()]
+        first = log.time - log.time[0] < ZERO_SECONDS
+        rest = rmse_rows(model.rezeroed(log.select(first)), log.select(~first))
+        others.append([f"wiggle {number}, corrected, new zero", *rest["corrected"], np.nan])
     print_table(HEAD, others)
     save_results("joint_compare", {"rows": rows, "others": others})
 

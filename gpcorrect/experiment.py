@@ -22,6 +22,7 @@ from gpcorrect.corrector import (
 )
 from gpcorrect.errors import LogError
 from gpcorrect.metrics import ErrorTable, coverage, error_table
+from gpcorrect.play import path_labels
 from gpcorrect.rigid import pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
 
@@ -230,7 +231,7 @@ def _measure(corrector: CommandCorrector, log: CalibrationLog, keep: BoolArray) 
             path=log.name,
         )
     observed, command, twist = observed[rows], command[rows], twist[rows]
-    path = corrector.correct_observed(possible[rows], twist, log.trajectory[rows])
+    path = corrector.correct_observed(possible[rows], twist, command, path_labels(log.time[rows], log.session[rows]))
     return Measured(
         raw=pose_residual(observed, command),
         rigid=pose_residual(corrector.rigid.apply(observed), command),

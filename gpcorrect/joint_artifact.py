@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from gpcorrect.artifact import read_parts, refused, write_parts
+from gpcorrect.errors import ArtifactError
 from gpcorrect.joint import JointData
 from gpcorrect.joint_corrector import JointCorrector
 from gpcorrect.types import FloatArray
 
-__all__ = ["JOINT_KIND", "load_joint", "save_joint"]
+__all__ = ["JOINT_KIND", "is_joint_model", "load_joint", "save_joint"]
 
 JOINT_KIND = "gpcorrect.joint_corrector"
 CHECK_TOLERANCE = 1e-9  # rad and m
@@ -50,6 +51,15 @@ def load_joint(path: str | Path) -> JointCorrector:
     if expected.shape != given.shape or not np.allclose(expected, given, rtol=0, atol=CHECK_TOLERANCE):
         raise refused(path, "it answers its own check queries otherwise than when it was saved")
     return corrector
+
+
+def is_joint_model(path: str | Path) -> bool:
+    """Whether the file is a whole model of joints; whatever else is wrong with it, loading it will say."""
+    try:
+        read_parts(path, JOINT_KIND)
+    except ArtifactError:
+        return False
+    return True
 
 
 def _answers(corrector: JointCorrector) -> list[list[float]]:

@@ -6,7 +6,22 @@ import numpy as np
 
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["advance", "play_states"]
+__all__ = ["advance", "path_labels", "play_states"]
+
+PAUSE_STEPS, PAUSE = 20.0, 1.0  # a wait longer than so many usual steps and so many seconds: anything may have happened
+
+
+def path_labels(time: FloatArray, session: IntArray) -> IntArray:
+    """Label `(n,)` the paths that samples at times `(n,)`, s, form: 0, 1... in row order.
+
+    A slack knows nothing of where one motion ends and the next begins, so motions that follow each other are one path.
+    It ends with the session, where time runs back, and with a pause.
+    """
+    steps = np.diff(time)
+    longest = max(PAUSE_STEPS * float(np.median(steps)), PAUSE) if steps.size else PAUSE
+    breaks = (session[1:] != session[:-1]) | (steps < 0) | (steps > longest)
+    labels: IntArray = np.concatenate([np.zeros(min(1, len(time)), dtype=np.int64), np.cumsum(breaks)])
+    return labels
 
 
 def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArray:

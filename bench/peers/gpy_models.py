@@ -46,8 +46,8 @@ def _kernel(X: FloatArray) -> Any:
 
 
 def _fit(model: Any, standard: Standard, limit: float) -> tuple[Peer, str]:
-    start, done, last = time.perf_counter(), 0, -np.inf
-    while done < STEPS and time.perf_counter() - start < limit and model.log_likelihood() - last > 1e-3 * AT_ONCE:
+    start, done, last = time.process_time(), 0, -np.inf
+    while done < STEPS and time.process_time() - start < limit and model.log_likelihood() - last > 1e-3 * AT_ONCE:
         last = model.log_likelihood()
         model.optimize("lbfgsb", max_iters=AT_ONCE)
         done += AT_ONCE

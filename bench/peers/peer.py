@@ -36,7 +36,7 @@ class Standard:
 
 
 Fit = Callable[[FloatArray, FloatArray, float], tuple[Peer, str]]
-"""From inputs, outputs and a limit in seconds to a fitted peer and what there is to say about how it went."""
+"""From inputs, outputs and a limit (s of processor time) to a fitted peer and what there is to say of it."""
 
 
 def subset(X: FloatArray, size: int, seed: int = 0) -> FloatArray:

@@ -1,6 +1,7 @@
 """Recordings with hidden causes, made by another simulator than the one that looks for them."""
 
-from truth.case import make_case
+from truth.case import make_case, make_truth
+from truth.further import further_recording, joined
 from truth.kinds import CATALOGUE, OUTSIDE
 from truth.sealing import labels_bytes, nominal_text, open_labels, write_case
 from truth.spec import AWKWARD, Case, Spec
@@ -14,8 +15,11 @@ __all__ = [
     "SUITES",
     "Case",
     "Spec",
+    "further_recording",
+    "joined",
     "labels_bytes",
     "make_case",
+    "make_truth",
     "nominal_text",
     "open_labels",
     "short",

@@ -31,6 +31,7 @@ class Truth:
     case: Case
     setting: Setting
     readings: Readings
+    hidden: tuple[Hidden, ...] = ()
 
 
 def make_case(spec: Spec, seed: int) -> Case:
@@ -58,7 +59,7 @@ def make_truth(spec: Spec, seed: int) -> Truth:
     setting, readings, ratios = _hide(setting, hidden)
     log = recorded(setting, readings, rng)
     case = Case(log, nominal_tables(setting, rng), labels_of(setting, hidden, ratios, seed))
-    return Truth(case, setting, readings)
+    return Truth(case, setting, readings, tuple(hidden))
 
 
 def _hide(setting: Setting, hidden: list[Hidden]) -> tuple[Setting, Readings, list[float]]:

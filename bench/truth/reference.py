@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truth.arm import RANGES
 from truth.loop import CONTROL_HZ, TICK_HZ
 
-__all__ = ["LOG_HZ", "Reference", "separating", "zigzag"]
+__all__ = ["LOG_HZ", "Motion", "Reference", "laid_out", "separating", "zigzag"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -184,25 +184,44 @@ def _zigzag(rng: np.random.Generator, speeds: Array, seconds: float) -> Motion:
 
 
 def _session(parts: list[Motion], payloads: list[float], sessions: int) -> Reference:
-    """Lay trajectories one after the other, with rests and transits between them."""
-    per_tick = CONTROL_HZ // TICK_HZ
-    motions, columns, clock, here = [], [], 0.0, parts[0][0][0]
+    """Lay trajectories one after the other, sharing them evenly among the sessions."""
     groups = np.array_split(np.arange(len(parts)), sessions)
-    for session, numbers in enumerate(groups):
-        began = clock
-        for k in numbers:
-            start = parts[k][0][0]
-            lead = [_rest(start, SETTLE)]
-            if np.abs(start - here).max() > 1e-9:
-                lead.insert(0, _quintic(here, start, TRANSIT))
-            whole = _join([*lead, parts[k]])
-            n, n_lead = len(whole[0]) // per_tick, sum(len(m[0]) for m in lead) // per_tick
-            time = clock + np.arange(n) / TICK_HZ
-            label = np.where(np.arange(n) < n_lead, -1, k)
-            columns.append((time, time - began, label, np.full(n, session), np.full(n, payloads[k])))
-            motions.append(whole)
-            here = whole[0][-1]
-            clock = time[-1] + PAUSE
-        clock += SESSION_BREAK
-    time, session_time, trajectory, session_of, payload = (np.concatenate(c) for c in zip(*columns, strict=True))
-    return Reference(*_join(motions), time, session_time, trajectory, session_of, payload)
+    session = np.concatenate([np.full(len(g), k) for k, g in enumerate(groups)])
+    return laid_out(parts, payloads, session)
+
+
+def laid_out(parts: list[Motion], payloads: list[float], session: Ints, waits: list[float] | None = None) -> Reference:
+    """Lay trajectories one after the other, with rests and transits between them.
+
+    Parameters
+    ----------
+    parts : list of Motion
+        Position, speed and acceleration of each trajectory at the control rate.
+    payloads : list of float
+        kg, of each.
+    session : (N,) int array
+        Of each, from 0; they follow one another.
+    waits : list of float, optional
+        Seconds of the log's clock before each trajectory, beyond the usual pause.
+    """
+    per_tick = CONTROL_HZ // TICK_HZ
+    motions, columns, clock, began, here = [], [], 0.0, 0.0, parts[0][0][0]
+    for k, (part, payload) in enumerate(zip(parts, payloads, strict=True)):
+        if k and session[k] != session[k - 1]:
+            clock += SESSION_BREAK
+            began = clock
+        clock += waits[k] if waits else 0.0
+        start = part[0][0]
+        lead = [_rest(start, SETTLE)]
+        if np.abs(start - here).max() > 1e-9:
+            lead.insert(0, _quintic(here, start, TRANSIT))
+        whole = _join([*lead, part])
+        n, n_lead = len(whole[0]) // per_tick, sum(len(m[0]) for m in lead) // per_tick
+        time = clock + np.arange(n) / TICK_HZ
+        label = np.where(np.arange(n) < n_lead, -1, k)
+        columns.append((time, time - began, label, np.full(n, session[k]), np.full(n, payload)))
+        motions.append(whole)
+        here = whole[0][-1]
+        clock = time[-1] + PAUSE
+    time, session_time, trajectory, session_of, payload_of = (np.concatenate(c) for c in zip(*columns, strict=True))
+    return Reference(*_join(motions), time, session_time, trajectory, session_of, payload_of)

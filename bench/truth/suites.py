@@ -103,6 +103,15 @@ def _outside(seed: int) -> Spec:
     return Spec("outside", (name,), RATIOS[int(rng.integers(2))], _sensors(name, rng))  # type: ignore[arg-type]
 
 
+def _advised(seed: int) -> Spec:
+    """Cases of which many are ambiguous at first: poor motion, or weak effects."""
+    if seed % 2:
+        return replace(_zigzag(seed // 2), suite="advised")
+    rng = _chance(seed, "advised")
+    names = tuple(n for n, k in CATALOGUE.items() if k.channel == "outside" and not k.tracker_only)
+    return Spec("advised", (names[seed // 2 % len(names)],), RATIOS[1 + int(rng.integers(3))])
+
+
 SUITES: dict[str, Callable[[int], Spec]] = {
     "null": _null,
     "null_awkward": _null_awkward,
@@ -111,4 +120,5 @@ SUITES: dict[str, Callable[[int], Spec]] = {
     "pairs": _several("pairs", 2),
     "triples": _several("triples", 3),
     "outside": _outside,
+    "advised": _advised,
 }

@@ -6,8 +6,10 @@ import sys
 
 import typer
 
+from gpcorrect.cli.collect import collect_app
 from gpcorrect.cli.console import bad_input
 from gpcorrect.cli.correct import correct
+from gpcorrect.cli.debride import debride
 from gpcorrect.cli.discrepancy import discrepancy_app
 from gpcorrect.cli.drift import drift
 from gpcorrect.cli.evaluate import evaluate
@@ -15,9 +17,14 @@ from gpcorrect.cli.explore import explore
 from gpcorrect.cli.fit import fit
 from gpcorrect.cli.joint import joint_app
 from gpcorrect.cli.models import models_app
+from gpcorrect.cli.monitor import monitor
+from gpcorrect.cli.prefilter import prefilter
 from gpcorrect.cli.query import query_app
 from gpcorrect.cli.reproduce import reproduce_app
+from gpcorrect.cli.robot import robot_app
+from gpcorrect.cli.secure import doctor, router, secure_app
 from gpcorrect.cli.serve import serve
+from gpcorrect.cli.sim import sim_app
 from gpcorrect.cli.simulate import simulate
 from gpcorrect.cli.update import update
 from gpcorrect.cli.validate import validate
@@ -49,7 +56,16 @@ app.command()(drift)
 app.command()(explore)
 app.command()(serve)
 app.add_typer(query_app, name="query")
+app.command()(debride)
+app.command()(prefilter)
+app.command()(monitor)
+app.add_typer(sim_app, name="sim")
+app.add_typer(robot_app, name="robot")
+app.add_typer(collect_app, name="collect")
 app.add_typer(models_app, name="models")
+app.add_typer(secure_app, name="secure")
+app.command()(router)
+app.command()(doctor)
 app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")

@@ -13,7 +13,7 @@ from rich.table import Table
 from gpcorrect.atomic import atomic_path, make_folder
 from gpcorrect.cli.console import err, out, print_json, progress_bar
 from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler, read_logs
-from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units, number, verdict_sentence
+from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units, next_step, number, verdict_sentence
 from gpcorrect.discrepancy.protocol.generate import LABELS as SEALED
 from gpcorrect.discrepancy.protocol.generate import generate as generate_cases
 from gpcorrect.discrepancy.protocol.generate import label_of, read_spec, seal
@@ -86,12 +86,7 @@ def run(
 def _show(report: Mapping[str, Any], output: Path) -> None:
     out.print(f"[bold]{verdict_sentence(report)}[/]")
     out.print(_gap_table(report["gap"]))
-    advice = report["next_experiment"]
-    if advice is not None:
-        pair = " from ".join(advice["separates"])
-        out.print(
-            f"next, to tell {pair}: {advice['run']} ({advice['expected_nats']:.0f} nats, {advice['minutes']:.1f} min)"
-        )
+    out.print(f"next: {next_step(report)}")
     out.print(f"page: {output / 'report.html'}   model: {output / 'model.toml'}")
 
 
@@ -127,15 +122,17 @@ def generate(
     Writes nominal.toml (what the workflow is given), a log a case, labels.sha256, and sealed/labels.json: keep that
     folder from whoever is tested, the hash shows later that it was not changed.
 
-    For example, spec.toml:
+    For example, spec.toml, beside a nominal.toml that has a [noise] table (all keys: docs/discrepancy.md):
 
     model = "nominal.toml"
 
-    [draw]
+    motion = { trajectories = 24, seconds = 20.0, payloads = [0.0, 0.3] }
 
-    cases = 20
+    cases = [{ repeat = 5 }, { effects = [{ name = "cable_stretch", joint = 2, stiffness = 120.0 }] }]
 
-    effect_to_noise = [2.0, 1.0]
+    draw = { cases = 20, effect_to_noise = [2.0, 1.0], names = [] }
+
+    Here: five recordings in which nothing is missing, one with a cable stretch, twenty with an effect drawn at random.
 
     gpcorrect discrepancy generate --spec spec.toml --output blind/
     """
@@ -164,6 +161,10 @@ def score(
     json: Json = False,
 ) -> None:
     """Hold reports against sealed labels: target table with Wilson intervals, confusion matrix, detection limits.
+
+    Rows of the matrix are what was hidden, columns what was said; columns besides the names: set (one of several, the
+    truth among them), wrong set, unknown, inconclusive, none. A detection limit is the smallest effect-to-noise ratio
+    from which on at least 70 % of an effect's cases are named exactly.
 
     For example:
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,14 +17,18 @@ from gpcorrect.cli.console import out, print_json
 from gpcorrect.cli.options import Arm, Columns, Json, Logs, Namespace, Tracker
 from gpcorrect.corrector import CommandCorrector, log_samples, on_one_clock
 from gpcorrect.errors import DataError
+from gpcorrect.joint_artifact import is_joint_model, load_joint
+from gpcorrect.joint_corrector import JointCorrector, joints_on_one_clock, piece_scores
 from gpcorrect.logs import read_log
-from gpcorrect.types import FloatArray, IntArray
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
 __all__ = ["drift"]
 
 
 def drift(
-    model: Annotated[Path, typer.Argument(help="Model file that `gpcorrect fit` wrote.", show_default=False)],
+    model: Annotated[
+        Path, typer.Argument(help="Model file that `gpcorrect fit` or `gpcorrect joint fit` wrote.", show_default=False)
+    ],
     logs: Logs,
     age: Annotated[
         list[float] | None,
@@ -41,6 +47,8 @@ def drift(
 ) -> None:
     """Tell from recordings, oldest first, whether a model has aged, and estimate its remaining useful time.
 
+    Models of joints are watched in pieces of 20 s, as their recordings are often one long motion.
+
     Examples
     --------
     gpcorrect drift model.gpc monday.csv tuesday.csv wednesday.csv --plot drift.png
@@ -51,15 +59,14 @@ def drift(
         require_folder(plot)
     if age is not None and len(age) != len(logs):
         raise DataError(f"give one --age a log: {len(logs)} logs, {len(age)} ages.", hint="In the order of the logs.")
-    corrector = artifact.load(model)
-    baseline = _baseline(corrector)
+    monitored = _monitored(model)
     parts, ages, recorded = [], [], 0.0
     for i, path in enumerate(logs):
         log = read_log(path, columns=columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm)
-        log, _ = on_one_clock(log, time_offset)
-        parts.append(trajectory_scores(corrector, log_samples(corrector, log, corrector.clean_afresh(log).keep)))
+        parts.append(monitored.scores(log, time_offset))
         recorded += sum(float(np.ptp(log.time[rows])) for _, rows in log.trajectories()) / 3600
         ages.append(recorded if age is None else age[i])
+    baseline = monitored.baseline
     counts = [len(part) for part in parts]
     scores = np.concatenate(parts)
     if scores.size == 0:
@@ -77,8 +84,35 @@ def drift(
         _show(found, ageing, unit, where, logs)
 
 
-def _baseline(corrector: CommandCorrector) -> FloatArray:
-    scores = corrector.summary.get("baseline")
+@dataclass(frozen=True, eq=False)
+class _Monitored:
+    """A model under watch: the scores of its left-out training data, and how a log is scored."""
+
+    baseline: FloatArray
+    scores: Callable[[CalibrationLog, str], FloatArray]
+
+
+def _monitored(path: Path) -> _Monitored:
+    """Return a model of poses or of joints, whichever the file holds."""
+    if is_joint_model(path):
+        joints = load_joint(path)
+        return _Monitored(_baseline(joints.summary), lambda log, clock: _joint_scores(joints, log, clock))
+    poses = artifact.load(path)
+    return _Monitored(_baseline(poses.summary), lambda log, clock: _pose_scores(poses, log, clock))
+
+
+def _pose_scores(corrector: CommandCorrector, log: CalibrationLog, clock: str) -> FloatArray:
+    log, _ = on_one_clock(log, clock)
+    return trajectory_scores(corrector, log_samples(corrector, log, corrector.clean_afresh(log).keep))
+
+
+def _joint_scores(corrector: JointCorrector, log: CalibrationLog, clock: str) -> FloatArray:
+    data = corrector.data(joints_on_one_clock(log, clock, corrector.input_signal), needs_truth=True)
+    return piece_scores(corrector, data, np.flatnonzero(data.usable))
+
+
+def _baseline(summary: Mapping[str, Any]) -> FloatArray:
+    scores = summary.get("baseline")
     if not scores:
         raise DataError("this model file does not hold the errors at its fit.", hint="Fit it again with this version.")
     return np.asarray(scores, dtype=np.float64)

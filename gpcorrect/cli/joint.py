@@ -26,7 +26,7 @@ from gpcorrect.joint_corrector import (
     method_named,
 )
 
-__all__ = ["joint_app"]
+__all__ = ["joint_app", "show_joint_errors"]
 
 joint_app = typer.Typer(
     no_args_is_help=True, help="Joint-space calibration: reported joints to true ones, or commands."
@@ -59,6 +59,7 @@ def fit(
     direction: Way = "estimate",
     holdout: Holdout = 0.2,
     end_to_end: Annotated[bool, typer.Option("--end-to-end", help="Learn the true positions, not the error.")] = False,
+    layers: Annotated[str, typer.Option(help="Widths of the network, as 600,500,400.")] = "100,100",
     columns: Columns = None,
     time_offset: Clock = "auto",
     seed: Seed = 0,
@@ -76,16 +77,16 @@ def fit(
     settings = replace(
         _settings(features, input_signal, direction, holdout, time_offset, seed), method=method_named(method)
     )
-    settings = replace(settings, end_to_end=end_to_end)
+    settings = replace(settings, end_to_end=end_to_end, layers=_layers(layers))
     with progress_bar(quiet=json) as progress:
         experiment = fit_joint(read_logs(logs, columns), settings, progress)
     save_joint(experiment.corrector, output)
-    for remark in experiment.corrector.features.left_out:
+    for remark in experiment.corrector.summary["remarks"]:
         err.print(f"[yellow]note:[/] {remark}")
     if json:
         print_json(experiment.to_dict())
         return
-    _show(f"Held-out errors, {experiment.n_test} samples", experiment.errors)
+    show_joint_errors(f"Held-out errors, {experiment.n_test} samples", experiment.errors)
     out.print(f"trained on {experiment.n_train} samples in {experiment.seconds:.1f} s -> {output}")
 
 
@@ -101,7 +102,13 @@ def evaluate(
     if json:
         print_json(result)
     else:
-        _show(f"Errors on {result['n_test']} samples", result["errors"])
+        show_joint_errors(f"Errors on {result['n_test']} samples", result["errors"])
+    for row in result["zeros"]:
+        if row["moved"]:
+            err.print(
+                f"[yellow]note:[/] session {row['session']}: the zero of joint {row['joint']} is off by "
+                f"{row['shift']:+.3f} {row['unit']}, as after a homing; set it anew: gpcorrect joint rezero"
+            )
 
 
 @joint_app.command()
@@ -175,6 +182,13 @@ def _settings(
     )
 
 
+def _layers(text: str) -> tuple[int, ...]:
+    widths = split_names(text)
+    if not widths or not all(width.isdigit() and int(width) > 0 for width in widths):
+        raise DataError(f"layers are widths above 0, got {text!r}.", hint="For example 100,100 or 600,500,400")
+    return tuple(int(width) for width in widths)
+
+
 def _input(name: str | None) -> InputSignal | None:
     match name:
         case None | "measured_jp" | "setpoint_jp":
@@ -189,7 +203,8 @@ def _direction(name: str) -> Direction:
     raise DataError(f"the direction is estimate or command; got {name!r}.")
 
 
-def _show(title: str, errors: dict[str, JointErrors]) -> None:
+def show_joint_errors(title: str, errors: dict[str, JointErrors]) -> None:
+    """Print a table of joint errors, before and after."""
     if not errors:
         err.print("[yellow]note:[/] nothing was held out, so nothing was measured")
         return

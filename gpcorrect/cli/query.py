@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -22,6 +23,10 @@ Arm = Annotated[str, typer.Option(help="CRTK name of the arm.")]
 Namespace = Annotated[str, typer.Option(help="First part of every key.")]
 Timeout = Annotated[float, typer.Option(help="Seconds to wait for an answer, the retry included.")]
 
+Config = Annotated[
+    Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.", show_default=False)
+]
+
 HERE = "tcp/127.0.0.1:7447"
 
 
@@ -35,13 +40,14 @@ def correct(
     namespace: Namespace = "gpcorrect",
     encoding: Annotated[str, typer.Option(help="json or msgpack.")] = "msgpack",
     timeout: Timeout = 0.5,
+    config: Config = None,
     json: Json = False,
 ) -> None:
     """Ask what to command instead of a desired pose.
 
     Example: gpcorrect query correct --pose 0.1 0.02 -0.11 1 0 0 0 --twist 0.05 0 0 0 0 0
     """
-    with _client(endpoint, arm, namespace, timeout, encoding) as client:
+    with _client(endpoint, arm, namespace, timeout, config, encoding) as client:
         reply = client.correct(seven_or_three(pose, position), twist)
     if json:
         print_json(_reply_dict(reply))
@@ -53,29 +59,59 @@ def correct(
 
 @query_app.command()
 def model(
-    endpoint: Endpoint = HERE, arm: Arm = "arm1", namespace: Namespace = "gpcorrect", timeout: Timeout = 0.5
+    endpoint: Endpoint = HERE,
+    arm: Arm = "arm1",
+    namespace: Namespace = "gpcorrect",
+    timeout: Timeout = 0.5,
+    config: Config = None,
 ) -> None:
     """Print which model is served: id, hash, frames, features, fit report (JSON)."""
-    with _client(endpoint, arm, namespace, timeout) as client:
+    with _client(endpoint, arm, namespace, timeout, config) as client:
         print_json(_plain(client.model()))
 
 
 @query_app.command()
 def health(
-    endpoint: Endpoint = HERE, arm: Arm = "arm1", namespace: Namespace = "gpcorrect", timeout: Timeout = 0.5
+    endpoint: Endpoint = HERE,
+    arm: Arm = "arm1",
+    namespace: Namespace = "gpcorrect",
+    timeout: Timeout = 0.5,
+    config: Config = None,
 ) -> None:
     """Print the state of the service (JSON)."""
-    with _client(endpoint, arm, namespace, timeout) as client:
+    with _client(endpoint, arm, namespace, timeout, config) as client:
         print_json(_plain(client.health()))
 
 
-def _client(endpoint: str, arm: str, namespace: str, timeout: float, encoding: str = "msgpack") -> CorrectionClient:
+@query_app.command()
+def metrics(
+    endpoint: Endpoint = HERE,
+    arm: Arm = "arm1",
+    namespace: Namespace = "gpcorrect",
+    timeout: Timeout = 0.5,
+    config: Config = None,
+) -> None:
+    """Print the numbers of the service (OpenMetrics text)."""
+    with _client(endpoint, arm, namespace, timeout, config) as client:
+        typer.echo(client.metrics(), nl=False)
+
+
+def _client(
+    endpoint: str, arm: str, namespace: str, timeout: float, config: Path | None, encoding: str = "msgpack"
+) -> CorrectionClient:
     from gpcorrect.errors import DataError
     from gpcorrect_service import CorrectionClient  # zenoh is an extra; other commands work without it
 
     if encoding not in ("json", "msgpack"):
         raise DataError(f"encoding must be json or msgpack, got {encoding!r}.")
-    return CorrectionClient(endpoint, arm, namespace, encoding, timeout)  # type: ignore[arg-type]  # checked above
+    return CorrectionClient(
+        endpoint,
+        arm,
+        namespace,
+        encoding,  # type: ignore[arg-type]  # checked above
+        timeout,
+        config_file=config,
+    )
 
 
 def _plain(answer: Any) -> Any:

@@ -11,9 +11,17 @@ import typer
 from rich.table import Table
 
 from gpcorrect.atomic import require_folder
-from gpcorrect.cli.console import err, out, print_json, progress_bar
-from gpcorrect.cli.options import Json
+from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
+from gpcorrect.cli.options import Columns, Json, Logs, read_logs
 from gpcorrect.errors import DataError
+from gpcorrect.estimator import (
+    ESTIMATOR_METHODS,
+    EstimatorMethod,
+    EstimatorSettings,
+    evaluate_estimator,
+    fit_estimator,
+)
+from gpcorrect.estimator_artifact import load_estimator, save_estimator
 from gpcorrect.logs import write_log
 
 if TYPE_CHECKING:  # OpenCV is an extra: it is imported only when a command needs it
@@ -21,7 +29,10 @@ if TYPE_CHECKING:  # OpenCV is an extra: it is imported only when a command need
 
 __all__ = ["vision_app"]
 
-vision_app = typer.Typer(no_args_is_help=True, help="Ground truth from ordinary cameras and coloured balls.")
+vision_app = typer.Typer(
+    no_args_is_help=True,
+    help="Ground truth from ordinary cameras and coloured balls, and a position estimator from it.",
+)
 
 Page = Annotated[Path | None, typer.Option(help="Quality page (HTML) to write.", show_default=False)]
 
@@ -130,6 +141,79 @@ def track(
     out.print(
         " ".join(f"{name}: {path}" for name, path in (("log", output), ("video", annotated), ("page", page)) if path)
     )
+
+
+@vision_app.command()
+def fit(
+    logs: Logs,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.", show_default=False)] = Path(
+        "estimator.gpc"
+    ),
+    method: Annotated[str, typer.Option(help=f"One of {', '.join(ESTIMATOR_METHODS)}.")] = "gp",
+    holdout: Annotated[float, typer.Option(help="Share of whole trajectories, the last ones, to measure on.")] = 0.2,
+    extra: Annotated[
+        str | None, typer.Option(help="Extra columns of the log that belong to the state.", show_default=False)
+    ] = None,
+    columns: Columns = None,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    json: Json = False,
+) -> None:
+    """Learn where the tool really is from the robot's own state, with tracker_cp as labels: no sensor needed after.
+
+    Example: gpcorrect vision fit monday.parquet --method gp --output estimator.gpc
+    """
+    require_folder(output)
+    settings = EstimatorSettings(_method(method), holdout, extra=split_names(extra or ""), seed=seed)
+    with progress_bar(quiet=json) as progress:
+        experiment = fit_estimator(read_logs(logs, columns), settings, progress)
+    save_estimator(experiment.estimator, output)
+    figures = experiment.to_dict()
+    if json:
+        print_json(figures)
+        return
+    _show_estimator(figures)
+    out.print(f"trained on {experiment.n_train} samples in {experiment.seconds:.1f} s -> {output}")
+
+
+@vision_app.command()
+def evaluate(
+    model: Annotated[Path, typer.Argument(help="Model file of `gpcorrect vision fit`.", show_default=False)],
+    logs: Logs,
+    columns: Columns = None,
+    json: Json = False,
+) -> None:
+    """Measure a position estimator on recordings it has not seen.
+
+    Example: gpcorrect vision evaluate estimator.gpc tuesday.parquet
+    """
+    figures = evaluate_estimator(load_estimator(model), read_logs(logs, columns))
+    if json:
+        print_json(figures)
+    else:
+        _show_estimator(figures)
+
+
+def _method(name: str) -> EstimatorMethod:
+    for method in ESTIMATOR_METHODS:
+        if method == name:
+            return method
+    raise DataError(f"a method is one of {', '.join(ESTIMATOR_METHODS)}; got {name!r}.")
+
+
+def _show_estimator(figures: dict[str, Any]) -> None:
+    if "raw" not in figures:
+        err.print("[yellow]note:[/] nothing was held out, so nothing was measured")
+        return
+    table = Table(box=None, pad_edge=False)
+    for name in ("position error [mm]", "RMS", "SD", "RMS x y z"):
+        table.add_column(name.replace("[", r"\["), justify="left" if "[" in name else "right", no_wrap=True)
+    rows = (("raw", "reported"), ("rigid", "after rigid motion"), ("estimated", "estimated"))
+    for key, name in rows:
+        row = figures[key]
+        axes = " ".join(f"{value:.3f}" for value in row["rms_axes_mm"])
+        table.add_row(name, f"{row['rms_mm']:.3f}", f"{row['sd_mm']:.3f}", axes)
+    out.print(table)
+    out.print(f"RMS less by {figures['rms_reduction']:.1f} %, SD by {figures['sd_reduction']:.1f} %")
 
 
 def _target(path: Path | None, ball: str | None) -> Target:

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from gpcorrect.arms import arm_named
 from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.cli.console import out, print_json
 from gpcorrect.cli.options import Json
@@ -16,8 +17,9 @@ from gpcorrect.joint import TimedPath, direction_named, timed, zigzag
 from gpcorrect.logs import write_log
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta
 
-__all__ = ["zigzag_command"]
+__all__ = ["joint_limits", "numbers", "zigzag_command"]
 
+ROUNDING = 1e-9  # rad and m: of limits written in degrees and millimetres
 UNIT = np.array([np.deg2rad(1.0), np.deg2rad(1.0), 1e-3])
 
 
@@ -30,6 +32,9 @@ def zigzag_command(
     ] = "J1",
     sparsity: Annotated[int, typer.Option(help="n: stripes lie 1/n of the block's side apart.")] = 4,
     limits: Annotated[str, typer.Option(help="LOW:HIGH of joints 1, 2 (deg) and 3 (mm).")] = "20:60,55:110,330:420",
+    arm: Annotated[
+        str, typer.Option(help="Arm whose limits must hold: raven2_left, raven2_right, dvrk_psm, or none.")
+    ] = "raven2_left",
     speed: Annotated[str, typer.Option(help="Speed limits of joints 1, 2 (deg/s) and 3 (mm/s).")] = "5,5,20",
     rate: Annotated[float, typer.Option(help="Samples a second.")] = 30.0,
     plot: Annotated[Path | None, typer.Option(help="Picture to write (PNG).", show_default=False)] = None,
@@ -45,8 +50,11 @@ def zigzag_command(
     """
     require_folder(output)
     chosen = direction_named(direction)
-    corners = zigzag(chosen, sparsity, _limits(limits))
-    path = timed(corners, UNIT * np.array(_numbers(speed, ",", 3, "speed limits")), rate)
+    block = joint_limits(limits)
+    if arm != "none":
+        _require_within(block, arm)
+    corners = zigzag(chosen, sparsity, block)
+    path = timed(corners, UNIT * np.array(numbers(speed, ",", 3, "speed limits")), rate)
     write_log(_log(path), output)
     title = f"zig-zag {chosen}, sparsity 1/{sparsity}: {path.duration / 60:.1f} min"
     if plot is not None:
@@ -65,6 +73,18 @@ def zigzag_command(
         out.print(f"{title}, {len(corners)} corners, {len(path.time)} samples -> {output}")
 
 
+def _require_within(block: FloatArray, name: str) -> None:
+    """Refuse a block that the arm's own limits do not hold."""
+    allowed = arm_named(name).limits[: len(block)]
+    for joint, ((low, high), (least, most), unit) in enumerate(zip(block, allowed, UNIT, strict=True), start=1):
+        if low < least - ROUNDING or high > most + ROUNDING:
+            raise DataError(
+                f"joint {joint} would go from {low / unit:g} to {high / unit:g}, beyond the limits of {name}, "
+                f"{least / unit:g} to {most / unit:g}.",
+                hint="Narrow --limits, name another --arm, or give --arm none.",
+            )
+
+
 def _log(path: TimedPath) -> CalibrationLog:
     still = np.zeros(len(path.time), dtype=np.int64)
     return CalibrationLog(path.time, still, still, setpoint_jp=path.q, meta=LogMeta(joint_types="RRP"))
@@ -78,19 +98,33 @@ def _draw(path: TimedPath, title: str, plot: Path) -> None:
         temporary.write_bytes(png(joint_trajectory(path.time, path.q, title)))
 
 
-def _limits(text: str) -> FloatArray:
+def joint_limits(text: str) -> FloatArray:
+    """Return (3, 2) limits, rad and m, of a text of three pairs LOW:HIGH in deg, deg and mm.
+
+    Raises
+    ------
+    DataError
+        It is no such text.
+    """
     pairs = text.split(",")
     if len(pairs) != len(UNIT):
         raise DataError(f"limits are three pairs LOW:HIGH, got {text!r}.", hint="For example 20:60,55:110,330:420")
-    limits: FloatArray = UNIT[:, None] * np.array([_numbers(pair, ":", 2, "limits") for pair in pairs])
+    limits: FloatArray = UNIT[:, None] * np.array([numbers(pair, ":", 2, "limits") for pair in pairs])
     return limits
 
 
-def _numbers(text: str, separator: str, count: int, what: str) -> list[float]:
+def numbers(text: str, separator: str, count: int, what: str) -> list[float]:
+    """Return the `count` numbers of a text.
+
+    Raises
+    ------
+    DataError
+        There are more or fewer, or they are no numbers.
+    """
     try:
-        numbers = [float(part) for part in text.split(separator)]
+        found = [float(part) for part in text.split(separator)]
     except ValueError as error:
         raise DataError(f"{what} must be numbers, got {text!r}.") from error
-    if len(numbers) != count:
+    if len(found) != count:
         raise DataError(f"{what} need {count} numbers separated by {separator!r}, got {text!r}.")
-    return numbers
+    return found

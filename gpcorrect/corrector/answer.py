@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -48,6 +49,20 @@ class PathCorrection:
     in_domain: BoolArray
     status: tuple[str, ...]
     reason: tuple[str, ...]
+
+    @classmethod
+    def of(cls, answers: Sequence[Correction]) -> Self:
+        """Gather answers, one at least, given one after the other."""
+        quaternions = [answer.quaternion for answer in answers if answer.quaternion is not None]
+        return cls(
+            positions=np.array([answer.position for answer in answers]),
+            quaternions=np.array(quaternions) if quaternions else None,
+            std=np.array([answer.std for answer in answers]),
+            interval95=np.array([answer.interval95 for answer in answers]),
+            in_domain=np.array([answer.in_domain for answer in answers]),
+            status=tuple(answer.status for answer in answers),
+            reason=tuple(answer.reason for answer in answers),
+        )
 
     def bridged(self, rows: BoolArray) -> Self:
         """Return the same, saying of these rows (n,) that their poses were replaced."""

@@ -13,8 +13,9 @@ from gpcorrect.cleaning import CleaningReport
 from gpcorrect.corrector.answer import NO_MEMORY, Answerer, PathCorrection
 from gpcorrect.corrector.bounds import Bounds
 from gpcorrect.corrector.bridging import MotionLimits
+from gpcorrect.corrector.memory import History
 from gpcorrect.corrector.one_pose import frame
-from gpcorrect.corrector.queries import checked_poses, checked_times, pose_numbers, twist_numbers
+from gpcorrect.corrector.queries import checked_poses, checked_times, pose_numbers, pose_rows, twist_numbers
 from gpcorrect.corrector.recall import Recall, statistics_arrays, statistics_from
 from gpcorrect.corrector.reference import reference_twists, rotations_of
 from gpcorrect.corrector.screening import Screen
@@ -146,8 +147,12 @@ class CommandCorrector:
         desired = PoseSignal(queries[:, :3], queries[:, 3:] if queries.shape[1] > 3 else None)
         labels = np.zeros(len(queries), dtype=np.int64)
         desired, replaced = self.possible(desired, seconds, labels)
-        twist = twists(seconds, desired.position, rotations_of(desired), labels)
-        return self.correct_observed(desired, np.nan_to_num(twist), labels).bridged(replaced)
+        twist = np.nan_to_num(twists(seconds, desired.position, rotations_of(desired), labels))
+        if self.recall is None:
+            return self.correct_observed(desired, twist).bridged(replaced)
+        stream = self.stream()  # memory is of the commands, which are known one after the other
+        rows = zip(seconds, pose_rows(desired), twist, strict=True)
+        return PathCorrection.of([stream.correct(*row) for row in rows]).bridged(replaced)
 
     def possible(self, desired: PoseSignal, time: FloatArray, labels: IntArray) -> tuple[PoseSignal, BoolArray]:
         """Return desired paths with the lone jumps of each run bridged, and the mask (n,) of replaced poses."""
@@ -156,19 +161,20 @@ class CommandCorrector:
         return self.motion.bridge(desired, self.rigid.apply(desired), time, labels)
 
     def correct_observed(
-        self, desired: PoseSignal, twist: FloatArray, labels: IntArray | None = None
+        self, desired: PoseSignal, twist: FloatArray, commands: PoseSignal | None = None, labels: IntArray | None = None
     ) -> PathCorrection:
         """Return what to command instead of desired poses (n rows) with known twists `(n, 6)`.
 
-        Rows of one label `(n,)` are one path, in order; without labels no row has a history, and memory is not used.
+        With `commands`, what was commanded at each row, rows of one label `(n,)` are one path, in order, whose commands
+        before a row are its history; without, no row has a history, and memory is not used.
         """
         reference, rotations = self.rigid.apply(desired), rotations_of(desired)
         turned = rotations_of(reference)
         X = self.features.transform(reference.position, turned, reference_twists(self.rigid, rotations, twist))
-        if self.recall is None or labels is None:
+        if self.recall is None or commands is None or labels is None:
             return self.answerer.many(reference, X)
-        oriented = turned if self.has_orientation else None
-        memory = self.recall.memory.transform(reference.position, oriented, labels)
+        history = History.of(commands, reference, labels, orientation=self.has_orientation)
+        memory = self.recall.memory.transform(history)
         return self._recalling(self.recall).many(reference, np.hstack([X, memory]))
 
     def _recalling(self, recall: Recall) -> Answerer:

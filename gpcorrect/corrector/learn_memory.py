@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.corrector.bounds import Bounds
 from gpcorrect.corrector.joint_map import JointMap
-from gpcorrect.corrector.memory import MemoryMap, choose_memory
+from gpcorrect.corrector.memory import History, MemoryMap, choose_memory
 from gpcorrect.corrector.recall import Recall
 from gpcorrect.corrector.residual_model import ResidualModel, trajectory_folds
 from gpcorrect.types import FloatArray, IntArray
@@ -31,16 +31,15 @@ class Samples:
     groups : tuple of tuples of int
     residual : (n, 6) array
         NaN in the rotation of a position-only log.
-    position, rotations : (n, 3) and (n, 3, 3) arrays
-        Of the reference poses; no rotations in a position-only log.
+    history : History
+        The same samples as memory sees them, along paths that may hold several trajectories.
     trajectory : (n,) array
     """
 
     X: FloatArray
     groups: tuple[tuple[int, ...], ...]
     residual: FloatArray
-    position: FloatArray
-    rotations: FloatArray | None
+    history: History
     trajectory: IntArray
 
 
@@ -48,11 +47,10 @@ def learn_recall(
     samples: Samples, joints: JointMap | None, without: ResidualModel, bounds: Bounds, learn: Learn
 ) -> tuple[Recall, ResidualModel]:
     """Return what was learned with memory features chosen by what they explain of the errors `without` them."""
-    paths = samples.position, samples.rotations, samples.trajectory
     candidates = (None,) if joints is None else (None, joints)
-    memory = choose_memory(candidates, *paths, without.errors, trajectory_folds(samples.trajectory))
+    memory = choose_memory(candidates, samples.history, without.errors, trajectory_folds(samples.trajectory))
     width = samples.X.shape[1]
-    X = np.hstack([samples.X, memory.transform(*paths)])
+    X = np.hstack([samples.X, memory.transform(samples.history)])
     learned = learn(X, (*samples.groups, tuple(range(width, width + memory.size))))
     bounds = replace(bounds, novelty=learned.novelty)
     return Recall(memory, learned.predictor, learned.intervals, bounds, learned.statistics), learned

@@ -1,8 +1,12 @@
-"""Memory features: where in its slack the arm is, from the desired path so far.
+"""Memory features: where in its slack the arm is, from what it was commanded so far.
 
 Cables rub and stretch, so a joint that comes from the left stands elsewhere than one that comes from the right. The
 states of play operators of several radii (the Prandtl-Ishlinskii model of hysteresis, Kuhnen 2003) say from where the
 path came. They act on the joints where the log tells them, for there the slack is; else on the tool's own axes.
+
+Slack follows the drive, and the drive follows the commands, which are known without noise: so the states are those that
+the commands up to the sample before left behind. Only the last step is the desired path's, for its command is what is
+asked for. (States of the path that a tracker saw drown in its noise where that is as large as the slack.)
 """
 
 from __future__ import annotations
@@ -15,10 +19,11 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.corrector.joint_map import JointMap
-from gpcorrect.play import play_states
-from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
+from gpcorrect.corrector.reference import rotations_of
+from gpcorrect.play import advance, play_states
+from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
 
-__all__ = ["MemoryMap", "choose_memory"]
+__all__ = ["History", "MemoryMap", "choose_memory"]
 
 LADDER = (1.0, 3.0)  # radii over the smallest of them
 SMALLEST = (0.0125, 0.025, 0.05, 0.1, 0.2)  # smallest radius over half the range of training, to choose from
@@ -26,6 +31,25 @@ RANGE_QUANTILES = (2.5, 97.5)
 LONGER_PATHS = 90  # percent: short paths do not show how far a coordinate goes
 LEAST_RANGE = 1e-6  # m or rad: a coordinate that never moves has a slack all the same
 RIDGE = 1e-3  # of the samples: only there so that features that do not vary leave the system solvable
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """Paths as the memory sees them, a row a sample: poses commanded, references asked for, and path `labels` (n,).
+
+    Both without orientation where the corrector has none.
+    """
+
+    command: PoseSignal
+    reference: PoseSignal
+    labels: IntArray
+
+    @classmethod
+    def of(cls, command: PoseSignal, reference: PoseSignal, labels: IntArray, *, orientation: bool) -> Self:
+        """Return the history, with orientations or without."""
+        if not orientation:
+            command, reference = PoseSignal(command.position), PoseSignal(reference.position)
+        return cls(command, reference, labels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +80,17 @@ class MemoryMap:
         """What the slacks are in, in words."""
         return "pose" if self.joints is None else "joints"
 
-    def steps(self, position: FloatArray, rotations: FloatArray | None) -> FloatArray:
+    def steps(self, poses: PoseSignal) -> FloatArray:
         """Return steps `(n, k)` of the coordinates from the row before; the first is zero."""
-        return _steps(self.joints, position, rotations)
+        return _steps(self.joints, poses)
 
-    def transform(self, position: FloatArray, rotations: FloatArray | None, labels: IntArray) -> FloatArray:
-        """Return features `(n, h k)` of paths of reference poses; every label is a path of its own."""
-        return self.features(play_states(self.steps(position, rotations), self.radii, labels))
+    def transform(self, history: History) -> FloatArray:
+        """Return features `(n, h k)` of paths; every label is a path of its own, which starts amid the slack."""
+        left = play_states(self.steps(history.command), self.radii, history.labels)
+        states = np.zeros(left.shape)
+        states[1:] = advance(left[:-1], self.steps(history.reference)[1:, None], self.radii)
+        states[1:][history.labels[1:] != history.labels[:-1]] = 0.0
+        return self.features(states)
 
     def features(self, states: FloatArray) -> FloatArray:
         """Return features `(..., h k)` of states `(..., h, k)`."""
@@ -82,12 +110,7 @@ class MemoryMap:
 
 
 def choose_memory(
-    candidates: Sequence[JointMap | None],
-    position: FloatArray,
-    rotations: FloatArray | None,
-    labels: IntArray,
-    errors: FloatArray,
-    folds: IntArray,
+    candidates: Sequence[JointMap | None], history: History, errors: FloatArray, folds: IntArray
 ) -> MemoryMap:
     """Choose coordinates and radii by what they explain, at trajectories left out, of another model's errors.
 
@@ -95,24 +118,22 @@ def choose_memory(
     ----------
     candidates : sequence of JointMap or None
         Coordinates to choose from.
-    position, rotations, labels
-        Training paths of reference poses.
+    history : History
+        Training paths.
     errors : (n, m) array
         Errors of a model without memory at samples that it was not fitted to.
     folds : (n,) array
         Which samples are left out together.
     """
     scaled = errors / np.maximum(errors.std(axis=0), 1e-300)
-    maps = list(_maps(candidates, position, rotations, labels))
-    squares = [_left_out_squares(m.transform(position, rotations, labels), scaled, folds) for m in maps]
+    maps = list(_maps(candidates, history))
+    squares = [_left_out_squares(m.transform(history), scaled, folds) for m in maps]
     return maps[int(np.argmin(squares))]
 
 
-def _maps(
-    candidates: Sequence[JointMap | None], position: FloatArray, rotations: FloatArray | None, labels: IntArray
-) -> Iterator[MemoryMap]:
+def _maps(candidates: Sequence[JointMap | None], history: History) -> Iterator[MemoryMap]:
     for joints in candidates:
-        half_range = _half_range(_steps(joints, position, rotations), labels)
+        half_range = _half_range(_steps(joints, history.command), history.labels)
         for smallest in SMALLEST:
             yield MemoryMap(smallest * np.outer(LADDER, half_range), joints)
 
@@ -129,7 +150,8 @@ def _half_range(steps: FloatArray, labels: IntArray) -> FloatArray:
     return np.maximum(half, LEAST_RANGE)
 
 
-def _steps(joints: JointMap | None, position: FloatArray, rotations: FloatArray | None) -> FloatArray:
+def _steps(joints: JointMap | None, poses: PoseSignal) -> FloatArray:
+    position, rotations = poses.position, rotations_of(poses)
     if joints is not None:
         coordinates = joints(position, rotations)
         return np.diff(coordinates, axis=0, prepend=coordinates[:1])

@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike
 
 from gpcorrect.corrector.one_pose import LARGEST, QUATERNION_TOLERANCE
 from gpcorrect.errors import DataError
-from gpcorrect.types import FloatArray
+from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["bad_query", "checked_poses", "checked_times", "pose_numbers", "twist_numbers"]
+__all__ = ["bad_query", "checked_poses", "checked_times", "pose_numbers", "pose_rows", "twist_numbers"]
 
 POSE, POSITION, TWIST = 7, 3, 6
 
@@ -28,6 +28,11 @@ def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
     if values.shape != (POSE,) and (orientation or values.shape != (POSITION,)):
         checked_poses(values[None], orientation=orientation)
     return values
+
+
+def pose_rows(poses: PoseSignal) -> FloatArray:
+    """Return poses as `(n, 7)`, or `(n, 3)` without orientation."""
+    return poses.position if poses.quaternion is None else np.hstack([poses.position, poses.quaternion])
 
 
 def twist_numbers(twist: ArrayLike | None) -> FloatArray:

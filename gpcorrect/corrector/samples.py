@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.corrector.command import CommandCorrector
+from gpcorrect.corrector.memory import History
 from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.corrector.reference import observed_twists, reference_twists, rotations_of
 from gpcorrect.errors import LogError
+from gpcorrect.play import path_labels
 from gpcorrect.rigid import pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
@@ -66,6 +68,8 @@ def log_samples(corrector: CommandCorrector, log: CalibrationLog, keep: BoolArra
     recall = corrector.recall
     wide = None
     if recall is not None:
-        wide = np.hstack([X, recall.memory.transform(reference.position, turned, trajectory)])
+        labels = path_labels(log.time[rows], log.session[rows])
+        history = History.of(command[rows], reference, labels, orientation=corrector.has_orientation)
+        wide = np.hstack([X, recall.memory.transform(history)])
     residual = pose_residual(reference, command[rows])[:, : 6 if corrector.has_orientation else 3]
     return LogSamples(X, wide, residual, trajectory, log.time[rows])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,7 +13,7 @@ from gpcorrect.corrector.memory import MemoryMap
 from gpcorrect.corrector.one_pose import inputs
 from gpcorrect.corrector.queries import bad_query, pose_numbers, twist_numbers
 from gpcorrect.play import advance
-from gpcorrect.types import Correction, FloatArray
+from gpcorrect.types import Correction, FloatArray, PoseSignal
 from gpcorrect.velocity import CausalTwist
 
 __all__ = ["CorrectionStream"]
@@ -22,10 +24,12 @@ NOT_MOVING_YET = "the stream has just begun: taken as at rest"
 class CorrectionStream:
     """Answers desired poses one after the other; one stream a planner and thread.
 
+    Memory is of its own answers: they are taken as commanded. Call :meth:`reset` where they were not.
+
     Parameters
     ----------
     answerer : Answerer
-        Answers without memory; what it makes of a pose is what memory is of.
+        Answers without memory.
     recalling : (Answerer, MemoryMap) or None
         Answers with memory, and the memory; None for a corrector that has none.
     orientation : bool
@@ -52,7 +56,7 @@ class CorrectionStream:
     def reset(self) -> None:
         """Forget the past, as after the arm was moved by hand."""
         self._twist.reset()
-        self._last: tuple[FloatArray, FloatArray] | None = None
+        self._last: _Last | None = None
         self._state = NO_MEMORY if self._memory is None else np.zeros(self._memory.radii.shape)
 
     def correct(self, time: float, pose: ArrayLike, twist: ArrayLike | None = None) -> Correction:
@@ -79,20 +83,43 @@ class CorrectionStream:
             raise bad_query(query, given)
         estimated = self._twist.update(time, query[:3], _rotation(query))
         velocity = np.nan_to_num(estimated) if twist is None else given
-        memory = self._remember(position, rotation)
         remark = NOT_MOVING_YET if twist is None and not np.isfinite(estimated[:3]).all() else ""
-        return self._answerer.one(query, velocity, memory, remark)
-
-    def _remember(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
-        """Advance the states of the slacks to a reference pose, and return their features."""
         if self._memory is None:
-            return NO_MEMORY
+            return self._answerer.one(query, velocity, NO_MEMORY, remark)
+        reference = PoseSignal(
+            position[None], se3.quaternion_from_matrix(rotation[None]) if self._orientation else None
+        )
+        answer = self._answerer.one(query, velocity, self._recalled(self._memory, reference), remark)
+        self._remember(self._memory, reference, answer)
+        return answer
+
+    def _recalled(self, memory: MemoryMap, reference: PoseSignal) -> FloatArray:
+        """Features of the slacks where the last command left them, moved on by the reference's step."""
+        if self._last is None:
+            return memory.features(self._state)
+        return memory.features(
+            advance(self._state, memory.steps(_joined(self._last.reference, reference))[1], memory.radii)
+        )
+
+    def _remember(self, memory: MemoryMap, reference: PoseSignal, answer: Correction) -> None:
+        """Advance the slacks to what was commanded."""
+        quaternion = answer.quaternion if self._orientation else None
+        command = PoseSignal(answer.position[None], None if quaternion is None else quaternion[None])
         if self._last is not None:
-            positions, rotations = np.stack([self._last[0], position]), np.stack([self._last[1], rotation])
-            oriented = rotations if self._orientation else None
-            self._state = advance(self._state, self._memory.steps(positions, oriented)[1], self._memory.radii)
-        self._last = position, rotation
-        return self._memory.features(self._state)
+            self._state = advance(self._state, memory.steps(_joined(self._last.command, command))[1], memory.radii)
+        self._last = _Last(reference, command)
+
+
+class _Last(NamedTuple):
+    """The pose before: reference and command, a row each."""
+
+    reference: PoseSignal
+    command: PoseSignal
+
+
+def _joined(first: PoseSignal, second: PoseSignal) -> PoseSignal:
+    quaternions = [pose.quaternion for pose in (first, second) if pose.quaternion is not None]
+    return PoseSignal(np.vstack([first.position, second.position]), np.vstack(quaternions) if quaternions else None)
 
 
 def _rotation(query: FloatArray) -> FloatArray | None:

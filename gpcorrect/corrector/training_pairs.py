@@ -8,10 +8,12 @@ from typing import Self
 import numpy as np
 
 from gpcorrect.corrector.learn_memory import Samples
+from gpcorrect.corrector.memory import History
 from gpcorrect.corrector.pairs import pose_pair
 from gpcorrect.corrector.reference import observed_twists, reference_twists, rotations_of
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import FeatureMap
+from gpcorrect.play import path_labels
 from gpcorrect.rigid import RigidModel, pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
@@ -30,6 +32,7 @@ class TrainingPairs:
     twist: FloatArray
     trajectory: IntArray
     time: FloatArray
+    session: IntArray
 
     @classmethod
     def of(cls, log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> Self:
@@ -56,7 +59,7 @@ class TrainingPairs:
                 hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
                 path=log.name,
             )
-        return cls(observed[rows], command[rows], twist[rows], log.trajectory[rows], log.time[rows])
+        return cls(observed[rows], command[rows], twist[rows], log.trajectory[rows], log.time[rows], log.session[rows])
 
     def samples(self, rigid: RigidModel, kinds: tuple[str, ...]) -> tuple[FeatureMap, Samples]:
         """Return the features of these kinds, fitted, and with them what the residual is learned from."""
@@ -66,7 +69,9 @@ class TrainingPairs:
         features = FeatureMap(kinds).fit(reference.position, rotations, twist)
         residual = pose_residual(reference, self.command)
         X = features.transform(reference.position, rotations, twist)
-        return features, Samples(X, features.groups, residual, reference.position, rotations, self.trajectory)
+        labels = path_labels(self.time, self.session)
+        history = History.of(self.command, reference, labels, orientation=features.has_orientation)
+        return features, Samples(X, features.groups, residual, history, self.trajectory)
 
     @property
     def check_queries(self) -> FloatArray:

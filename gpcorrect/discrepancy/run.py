@@ -24,7 +24,7 @@ from gpcorrect.discrepancy.outcome.store import StageStore
 from gpcorrect.discrepancy.recording.bench import Bench
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.stated import samples_a_row
-from gpcorrect.discrepancy.search.candidates import Member, all_candidates, describe
+from gpcorrect.discrepancy.search.candidates import Candidate, Member, all_candidates, describe
 from gpcorrect.discrepancy.search.laid import Laid, lay_out, localise_residual
 from gpcorrect.discrepancy.search.needs import split_by_needs
 from gpcorrect.discrepancy.search.score import search
@@ -37,6 +37,8 @@ from gpcorrect.types import BoolArray, CalibrationLog, Progress
 __all__ = ["RunSettings", "find_discrepancy"]
 
 ORDER: tuple[Level, ...] = ("EXACT", "CLASS", "SET")
+
+BURST = 3.0  # noise levels
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,8 @@ def find_discrepancy(
     progress.step("localising", 0.0)
     before = localise_residual(laid, (), estimate_noises(bench, bench.residual(), bench.seen), settings.tolerance, rng)
     progress.step("localising", 1.0)
-    state, kept, dropped = _search(laid, before, settings, progress, store)
+    candidates, lacks = split_by_needs(all_candidates(bench.scene), bench.scene, laid.log)
+    state, kept, dropped = _search(laid, candidates if before.something else [], settings, progress, store)
     progress.step("numbers", 0.0)
     members = _refit(state, [n.member for n in kept], bench.seen)
     effects = _with_numbers(state, kept, members, bench.seen)
@@ -127,22 +130,19 @@ def find_discrepancy(
         next_experiment=advice,
         model=model.with_effects(*in_order((*model.effects, *(e.named.member.effect for e in (*effects, *noise))))),
         evidence=evidence_of(laid, state, members),
-        provenance=provenance_of(log, settings.seed, laid, state, before, time.monotonic() - started),
+        provenance=provenance_of(log, settings.seed, laid, state, before, lacks, time.monotonic() - started),
     )
 
 
 def _search(
     laid: Laid,
-    before: Localisation,
+    candidates: Sequence[Candidate],
     settings: RunSettings,
     progress: Progress,
     store: StageStore | None,
 ) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
     """Search and naming, when there is something to name."""
-    scene = laid.bench.scene
-    candidates, unable = split_by_needs(all_candidates(scene) if before.something else [], scene, laid.log)
     state = start_search(laid.bench, candidates, progress=progress)
-    state = replace(state, silent=(*unable, *state.silent))
     if not state.traces:
         return state, (), ()
     state = searched(state, candidates, store, lambda start: search(start, rounds=settings.rounds, progress=progress))
@@ -202,9 +202,26 @@ def _verdict(
     laid: Laid, state: Search, before: Localisation, effects: Sequence[NamedEffect], members: Sequence[Member]
 ) -> Level:
     if not before.something and not effects:
-        return "NONE" if before.nothing else "INCONCLUSIVE"
+        return "NONE" if before.nothing and not _has_bursts(state) else "INCONCLUSIVE"
     if effects and (members or not before.something):
-        return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # kept effects have one of these
-    everywhere = np.ones(len(laid.bench.scene.channels), dtype=np.bool_)
-    left = smooth_nats(view_of(state, laid.tests, laid.inputs), members, everywhere)
-    return "UNKNOWN" if left > penalty(max(state.n_kinds, 1)) else "INCONCLUSIVE"
+        return _least_sure(effects)
+    joints = {e.named.member.candidate.joint for e in effects}  # of effects on noise, which say what is odd there
+    elsewhere = np.array([c.joint not in joints for c in laid.bench.scene.channels])
+    left = smooth_nats(view_of(state, laid.tests, laid.inputs), members, elsewhere)
+    if left > penalty(max(state.n_kinds, 1)):
+        return "UNKNOWN"
+    return _least_sure(effects) if effects else "INCONCLUSIVE"
+
+
+def _least_sure(effects: Sequence[NamedEffect]) -> Level:
+    return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # kept effects have one of these
+
+
+def _has_bursts(state: Search) -> bool:
+    """Whether a channel is far louder than its noise mostly is: something rare happens there, too rare to be named.
+
+    The sealed part counts as well: nothing is fitted to it, and "nothing is missing" must hold there too.
+    """
+    residual, part = state.bench.residual(), state.bench.part
+    size = np.stack([np.sqrt(np.nanmean(residual[part == p] ** 2, axis=0)) for p in np.unique(part)])
+    return bool((size > BURST * np.array([n.std for n in state.lens.noises])).any())

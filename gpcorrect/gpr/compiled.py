@@ -35,7 +35,7 @@ class Tables(NamedTuple):
 
     `inverse` is `1 / length_scale^2 / 2` `(g, c, d)`, zero where a component does not see a feature. `slopes` `(g, c,
     d, p)` and `levels` `(g, c, p)` give the exponents `level + slope . u - inverse . u^2` of the correlations, u
-    counted from `origin` `(g, d)`. `sizes` `(g, 1)` are the numbers of outputs.
+    counted from `origin` `(g, d)`. `sizes` `(g, 1)` are the numbers of outputs; `projection` is in single precision.
     """
 
     origin: FloatArray
@@ -54,7 +54,8 @@ class Tables(NamedTuple):
 def tables(parts: Sequence[SharedPredictor]) -> Tables:
     """Return what queries of these groups of outputs read; padding changes no answer."""
     columns = [_group(part) for part in parts]
-    return Tables(*(_stack([column[i] for column in columns]) for i in range(len(Tables._fields))))
+    stacked = Tables(*(_stack([column[i] for column in columns]) for i in range(len(Tables._fields))))
+    return stacked._replace(projection=stacked.projection.astype(np.float32))
 
 
 def _group(part: SharedPredictor) -> Tables:

@@ -23,13 +23,18 @@ class Predictor:
     ----------
     parts : tuple of SharedPredictor
         One for each group of outputs, in the order of the outputs.
+
+    Attributes
+    ----------
+    tables : Tables
+        The same as a single query reads it.
     """
 
     parts: tuple[SharedPredictor, ...]
-    _tables: Tables = field(init=False, repr=False)
+    tables: Tables = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_tables", tables(self.parts))
+        object.__setattr__(self, "tables", tables(self.parts))
         self.mean_std(self.parts[0].basis[0])  # compiled here (or read from numba's cache), never in the first query
 
     @property
@@ -58,7 +63,7 @@ class Predictor:
             Share of the prior variance that is left, of the group told least of: 0 amid data, 1 far from all.
         """
         # A copy: another layout or a read-only array would be compiled for anew.
-        answer: tuple[FloatArray, FloatArray, float] = predict_one(np.array(x, dtype=np.float64), self._tables)
+        answer: tuple[FloatArray, FloatArray, float] = predict_one(np.array(x, dtype=np.float64), self.tables)
         return answer
 
     def mean_std_batch(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -132,15 +132,19 @@ class NetworkCalibrator(Calibrator):
         whole = TransformedTargetRegressor(make_pipeline(StandardScaler(), network), transformer=StandardScaler())
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)  # the study trains for a set number of epochs
-            whole.fit(X, Y)
+            whole.fit(X.astype(np.float32), Y.astype(np.float32))  # as deep-learning libraries do, at half the time
         fitted = whole.regressor_
         scale, inner, out = fitted[0], fitted[1], whole.transformer_
         learned = NetworkMap(
-            Scaler(scale.mean_, scale.scale_),
-            tuple(inner.coefs_),
-            tuple(inner.intercepts_),
-            Scaler(out.mean_, out.scale_),
+            Scaler(_double(scale.mean_), _double(scale.scale_)),
+            tuple(map(_double, inner.coefs_)),
+            tuple(map(_double, inner.intercepts_)),
+            Scaler(_double(out.mean_), _double(out.scale_)),
             np.zeros(Y.shape[1]),
         )
         left = Y - learned.predict(X)[0]
         return NetworkMap(learned.scaler, learned.weights, learned.biases, learned.output, left.std(axis=0))
+
+
+def _double(values: Any) -> FloatArray:
+    return np.asarray(values, dtype=np.float64)

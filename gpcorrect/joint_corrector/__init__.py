@@ -1,5 +1,6 @@
 """Joint calibration from log to model: fit, measure, save, set zeros anew."""
 
+from gpcorrect.joint_corrector.ageing import piece_scores
 from gpcorrect.joint_corrector.clocks import joints_on_one_clock
 from gpcorrect.joint_corrector.corrector import JointCorrector, JointEstimate, Method
 from gpcorrect.joint_corrector.fit import (
@@ -28,5 +29,6 @@ __all__ = [
     "joint_units",
     "joints_on_one_clock",
     "method_named",
+    "piece_scores",
     "require_joints",
 ]

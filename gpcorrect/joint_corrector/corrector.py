@@ -30,6 +30,12 @@ LEAST_RUN_SECONDS = 5.0
 MOVED_STDS = 1.0  # a mean error of this many standard deviations of the model is no chance any more
 
 
+def zero_shift(left: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the median `(d,)` of errors that a model leaves `(n, d)`, and the same with 0 where that may be chance."""
+    middle = np.median(left, axis=0)
+    return middle, np.where(np.abs(middle) > MOVED_STDS * np.nanmedian(std, axis=0), middle, 0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class JointEstimate:
     """Corrected joints `(n, d)` and their standard deviations, rad or m."""
@@ -111,8 +117,14 @@ class JointCorrector:
         Raises
         ------
         DataError
-            The run has less than five seconds with outside encoders.
+            The run has less than five seconds with outside encoders, or is of more than one session.
         """
+        sessions = np.unique(log.session)
+        if len(sessions) > 1:
+            raise DataError(
+                f"every homing has zeros of its own; the run is of {len(sessions)} sessions.",
+                hint="Give one recording, made after the last homing.",
+            )
         left, seconds = self._left(log)
         if seconds < LEAST_RUN_SECONDS:
             raise DataError(
@@ -124,9 +136,8 @@ class JointCorrector:
     def moved(self, log: CalibrationLog) -> FloatArray:
         """Return how far each zero seems to have moved, `(d,)` rad or m; 0 where that may be chance."""
         left, _ = self._left(log)
-        middle, spread = np.median(left, axis=0), self._typical_std(log)
-        moved: FloatArray = np.where(np.abs(middle) > MOVED_STDS * spread, middle, 0.0)
-        return moved
+        std = self.estimate(self.data(log)).std
+        return zero_shift(left, std)[1]
 
     def _left(self, log: CalibrationLog) -> tuple[FloatArray, float]:
         data = self.data(log, needs_truth=True)
@@ -134,10 +145,6 @@ class JointCorrector:
         left = data.truth - self.estimate(data).q
         known = np.isfinite(left).all(axis=1)
         return left[known], float(np.ptp(data.time[known])) if known.any() else 0.0
-
-    def _typical_std(self, log: CalibrationLog) -> FloatArray:
-        std: FloatArray = np.nanmedian(self.estimate(self.data(log)).std, axis=0)
-        return std
 
     def to_parts(self) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         """Return JSON-able data and arrays, for a model file."""

@@ -23,10 +23,12 @@ from gpcorrect.joint import (
     joint_data,
     learn_cable,
 )
+from gpcorrect.joint_corrector.ageing import piece_scores
 from gpcorrect.joint_corrector.clocks import joints_on_one_clock
-from gpcorrect.joint_corrector.corrector import JointCorrector, Method
+from gpcorrect.joint_corrector.corrector import JointCorrector, Method, zero_shift
 from gpcorrect.joint_corrector.gp import GPMap, learn_gp
-from gpcorrect.joint_corrector.metrics import JointErrors, joint_errors
+from gpcorrect.joint_corrector.inputs import joint_input_remarks
+from gpcorrect.joint_corrector.metrics import JointErrors, joint_errors, joint_units
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, Progress
 
 __all__ = [
@@ -42,6 +44,7 @@ __all__ = [
 METHODS: tuple[Method, ...] = get_args(Method)
 DEGREES = {"offset": 0, "linear": 1, "quadratic": 2}
 FEWEST = 20  # samples
+FEWEST_PIECES = 12
 
 
 @dataclass(frozen=True)
@@ -151,6 +154,7 @@ def fit_joint(log: CalibrationLog, settings: JointSettings, progress: Progress |
         The data do not determine a calibration.
     """
     start = time.perf_counter()
+    remarks = joint_input_remarks(log)
     signal: InputSignal = settings.input_signal or ("measured_jp" if log.measured_jp is not None else "setpoint_jp")
     log = joints_on_one_clock(log, settings.time_offset, signal)
     data = joint_data(log, signal, settings.direction)
@@ -164,11 +168,12 @@ def fit_joint(log: CalibrationLog, settings: JointSettings, progress: Progress |
         "input": corrector.input_signal,
         "direction": settings.direction,
         "fit_seconds": fitted,
-        "left_out": list(corrector.features.left_out),
+        "remarks": [*remarks, *corrector.features.left_out],
         **_steps(data),
     }
-    corrector = replace(corrector, summary=summary)
     held = np.flatnonzero(test & data.usable)
+    summary["baseline"] = _baseline(corrector, data, held, np.union1d(rows, held)).tolist()
+    corrector = replace(corrector, summary=summary)
     errors = _errors(corrector, data, held) if held.size else {}
     return JointExperiment(corrector, len(rows), len(held), time.perf_counter() - start, errors)
 
@@ -186,7 +191,33 @@ def evaluate_joint(corrector: JointCorrector, log: CalibrationLog, time_offset: 
     rows = np.flatnonzero(data.usable)
     if rows.size == 0:
         raise LogError("no sample has both positions and their truth.", path=log.name)
-    return {"n_test": len(rows), "errors": _errors(corrector, data, rows)}
+    estimate = corrector.estimate(data)
+    assert data.truth is not None
+    left = (data.truth - estimate.q)[rows]
+    zeros = zero_rows(corrector.types, data.session[rows], left, estimate.std[rows])
+    return {"n_test": len(rows), "errors": _named(corrector, data.error[rows], left), "zeros": zeros}
+
+
+def zero_rows(types: str, session: IntArray, left: FloatArray, std: FloatArray) -> list[dict[str, Any]]:
+    """Return how far each joint's zero seems off in each session: after a homing, it is."""
+    names, scale = joint_units(types)
+    rows = []
+    for number in np.unique(session):
+        inside = session == number
+        shift, moved = zero_shift(left[inside], std[inside])
+        for j, unit in enumerate(names):
+            entry = {"session": int(number), "joint": j + 1, "unit": unit, "shift": float(shift[j] * scale[j])}
+            rows.append({**entry, "moved": bool(moved[j] != 0)})
+    return rows
+
+
+def _baseline(corrector: JointCorrector, data: JointData, held: IntArray, known: IntArray) -> FloatArray:
+    """Scores of held-out pieces, for a watch on drift; of all pieces where too few were held out to rank others by."""
+    if held.size:
+        scores = piece_scores(corrector, data, held)
+        if len(scores) >= FEWEST_PIECES:
+            return scores
+    return piece_scores(corrector, data, known)
 
 
 def _steps(data: JointData) -> dict[str, float]:
@@ -284,7 +315,9 @@ def _split(data: JointData, holdout: float) -> tuple[BoolArray, BoolArray]:
 
 def _errors(corrector: JointCorrector, data: JointData, rows: IntArray) -> dict[str, JointErrors]:
     assert data.truth is not None
-    raw = data.error[rows]
-    corrected = data.truth[rows] - corrector.estimate(data).q[rows]
-    named = {"raw": raw, "fixed_offset": raw - corrector.offset, "corrected": corrected}
-    return {name: joint_errors(values, data.types) for name, values in named.items()}
+    return _named(corrector, data.error[rows], data.truth[rows] - corrector.estimate(data).q[rows])
+
+
+def _named(corrector: JointCorrector, raw: FloatArray, left: FloatArray) -> dict[str, JointErrors]:
+    named = {"raw": raw, "fixed_offset": raw - corrector.offset, "corrected": left}
+    return {name: joint_errors(values, corrector.types) for name, values in named.items()}

@@ -17,6 +17,7 @@ ROBOT_TOPICS = {
     "measured_cp": POSE_TYPES,
     "setpoint_js": JOINT_TYPES,
     "measured_js": JOINT_TYPES,
+    "external_js": JOINT_TYPES,
 }
 TRACKER_WORDS = (
     "track",
@@ -60,7 +61,7 @@ def choose_topics(types: Mapping[str, str], options: BagOptions) -> Choice:
     Returns
     -------
     Choice
-        Topics by kind: setpoint_cp, measured_cp, setpoint_js, measured_js, tracker_cp, raven_state.
+        Topics by kind: setpoint_cp, measured_cp, setpoint_js, measured_js, external_js, tracker_cp, raven_state.
 
     Raises
     ------
@@ -122,7 +123,11 @@ def _tracker(types: Mapping[str, str], options: BagOptions) -> tuple[str, list[s
         if wanted and wanted not in poses:
             raise LogError(f"there is no pose topic {wanted}.", hint=f"Pose topics here: {', '.join(poses)}.")
         return wanted, []
-    free = [topic for topic in poses if not topic.endswith("_cp") or _is_tracking(topic, types)]
+    free = [
+        topic
+        for topic in poses
+        if not topic.endswith("_cp") or topic.endswith("/tracker_cp") or _is_tracking(topic, types)
+    ]
     named = [topic for topic in free if _has_tracker_word(topic)]
     found = named or free
     if not found:

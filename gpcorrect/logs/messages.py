@@ -15,6 +15,13 @@ from gpcorrect.types import FloatArray, IntArray, LogMeta, PoseSignal
 
 __all__ = ["Decoded", "Recorded", "Times", "joint_row", "joint_streams", "pose_row", "pose_streams"]
 
+# Signals in a JointState, in the order of its fields.
+JOINT_SIGNALS = {
+    "measured_js": ("measured_jp", "measured_jv", "measured_jf"),
+    "setpoint_js": ("setpoint_jp",),
+    "external_js": ("external_jp",),
+}
+
 
 @dataclass
 class Recorded:
@@ -120,7 +127,7 @@ def joint_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
     """
     if len({row[0] for row in recorded.rows}) > 1:
         raise LogError(f"the joints of {recorded.topic} change from message to message.")
-    names = ("measured_jp", "measured_jv", "measured_jf") if name == "measured_js" else ("setpoint_jp",)
+    names = JOINT_SIGNALS[name]
     streams, remarks = [], []
     for k, signal in enumerate(names, start=1):
         widths = {len(recorded.rows[i][k]) for i in times.rows}

@@ -2,6 +2,7 @@
 
 from gpcorrect.plots.cleaning import dropped_samples
 from gpcorrect.plots.clocks import offset_curve
+from gpcorrect.plots.debridement import debridement_gif, debridement_paths
 from gpcorrect.plots.discrepancy_evidence import nats_waterfall, posterior_bars, signature_correlation
 from gpcorrect.plots.discrepancy_gap import gap_chart
 from gpcorrect.plots.discrepancy_loops import loop_plots
@@ -9,6 +10,7 @@ from gpcorrect.plots.discrepancy_maps import residual_over_joints
 from gpcorrect.plots.drift import drift_history
 from gpcorrect.plots.errors import error_by_speed, error_distribution
 from gpcorrect.plots.intervals import reliability
+from gpcorrect.plots.joint_study import accuracy_over_homings, accuracy_over_hours, accuracy_over_minutes
 from gpcorrect.plots.landing import visits
 from gpcorrect.plots.overview import overview
 from gpcorrect.plots.style import png
@@ -19,6 +21,11 @@ from gpcorrect.plots.workspace import residual_maps, workspace_coverage
 from gpcorrect.plots.zigzag import joint_trajectory
 
 __all__ = [
+    "accuracy_over_homings",
+    "accuracy_over_hours",
+    "accuracy_over_minutes",
+    "debridement_gif",
+    "debridement_paths",
     "drift_history",
     "dropped_samples",
     "error_by_speed",

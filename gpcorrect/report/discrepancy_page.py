@@ -10,12 +10,15 @@ from gpcorrect import plots
 from gpcorrect.discrepancy.advice.next_experiment import ENOUGH
 from gpcorrect.discrepancy.outcome.result import Evidence
 from gpcorrect.discrepancy.outcome.words import (
+    MEANING,
     VISIBLE,
     channel_words,
     in_reader_units,
+    next_step,
     number,
     parameter_words,
     place,
+    variable_words,
     verdict_sentence,
 )
 from gpcorrect.plots.discrepancy_gap import rms_at
@@ -60,7 +63,8 @@ def _page(report: Mapping[str, Any], evidence: Evidence, model: Model) -> Page:
         _loops(report, evidence, model),
         _search(evidence),
         _next(report),
-        _noise(report),
+        _not_nameable(report),
+        _assumed(report),
     ]
     return Page(
         "gpcorrect discrepancy", verdict_sentence(report), _facts(report), [s for s in sections if s is not None]
@@ -70,11 +74,12 @@ def _page(report: Mapping[str, Any], evidence: Evidence, model: Model) -> Page:
 def _facts(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     told = report["provenance"]
     data = [f"{d['name']}, {d['rows']} samples (SHA-256 {(d['sha256'] or 'not a file')[:16]})" for d in told["data"]]
+    level = report["verdict"]["level"]
     return [
-        ("verdict", report["verdict"]["level"]),
+        ("verdict", f"{level}: {MEANING[level]}"),
+        ("next", next_step(report)),
         *(("recording", words) for words in data),
-        ("time", f"{told['seconds']:.0f} s, seed {told['seed']}"),
-        *(("note", remark) for remark in told["remarks"]),
+        ("run", f"{told['seconds']:.0f} s, seed {told['seed']}"),
     ]
 
 
@@ -85,12 +90,12 @@ def _where(report: Mapping[str, Any], evidence: Evidence, model: Model) -> Secti
         words = [f"None of the tests beats {limit:.1f} nats, the 99 % quantile of the luckiest test in noise."]
         return Section("Where", [*words, *_equivalence(report)])
     words = [
-        "Measured minus simulated, before anything was added, depends on these variables. Gains are on whole "
-        f"trajectories that the test had not seen; noise alone stays below {limit:.1f} nats in 99 of 100 recordings, "
-        "the luckiest test included."
+        "Measured minus simulated, before anything was added, depends on these variables. Gains are in nats, "
+        "logarithms of likelihood on whole trajectories that the test had not seen (5 nats are odds of 150 to 1); "
+        f"noise alone stays below {limit:.1f} nats in 99 of 100 recordings, the luckiest test included."
     ]
     rows = [
-        [channel_words(f["channel"]), " and ".join(f["variables"]), f["region"], f"{f['nats']:,.0f}".replace(",", " ")]
+        [channel_words(f["channel"]), _depends(f), f["region"], f"{f['nats']:,.0f}".replace(",", " ")]
         for f in found[:MOST_FINDINGS]
     ]
     table = TableData(["channel", "depends on", "most at", "nats"], rows, text=(1, 2))
@@ -118,9 +123,13 @@ def _equivalence(report: Mapping[str, Any]) -> list[str]:
 
 def _left(left: Sequence[Mapping[str, Any]]) -> str:
     first = left[0]
-    where = f"{channel_words(first['channel'])} over {' and '.join(first['variables'])}"
+    where = f"{channel_words(first['channel'])} over {_depends(first)}"
     count = "1 test still beats" if len(left) == 1 else f"{len(left)} tests still beat"
     return f"{count} noise, the strongest {where} ({first['nats']:.0f} nats)"
+
+
+def _depends(finding: Mapping[str, Any]) -> str:
+    return " and ".join(map(variable_words, finding["variables"]))
 
 
 def _worst(report: Mapping[str, Any]) -> list[tuple[int, str, str]]:
@@ -137,8 +146,8 @@ def _what(report: Mapping[str, Any]) -> Section | None:
     if not effects and not unnamed:
         return None
     words = [
-        "EXACT: one name holds, on data that the search had not seen. CLASS: the rivals are of one kind. SET: one of "
-        "those listed. The bars are posterior probabilities among all that could stand in an effect's place."
+        "What is missing in the model, and what else could stand in its place. The bars are posterior probabilities; "
+        '"nothing" and "unknown", a smooth part outside the catalogue, always compete.'
     ]
     tables = [_effect_table(effects)] if effects else []
     if unnamed:
@@ -194,7 +203,7 @@ def _how_much(report: Mapping[str, Any]) -> Section:
 
 def _gap_row(name: str, gap: Mapping[str, Any]) -> list[str]:
     scale, symbol = in_reader_units(1.0, gap["unit"])
-    sizes = [f"{number(scale * rms_at(gap, key))} {symbol}" for key in ("before", "after", "noise")]
+    sizes = [_size(scale * rms_at(gap, key), symbol) for key in ("before", "after", "noise")]
     interval = " to ".join(_share(end) for end in gap["closed_ci95"])
     yardsticks = [_share(gap["black_box_ceiling"]), _share(gap["placebo"])]
     return [channel_words(name), *sizes, _share(gap["closed"]), interval, *yardsticks]
@@ -202,8 +211,12 @@ def _gap_row(name: str, gap: Mapping[str, Any]) -> list[str]:
 
 def _tail_row(name: str, gap: Mapping[str, Any]) -> list[str]:
     scale, symbol = in_reader_units(1.0, gap["unit"])
-    sizes = [number(None if v is None else scale * v) for v in (*gap["p95"], *gap["max"])]
-    return [channel_words(name), *(f"{size} {symbol}" for size in sizes)]
+    sizes = [None if v is None else scale * v for v in (*gap["p95"], *gap["max"])]
+    return [channel_words(name), *(_size(size, symbol) for size in sizes)]
+
+
+def _size(value: float | None, symbol: str) -> str:
+    return f"{number(value)}{'' if symbol == '°' else ' '}{symbol}"
 
 
 def _share(value: float | None) -> str:
@@ -260,18 +273,27 @@ def _next(report: Mapping[str, Any]) -> Section:
     return Section("What to record next", [words, gain])
 
 
-def _noise(report: Mapping[str, Any]) -> Section:
+def _assumed(report: Mapping[str, Any]) -> Section:
+    told = report["provenance"]
     rows = []
-    for name, noise in report["provenance"]["noise"].items():
+    for name, noise in told["noise"].items():
         scale, symbol = in_reader_units(1.0, report["gap"][name]["unit"])
         tail = "normal" if noise["tail"] is None else f"Student t, {noise['tail']:.1f}"
-        sizes = [f"{number(scale * noise[part])} {symbol}" for part in ("white", "slow")]
+        sizes = [_size(scale * noise[part], symbol) for part in ("white", "slow")]
         rows.append([channel_words(name), *sizes, f"{number(noise['time_constant'])} s", tail, noise["basis"]])
     head = ["channel", "white", "slow", "time constant", "tails", "taken from"]
-    silent = list(dict.fromkeys(label.split(" (")[0] for label in report["provenance"]["no_trace"]))
-    words = (
-        [f"Left no trace in these signals on some joint or all, and could not be named there: {', '.join(silent)}."]
-        if silent
-        else []
-    )
-    return Section("What was assumed", words, (TableData(head, rows, "Noise of each channel.", (4, 5)),))
+    tables = [TableData(head, rows, "Noise of each channel.", (4, 5))]
+    return Section("What was assumed", [f"{r[:1].upper()}{r[1:]}." for r in told["remarks"]], tables)
+
+
+def _not_nameable(report: Mapping[str, Any]) -> Section | None:
+    """Effects that these data cannot show: their absence from the verdict says nothing."""
+    lacks = report["provenance"]["not_nameable"]
+    if not lacks:
+        return None
+    by_reason: dict[str, list[str]] = {}
+    for lack in lacks:
+        by_reason.setdefault(lack["why"], []).append(lack["effect"].replace("_", " "))
+    rows = [[", ".join(effects), why] for why, effects in by_reason.items()]
+    words = [f"Of the catalogue, {len(lacks)} effects cannot be named from these data, whether they are there or not."]
+    return Section("What these data cannot show", words, (TableData(["effects", "because"], rows, "", (0, 1)),))

@@ -30,15 +30,16 @@ class TableData:
 
 @dataclass(frozen=True)
 class FigureImage:
-    """A figure as PNG and the sentence under it, which is its alternative text too."""
+    """A figure as PNG, or as another kind of picture, and the sentence under it: its alternative text too."""
 
     png: bytes
     caption: str
+    kind: str = "png"
 
     @property
     def source(self) -> str:
         """Data address of the image, so that the page needs no other file."""
-        return "data:image/png;base64," + base64.b64encode(self.png).decode()
+        return f"data:image/{self.kind};base64," + base64.b64encode(self.png).decode()
 
 
 @dataclass(frozen=True)

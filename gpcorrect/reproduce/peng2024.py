@@ -1,4 +1,4 @@
-"""`gpcorrect reproduce peng2024`: the joint-level calibration of a RAVEN-II (Peng et al. 2024) on simulated recordings."""
+"""`gpcorrect reproduce peng2024`: joint-level calibration of a RAVEN-II (Peng et al. 2024) on simulated recordings."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ PENG_COMPARABLE = (
 )
 PENG_NOT_COMPARABLE = (
     "Degrees and millimetres: the robot is simulated, and its offsets, gains, couplings, stretch, friction, slack and "
-    "drift were chosen so that raw and fixed-offset errors have the size of the paper's. That those agree is no result.",
-    "Shares of the fixed offset's error only with care: how much of it is stretch that efforts tell, and how much slack "
-    "and noise, was our choice too. Here a linear law reaches further than in the paper.",
-    "Hours: the drift of the zero follows a law that we chose for the paper's two figures; idling changes nothing here "
-    "by assumption.",
+    "drift were chosen so that raw and fixed-offset errors have the paper's size. That those agree is no result.",
+    "Shares of the fixed offset's error only with care: how much of it is stretch that efforts tell, how much slack, "
+    "and how much noise, was our choice too.",
+    "Hours: the drift of joint 1's zero follows a law that we chose for the paper's two figures, and idling changes "
+    "nothing, by assumption. What the load does at once, and what each method makes of it, is a result.",
     "Features: the study had 16 and 138 numbers. Ours are the 6 of the three moving joints, and every number of the "
     "state message that a simulation fills; counters and clocks are left out.",
     "Seconds and milliseconds: another computer and other libraries.",

@@ -66,8 +66,10 @@ def table_2(bench: Workbench, test: CalibrationLog) -> dict[str, dict[str, Cell]
     whole = Run(error.direction, error.sparsity, end_to_end=True)
 
     def pair(method: Method) -> dict[str, Cell]:
-        named = {"error": error, "end to end": whole}
-        return {name: cell(rmse(m, test) for m in bench.models(run, method)) for name, run in named.items()}
+        return {
+            "error": cell(rmse(model, test) for model in bench.models(error, method)),
+            "end to end": cell(rmse(model, test) for model in bench.models(whole, method)),
+        }
 
     return dict(zip(LEARNERS, bench.parts("Table II", LEARNERS, pair), strict=True))
 
@@ -79,11 +81,10 @@ def tables_3_and_4(bench: Workbench, tests: dict[str, CalibrationLog]) -> dict[s
     def row(name: str) -> dict[str, Cell]:
         test = tests[name]
         linear = bench.model(run, "linear")
-        distances = {
-            "raw": [_tip_rmse(linear, test, "raw")],
-            "fixed_offset": [_tip_rmse(linear, test, "fixed_offset")],
-            **{m: [_tip_rmse(model, test, "corrected") for model in bench.models(run, m)] for m in METHODS},
-        }
+        names = ("raw", "fixed_offset")
+        distances = {name: [_tip_rmse(linear, test, name)] for name in names}
+        for method in METHODS:
+            distances[method] = [_tip_rmse(model, test, "corrected") for model in bench.models(run, method)]
         return {method: cell(values) for method, values in distances.items()}
 
     return dict(zip(tests, bench.parts("Tables III and IV", tests, row), strict=True))

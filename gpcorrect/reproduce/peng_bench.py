@@ -67,7 +67,7 @@ class PengScope:
 
     @property
     def middle(self) -> int:
-        """N of Table I's sparsity 1/n."""
+        """Return n of the sparsity 1/n of Table I."""
         return self.sparsities[len(self.sparsities) // 2]
 
 
@@ -144,7 +144,7 @@ class Workbench:
 
     def parts(self, stage: str, items: Iterable[Any], make: Callable[[Any], Any]) -> list[Any]:
         """Return what `make` makes of each item, telling how far it is."""
-        waiting, done = list(items), []
+        waiting, done = list(items), list[Any]()
         for item in waiting:
             self.progress.step(stage, len(done) / len(waiting))
             done.append(make(item))

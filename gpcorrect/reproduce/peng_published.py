@@ -43,8 +43,8 @@ PENG_2024 = {
 
 PENG_MISSING = (
     "Table I by direction and method",
-    "the curves of Figs. 5, 6, 8 and 9 (of Fig. 6 the ends for joint 1; of Fig. 9 that a homing shifts joint 2 by a few "
-    "tenths of a degree)",
+    "the curves of Figs. 5, 6, 8 and 9 (but of Fig. 6 the ends for joint 1, and of Fig. 9 that a homing shifts joint 2 "
+    "by a few tenths of a degree)",
     "the numbers of Tables II, III and IV",
     "the fitting times of Table V",
 )

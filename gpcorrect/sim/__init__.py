@@ -5,6 +5,7 @@ from gpcorrect.sim.driven_paths import DrivenPath, driven_log
 from gpcorrect.sim.effects import EFFECTS, Effect, effect_from_dict
 from gpcorrect.sim.faults import Fault, TrackerFaults
 from gpcorrect.sim.joint_motion import joint_motion_log
+from gpcorrect.sim.live import LiveArm, Moment
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model, model_from_dict, read_model, write_model
 from gpcorrect.sim.plan import Plan, Segment, plan_of
@@ -20,8 +21,10 @@ __all__ = [
     "DrivenPath",
     "Effect",
     "Fault",
+    "LiveArm",
     "Machine",
     "Model",
+    "Moment",
     "Noise",
     "Outcome",
     "Plan",

@@ -12,7 +12,7 @@ from gpcorrect.sim.motion import Readings
 from gpcorrect.sim.settings import NonNegative, Settings, Share
 from gpcorrect.types import FloatArray
 
-__all__ = ["Noise", "ar_noise", "noisy"]
+__all__ = ["Noise", "ar_noise", "noisy", "quantised"]
 
 
 class Noise(Settings):
@@ -50,7 +50,7 @@ def noisy(readings: Readings, noise: Noise, rng: np.random.Generator) -> Reading
     tracker = readings.T_tracker_marker
     return replace(
         readings,
-        measured_jp=_quantised(readings.measured_jp, noise.encoder_step),
+        measured_jp=quantised(readings.measured_jp, noise.encoder_step),
         external_jp=external + ar_noise(rng, external.shape, white, slow, noise.external_jp_ar_phi),
         T_tracker_marker=None if tracker is None else _noisy_poses(tracker, noise, rng),
     )
@@ -77,7 +77,8 @@ def _noisy_poses(T: FloatArray, noise: Noise, rng: np.random.Generator) -> Float
     return se3.pose(T[..., :3, :3] @ se3.matrix_from_rotvec(turn), T[..., :3, 3] + shift)
 
 
-def _quantised(q: FloatArray, step: tuple[float, ...]) -> FloatArray:
+def quantised(q: FloatArray, step: tuple[float, ...]) -> FloatArray:
+    """Return positions `(..., dof)` rounded to the encoders' steps; a step of 0, or no steps, is none."""
     if not step:
         return q
     sizes = np.asarray(step)

@@ -24,7 +24,7 @@ from gpcorrect.sim.servo_steps import Given, Laws, Outside, advance, no_outside
 from gpcorrect.sim.threads import in_parts
 from gpcorrect.types import FloatArray
 
-__all__ = ["Clock", "Reference", "ServoPath", "follow"]
+__all__ = ["Clock", "Loop", "Reference", "ServoPath", "follow"]
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,52 @@ class ServoPath(NamedTuple):
     joint_friction: FloatArray
 
 
+class Loop:
+    """The servo loop of one machine, over one reference after the other.
+
+    Parameters
+    ----------
+    drive : Drive
+        Gains and feedforward.
+    joints : tuple of int
+        Joint numbers of the columns.
+    effects : sequence of Effect
+        Of the machine; those that act in the loop are used.
+    """
+
+    def __init__(self, drive: Drive, joints: tuple[int, ...], effects: Sequence[Effect]) -> None:
+        self._drive = drive
+        self._laws, self._lawless = _laws(effects, joints), _Lawless.of(effects, joints)
+
+    def check_stable(self, inertia: FloatArray, step: float) -> None:
+        """Refuse gains that cannot hold joints of that inertia `(dof,)` at that step, s.
+
+        Raises
+        ------
+        DataError
+            The gains, or a stop's stiffness, make the sampled loop unstable.
+        """
+        _check_stable(self._drive, _stops(self._laws, len(inertia)), inertia, step)
+
+    def run(self, reference: Reference, clock: Clock, position: FloatArray, velocity: FloatArray) -> ServoPath:
+        """Go over a reference from a state `(N, dof)`, which is moved on in place."""
+        given, laws, lawless = _given(self._drive, reference, clock), self._laws, self._lawless
+        runs, steps = given.position.shape[:2]
+        samples = np.empty((4, *given.load.shape))
+        outside = no_outside(*velocity.shape)
+        if not lawless.effects:
+
+            def move(first: int, last: int) -> None:
+                advance((first, last), (0, steps), given, laws, outside, position, velocity, samples)
+
+            in_parts(runs, given.position.size, move)
+        else:
+            for i in range(steps):
+                lawless.ask(given, i, position, velocity, outside)
+                advance((0, runs), (i, i + 1), given, laws, outside, position, velocity, samples)
+        return ServoPath(*np.ascontiguousarray(samples.swapaxes(1, 2)))
+
+
 def follow(
     drive: Drive, reference: Reference, clock: Clock, joints: tuple[int, ...], effects: Sequence[Effect]
 ) -> ServoPath:
@@ -90,25 +136,10 @@ def follow(
     DataError
         The gains, or a stop's stiffness, make the sampled loop unstable.
     """
-    laws, lawless = _laws(effects, joints), _Lawless.of(effects, joints)
-    _check_stable(drive, _stops(laws, len(joints)), reference.inertia, clock.step)
-    given = _given(drive, reference, clock)
+    loop = Loop(drive, joints, effects)
+    loop.check_stable(reference.inertia, clock.step)
     balance = (reference.feedforward[0] - reference.load[0]) / drive.kp
-    position, velocity = reference.position[:, 0] + balance, np.array(reference.velocity[:, 0])
-    runs, steps = given.position.shape[:2]
-    samples = np.empty((4, *given.load.shape))
-    outside = no_outside(*velocity.shape)
-    if not lawless.effects:
-
-        def move(first: int, last: int) -> None:
-            advance((first, last), (0, steps), given, laws, outside, position, velocity, samples)
-
-        in_parts(runs, given.position.size, move)
-    else:
-        for i in range(steps):
-            lawless.ask(given, i, position, velocity, outside)
-            advance((0, runs), (i, i + 1), given, laws, outside, position, velocity, samples)
-    return ServoPath(*np.ascontiguousarray(samples.swapaxes(1, 2)))
+    return loop.run(reference, clock, reference.position[:, 0] + balance, np.array(reference.velocity[:, 0]))
 
 
 def _given(drive: Drive, reference: Reference, clock: Clock) -> Given:

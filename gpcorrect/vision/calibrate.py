@@ -16,7 +16,8 @@ from gpcorrect.vision.camera import Camera, Intrinsics
 from gpcorrect.vision.chessboard import Chessboard, find_corners
 from gpcorrect.vision.lens import LensCalibration, calibrate_lens
 from gpcorrect.vision.markers import find_markers
-from gpcorrect.vision.place import Placement, poses_from_board, poses_from_points, refine_pose
+from gpcorrect.vision.opencv import Image
+from gpcorrect.vision.place import FEWEST_POINTS, Placement, poses_from_board, poses_from_points, refine_pose
 from gpcorrect.vision.rig_file import Rig, RigCamera
 from gpcorrect.vision.sources import read_image
 
@@ -25,6 +26,7 @@ __all__ = ["CalibrationReport", "CameraReport", "calibrate_rig"]
 FAR = 0.15  # m by which the refined place may differ from the rough one
 TURNED = np.deg2rad(25.0)
 BAD_RMS = 5.0  # px: markers that are seen this far from where they should be are not these markers
+SAME = 0.01  # m between two places that are one
 ROUNDS = 3  # of looking for markers and refining
 
 
@@ -205,36 +207,50 @@ def _markers(row: RigCamera, rig: Rig, lens: Intrinsics, rough: Sequence[FloatAr
             f"camera {row.name}: markers can only be looked for near a rough place.",
             hint="Give board_at in the rig file.",
         )
-    image, points = read_image(row.markers_in), np.array(list(rig.markers.values()))
-    best: tuple[int, dict[str, FloatArray]] = (0, {})
-    for start in rough:
-        T, found, good = start, {}, 0
-        for _ in range(ROUNDS):
-            expected = Camera(row.name, lens, T).project(points)
-            found = find_markers(image, dict(zip(rig.markers, expected, strict=True)))
-            if len(found) < 6:
-                break
-            known = np.array([rig.markers[name] for name in found])
-            try:
-                placed = refine_pose(known, np.array(list(found.values())), lens, [T])
-            except DegenerateError:
-                break
-            T, good = placed.T_camera_tracker, int(placed.used.sum())
-        if good > best[0]:
-            best = (good, found)
-    if not best[1]:
+    image = read_image(row.markers_in)
+    found = [one for one in (_looked_up(image, rig, Camera(row.name, lens, T)) for T in rough) if one is not None]
+    found.sort(key=lambda one: (-int(one[0].used.sum()), one[0].rms_px))
+    if not found:
         raise LogError(
             f"camera {row.name}: the markers are not where its rough place puts them.",
             path=str(row.markers_in),
             hint="Check the places of board and markers (metres, tracker frame), or give the markers' pixels.",
         )
-    return best[1]
+    rivals = [p for p, _ in found[1:] if _apart(p.T_camera_tracker, found[0][0].T_camera_tracker)[0] > SAME]
+    if rivals and _as_good(rivals[0], found[0][0]):
+        raise LogError(
+            f"camera {row.name}: its markers look the same from two sides; two places of the camera fit.",
+            path=str(row.markers_in),
+            hint="Give the markers' pixels in the rig file, or place one marker differently from the others.",
+        )
+    return found[0][1]
+
+
+def _looked_up(image: Image, rig: Rig, camera: Camera) -> tuple[Placement, dict[str, FloatArray]] | None:
+    """Look for the markers and refine the place in turns; None when they do not settle."""
+    points = np.array(list(rig.markers.values()))
+    placed, found = None, {}
+    for _ in range(ROUNDS):
+        found = find_markers(image, dict(zip(rig.markers, camera.project(points), strict=True)))
+        if len(found) < FEWEST_POINTS:
+            return None
+        known = np.array([rig.markers[name] for name in found])
+        try:
+            placed = refine_pose(known, np.array(list(found.values())), camera.intrinsics, [camera.T_camera_tracker])
+        except DegenerateError:
+            return None
+        camera = replace(camera, T_camera_tracker=placed.T_camera_tracker)
+    return None if placed is None else (placed, found)
+
+
+def _as_good(rival: Placement, best: Placement) -> bool:
+    return rival.used.sum() >= best.used.sum() - 1 and rival.rms_px < 2.0 * best.rms_px + 0.5
 
 
 def _placed(
     row: RigCamera, points: FloatArray, pixels: FloatArray, lens: Intrinsics, rough: Sequence[FloatArray]
 ) -> Placement:
-    starts = [*rough, *(poses_from_points(points, pixels, lens) if len(points) >= 6 else [])]
+    starts = [*rough, *(poses_from_points(points, pixels, lens) if len(points) >= FEWEST_POINTS else [])]
     try:
         placement = refine_pose(points, pixels, lens, starts)
     except DegenerateError as error:

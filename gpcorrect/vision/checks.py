@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ __all__ = ["check_fit", "seen_hues"]
 
 ENOUGH = 0.75  # of the sightings that agree: no reason to doubt
 BETTER = 1.25  # times as many agreeing sightings make another order of the cameras the true one
+FEW_SIGHTINGS = 1.5  # cameras a ball and frame, on average: with fewer, nothing speaks against the calibration
 SOME = 0.34  # of the sightings must agree in the best order
 MOST_ORDERED = 5  # cameras of which all orders are tried; of more, only swaps of two
 Candidates = Sequence[Sequence[Sequence[Outline]]]  # cameras, balls, candidates
@@ -76,21 +77,28 @@ def check_fit(
         _refuse_swap(order, cameras, names)
     if tally.share < SOME:
         _check_size(looked, cameras, target)
-        _refuse_calibration(looked, cameras, tally)
+        if tally.seen >= FEW_SIGHTINGS * len(looked) * len(target.balls):
+            _refuse_calibration(cameras, tally)
+        if not tally.agreeing:
+            _refuse_colours(target.names, frames)
 
 
 def _check_colours(looked: Sequence[Candidates], frames: Sequence[Sequence[Image | None]], target: Target) -> None:
     missing = [
         ball.name for b, ball in enumerate(target.balls) if not any(camera[b] for frame in looked for camera in frame)
     ]
-    if not missing:
-        return
+    if missing:
+        _refuse_colours(missing, frames)
+
+
+def _refuse_colours(missing: Sequence[str], frames: Sequence[Sequence[Image | None]]) -> None:
     hues = ", ".join(seen_hues(frames)) or "no strong colours"
     several = "s" if len(missing) > 1 else ""
     raise LogError(
-        f"no camera sees the ball{several} {', '.join(missing)} in any of {len(frames)} frames; round things of these "
-        f"colours are there: {hues}.",
-        hint="Check the colours in the target file (hue in degrees, or color = '#rrggbb'); are the balls in sight?",
+        f"the ball{several} {', '.join(missing)} cannot be found: in none of {len(frames)} frames do two cameras see "
+        f"a ball of that colour; strong colours there: {hues}.",
+        hint="Check the colours in the target file (hue in degrees, or color = '#rrggbb'). If the balls come into "
+        "sight for a short while only: --no-first-look",
     )
 
 
@@ -128,9 +136,27 @@ def _best_order(
             swapped = list(range(n))
             swapped[i], swapped[j] = j, i
             orders.append(tuple(swapped))
-    tallies = [_tally(looked[:3], [cameras[k] for k in order], target) for order in orders]
+    tallies = [_reordered(looked[:3], cameras, order, target) for order in orders]
     best = orders[int(np.argmax([t.agreeing for t in tallies]))]
-    return best, _tally(looked, [cameras[k] for k in best], target)
+    return best, _reordered(looked, cameras, best, target)
+
+
+def _reordered(
+    looked: Sequence[Candidates], cameras: Sequence[Camera], order: tuple[int, ...], target: Target
+) -> _Tally:
+    """Tally with the pictures taken for those of other cameras: their rays are those cameras' then."""
+    taken = [cameras[k] for k in order]
+    again = [
+        [[[_through(o, camera) for o in found] for found in balls] for balls, camera in zip(frame, taken, strict=True)]
+        for frame in looked
+    ]
+    return _tally(again, taken, target)
+
+
+def _through(found: Outline, camera: Camera) -> Outline:
+    lens = camera.intrinsics
+    ray = lens.normalised(found.pixel[None])[0]
+    return replace(found, ray=ray, half_angle=float(np.arctan(found.radius / lens.focal)))
 
 
 def _refuse_swap(order: tuple[int, ...], cameras: Sequence[Camera], names: Sequence[str]) -> None:
@@ -171,12 +197,9 @@ def _check_size(looked: Sequence[Candidates], cameras: Sequence[Camera], target:
             )
 
 
-def _refuse_calibration(looked: Sequence[Candidates], cameras: Sequence[Camera], tally: _Tally) -> None:
-    sighted = sum(any(balls) for frame in looked for balls in frame)
-    if sighted < 2 * len(looked) or tally.seen < 4:
-        return  # hardly anything is in sight: nothing speaks against the calibration
+def _refuse_calibration(cameras: Sequence[Camera], tally: _Tally) -> None:
     raise LogError(
         f"the calibration does not fit the pictures: of {tally.seen} sightings of balls only {tally.agreeing} agree on "
         f"a place in space, with cameras {', '.join(camera.name for camera in cameras)} in this order or any other.",
-        hint="Take the calibration file of these cameras, or calibrate again: one of them may have been moved.",
+        hint="Take these cameras' calibration file, or calibrate again if they were moved; check the colours too.",
     )

@@ -6,7 +6,7 @@ count jumps over k, the picture is blurred a little more and the search starts a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,8 @@ WORKING_RADIUS = 12.0  # px: smaller balls are enlarged before Hough, larger one
 BLURS = (1.0, 1.6, 2.4)  # px, at working size; the next only where the count jumps
 LEAST_ACCUMULATOR, MOST_ACCUMULATOR = 4.0, 100.0
 FINE = 1.0  # step at which the bisection stops
-MAX_REGIONS = 5
+MAX_REGIONS = 6
+STRONGER = (0.0, 0.15, 0.3, 0.42)  # saturation above the least one: a ball stands out of a background of its own hue
 
 
 @dataclass(frozen=True)
@@ -172,30 +173,47 @@ def colour_regions(image: Image, colour: Colour, radii: tuple[float, float]) -> 
     Where to look for a ball about whose place nothing is known. The circle (u, v, radius; px) has the patch's middle
     and area: a ball that stands alone is there already.
     """
-    mask = colour.mask(cv2.cvtColor(image, cv2.COLOR_BGR2HSV))
-    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    scored = []
+    hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
+    found: list[tuple[float, Window, FloatArray]] = []
+    for level in STRONGER:
+        floor = min(colour.saturation + level, 0.95)
+        mask = replace(colour, saturation=floor).mask(hsv)
+        if not cv2.countNonZero(mask):
+            break
+        for region in _regions(mask, radii):
+            if not any(_alike(region[2], other[2]) for other in found):
+                found.append(region)
+    found.sort(key=lambda region: -region[0])
+    return [(window, circle) for _, window, circle in found[:MAX_REGIONS]]
+
+
+def _regions(mask: Image, radii: tuple[float, float]) -> list[tuple[float, Window, FloatArray]]:
+    """Find connected patches of a mask: how round each is, a window around it, a circle of its middle and area."""
+    height, width = mask.shape
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    regions = []
     for contour in contours:
-        left, top, width, height = cv2.boundingRect(contour)
-        if max(width, height) < 1.2 * radii[0]:
+        left, top, wide, high = cv2.boundingRect(contour)
+        if max(wide, high) < 1.2 * radii[0]:
             continue
         _, around = cv2.minEnclosingCircle(contour)
         area = float(cv2.contourArea(contour))
-        fill = area / (np.pi * around**2 + 1.0)
         size = float(np.sqrt(area / np.pi))
         fits = radii[0] * 0.6 <= size <= radii[1] * 1.2
-        middle = (left + 0.5 * (width - 1), top + 0.5 * (height - 1))
-        scored.append((fill * (1.0 if fits else 0.3), left, top, width, height, (*middle, size)))
-    scored.sort(reverse=True)
-    windows = []
-    for _, left, top, width, height, circle in scored[:MAX_REGIONS]:
-        margin = int(0.4 * max(width, height) + 6)
-        frame = Window(
+        margin = int(0.4 * max(wide, high) + 6)
+        window = Window(
             max(left - margin, 0),
             max(top - margin, 0),
-            min(left + width + margin, image.shape[1]),
-            min(top + height + margin, image.shape[0]),
+            min(left + wide + margin, width),
+            min(top + high + margin, height),
         )
-        windows.append((frame, np.array(circle)))
-    return windows
+        roundness = area / (np.pi * around**2 + 1.0) * (1.0 if fits else 0.3)
+        regions.append((roundness, window, np.array([left + 0.5 * (wide - 1), top + 0.5 * (high - 1), size])))
+    return regions
+
+
+def _alike(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two patches' circles are one."""
+    near = float(np.linalg.norm(a[:2] - b[:2])) < 0.4 * min(a[2], b[2]) + 1.0
+    return near and bool(abs(a[2] - b[2]) < 0.25 * max(a[2], b[2]))

@@ -60,12 +60,18 @@ def poses_from_board(
 ) -> list[FloatArray]:
     """First phase: poses `T_camera_tracker` of a camera that sees one board of which the place is roughly known.
 
-    Two of them: a board may have been found turned by half.
+    Four of them: a board looks the same turned by half, and its place may be told with z towards the camera or away
+    from it. The first is the usual one (x to the right, y down, z away from who looks at it); known points tell.
     """
     poses = []
-    for seen in (corners, corners[::-1]):
+    grid = corners.reshape(board.rows, board.columns, 2)
+    for seen in (grid, grid[::-1, ::-1], grid[:, ::-1], grid[::-1]):
         found, rotvec, shift = cv2.solvePnP(
-            board.points, np.ascontiguousarray(seen), lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_IPPE
+            board.points,
+            np.ascontiguousarray(seen.reshape(-1, 2)),
+            lens.matrix,
+            lens.distortion,
+            flags=cv2.SOLVEPNP_IPPE,
         )
         if found:
             T_camera_board = se3.pose(se3.matrix_from_rotvec(np.ravel(rotvec)), np.ravel(shift))

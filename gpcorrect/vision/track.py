@@ -24,7 +24,7 @@ from gpcorrect.vision.views import REASONS, FrameRules
 
 __all__ = ["TrackResult", "TrackSettings", "track"]
 
-PROBES = 5  # frames of the first look
+PROBES = 7  # frames of the first look
 OFTEN = 0.3  # of its frames in which a camera contradicts the others: it is named
 Pictures = list[Image | None]
 

@@ -15,6 +15,7 @@ __all__ = [
     "MAX_PATH_POSES",
     "bad_input",
     "check_answer",
+    "check_times",
     "checked_path",
     "checked_pose",
     "checked_twist",
@@ -28,6 +29,8 @@ ROOM = 5.0  # m: no tabletop robot or tracker of its workspace sees further, and
 # Beyond ten times the reach of the training data a position is a wrong unit; mm for m is a thousand times.
 REACH_FACTOR = 10.0
 MAX_SPEED = 20.0  # m/s
+SHORTEST_STEP = 1e-6  # s: no robot is asked more often, and velocities over less are rounding
+LATEST = 1e11  # s: three thousand years; nanoseconds since 1970 are ten million times more
 MAX_TURNING = 200.0  # rad/s
 MAX_PATH_POSES = 5000  # about a minute at 100 Hz; keeps request and reply under the message limit in JSON too
 
@@ -129,9 +132,26 @@ def checked_path(
             raise bad_input(f"pose {row} of the path: {error.message}", error.hint) from error
     _check_finite("times", times)
     stamps = np.array(times, dtype=np.float64)
-    if (np.diff(stamps) <= 0).any():
-        raise bad_input("the times of the path do not increase.", "Send seconds, strictly increasing.")
+    check_times(stamps)
     return np.array(poses, dtype=np.float64), stamps
+
+
+def check_times(times: FloatArray) -> None:
+    """Refuse times that no path has: not increasing, closer than a microsecond, or from another unit.
+
+    Raises
+    ------
+    ServiceError
+        BAD_INPUT.
+    """
+    steps = np.diff(times)
+    if (steps <= 0).any():
+        raise bad_input("the times of the path do not increase.", "Send seconds, strictly increasing.")
+    if (steps < SHORTEST_STEP).any() or (np.abs(times) > LATEST).any():
+        raise bad_input(
+            f"times are seconds at least {SHORTEST_STEP:g} apart and up to {LATEST:g}.",
+            "Send seconds, not nanoseconds; stamps since 1970 or since the start are both well.",
+        )
 
 
 def check_answer(position: Sequence[float], quaternion: Sequence[float] | None, limit: float) -> None:

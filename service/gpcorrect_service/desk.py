@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
@@ -29,7 +29,7 @@ __all__ = ["Call", "ClientBase", "Desk", "Line"]
 S = TypeVar("S", bound=msgspec.Struct)
 R = TypeVar("R")
 
-SUSPICION_SECONDS = 2.0  # zenoh itself drops a server that hangs after ten
+SUSPICION_SECONDS = 10.0  # after which zenoh itself drops a server that hangs
 # Another replica may do better with these; bad input is bad everywhere.
 WORTH_A_RETRY = frozenset({"BUSY", "STALE", "NO_MODEL", "INTERNAL", "NO_SERVICE"})
 
@@ -174,7 +174,9 @@ class Desk:
             self._closed = True
             self._lines.clear()
             self._session = None
-            self._stack.close()
+            # A server that hangs does not say goodbye: zenoh gives up on it after its own while, and so is it closed.
+            with suppress(zenoh.ZError):
+                self._stack.close()
 
     def patience(self, line: Line) -> float:
         """Return how long, s, to wait for a server to appear: only the first question may wait longer."""

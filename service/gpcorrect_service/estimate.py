@@ -24,6 +24,7 @@ from gpcorrect_service.workers import Lane
 __all__ = ["Estimator", "StreamSample", "stream_lane", "stream_receiver"]
 
 CLOCK_STEP = 1.0  # s that a stamp may lie behind the one before and still be a late sample; more is another clock
+SAMPLES_WAITING = 1000  # a second of a fast robot: the slack needs every sample, and a late one says that it is
 QUIET = 1000  # refused samples between two lines about them in the journal
 
 
@@ -146,10 +147,11 @@ class Estimator:
 
 
 def stream_lane(
-    session: zenoh.Session, key: str, estimator: Estimator, tally: Tally, capacity: int, journal: Journal
+    session: zenoh.Session, key: str, estimator: Estimator, tally: Tally, journal: Journal
 ) -> Lane[StreamSample]:
     """Return the lane that answers samples and publishes the estimates on `key`; what finds it full is only counted."""
-    publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
+    # Not express: a packet for every estimate fills the two packets that zenoh holds, and more would be dropped.
+    publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP)
 
     def publish(sample: StreamSample) -> None:
         answer = estimator.estimate(sample)
@@ -159,7 +161,7 @@ def stream_lane(
     def drop(_: StreamSample) -> None:
         tally.add("estimate", "DROPPED")
 
-    return Lane("estimate", publish, drop, workers=1, capacity=capacity, journal=journal)
+    return Lane("estimate", publish, drop, workers=1, capacity=SAMPLES_WAITING, journal=journal)
 
 
 def stream_receiver(

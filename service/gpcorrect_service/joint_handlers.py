@@ -8,7 +8,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 from gpcorrect_service import wire
 from gpcorrect_service.answers import Answer, Request
-from gpcorrect_service.checks import MAX_PATH_POSES, bad_input
+from gpcorrect_service.checks import MAX_PATH_POSES, bad_input, check_times
 from gpcorrect_service.handlers import first_trouble
 from gpcorrect_service.model import JointModel, JointStreamLike
 from gpcorrect_service.reception import Reception
@@ -98,6 +98,7 @@ def _check_lengths(asked: CorrectJointsRequest) -> None:
             raise bad_input(f"{n} rows of joints came with {len(given)} {what}.", f"Send one of {what} a row.")
     if not np.isfinite(asked.times).all():
         raise bad_input("the times hold a number that is not finite.", "Send seconds.")
+    check_times(np.array(asked.times))
 
 
 def _rows(rows: tuple[Row, ...], dof: int, what: str) -> FloatArray:

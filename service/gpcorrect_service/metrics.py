@@ -38,7 +38,7 @@ class _Latency:
 class Tally:
     """Counts answers by key and status, how long they took, and how many poses lay out of domain; from any thread.
 
-    Own counters and not the library's: they cost a query 1 us instead of 5, and are handed to it when it is asked.
+    Own counters and not the library's: one lock a query instead of one a number; they are handed over when asked for.
     """
 
     def __init__(self) -> None:

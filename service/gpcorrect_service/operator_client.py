@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, TypeVar
@@ -63,7 +64,8 @@ class Operator:
 
     def close(self) -> None:
         """Close the connection."""
-        self._session.close()  # type: ignore[no-untyped-call]
+        with suppress(zenoh.ZError):  # a server that hangs does not say goodbye
+            self._session.close()  # type: ignore[no-untyped-call]
 
     def models(self) -> list[ModelListAnswer]:
         """Return the models of every server's store.

@@ -211,7 +211,7 @@ class Server:
             max_age=s.stream_max_age,
             rate=s.stream_rate,
         )
-        lane = stream_lane(session, f"{s.arm}/estimate", estimator, self._tally, s.queue_capacity, self._journal)
+        lane = stream_lane(session, f"{s.arm}/estimate", estimator, self._tally, self._journal)
         self._lanes["estimate"] = lane
         lane.start()
         receive = stream_receiver(self.active, lane, self._clock.monotonic)

@@ -12,7 +12,7 @@ from gpcorrect.errors import DataError
 from gpcorrect_service.config import MAX_MESSAGE_BYTES, ClientSettings, ServerSettings, check_loopback
 from gpcorrect_service.errors import EndpointError, ServiceError
 
-__all__ = ["client_config", "open_client", "open_server", "server_config"]
+__all__ = ["client_config", "first_sentence", "open_client", "open_server", "read_config", "server_config"]
 
 COMMON: dict[str, Any] = {
     "mode": "peer",
@@ -50,7 +50,7 @@ def open_server(settings: ServerSettings) -> zenoh.Session:
         where = ", ".join(_listen_endpoints(config)) or settings.endpoint
         raise EndpointError(
             where,
-            f"cannot listen here ({_first_sentence(error)}).",
+            f"cannot listen here ({first_sentence(error)}).",
             hint="Another server may hold this address: stop it, or choose another endpoint.",
         ) from error
 
@@ -66,7 +66,7 @@ def server_config(settings: ServerSettings) -> zenoh.Config:
     if settings.config_file is None:
         config = _config({**COMMON, "listen/endpoints": [settings.endpoint]})
     else:
-        config = _read_config(settings.config_file)
+        config = read_config(settings.config_file)
     _default_namespace(config, settings.namespace)
     for endpoint in _listen_endpoints(config):
         check_loopback(endpoint, allow_remote=settings.allow_remote)
@@ -89,7 +89,7 @@ def open_client(settings: ClientSettings) -> zenoh.Session:
     except zenoh.ZError as error:
         raise ServiceError(
             "NO_SERVICE",
-            f"zenoh cannot connect ({_first_sentence(error)}).",
+            f"zenoh cannot connect ({first_sentence(error)}).",
             hint="Start the router or server that the configuration names.",
         ) from error
 
@@ -105,7 +105,7 @@ def client_config(settings: ClientSettings) -> zenoh.Config:
     if settings.config_file is None:
         config = _config({**COMMON, **CLIENT, "connect/endpoints": list(settings.endpoints)})
     else:
-        config = _read_config(settings.config_file)
+        config = read_config(settings.config_file)
     _default_namespace(config, settings.namespace)
     return config
 
@@ -117,12 +117,19 @@ def _config(values: dict[str, Any]) -> zenoh.Config:
     return config
 
 
-def _read_config(path: Path) -> zenoh.Config:
+def read_config(path: Path) -> zenoh.Config:
+    """Read a zenoh configuration.
+
+    Raises
+    ------
+    DataError
+        It is not there, or not one.
+    """
     try:
         return zenoh.Config.from_file(path)
     except zenoh.ZError as error:
         raise DataError(
-            f"zenoh configuration {path} cannot be read ({_first_sentence(error)}).",
+            f"zenoh configuration {path} cannot be read ({first_sentence(error)}).",
             hint="Start from those in service/deploy.",
         ) from error
 
@@ -141,6 +148,6 @@ def _listen_endpoints(config: zenoh.Config) -> list[str]:
     return [str(endpoint) for endpoint in ([endpoints] if isinstance(endpoints, str) else endpoints)]
 
 
-def _first_sentence(error: zenoh.ZError) -> str:
+def first_sentence(error: zenoh.ZError) -> str:
     """Return what zenoh says without the place in its sources."""
     return str(error).split(" at /", maxsplit=1)[0].strip()

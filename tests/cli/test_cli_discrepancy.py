@@ -10,7 +10,8 @@ import pytest
 from cli_support import CommandLine, Outcome, assert_refused, written
 
 from gpcorrect.logs import read_log
-from gpcorrect.sim import read_model
+from gpcorrect.sim import effect_from_dict, read_model
+from gpcorrect.sim.joint_motion import joint_motion_log
 
 NOMINAL = """
 arm = "joints"
@@ -101,6 +102,45 @@ def test_a_killed_run_goes_on_after_its_search(gpcorrect: CommandLine, blind: Pa
     second = run(gpcorrect, blind, "--json")
     assert "already held" not in second.err
     assert second.json["verdict"] == first["verdict"]
+
+
+TRACKED = """
+arm = "raven2_left"
+joints = [1, 2, 3]
+log_rate_hz = 20.0
+
+[controller]
+kp = [900.0, 800.0, 260000.0]
+kd = [31.0, 26.0, 8300.0]
+feedforward = "rigid-body"
+
+[noise]
+tracker_white = 1.5e-4
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("commands", ["setpoint_cp", "setpoint_jp"])
+def test_a_tracker_and_commands_are_enough(gpcorrect: CommandLine, tmp_path: Path, commands: str) -> None:
+    """With tracked poses and commands alone, poses or joints, a hidden offset is named, its registration estimated."""
+    model = tmp_path / "nominal.toml"
+    model.write_text(TRACKED)
+    true = read_model(model).with_effects(effect_from_dict({"name": "transmission_ratio", "joint": 3, "error": 0.02}))
+    log = joint_motion_log(true, 12, 6.0, seed=4)
+    kept = {"time", "trajectory", "session", "tracker_cp", commands}
+    gone = {name: None for name in log.signals if name not in kept}
+    path = written(replace(log, **gone), tmp_path / "tracked.parquet")
+    done = gpcorrect("discrepancy", "run", "--model", model, "--log", path, "--output", tmp_path / "out", "--json")
+    assert done.code == 0
+    assert [(e["name"], e["joint"]) for e in done.json["verdict"]["effects"]] == [("transmission_ratio", 3)]
+    low, high = done.json["verdict"]["effects"][0]["parameters"]["error"]["ci95"]
+    assert low < 0.02 < high
+    remarks = " ".join(done.json["provenance"]["remarks"])
+    assert "the motors were not measured: they are those of the simulated servo loop" in remarks
+    assert ("inverse kinematics" in remarks) == (commands == "setpoint_cp")
+    assert {"effect": "encoder_quantisation", "why": "the log lacks measured_jp"} in done.json["provenance"][
+        "not_nameable"
+    ]
 
 
 def test_unknown_keys_of_the_model_are_named(gpcorrect: CommandLine, blind: Path) -> None:

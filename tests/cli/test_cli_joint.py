@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cli_support import CommandLine, assert_refused, written
 
 from gpcorrect.logs import read_log
+from gpcorrect.types import LogMeta
 
 sys.path.append(str(Path(__file__).parent.parent / "joint"))
 from joint_logs import joint_log
@@ -67,4 +70,54 @@ def test_bad_requests_end_with_status_2(gpcorrect: CommandLine, joints: Path, tm
     assert_refused(gpcorrect("joint", "fit", joints, "--method", "magic", *out), "magic", "quadratic")
     assert_refused(gpcorrect("joint", "fit", joints, "--features", "colour", *out), "colour")
     assert_refused(gpcorrect("joint", "fit", joints, "--input", "tracker", *out), "measured_jp")
+    assert_refused(gpcorrect("joint", "fit", joints, "--method", "network", "--layers", "wide", *out), "600,500,400")
     assert_refused(gpcorrect("zigzag", "--limits", "60:20,55:110,330:420", *out), "lowest")
+
+
+def test_bad_recordings_are_refused_by_name(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """Missing efforts, a still joint, millimetres, limits exceeded, mixed sessions: status 2 and what to do."""
+    log = joint_log(1, trajectories=6)
+    q, truth = np.array(log.measured_jp), np.array(log.external_jp)
+    still, up = q.copy(), np.array([0.0, 1.2, 0.0])
+    still[:, 1] = 1.0
+    arm = LogMeta(joint_types="RRP", robot="raven2", arm="raven2_left")
+    cases = {
+        "measured_jf": (replace(log, measured_jf=None), "--features", "position,effort"),
+        "joint 2 never moves": (replace(log, measured_jp=still),),
+        "is it in mm": (replace(log, measured_jp=q * [1, 1, 1e3], external_jp=truth * [1, 1, 1e3]),),
+        "the limits of raven2": (replace(log, measured_jp=q + up, external_jp=truth + up, meta=arm),),
+        "trajectory 2 runs through sessions 0, 1": (replace(log, session=np.arange(len(log)) > len(log) // 2.3),),
+    }
+    for number, (words, (bad, *options)) in enumerate(cases.items()):
+        path = written(bad, tmp_path / f"{number}.csv")
+        outcome = gpcorrect("joint", "fit", path, "--method", "linear", "--output", tmp_path / "m.gpc", *options)
+        assert_refused(outcome, words, "try:")
+    assert_refused(gpcorrect("zigzag", "--limits", "20:60,55:110,330:600", "--output", tmp_path / "z.csv"), "joint 3")
+    assert (
+        gpcorrect("zigzag", "--limits", "20:60,55:110,330:600", "--arm", "none", "--output", tmp_path / "z.csv").code
+        == 0
+    )
+
+
+def test_a_homing_is_noticed_and_mixed_ones_set_no_zero(gpcorrect: CommandLine, joints: Path, tmp_path: Path) -> None:
+    """Evaluation names the session and the joint that moved; a zero is taken from one session only."""
+    gpcorrect("joint", "fit", joints, "--method", "linear", "--output", tmp_path / "m.gpc")
+    after = written(joint_log(2, trajectories=2, shift=0.05), tmp_path / "after.csv")
+    outcome = gpcorrect("joint", "evaluate", tmp_path / "m.gpc", joints, after, "--json")
+    moved = {(row["session"], row["joint"]) for row in outcome.json["zeros"] if row["moved"]}
+    assert moved == {(1, 2)}
+    assert "session 1: the zero of joint 2" in " ".join(outcome.err.split())
+    both = gpcorrect("joint", "rezero", tmp_path / "m.gpc", joints, after, "--output", tmp_path / "n.gpc")
+    assert_refused(both, "2 sessions")
+
+
+def test_drift_watches_joint_models_too(gpcorrect: CommandLine, joints: Path, tmp_path: Path) -> None:
+    """A day like the training raises no alarm, one whose zero has moved does."""
+    gpcorrect("joint", "fit", joints, "--method", "linear", "--output", tmp_path / "m.gpc")
+    same = written(joint_log(5, trajectories=6), tmp_path / "same.csv")
+    other = written(joint_log(6, trajectories=6, shift=0.05), tmp_path / "other.csv")
+    watch = ("drift", tmp_path / "m.gpc", same, other, "--false-alarms", 20, "--plot", tmp_path / "d.png", "--json")
+    outcome = gpcorrect(*watch)
+    assert outcome.code == 0, outcome.err
+    assert outcome.json["alarm_log"] == str(other)
+    assert gpcorrect("drift", tmp_path / "m.gpc", same, "--json").json["alarm"] is False

@@ -99,6 +99,7 @@ def report(level: str, *effects: dict[str, Any], sha256: str = "abc", **more: An
             "not_named": [],
             "noise": {},
             "no_trace": [],
+            "not_nameable": [{"effect": "dh_error", "why": "the log lacks tracker_cp"}],
             "remarks": [],
         },
     } | more

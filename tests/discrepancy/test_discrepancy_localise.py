@@ -27,7 +27,7 @@ def found(seed: int, size: float = 0.0, tail: float = np.inf) -> Localisation:
     r = NOISE * (white + size * q[:, 0] * np.sqrt(2))
     values = {"position 1": q[:, 0], "position 2": q[:, 1], "direction 1": np.sign(np.gradient(q[:, 0])), "time": time}
     noise = estimate_noise(time, r, block, np.zeros(len(r), dtype=np.bool_))
-    tests = all_cells(Covariates(values, ("position 1", "direction 1")))
+    tests = all_cells(Covariates(values, ("position 1", "direction 1"), {}))
     return localise([ChannelData("one", time, r, block, noise, tests)], np.random.default_rng(seed + 99), draws=100)
 
 

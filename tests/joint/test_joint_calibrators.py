@@ -18,7 +18,7 @@ from gpcorrect.joint_corrector import METHODS, JointExperiment, JointSettings, M
 from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog
 
-LOG = joint_log(1)
+LOG = joint_log(1, trajectories=6)
 
 
 def fitted(method: Method, log: CalibrationLog = LOG) -> JointExperiment:
@@ -64,7 +64,7 @@ def test_memory_finds_what_the_polynomials_cannot() -> None:
 
 def test_commands_lead_to_the_desired_joints() -> None:
     """In the other direction, what to command for a desired true position is learned as well."""
-    log = replace(LOG, measured_jf=None)
+    log = replace(joint_log(1, trajectories=10), measured_jf=None)
     back = fit_joint(log, JointSettings(method="linear", direction="command"))
     assert (rmse(back) < 0.7 * rmse(back, "raw")).all()
     with pytest.raises(DataError, match="effort"):
@@ -104,11 +104,12 @@ def test_bad_logs_are_named() -> None:
 
 def test_missing_numbers_are_passed_over() -> None:
     """Samples without input or effort leave their estimate empty or predicted, never the whole path."""
-    effort = np.array(LOG.measured_jf)
+    few = joint_log(1, trajectories=3)
+    effort = np.array(few.measured_jf)
     effort[::7] = np.nan
-    q = np.array(LOG.measured_jp)
+    q = np.array(few.measured_jp)
     q[100:110] = np.nan
-    log = replace(LOG, measured_jf=effort, measured_jp=q)
+    log = replace(few, measured_jf=effort, measured_jp=q)
     for method in ("ukf", "gp"):
         experiment = fitted(method, log)  # type: ignore[arg-type]
         estimate = experiment.corrector.estimate(joint_data(log)).q

@@ -17,7 +17,7 @@ import gpcorrect_service
 from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect_service import ClientSettings, CorrectionClient, EndpointError, ServerSettings
 from gpcorrect_service.server import Server
-from gpcorrect_service.transport import client_config, server_config
+from gpcorrect_service.transport import client_config, read_config, server_config
 
 DEPLOY = Path(__file__).resolve().parents[2] / "service" / "deploy" / "single_host"
 
@@ -98,6 +98,17 @@ def test_deploy_files_say_what_the_defaults_say() -> None:
     client = client_config(ClientSettings(config_file=DEPLOY / "client.json5"))
     assert json.loads(str(server)) == json.loads(str(server_config(ServerSettings())))
     assert json.loads(str(client)) == json.loads(str(client_config(ClientSettings())))
+
+
+def test_the_routed_files_say_what_the_defaults_say() -> None:
+    """A member behind a router is the built-in client in mode client; the router has the same bounds on messages."""
+    folder = DEPLOY.parent / "router"
+    member = json.loads(str(client_config(ClientSettings(config_file=folder / "member.json5"))))
+    client = json.loads(str(client_config(ClientSettings())))
+    assert member == {**client, "mode": "client"}
+    router = read_config(folder / "router.json5")
+    for key in ("transport/link", "scouting/multicast/enabled", "scouting/gossip/enabled"):
+        assert json.loads(router.get_json(key)) == json.loads(client_config(ClientSettings()).get_json(key))
 
 
 def test_config_file_namespace_wins_and_address_is_checked(tmp_path: Path) -> None:

@@ -6,13 +6,30 @@ import os
 import signal
 import threading
 import time
+from multiprocessing.synchronize import Event
+from pathlib import Path
 
 import numpy as np
 import pytest
 import zenoh
-from service_support import PATIENT, POSE, endpoint_of, free_port, server_process, stranger, wait_for
+from service_support import (
+    PATIENT,
+    POSE,
+    child,
+    end_with_parent,
+    endpoint_of,
+    free_port,
+    serve_in_child,
+    server_process,
+    spawn,
+    stranger,
+    wait_for,
+)
 
-from gpcorrect_service import CorrectionClient, ServiceError
+from gpcorrect_service import CorrectionClient, ServerSettings, ServiceError
+from gpcorrect_service.router import route
+
+ROUTED = Path(__file__).resolve().parents[2] / "service" / "deploy" / "router"
 
 
 def test_nobody_there() -> None:
@@ -136,6 +153,37 @@ def test_a_replica_shows_that_it_lives() -> None:
 def alive(session: zenoh.Session) -> list[str]:
     replies = session.liveliness().get("gpcorrect/*/live/*", timeout=PATIENT)
     return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+
+def route_in_child(ready: Event, config: str) -> None:
+    """Run in the child process: route until killed."""
+    end_with_parent()
+    route(Path(config), threading.Event(), ready.set)
+
+
+def test_a_router_that_comes_back_is_found_again(tmp_path: Path) -> None:
+    """When the router between planner and server is killed and started again, both find it by themselves."""
+    port = free_port()
+    files = {}
+    for name in ("router", "member"):
+        text = (ROUTED / f"{name}.json5").read_text().replace("127.0.0.1:7447", f"127.0.0.1:{port}")
+        files[name] = tmp_path / f"{name}.json5"
+        files[name].write_text(text)
+    serving, routing, again = spawn.Event(), spawn.Event(), spawn.Event()
+    settings = ServerSettings(config_file=files["member"])
+    served = ("shift", spawn.Event(), spawn.Event(), serving, settings)
+    with (
+        child(route_in_child, routing, (routing, str(files["router"]))) as router,
+        child(serve_in_child, serving, served) as server,
+        CorrectionClient(config_file=files["member"], timeout=1.0, connect_timeout=PATIENT) as client,
+    ):
+        assert answering_pid(client) == server.pid
+        router.kill()
+        router.join(PATIENT)
+        with pytest.raises(ServiceError, match="NO_SERVICE"):
+            client.correct(POSE)
+        with child(route_in_child, again, (again, str(files["router"]))):
+            assert answering_pid(client) == server.pid
 
 
 def test_a_closed_client_says_so() -> None:

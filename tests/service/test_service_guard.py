@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import io
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from service_support import ShiftCorrector
+from service_support import PATIENT, ShiftCorrector
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect_service import ServiceError
 from gpcorrect_service.active import FAULTS_IN_A_ROW, Active
 from gpcorrect_service.guard import CorrectionBound, RateBound
+from gpcorrect_service.health import Health
+from gpcorrect_service.journal import open_journal
+from gpcorrect_service.metrics import Tally
 from gpcorrect_service.model import Model
 from gpcorrect_service.throttle import Throttle
+from gpcorrect_service.workers import Lane
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -118,3 +125,17 @@ def refused(active: Active) -> tuple[str, str]:
     with pytest.raises(ServiceError) as caught:
         active.pose_model()
     return active.state, caught.value.status
+
+
+def test_a_dead_worker_is_a_fault() -> None:
+    """When a thread that answers is gone, health says FAULT though the model is well."""
+    lane: Lane[int] = Lane(
+        "one", lambda _: None, lambda _: None, workers=1, capacity=1, journal=open_journal(io.StringIO())
+    )
+    active = Active(Model(ShiftCorrector()))
+    health = Health(active, arm="a", replica="r", tally=Tally(), lanes={"one": lane}, monotonic=time.monotonic)
+    lane.start()
+    assert health.report().state == "ENABLED"
+    lane.seal()
+    assert lane.join(time.monotonic() + PATIENT)
+    assert health.report().state == "FAULT"

@@ -74,7 +74,8 @@ def test_missing_numbers_are_told_and_cost_nothing_else() -> None:
     [
         (CorrectJointsRequest((), ()), "1 to 5000 rows"),
         (CorrectJointsRequest(Q, TIMES[:2]), "2 times"),
-        (CorrectJointsRequest(Q, (0.0, 0.2, 0.1)), "row 2"),
+        (CorrectJointsRequest(Q, (0.0, 0.2, 0.1)), "do not increase"),
+        (CorrectJointsRequest(Q, (0.0, 1e9, 2e18)), "seconds"),
         (CorrectJointsRequest(Q, TIMES, efforts=Q[:1]), "1 efforts"),
         (CorrectJointsRequest(Q, TIMES, sessions=(1,)), "1 sessions"),
         (CorrectJointsRequest(((0.1, 0.2),) * 3, TIMES), "knows 3 joints"),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ CODEC = wire.MSGPACK
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[ServerProcess]:
-    with server_process("joints", queue_capacity=4096) as process:
+    with server_process("joints") as process:
         yield process
 
 
@@ -34,12 +35,12 @@ def test_a_thousand_samples_in_a_thousand_estimates_out(server: ServerProcess) -
         publisher = session.declare_publisher("gpcorrect/arm1/measured_js")
         told: list[JointEstimate] = []
         with listening, publisher:
-            wait_for(lambda: bool(publisher.matching_status.matching))
+            wait_for(lambda: bool(publisher.matching_status.matching) and listens(session, heard))
             for i, q in enumerate(path.tolist()):
                 state = JointState(1.0 + 0.001 * i, tuple(q))
                 publisher.put(CODEC.encode(state), encoding=wire.encoding_name(CODEC, "joint_state"))
                 if i % 20 == 19:  # no more than that are under way: zenoh drops samples that nobody takes off its hands
-                    told += [read(heard.get(timeout=PATIENT)) for _ in range(20)]
+                    told += [next_of(heard) for _ in range(20)]
     assert [one.stamp for one in told] == [1.0 + 0.001 * i for i in range(len(path))]
     assert {one.status for one in told} <= {"OK", "STALE"}
     joints = path[0]
@@ -47,7 +48,24 @@ def test_a_thousand_samples_in_a_thousand_estimates_out(server: ServerProcess) -
         joints = np.clip(joints, q - SLACK, q + SLACK)
         np.testing.assert_allclose(one.position, joints, atol=1e-12)
     with server.client() as client:
-        assert sum(client.health().counts["estimate"].values()) == len(path)
+        assert sum(client.health().counts["estimate"].values()) > len(path)
+
+
+def listens(session: zenoh.Session, heard: SimpleQueue[zenoh.Sample]) -> bool:
+    """Send a sample of another session; whether its estimate comes back, so that none of the test's is lost."""
+    state = JointState(time.monotonic(), (0.0,) * 3, session=9)
+    session.put("gpcorrect/arm1/measured_js", CODEC.encode(state), encoding=wire.encoding_name(CODEC, "joint_state"))
+    try:
+        return read(heard.get(timeout=0.1)).session == 9
+    except Empty:
+        return False
+
+
+def next_of(heard: SimpleQueue[zenoh.Sample]) -> JointEstimate:
+    """Return the next estimate of the test's own session."""
+    while (told := read(heard.get(timeout=PATIENT))).session != 0:
+        pass
+    return told
 
 
 def read(sample: zenoh.Sample) -> JointEstimate:

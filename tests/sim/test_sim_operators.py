@@ -6,9 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
+from scipy.interpolate import PchipInterpolator
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import bouc_wen, lag, play, ring
+from gpcorrect.sim.effects.shifted import shifted
 
 values = st.floats(-10, 10, allow_nan=False)
 paths = arrays(np.float64, st.integers(2, 30), elements=values)
@@ -47,7 +49,7 @@ def test_bouc_wen_agrees_with_an_ode_solver(sharpness):
 
     exact = solved(rates, [0.0], time, path)[:, 0]
     assert np.abs(exact).max() > 0.9 * width
-    np.testing.assert_allclose(bouc_wen(path, width, sharpness), exact, atol=2e-4 * width)
+    np.testing.assert_allclose(bouc_wen(path, width, sharpness), exact, atol=1e-5 * width)
 
 
 @pytest.mark.parametrize("time_constant", [0.01, 0.3, 20.0])
@@ -68,6 +70,17 @@ def test_ring_agrees_with_an_ode_solver(frequency, damping):
         lambda _, x, u, __: [x[1], omega**2 * (u - x[0]) - 2 * damping * omega * x[1]], [path[0], 0.0], time, path
     )[:, 0]
     np.testing.assert_allclose(ring(path, time, frequency, damping), exact, atol=1e-6)
+
+
+@pytest.mark.parametrize("delay", [-0.4, 0.03, 0.2, 9.0])
+def test_a_shifted_path_is_the_monotone_cubic(delay):
+    """Between uneven samples, over repeated moments and missing values, the curve is SciPy's."""
+    time, path = uneven()
+    path[7:11], path[20], time[-5:] = path[7], np.nan, time[-6]
+    known = np.isfinite(path) & np.r_[True, np.diff(time) > 0]
+    at = np.clip(time - delay, time[known][0], time[known][-1])
+    expected = PchipInterpolator(time[known], path[known])(at)
+    np.testing.assert_allclose(shifted(path[:, None], time[:, None], delay)[:, 0], expected, atol=1e-13)
 
 
 @given(paths, widths, sharpnesses)
@@ -95,7 +108,7 @@ def test_bouc_wen_does_not_depend_on_speed(path, width, sharpness, repeats):
     """Cutting each monotone step into finer ones changes no value at the old samples."""
     fine = np.interp(np.arange(0, (len(path) - 1) * repeats + 1) / repeats, np.arange(len(path)), path)
     np.testing.assert_allclose(
-        bouc_wen(fine, width, sharpness)[::repeats], bouc_wen(path, width, sharpness), atol=2e-3 * width
+        bouc_wen(fine, width, sharpness)[::repeats], bouc_wen(path, width, sharpness), atol=2e-5 * width
     )
 
 

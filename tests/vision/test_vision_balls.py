@@ -51,7 +51,7 @@ def test_centres_are_found_to_a_twentieth_of_a_pixel() -> None:
         for lens, image, camera in zip(stage.lenses, stage.frame(pose), cameras_of(stage), strict=True):
             for ball, spec in zip(stage.balls(pose), END_EFFECTOR.balls, strict=True):
                 true = lens.pixels(ball.centre)
-                window = Window.around(true + [3.0, -4.0], 30.0, image)
+                window = Window.around(true + np.array([3.0, -4.0]), 30.0, image)
                 circles = find_circles(image, spec.colour, window, (8.0, 22.0))
                 assert len(circles) == 1
                 found = outline(image, circles[0], camera.intrinsics)

@@ -71,8 +71,9 @@ def advise(
         best = max((t for t in tried if t is not None), key=lambda t: t[1], default=None)
     if best is None:
         return None
-    words = best[0].words if best[1] >= ENOUGH else _sensor(scene, own)
-    return Experiment(words, (own.label, rival.label), best[1], best[0].minutes)
+    names, enough = (own.label, rival.label), best[1] >= ENOUGH
+    words = best[0].words if enough else _sensor(scene, own)
+    return Experiment(words, names, best[1], best[0].minutes, best[0].plans if enough else ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +173,7 @@ def _view(duel: Duel, future: Future, index: int) -> _View:
     model = _changed(duel.scene.model, gain)
     quiet = model.model_copy(update={"noise": Noise(), "faults": TrackerFaults()})
     log = _same_signals(simulate(machine_of(quiet.model_copy(update={"effects": ()})), plan), duel.scene)
-    scene = build_scene(log, quiet, np.ones(len(log), dtype=np.bool_))
+    scene = build_scene(log, quiet, np.ones(len(log), dtype=np.bool_), duel.noises)
     effects = [m.effect for m in duel.rest] + [_homed(duel.leader.effect, duel, future)]
     scene = replace(scene, observed=scene.predict(effects))  # the tracker would be registered on what it then sees
     whole = Split(log.trajectory, np.zeros(len(log), dtype=np.int64), "")

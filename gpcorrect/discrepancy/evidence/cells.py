@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 
 import numpy as np
 
 from gpcorrect.discrepancy.recording.covariates import Covariates
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["Cells", "all_cells", "cells_of", "indicator"]
+__all__ = ["Cells", "Span", "all_cells", "cells_of", "indicator"]
 
 BINS = {1: 8, 2: 5}
 MAX_TESTS = 150
+
+
+@dataclass(frozen=True)
+class Span:
+    """Where a cell lies along one variable: from `low` to `high`, which are the same for one of few values."""
+
+    variable: str
+    low: float
+    high: float
+    unit: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,13 +37,13 @@ class Cells:
         One or two of them.
     code : (n,) int array
         Cell of each row.
-    words : tuple of str
-        What each cell is.
+    spans : tuple of tuple of Span
+        Where each cell lies, a span for each variable.
     """
 
     variables: tuple[str, ...]
     code: IntArray
-    words: tuple[str, ...]
+    spans: tuple[tuple[Span, ...], ...]
 
 
 def all_cells(covariates: Covariates) -> list[Cells]:
@@ -40,38 +51,36 @@ def all_cells(covariates: Covariates) -> list[Cells]:
     names = list(covariates.values)
     pairs = [(a, b) for a, b in combinations(names, 2) if a in covariates.primary or b in covariates.primary]
     wanted = [*((name,) for name in names), *pairs][:MAX_TESTS]
-    return [cells_of({v: covariates.values[v] for v in variables}) for variables in wanted]
+    return [cells_of({v: covariates.values[v] for v in variables}, covariates.units) for variables in wanted]
 
 
-def cells_of(variables: dict[str, FloatArray]) -> Cells:
+def cells_of(variables: Mapping[str, FloatArray], units: Mapping[str, str] | None = None) -> Cells:
     """Cut one variable in 8 cells, or two in 5 by 5, that hold equally many rows.
 
-    A variable of few values keeps them.
+    A variable of few values keeps them. Variables without a unit are pure numbers.
     """
     n_bins = BINS[len(variables)]
-    codes, words = [], []
+    codes, spans = [], []
     for name, values in variables.items():
-        code, names = _cut(values, n_bins)
+        code, ends = _cut(values, n_bins)
         codes.append(code)
-        words.append([f"{name} {w}" for w in names])
+        spans.append([Span(name, low, high, (units or {}).get(name, "")) for low, high in ends])
     if len(codes) == 1:
-        return Cells(tuple(variables), codes[0], tuple(words[0]))
-    first, second = words
-    joint = tuple(f"{a}, {b}" for a in first for b in second)
-    return Cells(tuple(variables), codes[0] * len(second) + codes[1], joint)
+        return Cells(tuple(variables), codes[0], tuple((span,) for span in spans[0]))
+    return Cells(tuple(variables), codes[0] * len(spans[1]) + codes[1], tuple(product(*spans)))
 
 
-def _cut(values: FloatArray, n_bins: int) -> tuple[IntArray, list[str]]:
+def _cut(values: FloatArray, n_bins: int) -> tuple[IntArray, list[tuple[float, float]]]:
     distinct = np.unique(values)
     if len(distinct) <= n_bins:
-        return np.searchsorted(distinct, values).astype(np.int64), [f"= {v:.3g}" for v in distinct]
+        return np.searchsorted(distinct, values).astype(np.int64), [(float(v), float(v)) for v in distinct]
     edges = np.unique(np.quantile(values, np.linspace(0, 1, n_bins + 1)))
     code = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-    return code.astype(np.int64), [f"{a:.3g} to {b:.3g}" for a, b in pairwise(edges)]
+    return code.astype(np.int64), [(float(a), float(b)) for a, b in pairwise(edges)]
 
 
 def indicator(cells: Cells, rows: IntArray) -> FloatArray:
     """Columns `(len(rows), k)`, one a cell that occurs among all cells, 1 where a row is in it."""
-    columns = np.zeros((len(rows), len(cells.words)))
+    columns = np.zeros((len(rows), len(cells.spans)))
     columns[np.arange(len(rows)), cells.code[rows]] = 1.0
     return columns

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import t as student
 
 from gpcorrect.discrepancy.evidence.linear import Grams, grams
 from gpcorrect.discrepancy.recording.bench import Bench
-from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise, estimate_noise, whiten
+from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise, Whitener, estimate_noise
 from gpcorrect.discrepancy.recording.stated import averaged, samples_a_row, sampling_step, settled, stated_noises
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
@@ -42,27 +43,36 @@ class Lens:
     noises: tuple[ChannelNoise, ...]
     weight: FloatArray
 
-    @property
+    @cached_property
     def block(self) -> IntArray:
         """Block `(M,)` of each stacked row."""
         return np.concatenate([b[b >= 0] for b in self.blocks])
 
-    @property
+    @cached_property
     def channel(self) -> IntArray:
         """Channel index `(M,)` of each stacked row."""
         return np.concatenate([np.full((b >= 0).sum(), i) for i, b in enumerate(self.blocks)])
 
     def look(self, values: FloatArray) -> FloatArray:
         """Whitened and weighted columns `(M, k)` of values `(m, c, k)`."""
-        parts = []
-        for i, (block, noise) in enumerate(zip(self.blocks, self.noises, strict=True)):
-            column = values[:, i]
-            rows = block >= 0
-            if not rows.any() or not column[rows].any():
-                parts.append(np.zeros((int(rows.sum()), values.shape[2])))
-            else:
-                parts.append(whiten(noise, self.time, block, column)[rows])
-        return np.concatenate(parts) * self.weight[:, None]
+        seen, begin = np.zeros((len(self.weight), values.shape[2])), 0
+        for i, (rows, whitener) in enumerate(self._whiteners):
+            column, part = values[rows, i], slice(begin, begin + len(rows))
+            moving = np.flatnonzero(column.any(axis=0))  # most effects show in few channels
+            seen[part, moving] = whitener(column[:, moving])
+            begin += len(rows)
+        seen *= self.weight[:, None]
+        return seen
+
+    @cached_property
+    def _whiteners(self) -> list[tuple[IntArray, Whitener]]:
+        """Rows of each channel that are looked at, and their filter."""
+        rows = [np.flatnonzero(block >= 0) for block in self.blocks]
+        filters = [
+            Whitener.of(noise, self.time[r], block[r])
+            for r, block, noise in zip(rows, self.blocks, self.noises, strict=True)
+        ]
+        return list(zip(rows, filters, strict=True))
 
     def look_one(self, values: FloatArray) -> FloatArray:
         """Whitened and weighted column `(M,)` of values `(m, c)`."""
@@ -79,7 +89,7 @@ def estimate_noises(bench: Bench, residual: FloatArray, rows: BoolArray) -> tupl
     own = [estimate_noise(bench.time, column, block, bench.still, FLOOR) for column in residual.T]
     count, step = samples_a_row(bench.group), sampling_step(bench.scene)
     stated = [n and averaged(n, count, step) for n in stated_noises(bench.scene)]
-    own = [settled(o, s) for o, s in zip(own, stated, strict=True)]
+    own = [settled(o, s, count * step) for o, s in zip(own, stated, strict=True)]
     channels = bench.scene.channels
     outside = {c.joint: n.std for c, n in zip(channels, own, strict=True) if c.signal == "external_jp"}
     floors = [0.0 if c.signal != "measured_jp" else MOTOR_SHARE * outside.get(c.joint, MOTOR_FLOOR) for c in channels]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.cells import Cells, indicator
+from gpcorrect.discrepancy.evidence.cells import Cells, Span, indicator
 from gpcorrect.discrepancy.evidence.linear import Grams, fold_of, grams, held_out_nats, solve
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, standard_draws, whiten
 from gpcorrect.types import FloatArray, IntArray
@@ -62,7 +62,7 @@ class Finding:
         Where.
     variables : tuple of str
         What the residual depends on.
-    region : str
+    region : tuple of Span
         The cell in which it is largest.
     nats : float
         Gain of log-likelihood on held-out trajectories.
@@ -70,7 +70,7 @@ class Finding:
 
     channel: str
     variables: tuple[str, ...]
-    region: str
+    region: tuple[Span, ...]
     nats: float
 
 
@@ -176,7 +176,7 @@ def _test_channel(data: ChannelData, rng: np.random.Generator, draws: int) -> _C
     null = np.full(draws, -np.inf)
     found, systematic = [], 0.0
     for cells in data.cells:
-        columns = np.zeros((len(block), len(cells.words)))
+        columns = np.zeros((len(block), len(cells.spans)))
         columns[rows] = indicator(cells, rows)
         seen = whiten(data.noise, data.time, block, columns)[rows]
         sums = grams(seen, both, block[rows])
@@ -196,10 +196,10 @@ def _clipped(z: FloatArray) -> FloatArray:
     return np.clip(z, -limit, limit)
 
 
-def _region(sums: Grams, cells: Cells) -> str:
+def _region(sums: Grams, cells: Cells) -> tuple[Span, ...]:
     gram = sums.gram.sum(axis=0)
     beta = solve(gram, sums.moment[:, :, 0].sum(axis=0))
-    return cells.words[int(np.argmax(beta**2 * np.diag(gram)))]
+    return cells.spans[int(np.argmax(beta**2 * np.diag(gram)))]
 
 
 def _systematic_upper(sums: Grams, share: FloatArray, rng: np.random.Generator, draws: int = 400) -> float:

@@ -11,6 +11,7 @@ from scipy.stats import t as student
 from gpcorrect.discrepancy.evidence.lens import Lens
 from gpcorrect.discrepancy.evidence.linear import solve
 from gpcorrect.discrepancy.search.candidates import Member
+from gpcorrect.discrepancy.search.instants import instant_half_width
 from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.search.trial import try_set
 from gpcorrect.types import FloatArray, IntArray
@@ -29,8 +30,12 @@ def half_widths(search: Search, lens: Lens, members: Sequence[Member], index: in
     """
     sandwich, plain, freedom = _covariances(search, lens, members)
     half = student.ppf(0.975, freedom) * np.sqrt(np.maximum(np.diag(sandwich), np.diag(plain)))
-    own = _own(members, index)
-    return dict(enumerate(half[own].tolist()))
+    widths: dict[int, float] = dict(enumerate(half[_own(members, index)].tolist()))
+    others = [m for i, m in enumerate(members) if i != index]
+    for i, coordinate in enumerate(members[index].candidate.coordinates):
+        if coordinate.parameter.change_point:  # no slope says how well an instant is known
+            widths[i] = instant_half_width(search.bench, lens, search.observed, others, members[index])
+    return widths
 
 
 def away_from_nothing(search: Search, lens: Lens, members: Sequence[Member], index: int) -> bool:

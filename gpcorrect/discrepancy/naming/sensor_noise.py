@@ -145,7 +145,8 @@ def _matters(scene: Scene, column: int, counts: Counts, level: FloatArray) -> bo
         return False
     outside = np.array([c.signal != "measured_jp" for c in scene.channels])
     try:
-        change = scene.predict([HomingOffset(joint, counts.step / UNIFORM)]) - scene.predict()
+        whole = scene.strict()
+        change = whole.predict([HomingOffset(joint, counts.step / UNIFORM)]) - whole.predict()
     except DataError:
         return False
     size = np.sqrt(np.nanmean(change[:, outside] ** 2, axis=0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -14,6 +15,7 @@ from gpcorrect.discrepancy.naming.named import EXACT, STABLE
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.stated import GIVEN, LOUDER_WORDS
 from gpcorrect.discrepancy.search.laid import Laid
+from gpcorrect.discrepancy.search.needs import Lack, left_silent, limits_of
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.types import CalibrationLog
 
@@ -21,7 +23,13 @@ __all__ = ["provenance_of"]
 
 
 def provenance_of(
-    log: CalibrationLog, seed: int, data: Laid, state: Search, before: Localisation, seconds: float
+    log: CalibrationLog,
+    seed: int,
+    data: Laid,
+    state: Search,
+    before: Localisation,
+    lacks: Sequence[Lack],
+    seconds: float,
 ) -> dict[str, Any]:
     """Return the provenance table of a report."""
     bench = data.bench
@@ -51,9 +59,14 @@ def provenance_of(
             }
             for c, n in zip(bench.scene.channels, state.lens.noises, strict=True)
         },
-        "remarks": [*data.remarks, *_model_remarks(bench.scene), _noise_remark(state)],
+        "remarks": [*data.remarks, *_model_remarks(bench.scene), *limits_of(bench.scene), _noise_remark(state)],
         "no_trace": list(state.silent),
+        "not_nameable": [{"effect": k.effect, "why": k.why} for k in (*lacks, *_silent(state))],
     }
+
+
+def _silent(state: Search) -> tuple[Lack, ...]:
+    return left_silent(state.silent, [t.candidate.name for t in state.traces], state.bench.scene)
 
 
 def _noise_remark(state: Search) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -11,8 +11,10 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.localise import Finding, Localisation
 from gpcorrect.discrepancy.naming.named import Alternative, Named
 from gpcorrect.discrepancy.outcome.gap import GapFigures
+from gpcorrect.discrepancy.outcome.words import region_words
 from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.sim.model import Model
+from gpcorrect.sim.plan import Plan
 from gpcorrect.types import BoolArray, FloatArray
 
 __all__ = ["ChannelGap", "Discrepancy", "Evidence", "Experiment", "Level", "NamedEffect"]
@@ -103,12 +105,15 @@ class Experiment:
         Evidence it should bring after the rival was refitted.
     minutes : float
         How long it takes.
+    plans : tuple of (Plan, float)
+        Desired paths, each with the factor on the controller's gains; none when a sensor is advised.
     """
 
     run: str
     separates: tuple[str, str]
     expected_nats: float
     minutes: float
+    plans: tuple[tuple[Plan, float], ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -227,7 +232,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
     return {
         "channel": finding.channel,
         "variables": list(finding.variables),
-        "region": finding.region,
+        "region": region_words(finding.region),
+        "bounds": [asdict(span) for span in finding.region],
         "nats": finding.nats,
     }
 

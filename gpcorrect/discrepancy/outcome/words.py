@@ -8,16 +8,22 @@ from typing import Any
 
 import numpy as np
 
+from gpcorrect.discrepancy.evidence.cells import Span
+
 __all__ = [
+    "MEANING",
     "VISIBLE",
     "Closed",
     "channel_words",
     "closed_by",
     "effect_words",
     "in_reader_units",
+    "next_step",
     "number",
     "parameter_words",
     "place",
+    "region_words",
+    "variable_words",
     "verdict_sentence",
 ]
 
@@ -26,7 +32,11 @@ READER_UNITS = {
     "m": ("mm", 1e3),
     "rad/s": ("°/s", 180.0 / np.pi),
     "m/s": ("mm/s", 1e3),
+    "rad/s^2": ("°/s²", 180.0 / np.pi),
+    "m/s^2": ("mm/s²", 1e3),
     "1": ("", 1.0),
+    "rad per unit of source": ("rad for each rad (or m) of that joint", 1.0),
+    "m per unit of source": ("m for each m (or rad) of that joint", 1.0),
 }
 VISIBLE = 1.15  # of the noise: a residual below shows nothing
 SHOWN = 3  # places in the sentence; what is elsewhere is counted
@@ -47,6 +57,32 @@ def number(value: float | None) -> str:
     digits = int(np.clip(2 - np.floor(np.log10(abs(value))), 0, 9))
     text = f"{value:.{digits}f}"
     return text if 1e-4 <= abs(value) < 1e6 else f"{value:.2e}"
+
+
+def region_words(spans: Sequence[Span]) -> str:
+    """Return where a residual is largest, as people read it: "joint 2 moving back, load of joint 1 from 1 to 2 N m"."""
+    return ", ".join(_span_words(span) for span in spans)
+
+
+def _span_words(span: Span) -> str:
+    kind, _, joint = span.variable.rpartition(" ")
+    if kind == "direction":
+        return f"joint {joint} " + {-1.0: "moving back", 1.0: "moving forward"}.get(span.low, "before its first move")
+    if span.variable == "session":
+        return f"session {span.low + 1:.0f}"
+    name = variable_words(span.variable)
+    low, symbol = in_reader_units(span.low, span.unit)
+    high, _ = in_reader_units(span.high, span.unit)
+    gap = "" if symbol == "°" else " "
+    if span.low == span.high:
+        return f"{name} at {number(low)}{gap}{symbol}".rstrip()
+    return f"{name} from {number(low)} to {number(high)}{gap}{symbol}".rstrip()
+
+
+def variable_words(variable: str) -> str:
+    """Return a variable's name as people say it: "position of joint 2"."""
+    kind, _, joint = variable.rpartition(" ")
+    return f"{kind} of joint {joint}" if joint.isdigit() else variable
 
 
 def place(joint: int | str | None) -> str:
@@ -94,6 +130,34 @@ def effect_words(effect: Mapping[str, Any]) -> str:
             return f"a {effect['class']} effect, {_either(effect)}"
         case _:
             return _either(effect)
+
+
+MEANING = {
+    "NONE": "nothing beats noise, and what could still hide is shown to be too small to matter",
+    "EXACT": "one name holds, on trajectories that the search had not seen, and no rival is left",
+    "CLASS": "the kind of effect is sure, which one of its kind is not",
+    "SET": "one of those listed is there; these data do not tell which",
+    "UNKNOWN": "something real that no effect of the catalogue explains",
+    "INCONCLUSIVE": "too little data, or nothing held on trajectories that the search had not seen",
+}
+
+
+def next_step(report: Mapping[str, Any]) -> str:
+    """Return what to do now, in one sentence."""
+    advice = report["next_experiment"]
+    if advice is not None and advice["run"].startswith("equivalent"):
+        return f"{' and '.join(advice['separates'])} are {advice['run']}"
+    if advice is not None:
+        return f"record: {advice['run']} ({advice['minutes']:.0f} min), to tell {' from '.join(advice['separates'])}"
+    match report["verdict"]["level"]:
+        case "NONE":
+            return "stop looking: the model is as good as these sensors can tell"
+        case "EXACT":
+            return "use model.toml, for simulation and for the next run"
+        case "UNKNOWN":
+            return "look at the machine where the maps below are dark; no effect of the catalogue acts like that"
+        case _:
+            return "record more trajectories, or with another outside sensor"
 
 
 def _named(effect: Mapping[str, Any], *, interval: bool) -> str:
@@ -173,7 +237,9 @@ def _by_place(report: Mapping[str, Any], effects: Sequence[Mapping[str, Any]]) -
 
 def _group_words(effects: Sequence[Mapping[str, Any]], closed: Closed | None) -> str:
     where = place(effects[0]["joint"]).removeprefix("the ").capitalize()
-    share = "" if closed is None else f"{_percent(closed.share)} of the gap"
+    share = "" if closed is None else f"{_percent(min(closed.share, 1.0))} of the gap"
+    if all(e["class"] == "noise" for e in effects):
+        return f"{where}: {' + '.join(_named(e, interval=len(effects) == 1) for e in effects)}, noise: no gap to close"
     if len(effects) == 1:
         return f"{where}: {effect_words(effects[0])}" + (f", closes {share}" if share else "")
     names = " + ".join(_either(e) if e["level"] != "EXACT" else _named(e, interval=False) for e in effects)

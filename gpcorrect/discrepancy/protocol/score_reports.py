@@ -195,6 +195,9 @@ def _targets(outcomes: Sequence[CaseOutcome]) -> list[Target]:
         *_share_rows(outcomes, "pair", [("both exact", _exact, 0.85, 1.0), ("wrong name", _misnamed, 0.0, 0.02)]),
         *_share_rows(outcomes, "triple", [("all exact", _exact, 0.70, 1.0), ("wrong name", _misnamed, 0.0, 0.02)]),
         *_share_rows(outcomes, "outside", [("UNKNOWN", _unknown, 0.90, 1.0), ("misnamed", _misnamed, 0.0, 0.05)]),
+        *_share_rows(
+            outcomes, "advised", [("resolved by the run", _exact, 0.90, 1.0), ("wrong name", _misnamed, 0.0, 0.02)]
+        ),
         *_honesty(outcomes),
         *_numbers(outcomes),
     ]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gpcorrect.discrepancy.protocol.outcomes import NO_NAME
 from gpcorrect.discrepancy.protocol.score_reports import Score, Target
 
 __all__ = ["score_text"]
@@ -16,7 +17,7 @@ def score_text(score: Score) -> str:
     parts = [_table([["target", "n", "measured", "95 % interval", "asked for", "met"], *map(_target, score.targets)])]
     if score.confusion:
         columns = list(next(iter(score.confusion.values())))
-        used = [c for c in columns if any(row[c] for row in score.confusion.values())]
+        used = [c for c in columns if c in NO_NAME or any(row[c] for row in score.confusion.values())]
         rows = [[truth, *(str(row[c] or ".") for c in used)] for truth, row in score.confusion.items()]
         parts.append(_table([["truth \\ answer", *used], *rows]))
     if score.limits:

@@ -92,7 +92,7 @@ def drawn_effect(
     DataError
         No effect can reach the ratio, or the model has no noise.
     """
-    scene = build_scene(scout, model, np.ones(len(scout), dtype=np.bool_))
+    scene = build_scene(scout, model, np.ones(len(scout), dtype=np.bool_)).strict()
     std = noise_of(model, scene)
     taken = {d.candidate.key for d in besides}
     candidates = all_candidates(scene)

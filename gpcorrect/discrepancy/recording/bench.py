@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from gpcorrect.discrepancy.recording.noise import outliers
-from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.discrepancy.recording.scene import Scene, Signal
 from gpcorrect.discrepancy.recording.split import Parts, Split
 from gpcorrect.sim.effects import Effect
 from gpcorrect.types import BoolArray, FloatArray, IntArray
@@ -16,6 +18,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 __all__ = ["Bench", "build_bench"]
 
 REMEMBERED_BYTES = 150_000_000
+REMEMBERED_SETS = 20_000
 STILL = 1e-4  # of a joint's travel between samples: slower is standing still
 
 
@@ -46,20 +49,25 @@ class Bench(Parts):
     block: IntArray
     part: IntArray
     still: BoolArray
-    _known: dict[tuple[Effect, ...], FloatArray] = field(default_factory=dict, repr=False)
+    _known: dict[tuple[Effect, ...], list[Hashable]] = field(default_factory=dict, repr=False)
+    _columns: dict[Hashable, FloatArray] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.time)
 
     def means(self, values: FloatArray) -> FloatArray:
         """Means `(m, ...)` of log rows' values `(n, ...)`."""
-        used = self.group >= 0
-        flat = values[used].reshape(int(used.sum()), -1)
-        index = self.group[used]
-        count = np.bincount(index, minlength=len(self))
+        used, index, count = self._grouping
+        flat = values[used].reshape(len(index), -1)
         sums = np.stack([np.bincount(index, weights=column, minlength=len(self)) for column in flat.T], axis=1)
         result: FloatArray = (sums / count[:, None]).reshape(len(self), *values.shape[1:])
         return result
+
+    @cached_property
+    def _grouping(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Log rows that are used, the condensed row of each, and how many go into one."""
+        used = np.flatnonzero(self.group >= 0)
+        return used, self.group[used], np.bincount(self.group[used], minlength=len(self))
 
     def residual(self, effects: Sequence[Effect] = ()) -> FloatArray:
         """Mean of measured minus simulated `(m, c)` over the good samples; NaN where a channel has none."""
@@ -69,26 +77,39 @@ class Bench(Parts):
         return np.where(known, sums / np.where(known, count, 1.0), np.nan)
 
     def predict(self, effects: Sequence[Effect] = ()) -> FloatArray:
-        """Mean simulated channels `(m, c)`; the last sets asked for are remembered."""
+        """Mean simulated channels `(m, c)`; the last ones asked for are remembered, each by what it depends on."""
         key = tuple(effects)
         if key not in self._known:
-            while len(self._known) * self._known_bytes > REMEMBERED_BYTES:
-                self._known.pop(next(iter(self._known)))
-            self._known[key] = self.means(self.scene.predict(effects))
-        return self._known[key]
+            _make_room(self._known, REMEMBERED_SETS)
+            self._known[key] = [signal.key for signal in self._remembered(effects)]
+        if any(k not in self._columns for k in self._known[key]):
+            self._remembered(effects)
+        return np.stack([self._columns[k] for k in self._known[key]], axis=1)
 
-    @property
-    def _known_bytes(self) -> int:
-        return 8 * len(self) * len(self.scene.channels)
+    def _remembered(self, effects: Sequence[Effect]) -> list[Signal]:
+        """Signals of a set, their means in memory."""
+        signals = self.scene.signals(effects)
+        _make_room(self._columns, REMEMBERED_BYTES // (8 * len(self)))
+        for signal in signals:
+            if signal.key not in self._columns:
+                self._columns[signal.key] = self.means(signal.rows())
+        return signals
 
     def strict(self) -> Bench:
         """Return the bench with all of the residual in account, for what is reported of it."""
-        return self if self.scene.slack is None else replace(self, scene=self.scene.strict(), _known={})
+        if self.scene.slack is None:
+            return self
+        return replace(self, scene=self.scene.strict(), _known={}, _columns={})
 
     @property
     def seen(self) -> BoolArray:
         """(m,) rows of discovery and confirmation."""
         return np.asarray(self.part != 2)
+
+
+def _make_room(memory: dict[Any, Any], most: int) -> None:
+    while len(memory) > most:
+        memory.pop(next(iter(memory)))
 
 
 def build_bench(scene: Scene, split: Split, max_rows: int = 9000) -> Bench:

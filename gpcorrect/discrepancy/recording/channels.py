@@ -7,9 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.errors import DataError
+from gpcorrect.sim.body import Body
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
-__all__ = ["Channel", "continuous_runs", "external_signal", "joint_columns", "motor_side", "sampling_is_even"]
+__all__ = [
+    "Channel",
+    "compared_channels",
+    "continuous_runs",
+    "external_signal",
+    "joint_columns",
+    "motor_side",
+    "sampling_is_even",
+]
 
 EVEN = 0.02  # relative spread of the time steps of a clock that a servo loop can be run on
 
@@ -126,3 +135,42 @@ def sampling_is_even(time: FloatArray, run: IntArray) -> bool:
     if len(steps) == 0:
         return False
     return bool(np.abs(steps / np.median(steps) - 1.0).max() < EVEN)
+
+
+def compared_channels(
+    log: CalibrationLog, body: Body, source: str, *, loop: bool
+) -> tuple[tuple[Channel, ...], FloatArray]:
+    """Channels that a log lets us compare, and what was measured in them `(n, c)`.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        Recording.
+    body : Body
+        Nominal arm.
+    source : str
+        Signal of the motor side.
+    loop : bool
+        Whether the closed loop is simulated, so that measured motors can be compared too.
+
+    Raises
+    ------
+    DataError
+        Nothing sees the arm from outside.
+    """
+    joints, types = body.joints, body.types
+    channels: list[Channel] = []
+    columns: list[FloatArray] = []
+    outside = external_signal(log, kinematics=body.chain is not None)
+    signals = ([source] if loop and source == "measured_jp" else []) + ([outside] if outside == "external_jp" else [])
+    for signal in signals:
+        values = joint_columns(log, signal, joints)
+        for i, (joint, kind) in enumerate(zip(joints, types, strict=True)):
+            channels.append(Channel(f"{signal}_{joint}", signal, i, joint, "m" if kind == "P" else "rad"))
+            columns.append(values[:, i])
+    if outside == "tracker_cp":
+        assert log.tracker_cp is not None
+        for i, axis in enumerate("xyz"):
+            channels.append(Channel(f"tracker_cp_{axis}", "tracker_cp", i, 0, "m"))
+            columns.append(log.tracker_cp.position[:, i])
+    return tuple(channels), np.stack(columns, axis=1)

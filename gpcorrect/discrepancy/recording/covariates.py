@@ -24,10 +24,13 @@ class Covariates:
         Variables; those that do not vary are left out.
     primary : tuple of str
         Those that are tested together with every other one.
+    units : dict of str to str
+        SI units of the variables that have one.
     """
 
     values: dict[str, FloatArray]
     primary: tuple[str, ...]
+    units: dict[str, str]
 
 
 def travel_direction(path: FloatArray, run: IntArray) -> FloatArray:
@@ -82,7 +85,21 @@ def covariates_of(scene: Scene, joint_index: int | None) -> Covariates:
             values[f"direction {number}"] = travel_direction(motor[:, k], label)
     values |= _times(scene)
     kept = {name: v for name, v in values.items() if np.nanstd(v) > 0}
-    return Covariates(kept, tuple(p for p in primary if p in kept))
+    units = {name: _unit(name, scene) for name in kept}
+    return Covariates(kept, tuple(p for p in primary if p in kept), units)
+
+
+def _unit(name: str, scene: Scene) -> str:
+    """SI unit of a variable: that of its joint, of its kind."""
+    kind, _, number = name.rpartition(" ")
+    if name == "session" or kind == "direction":
+        return ""
+    if name in ("time in trajectory", "session time") or kind == "time since reversal":
+        return "s"
+    slides = scene.machine.body.types[scene.joints.index(int(number))] == "P"
+    length, force = ("m", "N") if slides else ("rad", "N m")
+    rates = {"speed": f"{length}/s", "acceleration": f"{length}/s^2", "load": force, "effort": force}
+    return rates.get(kind, length)
 
 
 def _acceleration(time: FloatArray, speed: FloatArray, run: IntArray) -> FloatArray:

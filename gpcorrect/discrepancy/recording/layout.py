@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,9 +33,23 @@ class Layout:
 
     def gather(self, grid: FloatArray, n_rows: int) -> FloatArray:
         """Values `(n_rows, ...)` of the rows in a grid `(n, N, ...)`; NaN for rows that stand nowhere."""
+        if n_rows == len(self._cell_of_row) and self._every_row:
+            whole: FloatArray = grid.reshape(-1, *grid.shape[2:])[self._cell_of_row]
+            return whole
         values = np.full((n_rows, *grid.shape[2:]), np.nan)
         values[self.rows[self.valid]] = grid[self.valid]
         return values
+
+    @cached_property
+    def _cell_of_row(self) -> IntArray:
+        """Where each row up to the last one laid out stands in the flat grid; -1 for nowhere."""
+        cell = np.full(int(self.rows.max(initial=-1)) + 1, -1)
+        cell[self.rows[self.valid]] = np.flatnonzero(self.valid)
+        return cell
+
+    @cached_property
+    def _every_row(self) -> bool:
+        return bool((self._cell_of_row >= 0).all())
 
 
 def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0, run_out: int = 0) -> Layout:

@@ -14,7 +14,7 @@ from scipy.stats import t as student
 
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["ChannelNoise", "estimate_noise", "outliers", "standard_draws", "whiten"]
+__all__ = ["ChannelNoise", "Whitener", "estimate_noise", "outliers", "standard_draws", "whiten"]
 
 MIN_PAIRS = 200  # of samples in holds, without which the whole recording is used
 LONGEST_LAG = 0.8  # s; beyond, motion and noise can no longer be told apart
@@ -23,6 +23,7 @@ NORMAL_MAD = 0.6744897501960817
 TAILS = (3.0, 4.0, 6.0, 10.0, np.inf)
 MANY, BULK = 0.2, 0.99  # share of unchanged samples from which on a sensor rounds, and the share that is no fault
 SPIKE = 6.0  # robust standard deviations from the running median
+LONGEST_SPIKE = 2  # samples in a row that a sensor's fault may last
 SPIKE_REACH = 3  # samples on either side
 
 
@@ -167,10 +168,45 @@ def whiten(noise: ChannelNoise, time: FloatArray, block: IntArray, values: Float
     (n, k) array
         NaN in rows left out.
     """
-    if noise.slow == 0.0:
-        return np.where(block[:, None] >= 0, values / noise.white, np.nan)
-    gain, scale, phi = _filter(time, block, noise.white, noise.slow, noise.time_constant)
-    return _innovations(np.ascontiguousarray(values), block, gain, scale, phi)
+    rows = np.flatnonzero(block >= 0)
+    white = np.full(values.shape, np.nan)
+    white[rows] = Whitener.of(noise, time[rows], block[rows])(values[rows])
+    return white
+
+
+@dataclass(frozen=True, eq=False)
+class Whitener:
+    """The filter of :func:`whiten` on given rows, for many columns.
+
+    Parameters
+    ----------
+    block : (n,) int array
+        Of each row, from 0.
+    gain, scale, phi : (n,) arrays
+        Kalman gain, deviation of the innovation, and correlation with the sample before.
+    """
+
+    block: IntArray
+    gain: FloatArray
+    scale: FloatArray
+    phi: FloatArray
+
+    @classmethod
+    def of(cls, noise: ChannelNoise, time: FloatArray, block: IntArray) -> Whitener:
+        """Prepare it for rows that all have a block."""
+        if noise.slow == 0.0:
+            nothing = np.zeros(len(block))
+            return cls(block, nothing, np.full(len(block), noise.white), nothing)
+        return cls(block, *_filter(time, block, noise.white, noise.slow, noise.time_constant))
+
+    def __call__(self, values: FloatArray) -> FloatArray:
+        """Whitened columns of columns `(n, k)`."""
+        if not len(values):
+            return np.array(values)
+        if not self.gain.any():
+            return values / self.scale[:, None]
+        white: FloatArray = _innovations(np.ascontiguousarray(values), self.block, self.gain, self.scale, self.phi)
+        return white
 
 
 @njit(cache=True)
@@ -227,8 +263,18 @@ def outliers(residual: FloatArray, block: IntArray) -> BoolArray:
         distance = np.abs(residual[rows] - local)
         scale = np.median(distance) / NORMAL_MAD
         around = np.lib.stride_tricks.sliding_window_view(np.pad(distance, SPIKE_REACH, mode="edge"), window)
-        spikes[rows] = (distance > SPIKE * max(scale, 1e-300)) & (distance > 3 * np.median(around, axis=1))
+        far = (distance > SPIKE * max(scale, 1e-300)) & (distance > 3 * np.median(around, axis=1))
+        spikes[rows] = far & ~_in_long_run(far)
     return spikes
+
+
+def _in_long_run(flags: BoolArray) -> BoolArray:
+    """Whether each flag stands among more than a few in a row: a machine that was pushed aside, not a fault."""
+    edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
+    long = np.zeros(len(flags), dtype=np.bool_)
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        long[start:stop] = stop - start > LONGEST_SPIKE
+    return long
 
 
 def standard_draws(tail: float, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:

@@ -9,24 +9,26 @@ closed loop is run as well and predicts the motors themselves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.discrepancy.recording.channels import (
     Channel,
+    compared_channels,
     continuous_runs,
-    external_signal,
     joint_columns,
     motor_side,
     sampling_is_even,
 )
 from gpcorrect.discrepancy.recording.layout import Layout, layout_of
-from gpcorrect.discrepancy.recording.noise import estimate_noise
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise
 from gpcorrect.discrepancy.recording.paths import PathMemory
+from gpcorrect.discrepancy.recording.replay_plan import RUN_OUT, commanded_plan
 from gpcorrect.discrepancy.recording.slack import (
     Slack,
     rotation_onto,
@@ -41,18 +43,23 @@ from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, Stage, in_ord
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion, Readings
-from gpcorrect.sim.plan import Plan, Segment, plan_of
+from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.plant import Driven, follow_command, tip_path
 from gpcorrect.sim.resolve import machine_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
-__all__ = ["Scene", "build_scene"]
+__all__ = ["Scene", "Signal", "build_scene"]
 
 REMEMBERED = 48  # closed-loop runs that are kept
 PIECE, WARM_UP = 200, 400  # rows; pieces of long motions are replayed after a warm-up that fills the memories
-LAST = 5  # rows whose parabola a motion goes on along
-RUN_OUT = 40  # rows that a motion goes on for behind a piece's or a recording's end
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
+
+
+class Signal(NamedTuple):
+    """One channel as simulated: two of a scene with the same key say the same."""
+
+    key: Hashable
+    rows: Callable[[], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +115,7 @@ class Scene:
     slack: Slack | None = None
     remarks: tuple[str, ...] = ()
     _loops: dict[tuple[Effect, ...], Driven] = field(default_factory=dict, repr=False)
+    _commands: dict[Plan, Command] = field(default_factory=dict, repr=False)
     _paths: PathMemory = field(default_factory=PathMemory, repr=False)
 
     def __len__(self) -> int:
@@ -144,7 +152,46 @@ class Scene:
         DataError
             An effect does not fit the machine.
         """
+        return np.stack([signal.rows() for signal in self.signals(effects)], axis=1)
+
+    def signals(self, effects: Sequence[Effect] = ()) -> list[Signal]:
+        """Return the same channel by channel, each with what it depends on.
+
+        Raises
+        ------
+        DataError
+            An effect does not fit the machine.
+        """
         machine = self._machine(effects)
+        if self.tracked:
+            return self._signals_together(machine)
+        inside = tuple(e for e in machine.effects if e.stage in LOOP_STAGES)
+        loop, columns = self._loop(machine), self._paths.joint_columns(machine.effects, self._replay(machine), inside)
+        measured = self.motion.position if loop is None else loop.motion.position
+        return [
+            Signal((c.name, columns[c.index].number), self._rows_of(columns[c.index].path))
+            if c.signal == "external_jp"
+            else Signal((c.name, inside), self._rows_of(measured[..., c.index]))
+            for c in self.channels
+        ]
+
+    def _rows_of(self, grid: FloatArray) -> Callable[[], FloatArray]:
+        return lambda: self.layout.gather(grid, len(self))
+
+    def _signals_together(self, machine: Machine) -> list[Signal]:
+        """Signals where each depends on every effect."""
+
+        @cache
+        def together() -> FloatArray:
+            return self._all_rows(machine)
+
+        def one(i: int) -> Callable[[], FloatArray]:
+            return lambda: together()[:, i]
+
+        return [Signal((c.name, machine.effects), one(i)) for i, c in enumerate(self.channels)]
+
+    def _all_rows(self, machine: Machine) -> FloatArray:
+        """Return what the sensors say `(n, c)`."""
         readings = self._readings(machine)
         grids = {
             "measured_jp": readings.measured_jp,
@@ -152,7 +199,7 @@ class Scene:
             "tracker_cp": None if readings.T_tracker_marker is None else readings.T_tracker_marker[..., :3, 3],
         }
         columns = {name: self.layout.gather(g, len(self)) for name, g in grids.items() if g is not None}
-        if "tracker_cp" in columns and self.model.T_tracker_base is None and self._sees("tracker_cp"):
+        if "tracker_cp" in columns and self.model.T_tracker_base is None:
             columns["tracker_cp"] = self._registered(columns["tracker_cp"])
         said = np.stack([columns[c.signal][:, c.index] for c in self.channels], axis=1)
         return said if self.slack is None else said + self.slack.part(self.observed - said)
@@ -205,18 +252,16 @@ class Scene:
         return replace(machine.body, links=links, chain=chain).compact()
 
     def _loop(self, machine: Machine) -> Driven | None:
-        if self._command is None:
+        if self.plan is None:
             return None
+        if self.plan not in self._commands:
+            self._commands[self.plan] = Command.of(self.machine, self.plan)
         inside = tuple(e for e in machine.effects if e.stage in LOOP_STAGES)
         if inside not in self._loops:
             while len(self._loops) >= REMEMBERED:
                 self._loops.pop(next(iter(self._loops)))
-            self._loops[inside] = follow_command(machine.with_effects(*inside), self._command)
+            self._loops[inside] = follow_command(machine.with_effects(*inside), self._commands[self.plan])
         return self._loops[inside]
-
-    @cached_property
-    def _command(self) -> Command | None:
-        return None if self.plan is None else Command.of(self.machine, self.plan)
 
     @property
     def tracked(self) -> bool:
@@ -235,7 +280,9 @@ class Scene:
         return moved
 
 
-def build_scene(log: CalibrationLog, model: Model, registered_on: BoolArray) -> Scene:
+def build_scene(
+    log: CalibrationLog, model: Model, registered_on: BoolArray, noises: tuple[ChannelNoise, ...] | None = None
+) -> Scene:
     """Prepare a log and a model for comparison.
 
     Parameters
@@ -246,6 +293,9 @@ def build_scene(log: CalibrationLog, model: Model, registered_on: BoolArray) -> 
         What is known of the machine.
     registered_on : (n,) bool array
         Rows that may be used to register the tracker.
+    noises : tuple of ChannelNoise, optional
+        Of each channel, against which the tolerance of table and registration is held; as the recording shows it when
+        None.
 
     Returns
     -------
@@ -266,7 +316,7 @@ def build_scene(log: CalibrationLog, model: Model, registered_on: BoolArray) -> 
     session = np.unique(log.session, return_inverse=True)[1].astype(np.int64)
     payload = _payloads(log, model, layout)
     motion = _motion(log, joints, motor, session, label, layout)
-    channels, observed = _channels(log, machine, source, loop=loop)
+    channels, observed = compared_channels(log, machine.body, source, loop=loop)
     scene = Scene(
         model=model,
         machine=machine,
@@ -274,7 +324,7 @@ def build_scene(log: CalibrationLog, model: Model, registered_on: BoolArray) -> 
         observed=observed,
         motion=motion,
         layout=layout,
-        plan=_plan(log, joints, layout, motion, payload) if loop else None,
+        plan=commanded_plan(log, joints, layout, motion, payload) if loop else None,
         payload=payload,
         time=log.time,
         trajectory=log.trajectory,
@@ -284,11 +334,11 @@ def build_scene(log: CalibrationLog, model: Model, registered_on: BoolArray) -> 
         measured=source == "measured_jp",
         remarks=tuple(remarks),
     )
-    return replace(scene, slack=_slack(scene)) if scene.tracked else scene
+    return replace(scene, slack=_slack(scene, noises)) if scene.tracked else scene
 
 
-def _slack(scene: Scene) -> Slack:
-    """Tolerance of table and registration, against the noise that the tracker's residual shows over short lags."""
+def _slack(scene: Scene, noises: tuple[ChannelNoise, ...] | None) -> Slack:
+    """Tolerance of table and registration, against the noise given or that the residual shows over short lags."""
     body, said = scene.machine.body, scene.predict()
     assert body.chain is not None
     chain = replace(body.chain, tool=se3.compose(body.chain.tool, scene.machine.T_tip_marker))
@@ -303,7 +353,8 @@ def _slack(scene: Scene) -> Slack:
     spread = np.zeros((*said.shape, slopes.shape[2]))
     spread[:, seen] = slopes
     label, still = scene.run_of_row(), np.zeros(len(scene), dtype=np.bool_)
-    noises = tuple(estimate_noise(scene.time, r, label, still) for r in (scene.observed - said).T)
+    if noises is None:
+        noises = tuple(estimate_noise(scene.time, r, label, still) for r in (scene.observed - said).T)
     steps = np.diff(scene.time)
     return slack_of(spread, rows, noises, float(np.median(steps[steps > 0])))
 
@@ -352,60 +403,3 @@ def _motion(
     nothing = np.zeros(position.shape)
     rates = layout.spread(velocity)
     return Motion(joints, layout.spread(clock), session[layout.rows[0]], position, rates, nothing, nothing)
-
-
-def _channels(
-    log: CalibrationLog, machine: Machine, source: str, *, loop: bool
-) -> tuple[tuple[Channel, ...], FloatArray]:
-    joints, types = machine.body.joints, machine.body.types
-    channels: list[Channel] = []
-    columns: list[FloatArray] = []
-    outside = external_signal(log, kinematics=machine.body.chain is not None)
-    signals = ([source] if loop and source == "measured_jp" else []) + ([outside] if outside == "external_jp" else [])
-    for signal in signals:
-        values = joint_columns(log, signal, joints)
-        for i, (joint, kind) in enumerate(zip(joints, types, strict=True)):
-            channels.append(Channel(f"{signal}_{joint}", signal, i, joint, "m" if kind == "P" else "rad"))
-            columns.append(values[:, i])
-    if outside == "tracker_cp":
-        assert log.tracker_cp is not None
-        for i, axis in enumerate("xyz"):
-            channels.append(Channel(f"tracker_cp_{axis}", "tracker_cp", i, 0, "m"))
-            columns.append(log.tracker_cp.position[:, i])
-    return tuple(channels), np.stack(columns, axis=1)
-
-
-def _plan(log: CalibrationLog, joints: tuple[int, ...], layout: Layout, motion: Motion, payload: FloatArray) -> Plan:
-    command = joint_columns(log, "setpoint_jp", joints)
-    rate = 1.0 / float(np.median(np.diff(motion.time, axis=0)[layout.valid[1:]]))
-    segments = []
-    for k in range(layout.rows.shape[1]):
-        path = _run_out(command[layout.rows[: _length(layout.rows[:, k]), k]], len(layout.rows))
-        segments.append(
-            Segment(
-                path,
-                np.zeros(len(path), dtype=np.int64),
-                int(motion.session[k]),
-                float(motion.time[0, k]),
-                float(payload[k]),
-            )
-        )
-    return plan_of(segments, rate)
-
-
-def _length(rows: IntArray) -> int:
-    """Return the number of different rows of a column, whose end repeats its last row."""
-    return int(np.argmax(rows)) + 1
-
-
-def _run_out(path: FloatArray, n: int) -> FloatArray:
-    """Let a path `(m, dof)` that ends before the grid's n samples swing on, its last acceleration kept.
-
-    A hard stop would be an acceleration that no motor was asked for, and the interpolation would spread it backwards.
-    """
-    more, last = min(RUN_OUT, n - len(path)), path[-LAST:]
-    if more <= 0 or len(last) < LAST:
-        return path
-    t = np.arange(1 - LAST, more + 1)
-    on = np.polynomial.polynomial.polyval(t[LAST:], np.polynomial.polynomial.polyfit(t[:LAST], last - last[-1], 2))
-    return np.concatenate([path, last[-1] + on.T])

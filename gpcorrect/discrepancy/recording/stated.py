@@ -72,18 +72,31 @@ def averaged(noise: ChannelNoise, count: int, step: float) -> ChannelNoise:
     return replace(noise, white=noise.white / np.sqrt(count), slow=noise.slow * kept)
 
 
-def settled(own: ChannelNoise, stated: ChannelNoise | None) -> ChannelNoise:
-    """Return the noise to go by: what is stated, unless the recording is clearly louder.
+def settled(own: ChannelNoise, stated: ChannelNoise | None, step: float) -> ChannelNoise:
+    """Return the noise to go by: what is stated, unless the recording is clearly louder from sample to sample.
 
-    A stated noise that is too small would give names to noise, so it is not believed against the recording; one that
-    is larger than the recording's is believed. Tails are always the recording's.
+    A stated noise that is too small would give names to noise, so it is not believed against the recording. Over
+    longer lags a recording is also louder by the very effects that are looked for: there the stated noise counts.
+    Tails are always the recording's.
+
+    Parameters
+    ----------
+    own, stated : ChannelNoise
+        As the recording shows it, and as the model states it.
+    step : float
+        Seconds from one row to the next.
     """
     if stated is None:
         return own
-    ratio = own.std / stated.std
+    ratio = _from_row_to_row(own, step) / _from_row_to_row(stated, step)
     if ratio > LOUDER:
         return replace(own, basis=f"{own.basis}; {ratio:.2g} {LOUDER_WORDS}")
     return replace(stated, tail=own.tail)
+
+
+def _from_row_to_row(noise: ChannelNoise, step: float) -> float:
+    """Root of half the mean squared change from one row to the next."""
+    return float(np.sqrt(noise.white**2 - noise.slow**2 * np.expm1(-step / noise.time_constant)))
 
 
 def samples_a_row(group: IntArray) -> int:

@@ -79,7 +79,8 @@ class Coordinate:
 
     def prior_residual(self, u: float) -> float:
         """Return standard score of a shape parameter under its prior; amplitudes are left free."""
-        return 0.0 if self.amplitude or self.kind != "log" else u / PRIOR_LOG
+        free = self.amplitude or self.kind != "log" or self.parameter.change_point
+        return 0.0 if free else u / PRIOR_LOG
 
 
 def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> Coordinate:

@@ -103,4 +103,4 @@ def _condensed(bench: Bench, covariates: Covariates) -> Covariates:
     middle = used[(first + last) // 2]
     values = {name: v[middle] for name, v in covariates.values.items()}
     kept = {name: v for name, v in values.items() if np.std(v) > 0}
-    return Covariates(kept, tuple(p for p in covariates.primary if p in kept))
+    return Covariates(kept, tuple(p for p in covariates.primary if p in kept), covariates.units)

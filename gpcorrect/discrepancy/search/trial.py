@@ -15,6 +15,7 @@ from gpcorrect.discrepancy.evidence.lens import Lens
 from gpcorrect.discrepancy.evidence.linear import fold_of, solve
 from gpcorrect.discrepancy.recording.bench import Bench
 from gpcorrect.discrepancy.search.candidates import Candidate, Member
+from gpcorrect.discrepancy.search.instants import has_instant, with_best_instant
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
@@ -51,6 +52,9 @@ def tangents(bench: Bench, fixed: Sequence[Member], free: Sequence[Member]) -> t
     for i, member in enumerate(free):
         low, high = np.array([c.bounds for c in member.candidate.coordinates]).T
         for j, u in enumerate(member.u):
+            if member.candidate.coordinates[j].parameter.change_point:  # no slope
+                columns.append(np.zeros(at.shape))
+                continue
             step = max(STEP * abs(u), SMALLEST_STEP)
             step = step if u + step <= high[j] else -step
             moved = np.array(member.u)
@@ -79,6 +83,7 @@ def refine(
     list of Member
         The free ones with their new numbers.
     """
+    free = _with_best_instants(bench, lens, observed, fixed, free)
     coordinates = [c for m in free for c in m.candidate.coordinates]
     if not coordinates:
         return []
@@ -101,6 +106,17 @@ def refine(
         errors, inner, jac=jacobian, bounds=(low, high), x_scale=1.0, max_nfev=MAX_EVALUATIONS, ftol=1e-5
     )
     return _at(free, fit.x)
+
+
+def _with_best_instants(
+    bench: Bench, lens: Lens, observed: FloatArray, fixed: Sequence[Member], free: Sequence[Member]
+) -> list[Member]:
+    members = list(free)
+    for i, member in enumerate(members):
+        if has_instant(member):
+            others = [*fixed, *members[:i], *members[i + 1 :]]
+            members[i] = with_best_instant(bench, lens, observed, others, member)
+    return members
 
 
 def _at(members: Sequence[Member], u: FloatArray) -> list[Member]:

@@ -16,7 +16,7 @@ from gpcorrect.sim.effects.description import (
     Run,
     Site,
 )
-from gpcorrect.sim.effects.operators import lag
+from gpcorrect.sim.effects.sequence import lag_through
 from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -28,7 +28,8 @@ __all__ = ["Creep"]
 class Creep(PathEffect):
     """The joint lags behind the motor by a stretch that follows the load with a delay of seconds to minutes.
 
-    It starts in balance with its first load: each run was held where it begins.
+    It starts in balance with the first load of a session and goes on from run to run; between two runs the load is
+    taken as linear.
 
     Parameters
     ----------
@@ -79,5 +80,5 @@ class Creep(PathEffect):
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:
         """Take the slow stretch off the path."""
         j = self.column(motion.joints)
-        stretch = self.compliance * lag(motion.load[..., j], motion.time, self.time_constant)
+        stretch = self.compliance * lag_through(motion.load[..., j], motion.time, motion.session, self.time_constant)
         return with_column(q, j, q[..., j] - stretch)

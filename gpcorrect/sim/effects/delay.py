@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from gpcorrect.sim.effects.base import Stage
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.shifted import shifted
 from gpcorrect.sim.effects.stages import PathEffect
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -35,6 +35,7 @@ class Delay(PathEffect):
     delay: float
 
     stage = Stage.CLOCK
+    joint_by_joint = True
     about = Description(
         name="delay",
         slot="S",
@@ -55,13 +56,5 @@ class Delay(PathEffect):
         """Return each run's path as it was before."""
         if self.delay == 0 or len(q) < 2:
             return q
-        return np.stack([self._of_run(q[:, i], motion.time[:, i]) for i in range(q.shape[1])], axis=1)
-
-    def _of_run(self, q: FloatArray, time: FloatArray) -> FloatArray:
-        new = np.concatenate([[True], np.diff(time) > 0])  # padded runs repeat their last moment
-        known = new & np.isfinite(q).all(axis=1)
-        if known.sum() < 2:
-            return q
-        times = time[known]
-        past: FloatArray = PchipInterpolator(times, q[known])(np.clip(time - self.delay, times[0], times[-1]))
-        return past
+        times = np.broadcast_to(motion.time[..., None], q.shape).reshape(len(q), -1)  # padded runs repeat their last
+        return shifted(np.ascontiguousarray(q).reshape(len(q), -1), times, self.delay).reshape(q.shape)

@@ -122,6 +122,8 @@ class Parameter:
         (or with its inverse, when it does nothing at infinity).
     shaped_by : str
         Name of the parameter without which this one does nothing; empty when there is none.
+    change_point : bool
+        Whether it is an instant at which something happens: the trace does not change smoothly with it.
     """
 
     name: str
@@ -134,6 +136,7 @@ class Parameter:
     factor: float = 3.0
     ladder: Ladder | None = None
     shaped_by: str = ""
+    change_point: bool = False
 
     def range(self, joint_type: str) -> Range:
         """Range on a joint of type "R" or "P"."""

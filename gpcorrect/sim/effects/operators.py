@@ -12,13 +12,11 @@ import numpy as np
 from numba import njit
 
 from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.loading_curve import along_curve, loading_curve
 from gpcorrect.sim.effects.oscillator import swung
 from gpcorrect.types import FloatArray
 
-__all__ = ["bouc_wen", "lag", "play", "ring"]
-
-SATURATED = 40.0  # widths of travel after which a Bouc-Wen element has forgotten where it began
-STEP = 0.1  # widths of travel to a step of its integrator, less where the curve bends sharply
+__all__ = ["bouc_wen", "lag", "play", "ring", "travelled"]
 
 
 def play(path: FloatArray, radius: float) -> FloatArray:
@@ -54,7 +52,7 @@ def bouc_wen(path: FloatArray, width: float, sharpness: float) -> FloatArray:
 
     The Bouc-Wen element with A = 1 and beta = gamma, written for displacements: it takes up all motion after a reversal
     and ever less of it, `width` at most (Ismail, Ikhouane and Rodellar 2009, Arch. Comput. Methods Eng. 16, Sec. 2). It
-    depends on the path alone, not on its speed, and starts relaxed. Fourth-order Runge-Kutta along the path.
+    depends on the path alone, not on its speed, and starts relaxed.
 
     Parameters
     ----------
@@ -165,36 +163,27 @@ def _play(path: FloatArray, radius: float) -> FloatArray:
 @njit(cache=True)
 def _bouc_wen(path: FloatArray, sharpness: float) -> FloatArray:
     """Of a path in widths."""
-    output = np.full(path.shape, np.nan)
+    output, curve = np.full(path.shape, np.nan), loading_curve(sharpness)
     for j in range(path.shape[1]):
         last, z = path[0, j], 0.0
         for i in range(len(path)):
             u = path[i, j]
             if isnan(u):
                 continue
-            z = _travelled(z, 0.0 if isnan(last) else u - last, sharpness)
+            z = travelled(curve, z, 0.0 if isnan(last) else u - last)
             last, output[i, j] = u, z
     return output
 
 
 @njit(cache=True)
-def _travelled(z: float, travel: float, sharpness: float) -> float:
-    """State after a travel in one direction: back to zero along a straight line, then along the curve."""
+def travelled(curve: FloatArray, z: float, travel: float) -> float:
+    """Return a Bouc-Wen state after a travel in one direction, in widths: straight back to zero, then the curve."""
     direction = 1.0 if travel > 0 else -1.0
-    z, left = z * direction, min(abs(travel), SATURATED)
+    z, left = z * direction, abs(travel)
     if z < 0.0:
         unloaded = min(-z, left)
         z, left = z + unloaded, left - unloaded
-    h = min(STEP, 0.5 / sharpness)
-    while left > 0.0 and z < 1.0:
-        h = min(h, left)
-        left -= h
-        a = 1.0 - z**sharpness
-        b = 1.0 - max(z + 0.5 * h * a, 0.0) ** sharpness
-        c = 1.0 - max(z + 0.5 * h * b, 0.0) ** sharpness
-        d = 1.0 - max(z + h * c, 0.0) ** sharpness
-        z = min(z + h / 6.0 * (a + 2.0 * b + 2.0 * c + d), 1.0)
-    return z * direction
+    return direction * (along_curve(curve, z, left) if left > 0.0 else z)
 
 
 @njit(cache=True)

@@ -138,6 +138,8 @@ class LawfulFriction(FrictionEffect):
 class PathEffect(Effect):
     """Changes the joint path: any stage from the encoder to the link."""
 
+    joint_by_joint: ClassVar[bool] = False  # whether it does the same to each joint's path, whatever the others do
+
     @abstractmethod
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:
         """Return the `(n, N, dof)` path behind the effect, given the path before it (rad or m)."""

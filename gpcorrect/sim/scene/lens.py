@@ -10,7 +10,7 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["Lens", "looking_at"]
 
-INVERSIONS = 15  # fixed-point steps: 1e-9 px for a webcam's distortion
+INVERSIONS = 10  # fixed-point steps: 1e-7 px for a webcam's distortion
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,12 +55,12 @@ def four_cameras(rng: np.random.Generator, *, size: tuple[int, int] = (640, 480)
 
 
 def marker_points() -> FloatArray:
-    """Sixteen known places `(16, 3)` around the workspace, m: four posts with four marks each."""
-    posts = 0.11 * np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]])
-    turned = 0.075 * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
-    high = [(*post, z) for post in posts for z in (0.12, 0.27)]
-    low = [(*post, z) for post in turned for z in (0.15, 0.23)]
-    return np.array([*high, *low])
+    """Sixteen known places `(16, 3)` around the workspace, m: eight posts, two marks each, alike from no two sides."""
+    outer = [(0.11, -0.10, 0.12), (0.12, 0.11, 0.14), (-0.10, 0.12, 0.11), (-0.11, -0.12, 0.13)]
+    inner = [(0.075, 0.01, 0.15), (-0.01, 0.08, 0.16), (-0.07, 0.0, 0.14), (0.01, -0.085, 0.17)]
+    heights = ((0.0, 0.13), (0.0, 0.08))
+    posts = zip((outer, inner), heights, strict=True)
+    return np.array([(x, y, z + up) for group, ups in posts for x, y, z in group for up in ups])
 
 
 def wander(

@@ -1,0 +1,350 @@
+"""`gpcorrect robot`: tools of a robot's controller over CRTK: go to joints, random motion, follow, drive, record."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from gpcorrect import artifact, se3
+from gpcorrect.atomic import require_folder
+from gpcorrect.cli.console import err, out, print_json
+from gpcorrect.cli.options import Columns, Json
+from gpcorrect.cli.zigzag import joint_limits, numbers
+from gpcorrect.errors import DataError
+from gpcorrect.joint import random_sinusoids
+from gpcorrect.logs import read_log, write_log
+from gpcorrect.planning import circle
+from gpcorrect.types import CalibrationLog, FloatArray
+
+if TYPE_CHECKING:
+    from gpcorrect_service.crtk.robot import Robot
+
+__all__ = ["robot_app"]
+
+robot_app = typer.Typer(no_args_is_help=True, help="Drive and record a robot that speaks CRTK over zenoh.")
+
+Endpoint = Annotated[str, typer.Option(help="Address of the robot.")]
+ArmName = Annotated[str, typer.Option(help="CRTK name of the arm.")]
+Namespace = Annotated[str, typer.Option(help="First part of every key.")]
+HERE = "tcp/127.0.0.1:7448"
+DEGREE = np.deg2rad(1.0)
+KEY_STEP = 0.5  # degrees, or millimetres for the insertion
+
+
+@robot_app.command()
+def state(endpoint: Endpoint = HERE, arm: ArmName = "arm1", namespace: Namespace = "gpcorrect") -> None:
+    """Print the robot's operating state, joints and tool pose (JSON).
+
+    Example: gpcorrect robot state --arm PSM1
+    """
+    with _robot(endpoint, arm, namespace) as robot:
+        pose = robot.setpoint_pose
+        print_json(
+            {
+                "state": robot.state.state,
+                "is_homed": robot.state.is_homed,
+                "is_busy": robot.state.is_busy,
+                "stamp": robot.time,
+                "setpoint_jp": robot.setpoint,
+                "measured_jp": robot.measured,
+                "setpoint_cp": pose,
+            }
+        )
+
+
+@robot_app.command()
+def operate(
+    command: Annotated[
+        str, typer.Argument(help="enable, disable, pause, resume, home, unhome; ready: enable and home.")
+    ],
+    endpoint: Endpoint = HERE,
+    arm: ArmName = "arm1",
+    namespace: Namespace = "gpcorrect",
+) -> None:
+    """Change the robot's operating state.
+
+    Example: gpcorrect robot operate ready
+    """
+    with _robot(endpoint, arm, namespace) as robot:
+        if command == "ready":
+            robot.make_ready()
+        else:
+            robot.operate(command)
+            time.sleep(0.5)  # states are told ten times a second
+        out.print(f"{robot.state.state}, {'homed' if robot.state.is_homed else 'not homed'}")
+
+
+@robot_app.command()
+def goto(
+    joints: Annotated[str, typer.Argument(help="Joint positions: degrees, and mm for sliding joints, with commas.")],
+    sliding: Annotated[str, typer.Option(help="Numbers of the sliding joints.")] = "3",
+    endpoint: Endpoint = HERE,
+    arm: ArmName = "arm1",
+    namespace: Namespace = "gpcorrect",
+) -> None:
+    """Go to a joint position, within the speed limits, and wait until the robot is there.
+
+    Example: gpcorrect robot goto 40,90,380,0,0,0
+    """
+    with _robot(endpoint, arm, namespace) as robot:
+        scale = _units(sliding, len(robot.setpoint))
+        robot.move_jp(scale * np.array(numbers(joints, ",", len(scale), "joints")))
+        out.print(f"there: {np.round(robot.measured / scale, 3).tolist()} (deg, mm)")
+
+
+@robot_app.command()
+def random(
+    limits: Annotated[str, typer.Option(help="LOW:HIGH of joints 1, 2 (deg) and 3 (mm).")] = "20:60,55:110,330:420",
+    speed: Annotated[str, typer.Option(help="Speed limits of joints 1, 2 (deg/s) and 3 (mm/s).")] = "5,5,20",
+    seconds: Annotated[float, typer.Option(help="How long.", min=1)] = 60.0,
+    seed: Annotated[int, typer.Option(help="Seed of the motion.", min=0)] = 0,
+    endpoint: Endpoint = HERE,
+    arm: ArmName = "arm1",
+    namespace: Namespace = "gpcorrect",
+) -> None:
+    """Move the first three joints in random sinusoids; the others stay.
+
+    Example: gpcorrect robot random --seconds 120 --seed 3
+    """
+    fastest = np.array([DEGREE, DEGREE, 1e-3]) * np.array(numbers(speed, ",", 3, "speed limits"))
+    path = random_sinusoids(joint_limits(limits), fastest, seconds, 30.0, np.random.default_rng(seed))
+    with _robot(endpoint, arm, namespace) as robot:
+        robot.follow(path.time, _whole(path.q, robot.setpoint))
+        out.print(f"moved for {path.duration:.0f} s")
+
+
+@robot_app.command()
+def follow(
+    trajectory: Annotated[Path, typer.Argument(help="Joint paths to drive, as `gpcorrect zigzag` writes them.")],
+    endpoint: Endpoint = HERE,
+    arm: ArmName = "arm1",
+    namespace: Namespace = "gpcorrect",
+) -> None:
+    """Drive recorded or planned joint paths, a trajectory after the other, and tell recorders which is which.
+
+    Example: gpcorrect robot follow zigzag.csv
+    """
+    log = read_log(trajectory)
+    with _robot(endpoint, arm, namespace) as robot:
+        for number, rows in log.trajectories():
+            robot.follow(log.time[rows], _whole(_setpoints(log)[rows], robot.setpoint), number)
+            out.print(f"trajectory {number}: {np.ptp(log.time[rows]):.0f} s")
+
+
+@robot_app.command()
+def draw(
+    model: Annotated[
+        Path | None, typer.Option(help="Draw in the middle of what this model knows.", show_default=False)
+    ] = None,
+    centre: Annotated[
+        tuple[float, float, float, float, float, float, float] | None,
+        typer.Option(help="Centre and orientation: x y z (m) qw qx qy qz.", show_default=False),
+    ] = None,
+    radius: Annotated[float, typer.Option(help="mm.", min=0.1)] = 10.0,
+    speed: Annotated[float, typer.Option(help="cm/s.", min=0.1)] = 1.0,
+    rounds: Annotated[float, typer.Option(help="How many circles.", min=0.1)] = 3.0,
+    frame: Annotated[str, typer.Option(help="Name of the frame that the poses are in.")] = "tracker",
+    endpoint: Endpoint = HERE,
+    arm: ArmName = "arm1",
+    namespace: Namespace = "gpcorrect",
+) -> None:
+    """Send desired poses on servo_cp, as a planner does: go to a circle and draw it.
+
+    Example: gpcorrect robot draw --model model.gpc --rounds 10, with gpcorrect prefilter running
+    """
+    T = _centre(model, centre)
+    path = circle(T, radius / 1e3, speed / 100, rounds)
+    with _robot(endpoint, arm, namespace) as robot:
+        robot.bus.publish("move_cp", _stamped(robot, path.poses[0], frame))
+        robot.rest()
+        robot.follow_poses(path.times, path.poses, frame)
+        out.print(f"{rounds:g} circles of {radius:g} mm in {path.duration:.0f} s")
+
+
+@robot_app.command()
+def keys(
+    sliding: Annotated[str, typer.Option(help="Numbers of the sliding joints.")] = "3",
+    endpoint: Endpoint = HERE,
+    arm: ArmName = "arm1",
+    namespace: Namespace = "gpcorrect",
+) -> None:
+    """Drive the joints from the keyboard.
+
+    Example: gpcorrect robot keys
+    """
+    from gpcorrect_service.crtk.keyboard import HELP, KeyControl
+
+    with _robot(endpoint, arm, namespace) as robot, _raw_keys() as strokes:
+        scale = _units(sliding, len(robot.setpoint))
+        control = KeyControl(robot.setpoint, KEY_STEP * scale)
+        err.print(HELP)
+        for stroke in strokes:
+            if control.press(stroke, robot.setpoint):
+                robot.move_jp(control.target)
+                err.print(f"{np.round(control.target / scale, 2).tolist()}  step {control.step[0] / scale[0]:.2f}")
+            if control.done:
+                return
+
+
+@robot_app.command()
+def record(
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Log to write: CSV or Parquet by its ending.", show_default=False)
+    ],
+    mcap: Annotated[
+        Path | None, typer.Option(help="ROS 2 recording to write as well: a folder with an MCAP file.")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="How long; until Ctrl-C without it.", show_default=False)
+    ] = None,
+    endpoint: Endpoint = HERE,
+    arm: ArmName = "arm1",
+    namespace: Namespace = "gpcorrect",
+) -> None:
+    """Record what the robot publishes: joints, poses, tracker, outside encoders.
+
+    Example: gpcorrect robot record --seconds 60 --output run.parquet --mcap run_bag
+    """
+    from gpcorrect_service.crtk.recorder import Recorder, write_mcap
+
+    require_folder(output)
+    with _robot(endpoint, arm, namespace) as robot:
+        recorder = Recorder(robot.bus)
+        _wait(seconds)
+        recording = recorder.recording()
+    log = recording.log()
+    write_log(log, output)
+    if mcap is not None:
+        write_mcap(recording, mcap)
+    out.print(f"{len(log)} samples: {', '.join(log.signals)} -> {output}" + (f" and {mcap}" if mcap else ""))
+
+
+@robot_app.command()
+def extract(
+    recording: Annotated[Path, typer.Argument(help="A recording: CSV, Parquet, bag, MCAP, C3D.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Log to write: CSV or Parquet.", show_default=False)],
+    signals: Annotated[
+        str | None, typer.Option(help="Signals to keep, with commas; all without it.", show_default=False)
+    ] = None,
+    begin: Annotated[float, typer.Option(help="First second to keep.")] = 0.0,
+    end: Annotated[float | None, typer.Option(help="Last second to keep.", show_default=False)] = None,
+    every: Annotated[int, typer.Option(help="Keep every n-th sample.", min=1)] = 1,
+    columns: Columns = None,
+    json: Json = False,
+) -> None:
+    """Take signals and times out of a recording.
+
+    Example: gpcorrect robot extract run_bag --signals measured_jp,setpoint_jp --begin 5 --every 10 -o part.csv
+    """
+    require_folder(output)
+    log = read_log(recording, columns=columns)
+    kept = _chosen(log, signals)
+    rows = np.flatnonzero((log.time >= begin) & (log.time <= (np.inf if end is None else end)))[::every]
+    if not len(rows):
+        raise DataError(f"no sample lies between {begin:g} s and {end} s; the recording has {log.time[-1]:.3f} s.")
+    part = kept.select(rows)
+    write_log(part, output)
+    facts = {"samples": len(part), "signals": list(part.signals), "output": str(output)}
+    if json:
+        print_json(facts)
+    else:
+        out.print(f"{len(part)} of {len(log)} samples: {', '.join(part.signals)} -> {output}")
+
+
+def _robot(endpoint: str, arm: str, namespace: str) -> Robot:
+    from gpcorrect_service.crtk import BusSettings  # zenoh is an extra; other commands work without it
+    from gpcorrect_service.crtk.robot import Robot
+
+    return Robot(BusSettings(endpoint, arm, namespace))
+
+
+def _centre(model: Path | None, centre: tuple[float, ...] | None) -> FloatArray:
+    """Return the pose (4, 4) that was given, or one in the middle of a model's training."""
+    if (model is None) == (centre is None):
+        raise DataError("say where to draw.", hint="Either --model MODEL, or --centre X Y Z QW QX QY QZ.")
+    if centre is not None:
+        numbers7 = np.array(centre)
+        return se3.from_parts(numbers7[:3], numbers7[3:] / np.linalg.norm(numbers7[3:]))
+    queries = artifact.load(model).check_queries if model is not None else np.empty((0, 13))
+    middle = np.median(queries[:, :3], axis=0)
+    nearest = queries[np.argmin(np.linalg.norm(queries[:, :3] - middle, axis=1))]
+    return se3.from_parts(nearest[:3], nearest[3:7])
+
+
+def _stamped(robot: Robot, pose: FloatArray, frame: str) -> Any:
+    from gpcorrect_service.crtk import Pose
+
+    return Pose(robot.time, tuple(pose.tolist()), frame)
+
+
+def _units(sliding: str, dof: int) -> FloatArray:
+    """Return (dof,) rad in a degree, and m in a millimetre for sliding joints."""
+    scale = np.full(dof, DEGREE)
+    for text in filter(None, sliding.split(",")):
+        if not (text.strip().isdigit() and 1 <= int(text) <= dof):
+            raise DataError(f"sliding joints are numbers from 1 to {dof}, got {sliding!r}.")
+        scale[int(text) - 1] = 1e-3
+    return scale
+
+
+def _whole(q: FloatArray, here: FloatArray) -> FloatArray:
+    """Return a path (n, dof) of all joints of which the first ones move and the others stay."""
+    if q.shape[1] > len(here):
+        raise DataError(f"the path has {q.shape[1]} joints, the robot {len(here)}.")
+    whole = np.repeat(here[None], len(q), axis=0)
+    whole[:, : q.shape[1]] = q
+    return whole
+
+
+def _setpoints(log: CalibrationLog) -> FloatArray:
+    if log.setpoint_jp is None:
+        raise DataError("the trajectory has no setpoint_jp.", hint="Make one: gpcorrect zigzag --output traj.csv")
+    return log.setpoint_jp
+
+
+def _chosen(log: CalibrationLog, signals: str | None) -> CalibrationLog:
+    if signals is None:
+        return log
+    wanted = {name.strip() for name in signals.split(",") if name.strip()}
+    unknown = wanted - set(log.signals)
+    if unknown:
+        raise DataError(
+            f"the recording holds no {', '.join(sorted(unknown))}.", hint=f"It holds: {', '.join(log.signals)}."
+        )
+    without: dict[str, Any] = dict.fromkeys(set(log.signals) - wanted)
+    return replace(log, extra={}, **without)
+
+
+def _wait(seconds: float | None) -> None:
+    """Wait for so long, or until Ctrl-C."""
+    err.print("recording" + (f" for {seconds:g} s" if seconds is not None else "") + "; stop with Ctrl-C")
+    try:
+        threading.Event().wait(seconds)
+    except KeyboardInterrupt:
+        err.print("stopped")
+
+
+@contextmanager
+def _raw_keys() -> Iterator[Iterator[str]]:
+    """Give the keys as they are pressed; a script's standard input is read as it is."""
+    if not sys.stdin.isatty():
+        yield iter(lambda: sys.stdin.read(1), "")
+        return
+    import termios
+    import tty
+
+    before = termios.tcgetattr(sys.stdin)
+    try:
+        tty.setcbreak(sys.stdin)
+        yield iter(lambda: sys.stdin.read(1), "")
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)

@@ -1,0 +1,89 @@
+"""`gpcorrect secure` and `gpcorrect doctor`: a site that asks who is there, and why nobody answers."""
+
+from __future__ import annotations
+
+import datetime
+import signal
+import threading
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gpcorrect.cli.console import err, out, print_json
+from gpcorrect.cli.options import Json
+
+__all__ = ["doctor", "router", "secure_app"]
+
+secure_app = typer.Typer(help="Certificates, passwords and access rules for a site.", no_args_is_help=True)
+
+
+@secure_app.callback()
+def _secure() -> None:
+    """Keep `init` a command of its own."""
+
+
+@secure_app.command()
+def init(
+    folder: Annotated[Path, typer.Argument(help="Where to write; made.", show_default=False)],
+    host: Annotated[str, typer.Option(help="The router's machine, as clients write it.")] = "localhost",
+    port: Annotated[int, typer.Option(help="Port of the router.")] = 7447,
+    namespace: Annotated[str, typer.Option(help="First part of every key.")] = "gpcorrect",
+    days: Annotated[int, typer.Option(help="How long certificates are valid.")] = 365,
+) -> None:
+    """Make a certificate authority, certificates and passwords, and a configuration for the router and every role.
+
+    Example: gpcorrect secure init site/ --host router.lab; then: gpcorrect router site/router.json5, gpcorrect serve
+    MODEL --config site/server.json5 --allow-remote, gpcorrect query correct --config site/planner.json5 ...
+    """
+    from gpcorrect_service.secure import USERS, Site, secure_site  # zenoh is an extra
+
+    secure_site(folder, Site(host, port, namespace, days), datetime.datetime.now(datetime.UTC))
+    out.print(f"wrote {folder}: router.json5, {', '.join(f'{user}.json5' for user in USERS)}, passwords.txt")
+    out.print("Hand each user its own .json5, .pem and .key, and ca.pem; keep ca.key away from every network.")
+
+
+def router(
+    config: Annotated[Path, typer.Argument(help="zenoh configuration (JSON5) with mode router.", show_default=False)],
+) -> None:
+    """Run a zenoh router until stopped, as zenohd does.
+
+    Example: gpcorrect router site/router.json5
+    """
+    from gpcorrect_service.router import route
+
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    route(config, stop, lambda: err.print(f"routing as {config} says; stop with Ctrl-C"))
+
+
+def doctor(
+    endpoint: Annotated[str, typer.Option(help="Address of the server or router.")] = "tcp/127.0.0.1:7447",
+    arm: Annotated[str, typer.Option(help="CRTK name of the arm.")] = "arm1",
+    namespace: Annotated[str, typer.Option(help="First part of every key.")] = "gpcorrect",
+    config: Annotated[
+        Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.", show_default=False)
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Find out why nobody answers: closed port, missing or foreign certificate, wrong password, denied key, no server.
+
+    Exit status 1 when something is wrong. Example: gpcorrect doctor --config site/planner.json5
+    """
+    from gpcorrect_service import ClientSettings
+    from gpcorrect_service.doctor import examine
+
+    settings = ClientSettings((endpoint,), arm, namespace, config_file=config)
+    findings = []
+    for finding in examine(settings):
+        findings.append(finding)
+        if not json:
+            mark = "[green]well[/]" if finding.well else "[bold red]wrong[/]"
+            out.print(f"{mark:<6} {finding.step:<7} {finding.what}  {finding.cause}")
+            if finding.next_step and not finding.well:
+                out.print(f"       [bold]try:[/] {finding.next_step}")
+    if json:
+        print_json([asdict(finding) for finding in findings])
+    raise typer.Exit(0 if all(finding.well for finding in findings) else 1)

@@ -1,0 +1,134 @@
+"""From the path that is wanted to the path to command: corrected all along, or at its ends only.
+
+Mahler 2014, Sec. V-C commands corrected trajectories and corrected end points; both are here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.errors import DataError
+from gpcorrect.planning.paths import DesiredPath
+from gpcorrect.types import BoolArray, FloatArray
+
+__all__ = ["CommandPath", "Corrects", "Mode", "PathAnswer", "corrected"]
+
+Mode = Literal["full", "endpoints"]
+
+
+class PathAnswer(Protocol):
+    """What is said of n poses: `gpcorrect.corrector.PathCorrection`, or the service's `PathReply`."""
+
+    @property
+    def positions(self) -> FloatArray:
+        """(n, 3) m, base frame."""
+
+    @property
+    def quaternions(self) -> FloatArray | None:
+        """(n, 4) wxyz."""
+
+    @property
+    def interval95(self) -> FloatArray:
+        """(n, 6) half widths, m then rad; NaN where nothing was learned."""
+
+    @property
+    def in_domain(self) -> BoolArray:
+        """(n,) near training data."""
+
+    @property
+    def status(self) -> Sequence[str]:
+        """One status a pose."""
+
+
+class Corrects(Protocol):
+    """A correction, served or in process."""
+
+    def correct_path(self, poses: FloatArray, times: FloatArray) -> PathAnswer:
+        """Return what to command instead of poses `(n, 7)` at `times` `(n,)`."""
+
+
+@dataclass(frozen=True, eq=False)
+class CommandPath:
+    """What to command, and how sure that is.
+
+    Parameters
+    ----------
+    times : (n,) array
+        Seconds.
+    T : (n, 4, 4) array
+        Tool poses to command, base frame.
+    interval95 : (m, 6) array
+        Half widths at the poses that were asked for: all of them, or the two ends; m then rad.
+    in_domain : (m,) array
+    status : tuple of m str
+    """
+
+    times: FloatArray
+    T: FloatArray
+    interval95: FloatArray
+    in_domain: BoolArray
+    status: tuple[str, ...]
+
+
+def corrected(corrector: Corrects, path: DesiredPath, mode: Mode = "full") -> CommandPath:
+    """Return what to command so that the tool follows a path, or at least begins and ends where the path does.
+
+    Parameters
+    ----------
+    corrector : Corrects
+        A `CommandCorrector` or a `CorrectionClient`.
+    path : DesiredPath
+        In the frame that the model was trained in.
+    mode : "full" or "endpoints"
+        Correct every pose with its velocity; or the two ends, at rest, with the path's own course between.
+
+    Raises
+    ------
+    DataError
+        The model does not correct orientations, or there is no such mode.
+    """
+    match mode:
+        case "full":
+            answer = corrector.correct_path(path.poses, path.times)
+            return _command(path.times, _poses(answer), answer)
+        case "endpoints":
+            ends = [0, len(path.times) - 1]
+            # Two poses a long time apart are two poses at rest.
+            answer = corrector.correct_path(path.poses[ends], np.array([0.0, REST]))
+            return _command(path.times, _between(path, _poses(answer)), answer)
+        case _:
+            raise DataError(f"a path is corrected in full or at its endpoints, got {mode!r}.")
+
+
+REST = 1e4  # s
+
+
+def _command(times: FloatArray, T: FloatArray, answer: PathAnswer) -> CommandPath:
+    return CommandPath(times, T, answer.interval95, answer.in_domain, tuple(answer.status))
+
+
+def _poses(answer: PathAnswer) -> FloatArray:
+    if answer.quaternions is None:
+        raise DataError("this model corrects positions only.", hint="Plan with a model that was fitted to full poses.")
+    return se3.from_parts(answer.positions, answer.quaternions)
+
+
+def _between(path: DesiredPath, ends: FloatArray) -> FloatArray:
+    """Move the path rigidly with its first pose, and bring its last one home little by little."""
+    moved = se3.compose(ends[0], se3.invert(path.T[0]), path.T)
+    miss = se3.compose(se3.invert(moved[-1]), ends[1])
+    return se3.compose(moved, se3.exp(_progress(path)[:, None] * se3.log(miss)))
+
+
+def _progress(path: DesiredPath) -> FloatArray:
+    """Return `(n,)` from 0 to 1 along the way; along time where nothing moves."""
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.T[:, :3, 3], axis=0), axis=1))])
+    if way[-1] < 1e-9:
+        way = path.times - path.times[0]
+    share: FloatArray = way / max(float(way[-1]), 1e-12)
+    return share

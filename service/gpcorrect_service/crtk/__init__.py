@@ -1,0 +1,18 @@
+"""CRTK over zenoh: an arm's topics, an arm that serves them, a robot's client, and the correcting pre-filter."""
+
+from gpcorrect_service.crtk.arm_server import ArmServer, ArmServerSettings
+from gpcorrect_service.crtk.bus import Bus, BusSettings
+from gpcorrect_service.crtk.messages import Event, JointState, OperatingState, Pose, Report, Text
+
+__all__ = [
+    "ArmServer",
+    "ArmServerSettings",
+    "Bus",
+    "BusSettings",
+    "Event",
+    "JointState",
+    "OperatingState",
+    "Pose",
+    "Report",
+    "Text",
+]

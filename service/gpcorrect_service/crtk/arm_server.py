@@ -1,0 +1,247 @@
+"""An arm that speaks CRTK over zenoh: commands in, state out, at its own rate.
+
+zenoh's callbacks only queue; one thread takes the commands, lets the arm's time pass, and publishes.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from typing import Protocol
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.errors import GpCorrectError
+from gpcorrect.types import FloatArray
+from gpcorrect_service.crtk.bus import Bus
+from gpcorrect_service.crtk.messages import (
+    Heartbeat,
+    JointState,
+    OperatingState,
+    Pose,
+    State,
+    Text,
+    checked_numbers,
+    checked_stamp,
+)
+
+__all__ = ["ArmServer", "ArmServerSettings", "CommandedArm", "SensedArm"]
+
+STATE_HZ = 10.0
+BEAT_HZ = 2.0
+BEHIND = 0.5  # s of wall time after which lost ticks are given up instead of caught up with
+
+
+class SensedArm(Protocol):
+    """What is measured at one instant; see `gpcorrect.sim.live_sensors.Reading`."""
+
+    @property
+    def position(self) -> FloatArray:
+        """(dof,) reported joints."""
+
+    @property
+    def velocity(self) -> FloatArray:
+        """(dof,)."""
+
+    @property
+    def effort(self) -> FloatArray:
+        """(dof,)."""
+
+    @property
+    def external(self) -> FloatArray:
+        """(dof,) true joints."""
+
+    @property
+    def tracker(self) -> FloatArray | None:
+        """(4, 4) in the tracker's frame."""
+
+
+class CommandedArm(Protocol):
+    """An arm with a controller; see `gpcorrect.sim.live_robot.LiveRobot`."""
+
+    state: State
+    is_homed: bool
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a move is under way."""
+
+    @property
+    def setpoint(self) -> FloatArray:
+        """(dof,) commanded joints."""
+
+    @property
+    def time(self) -> float:
+        """Seconds on the arm's clock."""
+
+    def poses_of(self, q: FloatArray) -> FloatArray | None:
+        """(n, 4, 4) nominal tool poses of joints `(n, dof)`."""
+
+    def read(self, *, tracked: bool) -> SensedArm:
+        """Return what the sensors say, with or without the tracker."""
+
+    def operate(self, command: str) -> None:
+        """Change the operating state."""
+
+    def servo_jp(self, q: FloatArray) -> None:
+        """Go to joints at once."""
+
+    def move_jp(self, q: FloatArray) -> None:
+        """Go to joints smoothly."""
+
+    def servo_cp(self, T: FloatArray) -> None:
+        """Go to a pose at once."""
+
+    def move_cp(self, T: FloatArray) -> None:
+        """Go to a pose in a straight line."""
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass."""
+
+
+@dataclass(frozen=True)
+class ArmServerSettings:
+    """How an arm is served.
+
+    Parameters
+    ----------
+    rate_hz : float
+        State messages a second of the arm's clock.
+    tracker_hz : float
+        Of the tracker and the outside encoders.
+    time_scale : float
+        Seconds of the arm's clock in one of the wall's: above 1 a simulated arm runs faster than a real one.
+    corrected : bool
+        Take Cartesian commands from the pre-filter (`corrected/servo_cp`) and not from planners (`servo_cp`).
+    frame : str
+        Name of the arm's base frame.
+    tracker_frame : str
+    """
+
+    rate_hz: float = 100.0
+    tracker_hz: float = 100.0
+    time_scale: float = 1.0
+    corrected: bool = False
+    frame: str = "base"
+    tracker_frame: str = "tracker"
+
+
+class ArmServer:
+    """Serves one arm until told to stop.
+
+    Parameters
+    ----------
+    arm : CommandedArm
+    bus : Bus
+    settings : ArmServerSettings
+    epoch : float
+        Stamp at the arm's time 0, s since 1970.
+    """
+
+    def __init__(self, arm: CommandedArm, bus: Bus, settings: ArmServerSettings, epoch: float) -> None:
+        self._arm, self._bus, self._settings, self._epoch = arm, bus, settings, epoch
+        self._orders: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._late = 0
+        prefix = "corrected/" if settings.corrected else ""
+        for name, order in (
+            ("servo_jp", self._queueing(self._joints, arm.servo_jp)),
+            ("move_jp", self._queueing(self._joints, arm.move_jp)),
+            (f"{prefix}servo_cp", self._queueing(self._pose, arm.servo_cp)),
+            (f"{prefix}move_cp", self._queueing(self._pose, arm.move_cp)),
+            ("state_command", self._queueing(self._command, arm.operate)),
+        ):
+            bus.subscribe(name, order, self._refused)
+
+    def run(self, stop: threading.Event) -> None:
+        """Let the arm live until `stop`."""
+        period = 1.0 / self._settings.rate_hz
+        tick, due = 0, time.monotonic()
+        while not stop.is_set():
+            self._obey()
+            self._arm.advance(period)
+            self._publish(tick)
+            tick += 1
+            due += period / self._settings.time_scale
+            due = self._await(due, stop)
+
+    def _await(self, due: float, stop: threading.Event) -> float:
+        """Wait until a tick is due; a tick far too late gives up the time it lost."""
+        ahead = due - time.monotonic()
+        if ahead > 0:
+            stop.wait(ahead)
+            return due
+        self._late += 1
+        return due if ahead > -BEHIND else time.monotonic()
+
+    def _queueing(self, read: Callable[..., object], act: Callable[..., None]) -> Callable[[object], None]:
+        def receive(message: object) -> None:
+            self._orders.put(lambda: act(read(message)))
+
+        return receive
+
+    def _refused(self, error: GpCorrectError) -> None:
+        def raises() -> None:
+            raise error
+
+        self._orders.put(raises)
+
+    def _obey(self) -> None:
+        """Do what was commanded since the last tick; what is refused is told on `error`."""
+        while True:
+            try:
+                order = self._orders.get_nowait()
+            except Empty:
+                return
+            try:
+                order()
+            except GpCorrectError as error:
+                self._bus.publish("error", Text(self._stamp(), str(error)))
+
+    def _joints(self, message: JointState) -> FloatArray:
+        checked_stamp(message.stamp)
+        return np.array(checked_numbers(message.position, len(self._arm.setpoint), "joints"))
+
+    def _pose(self, message: Pose) -> FloatArray:
+        checked_stamp(message.stamp)
+        numbers = np.array(checked_numbers(message.pose, 7, "a pose (x y z qw qx qy qz)"))
+        return se3.from_parts(numbers[:3], numbers[3:])
+
+    def _command(self, message: Text) -> str:
+        return message.string
+
+    def _stamp(self) -> float:
+        return self._epoch + self._arm.time
+
+    def _publish(self, tick: int) -> None:
+        bus, arm, settings, stamp = self._bus, self._arm, self._settings, self._stamp()
+        tracked = self._every(tick, settings.tracker_hz)
+        seen, setpoint = arm.read(tracked=tracked), arm.setpoint
+        bus.publish("measured_js", JointState(stamp, _row(seen.position), _row(seen.velocity), _row(seen.effort)))
+        bus.publish("setpoint_js", JointState(stamp, _row(setpoint)))
+        poses = arm.poses_of(np.stack([seen.position, setpoint]))
+        if poses is not None:
+            self._publish_pose("measured_cp", stamp, poses[0], settings.frame)
+            self._publish_pose("setpoint_cp", stamp, poses[1], settings.frame)
+        if tracked:
+            bus.publish("external_js", JointState(stamp, _row(seen.external)))
+            self._publish_pose("tracker_cp", stamp, seen.tracker, settings.tracker_frame)
+        if self._every(tick, STATE_HZ):
+            bus.publish("operating_state", OperatingState(stamp, arm.state, arm.is_homed, arm.is_busy))
+        if self._every(tick, BEAT_HZ):
+            bus.publish("heartbeat", Heartbeat(stamp, settings.rate_hz, self._late))
+
+    def _every(self, tick: int, rate_hz: float) -> bool:
+        return tick % max(1, round(self._settings.rate_hz / rate_hz)) == 0
+
+    def _publish_pose(self, name: str, stamp: float, T: FloatArray | None, frame: str) -> None:
+        if T is not None:
+            position, quaternion = se3.to_parts(T)
+            self._bus.publish(name, Pose(stamp, (*position.tolist(), *quaternion.tolist()), frame))
+
+
+def _row(values: FloatArray) -> tuple[float, ...]:
+    return tuple(values.tolist())

@@ -1,0 +1,175 @@
+"""Writes down what an arm publishes: a native log, and a ROS 2 recording (MCAP) with CRTK topics."""
+
+from __future__ import annotations
+
+import bisect
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.errors import LogError
+from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, PoseSignal
+from gpcorrect_service.crtk.bus import Bus
+from gpcorrect_service.crtk.messages import Event, JointState, Message, Pose
+from gpcorrect_service.crtk.robot import NO_TRAJECTORY
+from gpcorrect_service.crtk.ros_messages import ros_store, to_ros
+
+__all__ = ["RECORDED", "Recorder", "Recording", "write_mcap"]
+
+RECORDED = ("measured_js", "setpoint_js", "external_js", "measured_cp", "setpoint_cp", "tracker_cp", "operating_state")
+SAME = 1e-6  # s: stamps this close are one instant
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Messages by topic, in the order in which they came, and the marks of trajectories.
+
+    Parameters
+    ----------
+    arm : str
+    messages : mapping of topic to messages
+    events : tuple of Event
+    """
+
+    arm: str
+    messages: Mapping[str, tuple[Any, ...]]
+    events: tuple[Event, ...]
+
+    def log(self, meta: LogMeta | None = None) -> CalibrationLog:
+        """Return the samples at which everything that was recorded has a value, on the arm's clock from 0.
+
+        Samples outside marked trajectories are left out where there are marks.
+
+        Raises
+        ------
+        LogError
+            No joints were recorded, or no instant has them all.
+        """
+        tables = {name: _table(rows) for name, rows in self.messages.items() if rows and name != "operating_state"}
+        if "measured_js" not in tables:
+            raise LogError("nothing was recorded: measured_js is missing.", hint="Is the arm running?")
+        stamps = _common([t.stamp for t in tables.values()])
+        trajectory = self._trajectories(stamps)
+        rows = trajectory != NO_TRAJECTORY
+        if not rows.any():
+            raise LogError("no instant of the recording belongs to a trajectory.", hint="Record for longer.")
+        columns: dict[str, Any] = {}
+        for name, table in tables.items():
+            columns |= _signals(name, table.at(stamps[rows]))
+        time = stamps[rows] - stamps[0]
+        return CalibrationLog(
+            time, trajectory[rows], np.zeros(len(time), dtype=np.int64), meta=meta or LogMeta(arm=self.arm), **columns
+        )
+
+    def _trajectories(self, stamps: FloatArray) -> Any:
+        if not self.events:
+            return np.zeros(len(stamps), dtype=np.int64)
+        marks = sorted(self.events, key=lambda e: e.stamp)
+        begins = [e.stamp for e in marks]
+        found = [bisect.bisect_right(begins, s) - 1 for s in stamps]
+        return np.array([NO_TRAJECTORY if k < 0 else marks[k].trajectory for k in found], dtype=np.int64)
+
+
+class Recorder:
+    """Listens to one arm from now on.
+
+    Parameters
+    ----------
+    bus : Bus
+    topics : tuple of str
+    """
+
+    def __init__(self, bus: Bus, topics: tuple[str, ...] = RECORDED) -> None:
+        self._arm = bus.settings.arm
+        self._messages: dict[str, list[Message]] = {name: [] for name in topics}
+        self._events: list[Event] = []
+        self._lock = threading.Lock()
+        for name in topics:
+            bus.subscribe(name, self._messages[name].append)
+        bus.subscribe("event", self._events.append)
+
+    def recording(self) -> Recording:
+        """Return what was heard so far."""
+        with self._lock:
+            return Recording(self._arm, {k: tuple(v) for k, v in self._messages.items()}, tuple(self._events))
+
+
+def write_mcap(recording: Recording, folder: Path) -> None:
+    """Write a ROS 2 recording: a folder with an MCAP file, topics `/arm/measured_js` and so on.
+
+    Raises
+    ------
+    LogError
+        The folder exists already.
+    MissingExtraError
+        rosbags is not installed.
+    """
+    store = ros_store()
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    if folder.exists():
+        raise LogError("there is a recording of this name already.", path=str(folder), hint="Name another folder.")
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for name, messages in recording.messages.items():
+            if not messages:
+                continue
+            kind = to_ros(messages[0])[1]
+            connection = writer.add_connection(f"/{recording.arm}/{name}", kind, typestore=store)
+            for message in messages:
+                writer.write(connection, round(message.stamp * 1e9), store.serialize_cdr(to_ros(message)[0], kind))
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """One topic as columns; rows by stamp."""
+
+    stamp: FloatArray
+    values: dict[str, FloatArray]
+
+    def at(self, stamps: FloatArray) -> dict[str, FloatArray]:
+        rows = np.searchsorted(self.stamp, stamps - SAME)
+        return {name: column[rows] for name, column in self.values.items()}
+
+
+def _table(messages: tuple[Any, ...]) -> _Table:
+    ordered = sorted({m.stamp: m for m in messages}.values(), key=lambda m: m.stamp)
+    stamp = np.array([m.stamp for m in ordered])
+    match ordered[0]:
+        case JointState() as first:
+            named = {"position": first.position, "velocity": first.velocity, "effort": first.effort}
+            keys = [k for k, value in named.items() if value is not None]
+            return _Table(stamp, {k: np.array([getattr(m, k) for m in ordered]) for k in keys})
+        case Pose():
+            return _Table(stamp, {"pose": np.array([m.pose for m in ordered])})
+        case other:
+            raise TypeError(f"{type(other).__name__} is no signal.")
+
+
+def _common(stamps: list[FloatArray]) -> FloatArray:
+    """Return the instants that every topic has."""
+    common = stamps[0]
+    for other in stamps[1:]:
+        near = np.clip(np.searchsorted(other, common - SAME), 0, len(other) - 1)
+        common = common[np.abs(other[near] - common) <= SAME]
+    if not len(common):
+        raise LogError("no two topics have a stamp in common.", hint="Record topics of one arm.")
+    return common
+
+
+def _signals(name: str, columns: dict[str, FloatArray]) -> dict[str, Any]:
+    """Return a topic's columns as signals of a log."""
+    match name:
+        case "measured_js":
+            named = {"position": "measured_jp", "velocity": "measured_jv", "effort": "measured_jf"}
+            return {named[k]: v for k, v in columns.items()}
+        case "setpoint_js":
+            return {"setpoint_jp": columns["position"]}
+        case "external_js":
+            return {"external_jp": columns["position"]}
+        case _:
+            pose = columns["pose"]
+            return {name: PoseSignal(pose[:, :3], pose[:, 3:])}

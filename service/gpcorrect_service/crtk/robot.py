@@ -1,0 +1,239 @@
+"""The other side of an arm's topics: what a program that moves a robot needs."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from gpcorrect.errors import GpCorrectError
+from gpcorrect.types import FloatArray
+from gpcorrect_service.crtk.bus import Bus, BusSettings
+from gpcorrect_service.crtk.messages import Event, JointState, OperatingState, Pose, Text
+
+__all__ = ["NO_TRAJECTORY", "Robot", "RobotError"]
+
+NO_TRAJECTORY = -1
+POLL = 0.002  # s
+NEAR = 1e-6  # rad or m from a goal that count as there
+STALLED = 2.0  # s of wall time without a state message after which a robot counts as gone
+
+
+class RobotError(GpCorrectError):
+    """A robot that is not there, does not obey, or says why it cannot."""
+
+
+class Robot:
+    """Commands one arm and knows its latest state; a context manager.
+
+    Parameters
+    ----------
+    settings : BusSettings
+    patience : float
+        Seconds, wall time, to wait for the arm's first state and for each change of its operating state.
+
+    Raises
+    ------
+    EndpointError
+        Nobody listens there.
+    RobotError
+        No arm of that name publishes its state.
+    """
+
+    def __init__(self, settings: BusSettings, patience: float = 5.0) -> None:
+        self._bus = Bus(settings, node="gpcorrect_tool")
+        self._patience = patience
+        self._latest: dict[str, Any] = {}
+        self._heard = time.monotonic()
+        self._fresh = threading.Condition()
+        self._errors: list[str] = []
+        for name in ("measured_js", "setpoint_js", "setpoint_cp", "operating_state"):
+            self._bus.subscribe(name, self._keeper(name))
+        self._bus.subscribe("error", self._complain)
+        try:
+            self._until(lambda: {"setpoint_js", "operating_state"} <= self._latest.keys(), patience, "say its state")
+        except RobotError:
+            self._bus.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bus.close()
+
+    @property
+    def bus(self) -> Bus:
+        """The topics, to listen to more of them."""
+        return self._bus
+
+    @property
+    def time(self) -> float:
+        """The robot's clock: the stamp of its latest state, s."""
+        stamp: float = self._latest["setpoint_js"].stamp
+        return stamp
+
+    @property
+    def state(self) -> OperatingState:
+        """Latest operating state."""
+        state: OperatingState = self._latest["operating_state"]
+        return state
+
+    @property
+    def setpoint(self) -> FloatArray:
+        """(dof,) joints that are commanded, rad or m."""
+        return np.array(self._latest["setpoint_js"].position)
+
+    @property
+    def measured(self) -> FloatArray:
+        """(dof,) joints that the robot reports."""
+        return np.array(self._latest["measured_js"].position)
+
+    @property
+    def setpoint_pose(self) -> FloatArray | None:
+        """(7,) tool pose that is commanded, base frame; None where the robot has none."""
+        pose: Pose | None = self._latest.get("setpoint_cp")
+        return None if pose is None else np.array(pose.pose)
+
+    def make_ready(self) -> None:
+        """Enable and home.
+
+        Raises
+        ------
+        RobotError
+            It does not.
+        """
+        if self.state.state != "ENABLED":
+            self.operate("resume" if self.state.state == "PAUSED" else "enable")
+            self._until(lambda: self.state.state == "ENABLED", self._patience, "become ENABLED")
+        if not self.state.is_homed:
+            self.operate("home")
+            self._until(lambda: self.state.is_homed, self._patience, "become homed")
+
+    def operate(self, command: str) -> None:
+        """Send a state command."""
+        self._errors.clear()
+        self._bus.publish("state_command", Text(self.time, command))
+
+    def servo_jp(self, q: FloatArray) -> None:
+        """Send one of a stream of joint commands."""
+        self._bus.publish("servo_jp", JointState(self.time, tuple(q.tolist())))
+
+    def servo_cp(self, pose: FloatArray, frame: str = "") -> None:
+        """Send one of a stream of poses (7,): base frame, or the planner's where a pre-filter listens."""
+        self._bus.publish("servo_cp", Pose(self.time, tuple(pose.tolist()), frame))
+
+    def move_jp(self, q: FloatArray) -> None:
+        """Go to joints and wait until the robot is there.
+
+        Raises
+        ------
+        RobotError
+            It says why it cannot, or it stops elsewhere.
+        """
+        self._errors.clear()
+        self._bus.publish("move_jp", JointState(self.time, tuple(q.tolist())))
+        self._until(lambda: bool(np.abs(self.setpoint - q).max() < NEAR), None, f"go to {np.round(q, 4).tolist()}")
+
+    def rest(self) -> None:
+        """Wait until the move that was sent last is over; one that is not begun within the patience was none.
+
+        Raises
+        ------
+        RobotError
+            The robot says why it cannot, or falls silent.
+        """
+        with suppress(RobotError):
+            self._until(lambda: self.state.is_busy or bool(self._errors), self._patience, "begin to move")
+        self._until(lambda: not self.state.is_busy, None, "come to rest")
+
+    def follow(self, times: FloatArray, q: FloatArray, trajectory: int = 0) -> None:
+        """Go to the first joints of a path, then stream it on the robot's own clock.
+
+        Parameters
+        ----------
+        times : (n,) array
+            s.
+        q : (n, dof) array
+            rad or m.
+        trajectory : int
+            Number that recorders give the samples of this path.
+
+        Raises
+        ------
+        RobotError
+            The robot refuses, or falls silent.
+        """
+        self.move_jp(q[0])
+        self._mark(trajectory)
+        for since in self._paced(times):
+            self.servo_jp(np.array([np.interp(since, times, q[:, j]) for j in range(q.shape[1])]))
+        # The last sample is streamed once more, to be there before the mark that ends the trajectory.
+        self._until(lambda: bool(np.abs(self.setpoint - q[-1]).max() < NEAR), None, "reach the end of the path")
+        self._mark(NO_TRAJECTORY)
+
+    def follow_poses(self, times: FloatArray, poses: FloatArray, frame: str) -> None:
+        """Stream a path of desired poses (n, 7) at `times` (n,) on the robot's own clock, each as it stands.
+
+        Raises
+        ------
+        RobotError
+            The robot falls silent.
+        """
+        for since in self._paced(times):
+            self.servo_cp(poses[max(0, int(np.searchsorted(times, since, side="right")) - 1)], frame)
+
+    def _paced(self, times: FloatArray) -> Iterator[float]:
+        """Yield moments of a path as the robot's clock goes, one a state message, none twice, and the end at last."""
+        start, last = self.time, -1.0
+        while last < times[-1] - times[0]:
+            self._await_fresh()
+            since = min(self.time - start, float(times[-1] - times[0]))
+            if since > last:
+                last = since
+                yield float(times[0]) + since
+
+    def _mark(self, trajectory: int) -> None:
+        self._bus.publish("event", Event(self.time, trajectory))
+
+    def _await_fresh(self) -> None:
+        before = self.time
+        self._until(lambda: self.time > before, None, "go on")
+
+    def _until(self, done: Callable[[], bool], patience: float | None, what: str) -> None:
+        """Wait until something holds: at most `patience` seconds; without, while the robot is alive and content."""
+        until = np.inf if patience is None else time.monotonic() + patience
+        with self._fresh:
+            while not done():
+                if self._errors and patience is None:
+                    raise RobotError(f"the robot does not {what}: {self._errors[-1]}")
+                now = time.monotonic()
+                if now > until or now > self._heard + STALLED:
+                    where = f"{self._bus.settings.namespace}/{self._bus.settings.arm} on {self._bus.settings.endpoint}"
+                    said = f" It said: {self._errors[-1]}" if self._errors else ""
+                    raise RobotError(
+                        f"the robot at {where} does not {what}.{said}",
+                        hint="Is it running, with this arm and namespace?",
+                    )
+                self._fresh.wait(POLL if patience is not None else 0.1)
+
+    def _keeper(self, name: str) -> Callable[[Any], None]:
+        def keep(message: Any) -> None:
+            with self._fresh:
+                self._latest[name] = message
+                self._heard = time.monotonic()
+                self._fresh.notify_all()
+
+        return keep
+
+    def _complain(self, message: Text) -> None:
+        with self._fresh:
+            self._errors.append(message.string)
+            self._fresh.notify_all()

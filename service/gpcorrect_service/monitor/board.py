@@ -1,0 +1,218 @@
+"""What is known of every arm at this moment, gathered from its topics and its servers; no network here."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, Report, Text
+from gpcorrect_service.monitor.drift import DriftWatch, outside
+from gpcorrect_service.wire import HealthAnswer
+
+__all__ = ["Board"]
+
+WINDOW = 60.0  # s of reports that shares and latencies are taken over
+LATENCIES = 4096
+TOGETHER = 0.03  # s between a tracked pose and the desired one that it is compared with
+GONE = 5.0  # s of silence after which a replica is shown as gone, and later forgotten
+FORGOTTEN = 60.0
+
+
+class Board:
+    """Gathers; safe to write to from zenoh's threads and to read from the page's.
+
+    Parameters
+    ----------
+    namespace : str
+        First part of the keys that are watched.
+    """
+
+    def __init__(self, namespace: str) -> None:
+        self.namespace = namespace
+        self._arms: dict[str, _ArmView] = {}
+        self._lock = threading.Lock()
+
+    def heard(self, arm: str, name: str, message: Any, now: float) -> None:
+        """Take note of a message on a topic, at a time of this machine, s."""
+        with self._lock:
+            self._view(arm).heard(name, message, now)
+
+    def replica(self, arm: str, answer: HealthAnswer, seconds: float, now: float) -> None:
+        """Take note of a server's health, which took `seconds` to come."""
+        with self._lock:
+            self._view(arm).replicas[answer.replica] = _Replica(answer, seconds, now)
+
+    def snapshot(self, now: float) -> dict[str, Any]:
+        """Return everything, ready for JSON; NaN is None."""
+        with self._lock:
+            arms = [view.snapshot(now) for _, view in sorted(self._arms.items())]
+        return {"namespace": self.namespace, "arms": arms}
+
+    def _view(self, arm: str) -> _ArmView:
+        return self._arms.setdefault(arm, _ArmView(arm))
+
+
+class _Replica:
+    def __init__(self, answer: HealthAnswer, seconds: float, now: float) -> None:
+        self.answer, self.seconds, self.now = answer, seconds, now
+
+    def snapshot(self, now: float) -> dict[str, Any]:
+        counts: Mapping[str, Mapping[str, int]] = self.answer.counts
+        corrections = [c for kind, c in counts.items() if kind.startswith("correct")]
+        asked = sum(sum(c.values()) for c in corrections)
+        outside = sum(c.get("EXTRAPOLATING", 0) for c in corrections)
+        return {
+            "replica": self.answer.replica,
+            "state": self.answer.state if now - self.now < GONE else "GONE",
+            "model_id": self.answer.model_id,
+            "model_hash": self.answer.model_hash[:12],
+            "uptime": self.answer.uptime,
+            "round_trip_ms": 1e3 * self.seconds,
+            "queued": sum(self.answer.queued.values()),
+            "asked": asked,
+            "outside_share": outside / asked if asked else None,
+            "faults": sum(c.get(status, 0) for c in corrections for status in ("INTERNAL", "STALE", "BUSY")),
+        }
+
+
+class _ArmView:
+    """One arm."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.replicas: dict[str, _Replica] = {}
+        self._latest: dict[str, Any] = {}
+        self._heard = -math.inf
+        self._reports: deque[tuple[float, bool]] = deque()
+        self._latencies: deque[float] = deque(maxlen=LATENCIES)
+        self._drift = DriftWatch()
+        self._refused = 0
+        self._error = ""
+
+    def heard(self, name: str, message: Any, now: float) -> None:
+        self._heard = now
+        match message:
+            case Report():
+                self._reported(message, now)
+            case Text():
+                self._refused, self._error = self._refused + 1, message.string
+            case Pose() | JointState() | OperatingState() | Heartbeat():
+                self._latest[name] = message
+        if name == "tracker_cp":
+            self._compare(message)
+
+    def _reported(self, report: Report, now: float) -> None:
+        before = self._latest.get("report")
+        if before is not None and before.model_hash != report.model_hash:
+            self._drift.reset()
+        self._latest["report"] = report
+        self._reports.append((now, report.in_domain))
+        self._latencies.append(report.seconds)
+        while self._reports and self._reports[0][0] < now - WINDOW:
+            self._reports.popleft()
+
+    def _compare(self, tracked: Pose) -> None:
+        report = self._latest.get("report")
+        if report is None or abs(tracked.stamp - report.stamp) > TOGETHER or not report.in_domain:
+            return
+        miss = _difference(tracked.pose, report.desired).tolist()
+        self._drift.see(tracked.stamp, outside(miss, report.interval95))
+
+    def snapshot(self, now: float) -> dict[str, Any]:
+        self.replicas = {k: r for k, r in self.replicas.items() if now - r.now < FORGOTTEN}
+        report, state = self._latest.get("report"), self._latest.get("operating_state")
+        tracked = self._latest.get("tracker_cp")
+        return {
+            "name": self.name,
+            "silent_seconds": now - self._heard if math.isfinite(self._heard) else None,
+            "operating_state": None if state is None else state.state,
+            "is_homed": None if state is None else state.is_homed,
+            "is_busy": None if state is None else state.is_busy,
+            "stamp": None if state is None else state.stamp,
+            "rate_hz": getattr(self._latest.get("heartbeat"), "rate", None),
+            "poses": self._poses(report),
+            "correction": None if report is None else _correction(report),
+            "error": None if report is None or tracked is None else _error(report, tracked),
+            "outside_share": _share(self._reports),
+            "latency_ms": _quantiles(self._latencies),
+            "drift": {
+                "evidence": self._drift.evidence,
+                "threshold": self._drift.threshold,
+                "alarm": self._drift.alarm,
+                "votes": self._drift.votes,
+            },
+            "refused": self._refused,
+            "last_refusal": self._error,
+            "replicas": [r.snapshot(now) for _, r in sorted(self.replicas.items())],
+        }
+
+    def _poses(self, report: Report | None) -> dict[str, Any]:
+        """Return desired, commanded, measured and tracked pose: mm, degrees, and the frame."""
+        desired = report and Pose(report.stamp, report.desired, "tracker")
+        named = {
+            "desired": desired or self._latest.get("servo_cp"),
+            "commanded": self._latest.get("setpoint_cp"),
+            "measured": self._latest.get("measured_cp"),
+            "tracked": self._latest.get("tracker_cp"),
+        }
+        return {k: None if pose is None else _shown(pose) for k, pose in named.items()}
+
+
+def _shown(pose: Pose) -> dict[str, Any]:
+    numbers = np.array(pose.pose)
+    turn = np.rad2deg(se3.rotvec_from_matrix(se3.matrix_from_quaternion(numbers[None, 3:]))[0])
+    return {"mm": _plain(1e3 * numbers[:3]), "deg": _plain(turn), "frame": pose.frame}
+
+
+def _difference(one: tuple[float, ...], other: tuple[float, ...]) -> Any:
+    """Return (6,) `one` less `other`: m, then the rotation vector between them, rad."""
+    a, b = np.array(one), np.array(other)
+    R = se3.matrix_from_quaternion(np.stack([a[3:], b[3:]]))
+    return np.concatenate([a[:3] - b[:3], se3.rotvec_from_matrix((R[0] @ R[1].T)[None])[0]])
+
+
+def _correction(report: Report) -> dict[str, Any]:
+    """Return how large the correction is beyond registration, how sure, and what was said of it."""
+    size = None if report.reference is None else _difference(report.command, report.reference)
+    wide = [math.nan if w is None else w for w in report.interval95]
+    return {
+        "mm": None if size is None else 1e3 * float(np.linalg.norm(size[:3])),
+        "deg": None if size is None else math.degrees(float(np.linalg.norm(size[3:]))),
+        "interval_mm": _plain(1e3 * np.array(wide[:3])),
+        "interval_deg": _plain(np.rad2deg(wide[3:])),
+        "in_domain": report.in_domain,
+        "status": report.status,
+        "reason": report.reason,
+        "model_id": report.model_id,
+        "model_hash": report.model_hash[:12],
+        "stamp": report.stamp,
+    }
+
+
+def _error(report: Report, tracked: Pose) -> dict[str, Any] | None:
+    """Return how far the tracked tool is from the desired pose, where both are of one moment."""
+    if abs(tracked.stamp - report.stamp) > TOGETHER:
+        return None
+    miss = _difference(tracked.pose, report.desired)
+    return {"mm": 1e3 * float(np.linalg.norm(miss[:3])), "deg": math.degrees(float(np.linalg.norm(miss[3:])))}
+
+
+def _share(reports: deque[tuple[float, bool]]) -> float | None:
+    return sum(not inside for _, inside in reports) / len(reports) if reports else None
+
+
+def _quantiles(latencies: deque[float]) -> dict[str, float] | None:
+    if not latencies:
+        return None
+    median, high = np.percentile(latencies, [50, 99])
+    return {"median": 1e3 * float(median), "p99": 1e3 * float(high)}
+
+
+def _plain(values: Any) -> list[float | None]:
+    return [float(v) if math.isfinite(v) else None for v in values]

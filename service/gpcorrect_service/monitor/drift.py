@@ -1,0 +1,75 @@
+"""Does the correction still hold? A sequential test on where the tracker sees the tool.
+
+While the model holds, the squared miss in units of its standard deviations, summed over the axes that it knows, lies
+below the 95 % point of chi-square at least 95 times in a hundred. Neighbouring samples err together, so each second
+casts one vote: was the tool outside for most of it? Each vote is turned into an e-value, the likelihood of "outside
+60 % of the time" over "outside 10 % of the time", and these are accumulated as in CUSUM, `C = max(C, 1) e`; as long as
+at most every tenth vote says "outside", an alarm at `C >= A` comes once in A votes or more seldom (e-detectors: Shin,
+Ramdas and Rinaldo 2024, Sec. 2).
+
+An alarm says that the tool is not where the model says it is: the arm has changed, or it is moved as it never was when
+the model was learned. Which of the two, `gpcorrect drift` can tell from a recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+__all__ = ["DriftWatch", "outside"]
+
+USUAL, CHANGED = 0.1, 0.6  # share of votes for "outside" while the model holds, and when it does not
+CHI_SQUARE_95 = {1: 3.841, 2: 5.991, 3: 7.815, 4: 9.488, 5: 11.070, 6: 12.592}
+NORMAL_95 = 1.96  # half width of a 95 % interval in standard deviations
+VOTE_SECONDS = 1.0
+FEWEST = 5  # samples that a vote needs
+ONE_IN = 1e5  # votes between false alarms, at least: more than a day of work
+
+
+def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
+    """Tell whether a miss `(6,)` is larger than 95 % of those that its intervals speak of; None is not known."""
+    known = [(m, w) for m, w in zip(miss, interval95, strict=True) if w is not None and w > 0]
+    if not known:
+        return False
+    return sum((NORMAL_95 * m / w) ** 2 for m, w in known) > CHI_SQUARE_95[len(known)]
+
+
+@dataclass
+class DriftWatch:
+    """Evidence so far that the arm no longer is the one that was learned.
+
+    Attributes
+    ----------
+    evidence : float
+        C above; 1 and less is none.
+    alarm : bool
+        Whether it ever reached the threshold since the model was loaded.
+    """
+
+    threshold: float = ONE_IN
+    evidence: float = field(default=1.0, init=False)
+    alarm: bool = field(default=False, init=False)
+    votes: int = field(default=0, init=False)
+    _begin: float | None = field(default=None, init=False)
+    _samples: list[bool] = field(default_factory=list, init=False)
+
+    def reset(self) -> None:
+        """Begin anew, as with another model."""
+        self.evidence, self.alarm, self.votes = 1.0, False, 0
+        self._begin, self._samples = None, []
+
+    def see(self, stamp: float, outside: bool) -> None:
+        """Take note of one sample: whether the tracked pose lay outside."""
+        if self._begin is None or stamp < self._begin:
+            self._begin, self._samples = stamp, []
+        if stamp - self._begin >= VOTE_SECONDS:
+            if len(self._samples) >= FEWEST:
+                self._vote(sum(self._samples) > len(self._samples) / 2)
+            self._begin, self._samples = stamp, []
+        self._samples.append(outside)
+
+    def _vote(self, outside: bool) -> None:
+        e = CHANGED / USUAL if outside else (1.0 - CHANGED) / (1.0 - USUAL)
+        self.evidence = max(self.evidence, 1.0) * e
+        self.votes += 1
+        self.alarm = self.alarm or self.evidence >= self.threshold

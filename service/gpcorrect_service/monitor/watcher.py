@@ -1,0 +1,107 @@
+"""Listens to every arm of a namespace, and asks its servers how they are; sends nothing else."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+import zenoh
+
+from gpcorrect_service import wire
+from gpcorrect_service.crtk.bus import BusSettings, open_session, read_message
+from gpcorrect_service.crtk.topics import TOPICS, Topic
+from gpcorrect_service.errors import EndpointError, ServiceError
+from gpcorrect_service.monitor.board import Board
+
+__all__ = ["WATCHED", "Watcher"]
+
+WATCHED = (
+    "measured_cp", "setpoint_cp", "tracker_cp", "servo_cp", "operating_state", "heartbeat", "error", "corrected/report",
+)  # fmt: skip
+ASK_EVERY = 1.0  # s
+ANSWER_WITHIN = 0.5  # s
+CONNECT_AGAIN = 2.0  # s between tries to reach an address that does not answer
+
+
+class Watcher:
+    """Keeps a board up to date until closed; a context manager.
+
+    Every address has its own session, which is opened again and again until somebody answers there.
+
+    Parameters
+    ----------
+    board : Board
+    endpoints : sequence of str
+        Addresses of robots and of servers.
+    """
+
+    def __init__(self, board: Board, endpoints: Sequence[str]) -> None:
+        self._board = board
+        self._stop = threading.Event()
+        self._threads = [threading.Thread(target=self._watch, args=(e,), daemon=True) for e in endpoints]
+
+    def __enter__(self) -> Self:
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        for thread in self._threads:
+            thread.join(5.0)
+
+    def _watch(self, endpoint: str) -> None:
+        settings = BusSettings(endpoint, namespace=self._board.namespace, patience=CONNECT_AGAIN)
+        while not self._stop.is_set():
+            try:
+                session = open_session(settings)
+            except EndpointError:
+                self._stop.wait(CONNECT_AGAIN)
+                continue
+            with ExitStack() as stack:
+                stack.enter_context(session)
+                for name in WATCHED:
+                    key = f"{self._board.namespace}/*/{name}"
+                    callback = zenoh.handlers.Callback(self._receiver(TOPICS[name]), indirect=False)
+                    stack.enter_context(session.declare_subscriber(key, callback))
+                while not self._stop.wait(ASK_EVERY):
+                    self._ask(session)
+
+    def _receiver(self, what: Topic) -> Callable[[zenoh.Sample], None]:
+        depth = what.name.count("/") + 2
+
+        def receive(sample: zenoh.Sample) -> None:
+            arm = str(sample.key_expr).split("/")[-depth]
+            try:
+                message = read_message(sample.payload.to_bytes(), str(sample.encoding), what)
+            except ServiceError:
+                return  # whoever the message was meant for says what is wrong with it
+            self._board.heard(arm, what.name, message, time.monotonic())
+
+        return receive
+
+    def _ask(self, session: zenoh.Session) -> None:
+        """Ask every server of every arm how it is."""
+        began = time.monotonic()
+        replies = session.get(
+            f"{self._board.namespace}/*/health",
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=ANSWER_WITHIN,
+            encoding=wire.encoding_name(wire.MSGPACK, "health"),
+        )
+        for reply in replies:
+            if reply.ok is None:
+                continue
+            seconds = time.monotonic() - began
+            try:
+                answer = wire.MSGPACK.decode(wire.HealthAnswer, reply.ok.payload.to_bytes())
+            except ServiceError:
+                continue
+            self._board.replica(answer.arm, answer, seconds, time.monotonic())

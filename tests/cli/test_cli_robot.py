@@ -1,0 +1,100 @@
+"""The robot tools and the debridement task as a user runs them, other processes included."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from cli_support import assert_refused
+from crtk_support import living_arm
+
+from gpcorrect.logs import read_log
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """Run a simulated arm that lives as long as these tests."""
+    with living_arm(time_scale=10.0) as (settings, _):
+        yield settings.endpoint
+
+
+def test_a_robot_goes_follows_and_is_recorded(gpcorrect, arm, tmp_path):
+    """Ready, go to joints, follow a file, record it and take a part out: each command does what it says."""
+    at = ("--endpoint", arm)
+    assert gpcorrect("robot", "operate", "ready", *at).out.startswith("ENABLED, homed")
+    assert gpcorrect("robot", "goto", "35,85,340,0,0,0", *at).code == 0
+    told = gpcorrect("robot", "state", *at).json
+    np.testing.assert_allclose(told["setpoint_jp"][:3], [np.deg2rad(35), np.deg2rad(85), 0.34], atol=1e-6)
+    limits = ("--limits", "34:36,84:86,339:341")
+    assert gpcorrect("zigzag", "-o", tmp_path / "zz.csv", "--sparsity", 1, *limits).code == 0
+    command = [sys.executable, "-m", "gpcorrect", "robot", "record", "-o", str(tmp_path / "run.csv")]
+    words = [*command, "--seconds", "12", "--mcap", str(tmp_path / "bag"), *at]
+    recording = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+    assert recording.stderr is not None
+    assert "recording" in recording.stderr.readline()
+    assert "trajectory 0" in gpcorrect("robot", "follow", tmp_path / "zz.csv", *at).out
+    assert gpcorrect("robot", "random", "--seconds", 2, *limits, *at).code == 0
+    assert recording.wait(120) == 0
+    log = read_log(tmp_path / "run.csv")
+    assert {"setpoint_jp", "measured_jp", "external_jp", "tracker_cp"} <= set(log.signals)
+    assert log.setpoint_jp is not None
+    assert np.ptp(log.setpoint_jp[:, 0]) > np.deg2rad(0.5)
+    part = gpcorrect(
+        "robot", "extract", tmp_path / "bag", "-o", tmp_path / "p.csv", "--signals", "measured_jp", "--json"
+    )
+    assert part.json["signals"] == ["measured_jp"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("goto", "1,2"), "need 6 numbers"),
+        (("goto", "400,85,340,0,0,0"), "beyond its limits"),
+        (("goto", "35,85,340,0,0,0", "--sliding", "9"), "numbers from 1 to 6"),
+        (("draw",), "say where to draw"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(gpcorrect, arm, words, said):
+    """Bad input ends with one message and exit status 2, before or after the robot has seen it."""
+    gpcorrect("robot", "operate", "ready", "--endpoint", arm)
+    assert_refused(gpcorrect("robot", *words, "--endpoint", arm), said)
+
+
+def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
+    assert_refused(gpcorrect("debride", "--mode", "half"), "in full or at its endpoints")
+    assert_refused(gpcorrect("debride", "--picture", tmp_path / "no" / "p.png"), "no folder")
+    assert_refused(gpcorrect("monitor", "--host", "0.0.0.0"), "other machines")
+    assert_refused(gpcorrect("sim", "serve", "--rate", "5000"), "1000 Hz")
+    assert_refused(gpcorrect("sim", "serve", "--endpoint", "tcp/0.0.0.0:7448"), "other machines")
+    assert_refused(gpcorrect("robot", "extract", "no.csv", "-o", tmp_path / "x.csv"), "no.csv")
+
+
+@pytest.mark.slow
+def test_debridement_with_served_corrections(gpcorrect, tmp_path):
+    """The correction that another process serves makes the open loop work, which without it removes nothing."""
+    done = gpcorrect(
+        "debride", "--arms", 1, "--fragments", 2, "--rehearsals", 12, "--margin", 100, "--models", tmp_path,
+        "--picture", tmp_path / "p.png", "--json",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    looking, knowing, blind = json.loads(done.out)["conditions"]
+    assert knowing["success_rate"] >= 0.5
+    assert blind["success_rate"] == 0.0
+    assert knowing["seconds_per_fragment"] < looking["seconds_per_fragment"]
+    assert json.loads(done.out)["served"][0].startswith("arm1 ")
+    assert (tmp_path / "arm1.gpc").exists()
+    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_calibration_from_end_to_end(gpcorrect, tmp_path):
+    """Zig-zags are driven, recorded and learned from: errors on a random run are smaller than the raw ones."""
+    done = gpcorrect(
+        "collect", "zigzag", "--direction", "J1", "--sparsity", 1, "--test", 20, "--method", "linear",
+        "--time-scale", 40, "--output", tmp_path, "--json",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    errors = done.json["errors"]
+    assert all(c["rmse"] < r["rmse"] for c, r in zip(errors["corrected"], errors["raw"], strict=True))
+    assert read_log(tmp_path / "zigzags.csv").external_jp is not None
+    assert (tmp_path / "joints.gpc").exists()

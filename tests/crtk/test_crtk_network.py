@@ -1,0 +1,145 @@
+import json
+import threading
+
+import numpy as np
+import pytest
+import zenoh
+from crtk_support import SHIFT, ShiftCorrector, living_arm, model, wait_for
+
+from gpcorrect.errors import LogError
+from gpcorrect.logs import read_log
+from gpcorrect_service.crtk import Bus, BusSettings, JointState, Pose
+from gpcorrect_service.crtk.filter_server import FilterServer
+from gpcorrect_service.crtk.prefilter import Prefilter
+from gpcorrect_service.crtk.recorder import Recorder, write_mcap
+from gpcorrect_service.crtk.rmw import read_attachment, rmw_key
+from gpcorrect_service.crtk.robot import Robot, RobotError
+from gpcorrect_service.crtk.ros_messages import from_cdr, ros_store, to_cdr
+from gpcorrect_service.errors import EndpointError
+from gpcorrect_service.journal import open_journal
+
+
+def test_a_robot_is_driven_and_recorded(tmp_path):
+    """A path that is streamed is what the log holds as setpoints, a trajectory each, with true joints beside."""
+    with living_arm() as (settings, _), Robot(settings) as robot:
+        recorder = Recorder(robot.bus)
+        robot.make_ready()
+        begin = robot.setpoint
+        times = np.linspace(0.0, 1.0, 31)
+        for number, joint in ((0, 0), (1, 2)):
+            path = np.repeat(begin[None], len(times), axis=0)
+            path[:, joint] += 0.01 * np.sin(np.pi * times)
+            robot.follow(times, path, number)
+        log = recorder.recording().log()
+        write_mcap(recorder.recording(), tmp_path / "bag")
+        with pytest.raises(LogError, match="already"):
+            write_mcap(recorder.recording(), tmp_path / "bag")
+    assert set(log.signals) >= {"setpoint_jp", "measured_jp", "external_jp", "tracker_cp", "setpoint_cp"}
+    np.testing.assert_array_equal(log.trajectory_ids, [0, 1])
+    assert log.setpoint_jp is not None
+    reach = log.setpoint_jp - begin
+    assert np.ptp(reach[log.trajectory == 0, 0]) == pytest.approx(0.01, rel=0.05)
+    assert np.ptp(reach[log.trajectory == 1, 2]) == pytest.approx(0.01, rel=0.05)
+    assert np.abs(reach[log.trajectory == 1, 0]).max() < 1e-6
+    assert (np.diff(log.time) > 0).all()
+    bag = read_log(tmp_path / "bag")
+    assert {"setpoint_jp", "measured_jp", "external_jp", "tracker_cp"} <= set(bag.signals)
+    assert bag.setpoint_jp is not None
+    assert np.ptp(bag.setpoint_jp[:, 2]) == pytest.approx(0.01, rel=0.05)
+
+
+def test_what_a_robot_refuses_it_explains():
+    """A command that cannot be obeyed ends with the robot's own reason."""
+    with living_arm() as (settings, _), Robot(settings) as robot:
+        with pytest.raises(RobotError, match="does not move"):
+            robot.move_jp(robot.setpoint + 0.01)
+        robot.make_ready()
+        with pytest.raises(RobotError, match="limits"):
+            robot.move_jp(robot.setpoint + 5.0)
+
+
+def test_no_robot_is_said_so():
+    """A tool without a robot says who was asked for."""
+    with pytest.raises(EndpointError, match="nobody answers"):
+        Robot(BusSettings("tcp/127.0.0.1:1", patience=0.2))
+    with living_arm() as (settings, _), pytest.raises(RobotError, match="gpcorrect/PSM9"):
+        Robot(BusSettings(settings.endpoint, arm="PSM9"), patience=0.5)
+
+
+def test_commands_without_a_stamp_are_refused():
+    """The arm moves on no command whose stamp is 0."""
+    with living_arm() as (settings, arm), Robot(settings) as robot:
+        robot.make_ready()
+        said: list[str] = []
+        robot.bus.subscribe("error", lambda message: said.append(message.string))
+        before = robot.setpoint
+        robot.bus.publish("servo_jp", JointState(0.0, tuple((before + 0.01).tolist())))
+        wait_for(lambda: bool(said))
+        assert "stamp" in said[0]
+        np.testing.assert_array_equal(arm.setpoint, before)
+
+
+def test_ros_users_are_understood_both_ways():
+    """On rmw_zenoh's keys a CDR command moves the arm, and its state is CDR that rosbags reads, attachment beside."""
+    with living_arm(ros_domain=5) as (settings, arm), Robot(settings) as robot:
+        robot.make_ready()
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps([settings.endpoint]))
+        heard: list[zenoh.Sample] = []
+        key = rmw_key(5, "arm1/measured_js", "sensor_msgs/msg/JointState")
+        with zenoh.open(config) as ros, ros.declare_subscriber(key, heard.append):
+            tokens = [str(reply.ok.key_expr) for reply in ros.liveliness().get("@ros2_lv/**") if reply.ok]
+            goal = robot.setpoint + np.array([0.01, 0, 0, 0, 0, 0])
+            command = to_cdr(JointState(robot.time, tuple(goal.tolist())))
+            ros.put(rmw_key(5, "arm1/move_jp", "sensor_msgs/msg/JointState"), command)
+            wait_for(lambda: bool(np.abs(arm.setpoint - goal).max() < 1e-9))
+            wait_for(lambda: len(heard) > 3)
+        message = from_cdr(heard[-1].payload.to_bytes(), "sensor_msgs/msg/JointState")
+        raw = ros_store().deserialize_cdr(heard[-1].payload.to_bytes(), "sensor_msgs/msg/JointState")
+        assert isinstance(message, JointState)
+        assert raw.name[0] == "joint_1"
+        first, second = (read_attachment(sample.attachment.to_bytes()) for sample in heard[:2])
+        assert second[0] == first[0] + 1
+        assert first[2] == second[2]
+        assert any("/MP/" in t and "%arm1%measured_js" in t for t in tokens)
+        assert any("/MS/" in t and "%arm1%servo_cp" in t for t in tokens)
+
+
+def test_the_prefilter_stands_between_planner_and_robot():
+    """A robot that listens to the pre-filter alone goes where the corrected command says, not where the planner did."""
+    corrector = ShiftCorrector()
+    with living_arm(corrected=True) as (settings, arm), Robot(settings) as robot, Bus(settings) as bus:
+        stop = threading.Event()
+        server = FilterServer(Prefilter(model(corrector), corrector), bus, open_journal())
+        thread = threading.Thread(target=server.run, args=(stop,))
+        thread.start()
+        try:
+            said, reports = [], []
+            robot.bus.subscribe("error", lambda message: said.append(message.string))
+            robot.bus.subscribe("corrected/report", reports.append)
+            pose = robot.setpoint_pose
+            assert pose is not None
+            for _ in range(500):
+                robot.servo_cp(pose)
+                threading.Event().wait(0.02)
+                if any("Enable and home" in text for text in said):
+                    break
+            assert any("Enable and home" in text for text in said)
+            robot.make_ready()
+            desired = pose + np.array([0.002, 0, 0, 0, 0, 0, 0])
+            while not reports:
+                robot.servo_cp(desired)
+                threading.Event().wait(0.02)
+            goal = desired[:3] + SHIFT
+            robot.bus.publish("move_cp", Pose(robot.time, tuple(desired.tolist())))
+
+            def arrived() -> bool:
+                T = arm.T_setpoint
+                return T is not None and bool(np.abs(T[:3, 3] - goal).max() < 1e-5)
+
+            wait_for(arrived)
+        finally:
+            stop.set()
+            thread.join(10)
+        assert reports[0].model_id == "shift"

@@ -1,0 +1,193 @@
+import asyncio
+import json
+
+import numpy as np
+import pytest
+
+from gpcorrect_service.crtk.messages import Heartbeat, OperatingState, Pose, Report, Text
+from gpcorrect_service.monitor.app import application
+from gpcorrect_service.monitor.board import GONE, Board
+from gpcorrect_service.monitor.drift import DriftWatch, outside
+from gpcorrect_service.wire import HealthAnswer
+
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+
+
+def report(stamp: float = 10.0, *, inside: bool = True, model: str = "m", width: float | None = 0.003) -> Report:
+    return Report(
+        stamp=stamp,
+        desired=(0.1, 0.0, 0.0, *UPRIGHT),
+        command=(0.104, 0.003, 0.0, *UPRIGHT),
+        std=(0.0015,) * 6,
+        interval95=(width, 0.002, 0.002, 0.1, 0.1, 0.1),
+        in_domain=inside,
+        status="OK" if inside else "EXTRAPOLATING",
+        reason="",
+        seconds=0.0005,
+        model_id=model,
+        model_hash=model * 64,
+        reference=(0.1, 0.0, 0.0, *UPRIGHT),
+    )
+
+
+def tracked(stamp: float = 10.0, x: float = 0.1) -> Pose:
+    return Pose(stamp, (x, 0.0, 0.0, *UPRIGHT), "tracker")
+
+
+def health(replica: str = "r1") -> HealthAnswer:
+    counts = {"correct": {"OK": 8, "EXTRAPOLATING": 2, "BUSY": 1}, "model": {"OK": 5}}
+    return HealthAnswer("ENABLED", "arm1", replica, "m", "h" * 64, 60.0, {"correct": 1}, counts)
+
+
+def arm(board: Board, now: float = 100.0) -> dict:
+    """Return the only arm of a snapshot that went through JSON."""
+    (only,) = json.loads(json.dumps(board.snapshot(now), allow_nan=False))["arms"]
+    return only
+
+
+def test_a_snapshot_says_what_was_heard():
+    """Correction, miss, interval, latency, state and poses are the messages' own numbers in mm and ms."""
+    board = Board("ns")
+    board.heard("arm1", "operating_state", OperatingState(10.0, "ENABLED", True, False), 99.0)
+    board.heard("arm1", "heartbeat", Heartbeat(10.0, 500.0, 0), 99.0)
+    board.heard("arm1", "corrected/report", report(), 99.0)
+    board.heard("arm1", "tracker_cp", tracked(10.01, 0.102), 99.5)
+    shown = arm(board)
+    assert shown["operating_state"] == "ENABLED"
+    assert shown["rate_hz"] == 500.0
+    assert shown["silent_seconds"] == pytest.approx(0.5)
+    assert shown["correction"]["mm"] == pytest.approx(5.0)
+    assert shown["correction"]["interval_mm"] == pytest.approx([3.0, 2.0, 2.0])
+    assert shown["error"]["mm"] == pytest.approx(2.0)
+    assert shown["latency_ms"]["median"] == pytest.approx(0.5)
+    assert shown["poses"]["desired"]["mm"] == pytest.approx([100.0, 0.0, 0.0])
+    assert shown["poses"]["measured"] is None
+
+
+def test_what_was_not_learned_is_not_shown_as_a_number():
+    """A width that does not exist is null in the page's JSON, which has no NaN."""
+    board = Board("ns")
+    board.heard("arm1", "corrected/report", report(width=None), 99.0)
+    assert arm(board)["correction"]["interval_mm"][0] is None
+
+
+def test_poses_of_different_moments_are_not_compared():
+    """A tracked pose long after the desired one says nothing of the correction."""
+    board = Board("ns")
+    board.heard("arm1", "corrected/report", report(10.0), 99.0)
+    board.heard("arm1", "tracker_cp", tracked(10.5), 99.5)
+    assert arm(board)["error"] is None
+
+
+def test_the_share_out_of_domain_is_that_of_the_last_minute():
+    """Reports older than a minute no longer count."""
+    board = Board("ns")
+    for k in range(10):
+        board.heard("arm1", "corrected/report", report(1.0 + k, inside=False), 10.0 + k)
+    for k in range(6):
+        board.heard("arm1", "corrected/report", report(90.0 + k, inside=k < 3), 90.0 + k)
+    assert arm(board)["outside_share"] == pytest.approx(0.5)
+
+
+def test_two_arms_and_their_replicas_stay_apart():
+    """Each arm has its own state and servers; a server that fell silent is shown as gone, and later not at all."""
+    board = Board("ns")
+    board.heard("arm2", "error", Text(1.0, "not homed"), 99.0)
+    board.replica("arm1", health("r1"), 0.002, 99.0)
+    board.replica("arm1", health("r2"), 0.004, 99.0 + GONE)
+    first, second = board.snapshot(99.5 + GONE)["arms"]
+    assert (first["name"], second["name"]) == ("arm1", "arm2")
+    assert [r["state"] for r in first["replicas"]] == ["GONE", "ENABLED"]
+    assert first["replicas"][1]["round_trip_ms"] == pytest.approx(4.0)
+    assert (first["replicas"][0]["asked"], first["replicas"][0]["faults"]) == (11, 1)
+    assert first["replicas"][0]["outside_share"] == pytest.approx(2 / 11)
+    assert (second["refused"], second["last_refusal"]) == (1, "not homed")
+    assert board.snapshot(1000.0)["arms"][0]["replicas"] == []
+
+
+def test_the_joint_interval_holds_at_95_in_a_hundred():
+    """Gaussian misses of the size that their intervals say are outside five times in a hundred, whatever is known."""
+    rng = np.random.default_rng(0)
+    std = np.array([1e-3, 2e-3, 1e-3, 0.1, 0.2, 0.1])
+    for known in (3, 6):
+        width = [1.96 * s if i < known else None for i, s in enumerate(std)]
+        share = np.mean([outside((std * rng.standard_normal(6)).tolist(), width) for _ in range(4000)])
+        assert 0.04 < share < 0.06
+    assert not outside([1.0] * 6, [None] * 6)
+
+
+def test_a_model_that_holds_raises_no_alarm_and_one_that_does_not_does():
+    """With every twentieth second outside there is no alarm in an hour; when the arm changes it comes in seconds."""
+    rng = np.random.default_rng(1)
+    watch, stamp = DriftWatch(), 0.0
+    for _ in range(3600):
+        out = rng.random() < 0.05
+        for _ in range(10):
+            stamp += 0.1
+            watch.see(stamp, out)
+    assert not watch.alarm
+    begin = stamp
+    while not watch.alarm:
+        stamp += 0.1
+        watch.see(stamp, rng.random() < 0.9)
+        assert stamp < begin + 30.0
+    assert stamp - begin > 3.0
+    watch.reset()
+    assert (watch.alarm, watch.evidence, watch.votes) == (False, 1.0, 0)
+
+
+def test_another_model_starts_with_a_clean_slate():
+    """Evidence against one model does not count against the next."""
+    board = Board("ns")
+    for k in range(2000):
+        stamp = 10.0 + 0.02 * k
+        board.heard("arm1", "corrected/report", report(stamp), stamp)
+        board.heard("arm1", "tracker_cp", tracked(stamp, 0.12), stamp)
+    assert arm(board)["drift"]["alarm"]
+    board.heard("arm1", "corrected/report", report(100.0, model="n"), 100.0)
+    assert not arm(board)["drift"]["alarm"]
+
+
+def ask(path: str, method: str = "GET", host: str = "127.0.0.1") -> tuple[int, dict[str, str], str]:
+    """Return status, headers and body of one request to the page's server."""
+    sent: list[dict] = []
+
+    async def receive() -> dict:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def send(message: dict) -> None:
+        sent.append(message)
+
+    scope = {
+        "type": "http",
+        "http_version": "1.1",
+        "method": method,
+        "path": path,
+        "raw_path": path.encode(),
+        "query_string": b"",
+        "headers": [(b"host", host.encode())],
+        "scheme": "http",
+        "server": (host, 80),
+    }
+    asyncio.run(application(Board("ns"), ["127.0.0.1"])(scope, receive, send))
+    headers = {name.decode(): value.decode() for name, value in sent[0]["headers"]}
+    return sent[0]["status"], headers, b"".join(m.get("body", b"") for m in sent[1:]).decode()
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
+def test_nothing_can_be_sent_to_the_page(method):
+    """Every path answers GET alone."""
+    for path in ("/", "/page.js", "/page.css", "/api/state", "/events"):
+        assert ask(path, method)[0] == 405
+
+
+def test_the_page_comes_from_here_alone():
+    """Page, style and script are served with headers that let nothing else in, and to this machine's name only."""
+    for path, kind in (("/", "text/html"), ("/page.css", "text/css"), ("/page.js", "text/javascript")):
+        status, headers, body = ask(path)
+        assert status == 200
+        assert headers["content-type"].startswith(kind)
+        assert "default-src 'self'" in headers["content-security-policy"]
+        assert "://" not in body
+    assert json.loads(ask("/api/state")[2]) == {"namespace": "ns", "arms": []}
+    assert ask("/", host="evil.example")[0] == 400

@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+from planning_support import Moves
+
+from gpcorrect import se3
+from gpcorrect.errors import DataError
+from gpcorrect.planning import DesiredPath, Margins, corrected, first_trusted, reach
+from gpcorrect.sim.reaching import Pace
+
+SHIFT = se3.exp(np.array([0.01, -0.02, 0.005, 0.2, -0.1, 0.3]))
+PACE = Pace(0.05, 0.5, 1.5)
+
+
+def path(seed: int = 0, stops: int = 3) -> DesiredPath:
+    """Return a path through random poses a few centimetres apart."""
+    rng = np.random.default_rng(seed)
+    return reach(se3.exp(0.05 * rng.standard_normal((stops, 6)) * [1, 1, 1, 4, 4, 4]), PACE)
+
+
+def test_full_correction_asks_for_every_pose():
+    """In full, every pose of the path is what the corrector says of it."""
+    wanted = path()
+    command = corrected(Moves(SHIFT), wanted)
+    np.testing.assert_allclose(command.T, se3.compose(SHIFT, wanted.T), atol=1e-12)
+    assert len(command.interval95) == len(wanted.times)
+
+
+def test_endpoints_are_corrected_exactly():
+    """At its endpoints only, a path begins and ends where the corrector says, and asks for two poses."""
+    wanted = path()
+
+    class Bends(Moves):
+        """Moves poses further, the further out they are."""
+
+        def correct_path(self, poses, times):
+            answer = super().correct_path(poses, times)
+            return type(answer)(
+                answer.positions * 1.1, answer.quaternions, answer.interval95, answer.in_domain, answer.status
+            )
+
+    command = corrected(Bends(SHIFT), wanted, "endpoints")
+    ends = Bends(SHIFT).correct_path(wanted.poses[[0, -1]], wanted.times[[0, -1]])
+    np.testing.assert_allclose(command.T[[0, -1], :3, 3], ends.positions, atol=1e-12)
+    assert len(command.interval95) == 2
+    assert len(command.T) == len(wanted.T)
+
+
+def test_both_ways_agree_where_the_correction_is_rigid():
+    """A correction that moves everything alike gives the same path in full and at its endpoints."""
+    wanted = path(3)
+    full, ends = (corrected(Moves(SHIFT), wanted, mode).T for mode in ("full", "endpoints"))
+    np.testing.assert_allclose(full, ends, atol=1e-9)
+
+
+def test_another_mode_is_refused():
+    with pytest.raises(DataError, match="full or at its endpoints"):
+        corrected(Moves(SHIFT), path(), "middle")  # type: ignore[arg-type]
+
+
+def test_joined_paths_go_on_where_they_end():
+    """Parts follow each other in time, and no moment comes twice."""
+    first, second = path(1), path(2)
+    joined = DesiredPath.joined([first, second])
+    assert joined.duration == pytest.approx(first.duration + second.duration)
+    assert (np.diff(joined.times) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("corrector", "margins", "cause"),
+    [
+        (Moves(SHIFT, interval=0.003), Margins(position=0.002), "position interval"),
+        (Moves(SHIFT, interval=0.003), Margins(position=0.01, rotation=0.002), "rotation interval"),
+        (Moves(SHIFT, interval=np.nan), Margins(), "position interval"),
+        (Moves(SHIFT, domain=0.0), Margins(), "out of domain"),
+        (Moves(SHIFT, interval=0.001), Margins(position=0.002), None),
+    ],
+)
+def test_a_doubt_names_what_went_beyond_its_margin(corrector, margins, cause):
+    """A command is doubted for its domain first, then its position, then its rotation, and not without reason."""
+    doubt = margins.doubt(corrected(corrector, path()))
+    assert (doubt.cause if doubt else None) == cause
+
+
+def test_a_goal_out_of_domain_is_doubted_however_good_the_way():
+    """The share that may lie outside is for the way, not for its end."""
+    wanted = reach(np.stack([np.eye(4), se3.pose(np.eye(3), np.array([0.1, 0.0, 0.0]))]), PACE)
+    doubt = Margins(outside=0.9).doubt(corrected(Moves(SHIFT, domain=0.0999), wanted))
+    assert doubt is not None
+    assert doubt.cause == "out of domain"
+
+
+def test_replanning_takes_the_first_way_that_is_sure():
+    """Ways are tried in order until one is within the margins; what was wrong with the others is kept."""
+    far, near = (reach(np.stack([np.eye(4), se3.pose(np.eye(3), np.array([x, 0, 0]))]), PACE) for x in (0.09, 0.02))
+    chosen = first_trusted(Moves(SHIFT, domain=0.05), [far, near, far], Margins())
+    assert (chosen.number, chosen.trusted, len(chosen.doubts)) == (1, True, 1)
+    none = first_trusted(Moves(SHIFT, domain=0.05), [far, far], Margins())
+    assert (none.number, none.trusted, len(none.doubts)) == (1, False, 2)
+    with pytest.raises(DataError, match="no way"):
+        first_trusted(Moves(SHIFT), [], Margins())

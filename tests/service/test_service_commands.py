@@ -1,0 +1,118 @@
+"""The operator's commands: models of a store, and the doctor."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from service_support import PATIENT, endpoint_of, free_port, store_process
+
+from gpcorrect.cli import main
+from gpcorrect.joint_artifact import save_joint
+from gpcorrect.joint_corrector import JointSettings, fit_joint
+from gpcorrect.model_store import ModelStore, kind_of
+from gpcorrect.types import CalibrationLog, LogMeta
+from gpcorrect_service.model import load_joint_model
+
+Run = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Run:
+    """Call `gpcorrect` with words; its exit status and all it printed."""
+
+    def call(*words: object) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["gpcorrect", *(str(word) for word in words)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        told = capfd.readouterr()
+        code = stopped.value.code
+        return (code if isinstance(code, int) else 0), told.out + told.err
+
+    return call
+
+
+@pytest.fixture
+def store(tmp_path: Path, model_files: tuple[Path, Path], run: Run) -> Path:
+    """Fill a store by command."""
+    folder = tmp_path / "store"
+    for path in model_files:
+        assert run("models", "add", path, "--store", folder)[0] == 0
+    return folder
+
+
+def listed(run: Run, *place: object) -> list[dict[str, Any]]:
+    code, text = run("models", "list", *place, "--json")
+    assert code == 0
+    rows: list[dict[str, Any]] = json.loads(text)
+    return rows
+
+
+def test_a_store_by_command(store: Path, run: Run) -> None:
+    """Added models are listed; activate, diff and rollback do as they say; an unknown name ends with status 2."""
+    assert [row["id"] for row in listed(run, "--store", store)] == ["monday", "tuesday"]
+    for name in ("monday", "tuesday"):
+        assert run("models", "activate", name, "--store", store)[0] == 0
+    assert [row["active"] for row in listed(run, "--store", store)] == [False, True]
+    code, text = run("models", "diff", "monday", "tuesday", "--store", store, "--json")
+    assert code == 0
+    assert json.loads(text)["commands"]["max_mm"] > 0
+    assert "monday" in run("models", "rollback", "--store", store)[1]
+    code, text = run("models", "activate", "sunday", "--store", store)
+    assert (code, "monday" in text) == (2, True)
+
+
+def test_running_servers_by_command(store: Path, run: Run) -> None:
+    """With an address, the running server lists, activates, goes back, pauses; the doctor calls it well."""
+    folder = ModelStore(store)
+    folder.activate(folder.find("monday"))
+    with store_process(store) as server:
+        place = ("--endpoint", server.endpoint)
+        assert "tuesday" in run("models", "activate", "tuesday", *place)[1]
+        assert {row["id"]: row["active"] for row in listed(run, *place)} == {"monday": False, "tuesday": True}
+        assert "monday" in run("models", "rollback", *place)[1]
+        assert "PAUSED" in run("models", "state", "PAUSED", *place)[1]
+        assert "gpcorrect_state" in run("query", "metrics", *place, "--timeout", PATIENT)[1]
+        code, text = run("doctor", *place, "--json")
+    assert (code, [step["well"] for step in json.loads(text)]) == (0, [True] * len(json.loads(text)))
+
+
+def test_the_doctor_by_command(run: Run) -> None:
+    """Where nobody listens the doctor says so and ends with status 1."""
+    code, text = run("doctor", "--endpoint", endpoint_of(free_port()))
+    assert (code, "closed port" in text) == (1, True)
+
+
+def test_no_place_is_named(run: Run) -> None:
+    """Without folder and address a command says which to give."""
+    code, text = run("models", "list")
+    assert (code, "--store" in text) == (2, True)
+
+
+def test_joint_models_are_kept_and_served_too(tmp_path: Path, run: Run) -> None:
+    """A joint calibration is told apart by its file, and its live path answers what it learned: here an offset."""
+    rng = np.random.default_rng(0)
+    time = 0.1 * np.arange(400)
+    q = np.array([0.3, 0.3, 0.05]) * np.sin(time[:, None] * np.array([0.7, 0.9, 1.1]))
+    log = CalibrationLog(
+        time=time,
+        trajectory=np.arange(400) // 100,
+        session=np.zeros(400),
+        measured_jp=q,
+        external_jp=q + np.array([0.01, -0.02, 0.003]) + 1e-5 * rng.standard_normal(q.shape),
+        meta=LogMeta(joint_types="RRP"),
+    )
+    path = tmp_path / "joints.gpc"
+    save_joint(fit_joint(log, JointSettings(method="offset", time_offset="none")).corrector, path)
+    assert kind_of(path) == "joints"
+    assert run("models", "add", path, "--store", tmp_path / "store")[0] == 0
+    model = load_joint_model(path)
+    answer = model.stream().estimate(1.0, np.array([0.1, 0.1, 0.02]))
+    np.testing.assert_allclose(answer.q, [0.11, 0.08, 0.023], atol=1e-4)
+    assert model.types == "RRP"

@@ -1,0 +1,155 @@
+"""A site with certificates, passwords and access rules: who may do what, and a doctor that tells the faults apart."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import stat
+import threading
+from collections.abc import Callable, Iterator
+from multiprocessing.synchronize import Event
+from pathlib import Path
+from typing import Any
+
+import pytest
+from service_support import PATIENT, POSE, child, end_with_parent, free_port, serve_in_child, spawn, wait_for
+
+from gpcorrect.errors import DataError
+from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, ServiceError
+from gpcorrect_service.doctor import Finding, examine
+from gpcorrect_service.operator_client import Operator
+from gpcorrect_service.router import route
+from gpcorrect_service.secure import ROLES, Site, secure_site
+
+NOW = datetime.datetime.now(datetime.UTC)
+Edit = Callable[[dict[str, Any]], None]
+
+
+def route_in_child(ready: Event, config: str) -> None:
+    """Run in the child process: route until killed."""
+    end_with_parent()
+    route(Path(config), threading.Event(), ready.set)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Start a secured router with a server behind it."""
+    folder = tmp_path_factory.mktemp("secured") / "site"
+    secure_site(folder, Site(port=free_port()), NOW)
+    routing, serving = spawn.Event(), spawn.Event()
+    settings = ServerSettings(config_file=folder / "server.json5", allow_remote=True)
+    router = child(route_in_child, routing, (routing, str(folder / "router.json5")))
+    with router, child(serve_in_child, serving, ("shift", spawn.Event(), spawn.Event(), serving, settings)):
+        settings = ClientSettings(config_file=folder / "planner.json5")
+        wait_for(lambda: all(finding.well for finding in examine(settings)))
+        yield folder
+
+
+@pytest.mark.parametrize("role", [role for role in ROLES if role != "server"])
+def test_a_role_may_do_what_it_is_for(site: Path, role: str) -> None:
+    """Planner and operator are corrected, the monitor is not; all see health, and nobody else changes the state."""
+    file = site / f"{role}.json5"
+    with CorrectionClient(config_file=file, timeout=4.0, connect_timeout=2.0) as client:
+        assert client.health().state == "ENABLED"
+        assert corrected(client) == (role in ("planner", "operator"))
+    with Operator(ClientSettings(config_file=file, connect_timeout=2.0), patience=PATIENT) as operator:
+        try:
+            changed = operator.set_state("ENABLED")[0].state == "ENABLED"
+        except ServiceError:
+            changed = False
+    assert changed == (role == "operator")
+
+
+def corrected(client: CorrectionClient) -> bool:
+    try:
+        return client.correct(POSE).status == "OK"
+    except ServiceError as error:
+        assert error.status == "NO_SERVICE"  # noqa: PT017 - all that zenoh shows of a denied key
+        return False
+
+
+def other_password(config: dict[str, Any]) -> None:
+    config["transport"]["auth"]["usrpwd"]["password"] = "guessed"
+
+
+def no_certificate(config: dict[str, Any]) -> None:
+    del config["transport"]["link"]["tls"]["connect_certificate"]
+    del config["transport"]["link"]["tls"]["connect_private_key"]
+    config["transport"]["link"]["tls"]["enable_mtls"] = False
+
+
+def lost_certificate(config: dict[str, Any]) -> None:
+    config["transport"]["link"]["tls"]["connect_certificate"] += ".gone"
+
+
+def closed_port(config: dict[str, Any]) -> None:
+    config["connect"]["endpoints"] = [f"tls/localhost:{free_port()}"]
+
+
+def plain_tcp(config: dict[str, Any]) -> None:
+    config["connect"]["endpoints"] = [one.replace("tls/", "tcp/") for one in config["connect"]["endpoints"]]
+
+
+def unknown_host(config: dict[str, Any]) -> None:
+    config["connect"]["endpoints"] = ["tls/nowhere.invalid:7447"]
+
+
+@pytest.mark.parametrize(
+    ("edit", "step", "cause"),
+    [
+        (other_password, "login", "wrong user or password"),
+        (no_certificate, "tls", "missing certificate"),
+        (lost_certificate, "tls", "missing certificate"),
+        (closed_port, "port", "closed port"),
+        (plain_tcp, "login", "plain TCP to a TLS port"),
+        (unknown_host, "port", "unknown host"),
+    ],
+)
+def test_the_doctor_tells_faults_apart(site: Path, tmp_path: Path, edit: Edit, step: str, cause: str) -> None:
+    """Each fault of a client is named by its own cause, with what to do, at the step where it hides the rest."""
+    last = examined(site, tmp_path, edit)[-1]
+    assert (last.step, last.cause, last.well) == (step, cause, False)
+    assert last.next_step
+
+
+def test_the_doctor_knows_a_foreign_certificate(site: Path, tmp_path: Path) -> None:
+    """A certificate of another site's authority is called foreign, on either side of the link."""
+    secure_site(tmp_path / "other", Site(), NOW)
+    for parts in (("connect_certificate", "connect_private_key"), ("root_ca_certificate",)):
+
+        def edit(config: dict[str, Any], parts: tuple[str, ...] = parts) -> None:
+            for part in parts:
+                tls = config["transport"]["link"]["tls"]
+                tls[part] = str(tmp_path / "other" / Path(tls[part]).name)
+
+        assert examined(site, tmp_path, edit)[-1].cause == "foreign certificate"
+
+
+def test_the_doctor_knows_a_denied_key(site: Path) -> None:
+    """A role that is let in but may not ask a key is told so of that key, and well of those it may ask."""
+    told = {finding.what: finding for finding in examine(ClientSettings(config_file=site / "monitor.json5"))}
+    assert told["gpcorrect/arm1/correct"].cause == "denied key"
+    assert not told["gpcorrect/arm1/correct"].well
+    assert told["gpcorrect/arm1/health"].well
+
+
+def examined(site: Path, tmp_path: Path, edit: Edit) -> list[Finding]:
+    config = json.loads((site / "planner.json5").read_text())
+    edit(config)
+    file = tmp_path / "edited.json5"
+    file.write_text(json.dumps(config))
+    return list(examine(ClientSettings(config_file=file)))
+
+
+def test_secrets_are_for_their_owner(site: Path) -> None:
+    """Keys, passwords and configurations with passwords are readable by their owner alone; every password differs."""
+    for path in (*site.glob("*.key"), *site.glob("*.json5"), site / "passwords.txt"):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    listed = [line.split(":") for line in (site / "passwords.txt").read_text().splitlines()]
+    assert len({password for _, password in listed}) == len(listed)
+
+
+def test_a_site_is_not_overwritten(site: Path) -> None:
+    """A folder with an authority is left alone: its certificates are in use."""
+    with pytest.raises(DataError, match="already"):
+        secure_site(site, Site(), NOW)

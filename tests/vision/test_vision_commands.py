@@ -1,0 +1,347 @@
+"""`gpcorrect vision` as a user runs it: a whole job, and every bad input named clearly with nothing invented."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from vision_support import COVER, board_before, cameras_of, path_of, place_of, record
+
+from gpcorrect import se3
+from gpcorrect.cli import main
+from gpcorrect.logs import read_log
+from gpcorrect.sim.scene import Ball, Board, Stage, Studio, backdrop, board_picture, four_cameras, marker_points
+from gpcorrect.types import FloatArray
+from gpcorrect.vision import read_cameras, write_cameras
+from gpcorrect.vision.opencv import cv2
+
+SEED = 405
+FRAMES = 8
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    code: int
+    out: str
+    err: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Recorded:
+    folder: Path
+    views: list[Path]
+    poses: FloatArray
+
+
+class _Shell:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+        self._patch, self._capture = monkeypatch, capfd
+
+    def __call__(self, *words: object) -> _Outcome:
+        self._patch.setattr(sys, "argv", ["gpcorrect", "vision", *(str(word) for word in words)])
+        self._capture.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        said = self._capture.readouterr()
+        return _Outcome(int(stopped.value.code or 0), said.out, " ".join(said.err.split()))
+
+    def refused(self, *words: object, saying: Sequence[str]) -> None:
+        """Exit status 2, the words said, no traceback."""
+        outcome = self(*words)
+        assert outcome.code == 2, outcome
+        assert "Traceback" not in outcome.err
+        for word in saying:
+            assert word in outcome.err, outcome.err
+
+
+@pytest.fixture
+def vision(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> _Shell:
+    return _Shell(monkeypatch, capfd)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> _Recorded:
+    """Return a recording of four cameras; the second one is covered in two frames."""
+    folder = tmp_path_factory.mktemp("recorded")
+    stage, poses = Stage.standard(SEED), path_of(SEED, FRAMES)
+    return _Recorded(folder, record(folder, stage, poses, lambda i: {1: [COVER]} if i in (3, 4) else {}), poses)
+
+
+def _track(recorded: _Recorded, output: Path, *more: object) -> list[object]:
+    return ["track", *recorded.views, "--cameras", recorded.folder / "cameras.json", "--output", output, *more]
+
+
+def test_a_recording_becomes_a_log(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
+    """Within a fifth of a millimetre, with the status of every row, an annotated video and a page."""
+    output, video, page = tmp_path / "log.parquet", tmp_path / "look.avi", tmp_path / "page.html"
+    outcome = vision(*_track(recorded, output, "--annotated", video, "--page", page, "--fps", 30, "--json"))
+    assert outcome.code == 0, outcome.err
+    assert json.loads(outcome.out)["measured_share"] == 1.0
+    log = read_log(output)
+    assert log.tracker_cp is not None
+    assert log.tracker_cp.quaternion is not None
+    assert np.allclose(np.diff(log.time), 1 / 30)
+    error = 1e3 * np.linalg.norm(log.tracker_cp.position - recorded.poses[:, :3, 3], axis=1)
+    assert np.sqrt(np.mean(error**2)) < 0.2
+    assert (log.extra["tracking_status"] == 0).all()
+    assert log.extra["ball_red_cameras"].tolist() == [4, 4, 4, 3, 3, 3, 3, 3]
+    drawn = cv2.VideoCapture(str(video))
+    assert int(drawn.get(cv2.CAP_PROP_FRAME_COUNT)) == FRAMES
+    text = page.read_text()
+    assert text.count("data:image/png;base64,") == 3
+    assert "Which camera saw what" in text
+
+
+def test_swapped_cameras_are_named(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
+    """Two folders in each other's place: the message says which, and the right order; no log appears."""
+    a, b, c, d = recorded.views
+    words = ["track", b, a, c, d, "--cameras", recorded.folder / "cameras.json", "--output", tmp_path / "log.csv"]
+    vision.refused(
+        *words, saying=["cameras are swapped", "view1 shows what camera cam1 sees", "view0 view1 view2 view3"]
+    )
+    assert not (tmp_path / "log.csv").exists()
+
+
+def test_another_rig_s_calibration_is_named(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
+    """Cameras that stand elsewhere: the calibration does not fit, in this order or any other."""
+    other = Stage.standard(SEED + 50, pieces=0)
+    turned = cameras_of(other)[2:] + cameras_of(other)[:2]
+    moved = [
+        type(c)(
+            f"c{k}",
+            c.intrinsics,
+            se3.compose(se3.exp(np.array([0.03, -0.05, 0.02, 0.1, 0.15, -0.2])), c.T_camera_tracker),
+        )
+        for k, c in enumerate(turned)
+    ]
+    write_cameras(moved, tmp_path / "wrong.json")
+    words = ["track", *recorded.views, "--cameras", tmp_path / "wrong.json", "--output", tmp_path / "log.csv"]
+    vision.refused(*words, saying=["calibration does not fit the pictures"])
+
+
+def test_wrong_colours_and_wrong_sizes_are_named(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
+    """A colour that is nowhere (with those that are there), balls twice as large, and balls twice as far apart."""
+    target = tmp_path / "target.toml"
+    target.write_text('[[ball]]\nname = "violet"\nhue = 285.0\nhue_tolerance = 8.0\n')
+    vision.refused(
+        *_track(recorded, tmp_path / "l.csv", "--target", target), saying=["ball violet cannot be found", "red (hue"]
+    )
+    rows = {"green": (0, -0.033, 0), "yellow": (0.033, 0, 0), "red": (0, 0.033, 0)}
+    for scale, radius, word in ((1.0, 0.019, "has a radius of"), (2.0, 0.0095, "apart in the pictures")):
+        balls = [{"name": n, "place": [scale * v for v in p], "radius": radius} for n, p in rows.items()]
+        (tmp_path / "target.json").write_text(json.dumps({"ball": balls}))
+        vision.refused(
+            *_track(recorded, tmp_path / "l.csv", "--target", tmp_path / "target.json"), saying=[word, "target file"]
+        )
+
+
+def test_a_recording_that_breaks_off_is_named_and_kept(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
+    """One camera ends early and one picture is unreadable: both said, every frame kept, none invented."""
+    views = [shutil.copytree(view, tmp_path / view.name) for view in recorded.views]
+    for i in range(5, FRAMES):
+        (views[3] / f"{i:04d}.png").unlink()
+    (views[2] / "0002.png").write_bytes((views[2] / "0002.png").read_bytes()[:300])
+    broken = _Recorded(recorded.folder, views, recorded.poses)
+    outcome = vision(*_track(broken, tmp_path / "log.csv"))
+    assert outcome.code == 0, outcome.err
+    assert "view3 ends after 5 of 8 frames" in outcome.err
+    assert "view2: 1 pictures cannot be read, the first is number 3" in outcome.err
+    log = read_log(tmp_path / "log.csv")
+    assert log.tracker_cp is not None
+    assert len(log) == FRAMES
+    known = log.extra["tracking_status"] == 0
+    error = 1e3 * np.linalg.norm(log.tracker_cp.position - recorded.poses[:, :3, 3], axis=1)
+    assert known.sum() >= FRAMES - 1
+    assert error[known].max() < 0.4
+
+
+def test_a_truncated_video_is_named(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
+    """A video cut in its middle is read as far as it goes, or refused when nothing of it can be read."""
+    videos = [_video(view, tmp_path / f"{view.name}.avi") for view in recorded.views]
+    whole = videos[1].read_bytes()
+    videos[1].write_bytes(whole[: len(whole) * 6 // 10])
+    outcome = vision("track", *videos, "--cameras", recorded.folder / "cameras.json", "--output", tmp_path / "log.csv")
+    assert outcome.code == 0, outcome.err
+    assert "view1.avi ends after" in outcome.err
+    videos[1].write_bytes(whole[:60])
+    vision.refused(
+        "track",
+        *videos,
+        "--cameras",
+        recorded.folder / "cameras.json",
+        "--output",
+        tmp_path / "l.csv",
+        saying=["truncated"],
+    )
+
+
+def _video(view: Path, path: Path) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (640, 480))
+    for file in sorted(view.iterdir()):
+        writer.write(cv2.imread(str(file)))
+    writer.release()
+    return path
+
+
+def test_a_ball_out_of_sight_leaves_rows_empty(vision: _Shell, tmp_path: Path) -> None:
+    """Without one of its balls the tool has no pose: those rows are coasted and marked, then empty."""
+    stage, poses = Stage.standard(SEED + 1), path_of(SEED + 1, 6)
+    views = record(tmp_path, stage, poses)
+    bare = Stage(stage.lenses, stage.studios, {n: p for n, p in stage.places.items() if n != "yellow"})
+    for i in range(2, 6):
+        for view, image in zip(views, bare.frame(poses[i]), strict=True):
+            cv2.imwrite(str(view / f"{i:04d}.png"), image)
+    words = ["track", *views, "--cameras", tmp_path / "cameras.json", "--output", tmp_path / "log.csv", "--fps", 4]
+    outcome = vision(*words)
+    assert outcome.code == 0, outcome.err
+    assert "Ball yellow is seen by fewer than two cameras" in outcome.err
+    log = read_log(tmp_path / "log.csv")
+    assert log.tracker_cp is not None
+    assert log.extra["tracking_status"].tolist() == [0, 0, 1, 1, 2, 2]
+    assert np.isfinite(log.tracker_cp.position).all(axis=1).tolist() == [True] * 4 + [False] * 2
+    assert np.isnan(log.extra["ball_yellow_x"][2:]).all()
+    outcome = vision(*words[:-2], "--fps", 4, "--measured-only")
+    measured = read_log(tmp_path / "log.csv").tracker_cp
+    assert measured is not None
+    assert np.isfinite(measured.position).all(axis=1).tolist() == [True] * 2 + [False] * 4
+
+
+def test_files_that_are_not_what_they_should_be_are_refused(
+    vision: _Shell, recorded: _Recorded, tmp_path: Path
+) -> None:
+    """Missing, empty or foreign files, wrong counts and wrong sizes: each says what was expected."""
+    calibration = recorded.folder / "cameras.json"
+    vision.refused(*_track(recorded, tmp_path / "log.txt"), saying=[".csv or .parquet"])
+    vision.refused(
+        "track", *recorded.views[:2], "-c", calibration, "-o", tmp_path / "l.csv", saying=["2 recordings", "4 cameras"]
+    )
+    vision.refused(
+        "track",
+        tmp_path / "no",
+        *recorded.views[1:],
+        "-c",
+        calibration,
+        "-o",
+        tmp_path / "l.csv",
+        saying=["no such video"],
+    )
+    (tmp_path / "empty").mkdir()
+    vision.refused(
+        "track",
+        tmp_path / "empty",
+        *recorded.views[1:],
+        "-c",
+        calibration,
+        "-o",
+        tmp_path / "l.csv",
+        saying=["no images"],
+    )
+    plain = json.loads(calibration.read_text())
+    for change, word in (
+        ({"focal": 3}, "focal"),
+        ({"matrix": [[1, 2], [3, 4]]}, "matrix"),
+        ({"name": "cam1"}, "same name"),
+    ):
+        row: dict[str, Any] = {**plain["cameras"][0], **change}
+        (tmp_path / "bad.json").write_text(json.dumps({**plain, "cameras": [row, *plain["cameras"][1:]]}))
+        vision.refused(
+            "track", *recorded.views, "-c", tmp_path / "bad.json", "-o", tmp_path / "l.csv", saying=["bad.json", word]
+        )
+    small = [
+        type(c)(c.name, type(c.intrinsics)(320, 240, c.intrinsics.matrix), c.T_camera_tracker)
+        for c in read_cameras(calibration)
+    ]
+    write_cameras(small, tmp_path / "small.json")
+    vision.refused(
+        "track",
+        *recorded.views,
+        "-c",
+        tmp_path / "small.json",
+        "-o",
+        tmp_path / "l.csv",
+        saying=["320 x 240", "640 x 480"],
+    )
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a rig file with rendered pictures of two cameras: boards, the board at its place, and the markers."""
+    folder = tmp_path_factory.mktemp("rig")
+    rng = np.random.default_rng(SEED)
+    text = ["[board]", "columns = 9", "rows = 6", "square = 0.015", "[markers]"]
+    text += [f"m{k} = {place.tolist()}" for k, place in enumerate(marker_points())]
+    for k, lens in enumerate(four_cameras(rng)[:2]):
+        studio = Studio(lens, backdrop(lens.size, rng, pieces=0), noise=1.0, rng=rng)
+        (folder / f"boards{k}").mkdir()
+        for i in range(6):
+            image = board_picture(studio, board_before(lens, rng))
+            cv2.imwrite(str(folder / f"boards{k}" / f"{i}.png"), image)
+        x, y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+        at = Board(9, 6, 0.015, np.array([-0.06, -0.0375, 0.1]), x, y)
+        cv2.imwrite(str(folder / f"place{k}.png"), board_picture(studio, at))
+        dots = [Ball(place, 0.0025, (20.0, 20.0, 20.0), 0.0) for place in marker_points()]
+        cv2.imwrite(str(folder / f"markers{k}.png"), studio.photograph(dots))
+        np.savetxt(folder / f"truth{k}.txt", place_of(lens))
+        text += ["[[camera]]", f'name = "cam{k}"', f'boards = "boards{k}/*.png"', f'markers = "markers{k}.png"']
+        text += [
+            f'board_at = {{picture = "place{k}.png", position = [-0.058, -0.039, 0.103], rotvec = [0.02, 0.01, -0.02]}}'
+        ]
+    (folder / "rig.toml").write_text("\n".join(text))
+    return folder / "rig.toml"
+
+
+def test_pictures_become_a_calibration(vision: _Shell, rig: Path, tmp_path: Path) -> None:
+    """Boards, one board at its rough place and dots at known points place both cameras to a millimetre, with a page."""
+    output, page = tmp_path / "cameras.json", tmp_path / "page.html"
+    outcome = vision("calibrate", rig, "--output", output, "--page", page, "--json")
+    assert outcome.code == 0, outcome.err
+    for k, (camera, said) in enumerate(zip(read_cameras(output), json.loads(outcome.out)["cameras"], strict=True)):
+        true = se3.invert(np.loadtxt(rig.parent / f"truth{k}.txt"))[:3, 3]
+        assert np.linalg.norm(camera.position - true) < 1.5e-3
+        assert said["boards_used"] == 6
+        assert said["markers"] >= 12
+        assert said["moved_from_rough_mm"] > 1.0
+        assert np.linalg.norm(camera.position - true) < 4e-3 * said["position_std_mm"]
+    assert "Where each marker is seen" in page.read_text()
+
+
+def test_calibrations_that_cannot_be_are_refused(vision: _Shell, rig: Path, tmp_path: Path) -> None:
+    """No chessboard of that size, markers without a place, swapped pictures of places, and pictures not there."""
+    text, folder = rig.read_text(), rig.parent
+    cases = [
+        (text.replace("columns = 9", "columns = 12"), ["camera cam0", "no chessboard of 12 x 6 inner corners"]),
+        (text.replace('"boards1/*.png"', '"nowhere/*.png"'), ["no pictures", "nowhere"]),
+        (text.replace('"markers0.png"', "{ghost = [1.0, 2.0]}"), ["camera cam0", "without a place: ghost"]),
+        (text.replace("columns = 9", "columns = 9\ncolour = 1"), ["board.colour"]),
+        (text.replace('picture = "place0.png"', 'picture = "boards0/none.png"'), ["no picture"]),
+        (text.replace('picture = "place0.png"', 'picture = "markers0.png"'), ["camera cam0", "no chessboard", "place"]),
+    ]
+    for i, (changed, saying) in enumerate(cases):
+        (folder / f"bad{i}.toml").write_text(changed)
+        vision.refused("calibrate", folder / f"bad{i}.toml", "--output", tmp_path / "c.json", saying=saying)
+    assert not (tmp_path / "c.json").exists()
+
+
+def test_swapped_markers_are_named(vision: _Shell, rig: Path, tmp_path: Path) -> None:
+    """Marker pixels of two cameras in each other's place: both are named, and which would fit."""
+    rng = np.random.default_rng(SEED)
+    lenses = four_cameras(rng)[:2]
+    text = rig.read_text()
+    for k in range(2):
+        seen = ", ".join(f"m{i} = {p.tolist()}" for i, p in enumerate(lenses[1 - k].pixels(marker_points())))
+        text = text.replace(f'"markers{k}.png"', f"{{{seen}}}")
+    (rig.parent / "swapped.toml").write_text(text)
+    vision.refused(
+        "calibrate",
+        rig.parent / "swapped.toml",
+        "-o",
+        tmp_path / "c.json",
+        saying=["cameras are swapped", "cam0", "cam1"],
+    )
