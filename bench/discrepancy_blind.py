@@ -3,6 +3,7 @@
     python bench/discrepancy_blind.py                     # 2400 cases: days on two cores
     python bench/discrepancy_blind.py --share 0.05        # a twentieth of every set
     python bench/discrepancy_blind.py --short             # minutes: 12 trajectories of 10 s, few cases
+    python bench/discrepancy_blind.py --short --share 0.05
 
 Truth comes from bench/truth, which shares no code with the simulator that the workflow uses. Seeds start at 900000;
 none of them was used in development. Finished cases are kept line by line in --results, so that a killed run goes on.
@@ -42,11 +43,19 @@ SHORT = {"null": 3, "null_awkward": 2, "one": 6, "zigzag": 2, "pairs": 1, "tripl
 
 
 def jobs_of(arguments: argparse.Namespace) -> Iterator[Job]:
-    """Yield the cases that are asked for."""
+    """Yield the cases that are asked for: of each set evenly spread ones, so that every effect and size has its share.
+
+    Sets take turns, so that a run that is stopped has seen something of all.
+    """
+    turns = []
     for suite in arguments.suite or SUITES:
-        number = SHORT[suite] if arguments.short else max(1, round(arguments.share * NUMBERS[suite]))
-        for spec, seed in specs(suite, number, arguments.first_seed):
-            yield Job(short(spec) if arguments.short else spec, seed, not arguments.no_baselines)
+        few = arguments.short and arguments.share is None
+        number = SHORT[suite] if few else max(1, round((arguments.share or 1.0) * NUMBERS[suite]))
+        offsets = range(number) if few else (i * NUMBERS[suite] // number for i in range(number))
+        turns += [((i + 0.5) / number, suite, arguments.first_seed + o) for i, o in enumerate(offsets)]
+    for _, suite, seed in sorted(turns):
+        spec, _ = next(specs(suite, 1, seed))
+        yield Job(short(spec) if arguments.short else spec, seed, not arguments.no_baselines)
 
 
 def run(jobs: list[Job], results: Path) -> list[dict[str, Any]]:
@@ -123,8 +132,8 @@ def _percent(share: Share) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--short", action="store_true", help="a few small cases of every set")
-    parser.add_argument("--share", type=float, default=1.0, help="of the protocol's numbers")
+    parser.add_argument("--short", action="store_true", help="small cases; a few of every set unless --share says more")
+    parser.add_argument("--share", type=float, help="of the protocol's numbers")
     parser.add_argument("--suite", action="append", choices=sorted(NUMBERS), help="only this set; repeatable")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="published figures: 900000 and up")
     parser.add_argument("--workers", type=int, default=-1, help="processes; all cores by default")

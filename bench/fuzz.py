@@ -41,7 +41,8 @@ LAWFUL = {"OK", "EXTRAPOLATING", "LIMITED", "BAD_INPUT", "NO_MODEL", "BUSY", "ST
 
 numbers = st.floats(width=64) | st.integers(-(10**20), 10**20)
 anything = st.recursive(st.none() | st.booleans() | numbers | st.text(max_size=8), lambda x: st.lists(x, max_size=9))
-rows = st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3) | st.lists(numbers, max_size=9)
+places = st.lists(st.floats(-0.2, 0.2), min_size=3, max_size=3)
+rows = places.map(lambda place: [*place, 1.0, 0.0, 0.0, 0.0]) | places | st.lists(numbers, max_size=9)
 table = st.lists(rows, min_size=1, max_size=6)
 more = {"unknown": anything}
 bodies = st.one_of(

@@ -1,8 +1,8 @@
 """How long a served correction takes, beside a bare zenoh echo of the same bytes in the same run.
 
-Processes: planners, the service with a real model, and an echo, a queryable that sends a query back and does
-nothing else. Questions alternate between them, so that both see the same machine: JSON, MessagePack, CDR, one planner
-and eight, directly and through a router. Also: the model alone without a network, and how fast `health` answers while
+Processes: planners, the service with a real model, and an echo, a queryable that sends a query back and does nothing
+else. Questions alternate between the two, so that both see the same machine: JSON, MessagePack, CDR; one planner and
+eight, directly and through a router. Also: the model alone without a network, and how fast `health` answers while
 other planners flood the service.
 """
 
@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from service_bench import (
     PATIENT,
+    Ask,
     a_model,
     alternate,
     askers,
@@ -76,9 +77,19 @@ def one_planner(
     pose, twist = typical_query(model)
     corrector = artifact.load(model)
     with askers(service, echo, model) as ways:
-        if alone:
-            ways = {**ways, "model alone, no network": lambda: corrector.correct(pose, twist)}
-        return {name: summary(seconds) for name, seconds in alternate(ways, rounds, WARM_UP).items()}
+        told = in_pairs(ways, rounds, WARM_UP)
+    if alone:
+        told |= alternate({"model alone, no network": lambda: corrector.correct(pose, twist)}, rounds, WARM_UP)
+    return {name: summary(seconds) for name, seconds in told.items()}
+
+
+def in_pairs(ways: dict[str, Ask], rounds: int, warm_up: int) -> dict[str, list[float]]:
+    """Seconds of every way: echo and service alternate, one encoding after the other."""
+    told: dict[str, list[float]] = {}
+    for name in ENCODINGS:
+        pair = {label: ways[label] for label in (f"echo, {name} size", f"service, {name}")}
+        told |= alternate(pair, rounds, warm_up)
+    return told
 
 
 def many_planners(service: ClientSettings, echo: ClientSettings, model: Path, rounds: int) -> dict[str, Any]:
@@ -98,7 +109,7 @@ def plan(told: Any, start: Any, service: ClientSettings, echo: ClientSettings, m
     end_with_parent()
     with askers(service, echo, Path(model)) as ways:
         start.wait(PATIENT)
-        told.put(alternate(ways, rounds, WARM_UP // MANY))
+        told.put(in_pairs(ways, rounds, WARM_UP // MANY))
 
 
 def health_under_flood(settings: ClientSettings) -> dict[str, Any]:

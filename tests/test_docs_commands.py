@@ -21,7 +21,7 @@ SHOWN = re.compile(r"^(?:    |\$ )?\s*(gpcorrect [a-z].*|python bench/.*)$", re.
 def shown() -> Iterator[tuple[str, str]]:
     """Page and command of each line that a reader may copy."""
     for page in PAGES:
-        for match in SHOWN.finditer(page.read_text()):
+        for match in SHOWN.finditer(re.sub(r"\\\n\s*", "", page.read_text())):  # a line that goes on in the next
             yield page.name, re.split(r"\s{2,}#", match[1])[0].strip()
 
 

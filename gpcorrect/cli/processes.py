@@ -15,7 +15,7 @@ from gpcorrect.errors import GpCorrectError
 
 __all__ = ["free_endpoint", "running"]
 
-STOPPING = 5.0  # s
+STOPPING = 20.0  # s
 
 
 def free_endpoint() -> str:

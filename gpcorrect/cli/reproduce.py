@@ -134,7 +134,7 @@ def peng2024(
 ) -> None:
     """Peng et al. 2024: joint calibration of a simulated RAVEN-II, every table and figure beside the paper's figures.
 
-    Errors are RMSE in deg, deg, mm. About twenty minutes of one thread; --short takes about four.
+    Errors are RMSE in deg, deg, mm. About ten minutes of one idle thread; --short takes three.
 
     Examples
     --------

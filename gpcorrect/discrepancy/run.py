@@ -17,7 +17,7 @@ from gpcorrect.discrepancy.naming.prune import name_members
 from gpcorrect.discrepancy.naming.sensor_noise import noise_effects
 from gpcorrect.discrepancy.naming.weigh import smooth_nats, view_of
 from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
-from gpcorrect.discrepancy.outcome.kept import searched
+from gpcorrect.discrepancy.outcome.kept import named, searched
 from gpcorrect.discrepancy.outcome.provenance import provenance_of
 from gpcorrect.discrepancy.outcome.result import Discrepancy, Level, NamedEffect
 from gpcorrect.discrepancy.outcome.store import StageStore
@@ -83,7 +83,7 @@ def find_discrepancy(
     progress : Progress, optional
         Told of every stage.
     store : StageStore, optional
-        Keeps the finished search, so that a run that was killed need not search again.
+        Keeps the finished search and its names, so that a run that was killed need not look for them again.
 
     Returns
     -------
@@ -146,7 +146,7 @@ def _search(
     if not state.traces:
         return state, (), ()
     state = searched(state, candidates, store, lambda start: search(start, rounds=settings.rounds, progress=progress))
-    return name_members(state, laid.tests, laid.inputs, progress=progress)
+    return named(state, candidates, store, lambda done: name_members(done, laid.tests, laid.inputs, progress=progress))
 
 
 def _refit(state: Search, members: Sequence[Member], rows: BoolArray) -> tuple[Member, ...]:
@@ -192,9 +192,9 @@ def _with_numbers(
     residual = state.residual(members)
     lens = lens_on(state.bench, residual, rows, estimate_noises(state.bench, residual, rows))
     found = []
-    for i, (named, member) in enumerate(zip(kept, members, strict=True)):
+    for i, (name, member) in enumerate(zip(kept, members, strict=True)):
         widths = half_widths(state, lens, members, i)
-        found.append(NamedEffect(replace(named, member=member), describe(member, widths)))
+        found.append(NamedEffect(replace(name, member=member), describe(member, widths)))
     return tuple(sorted(found, key=lambda e: -e.named.nats))
 
 

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gpcorrect.errors import DataError
 from gpcorrect.joint.coupled_play import CoupledPlay, learn_coupled_play
@@ -93,6 +94,14 @@ class JointFeatures:
         single = len(self.centre) * len(LADDER)
         curved = [np.arange(size) < (size - single if kind == "memory" else size) for kind, size in self._sizes]
         return np.flatnonzero(np.concatenate(curved)[self._kept])
+
+    @property
+    def origins(self) -> tuple[NDArray[np.str_], IntArray]:
+        """Kind, and index of the joint, of each column that is used; columns of `state` belong to no joint, -1."""
+        dof = len(self.centre)
+        kinds = np.concatenate([np.full(size, kind) for kind, size in self._sizes])
+        owners = [np.full(size, -1) if kind == "state" else np.arange(size) % dof for kind, size in self._sizes]
+        return kinds[self._kept], np.concatenate(owners)[self._kept]
 
     @property
     def left_out(self) -> tuple[str, ...]:

@@ -28,6 +28,7 @@ from gpcorrect.joint_corrector.clocks import joints_on_one_clock
 from gpcorrect.joint_corrector.corrector import JointCorrector, Method, zero_shift
 from gpcorrect.joint_corrector.gp import GPMap, learn_gp
 from gpcorrect.joint_corrector.inputs import joint_input_remarks
+from gpcorrect.joint_corrector.law import law_penalties
 from gpcorrect.joint_corrector.metrics import JointErrors, joint_errors, joint_units
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, Progress
 
@@ -271,6 +272,7 @@ def _regression(
                 features.smooth,
                 inducing=settings.inducing,
                 seed=settings.seed,
+                penalties=law_penalties(features),
                 progress=progress,
             )
         case "network":

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.gpr import Predictor, SparseGPR
-from gpcorrect.joint import PolynomialCalibrator, PolynomialMap, zero_path
+from gpcorrect.joint import PolynomialMap, zero_path
+from gpcorrect.joint_corrector.law import linear_law
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 __all__ = ["GPMap", "learn_gp"]
 
-RIDGE = 1e-5
 FEWEST_STRETCHES = 40  # into which the recording is cut for noise that neighbours share: long ones cost their cube
 
 
@@ -54,16 +54,16 @@ def learn_gp(
     *,
     inducing: int,
     seed: int,
+    penalties: FloatArray | None = None,
     progress: Progress | None = None,
 ) -> tuple[GPMap, FloatArray]:
     """Learn from features `(n, d)` and errors `(n, m)`; also return where each joint's zero stood last `(m,)`.
 
-    A zero that wanders is taken out before the field is learned: it is a matter of time, not of place.
+    `penalties` (k, m) are those of the linear law. A zero that wanders is taken out before the field is learned: it is
+    a matter of time, not of place.
     """
-    first = PolynomialCalibrator(1, RIDGE).fit(X, Y)
-    zero = zero_path(Y - first.predict(X), trajectory)
-    linear = PolynomialCalibrator(1, RIDGE).fit(X, Y - zero.samples).map_
-    assert isinstance(linear, PolynomialMap)
+    zero = zero_path(Y - linear_law(X, Y, penalties).predict(X)[0], trajectory)
+    linear = linear_law(X, Y - zero.samples, penalties)
     left = Y - zero.samples - linear.predict(X)[0]
     regressor = SparseGPR(
         n_inducing=inducing,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -14,7 +15,8 @@ from gpcorrect.rigid.holdout import LEAST_BLOCK, Fit, UnitErrors, held_out_error
 from gpcorrect.rigid.model import RigidKind, RigidModel
 from gpcorrect.rigid.observability import Observability, rotation_observability
 from gpcorrect.rigid.registration import check_pair, fit_pose, fit_position
-from gpcorrect.rigid.robust import fit_robustly
+from gpcorrect.rigid.residuals import pose_residual
+from gpcorrect.rigid.robust import fit_robustly, robust_scale
 from gpcorrect.rigid.separate import fit_separate
 from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
@@ -23,6 +25,8 @@ __all__ = ["Candidate", "MarkerOption", "Registration", "register"]
 MarkerOption = Literal["none", "solve", "auto"]
 
 ONE_MEDIAN = 1.2533 * 1.4826  # standard error of a median from the median absolute deviation of normal data
+WEIGHT_ROUNDS = 12  # of weighing positions and rotations by their scales
+WEIGHT_TOLERANCE = 0.02  # of the weight: less turns nothing
 LEAST_ERROR = 1e-6  # m and rad: errors below a micrometre or microradian are not told apart
 
 
@@ -149,7 +153,20 @@ def _identity(observed: PoseSignal, command: PoseSignal) -> RigidModel:
 
 
 def _robust_pose(observed: PoseSignal, command: PoseSignal) -> RigidModel:
-    return fit_robustly(fit_pose, observed, command)
+    """Pose in which positions and orientations decide by how well each is known, not by square metres.
+
+    Of two kinds of errors with standard deviations s_p and s_r, maximum likelihood weighs squared chords of rotations,
+    which are twice squared angles, by `s_p^2 / (2 s_r^2)` beside squared distances.
+    """
+    weight, model = 1.0, fit_robustly(fit_pose, observed, command)
+    for _ in range(WEIGHT_ROUNDS):
+        residual = pose_residual(model.apply(observed), command)
+        s_p, s_r = (robust_scale(np.linalg.norm(part, axis=1)) for part in (residual[:, :3], residual[:, 3:]))
+        before, weight = weight, s_p**2 / (2 * s_r**2)
+        model = fit_robustly(partial(fit_pose, rotation_weight=weight), observed, command)
+        if abs(weight - before) < WEIGHT_TOLERANCE * before:
+            break
+    return model
 
 
 def _robust_position(observed: PoseSignal, command: PoseSignal) -> RigidModel:

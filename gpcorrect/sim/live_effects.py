@@ -104,8 +104,7 @@ class _LiveCreep:
 
 class _LiveHysteresis:
     def __init__(self, effect: Hysteresis) -> None:
-        self._effect = effect
-        self._curve = loading_curve(effect.sharpness)
+        self._effect, self._curve = effect, loading_curve(effect.sharpness)
         self._state = 0.0
         self._last: float | None = None
 

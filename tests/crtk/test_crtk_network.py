@@ -143,3 +143,18 @@ def test_the_prefilter_stands_between_planner_and_robot():
             stop.set()
             thread.join(10)
         assert reports[0].model_id == "shift"
+
+
+def test_a_tool_that_cannot_keep_up_slows_the_path_down():
+    """On an arm that lives much faster than its tool streams, a path takes longer and is followed without a jump."""
+    with living_arm(time_scale=100.0) as (settings, _), Robot(settings) as robot:
+        robot.make_ready()
+        begin, times = robot.setpoint, np.linspace(0.0, 4.0, 121)
+        path = np.repeat(begin[None], len(times), axis=0)
+        path[:, 0] += 0.05 * np.sin(np.pi * times / 2)
+        recorder = Recorder(robot.bus, ("measured_js", "setpoint_js"))
+        robot.follow(times, path)
+        log = recorder.recording().log()
+    assert log.setpoint_jp is not None
+    assert np.ptp(log.setpoint_jp[:, 0]) == pytest.approx(0.1, rel=0.1)
+    np.testing.assert_allclose(log.setpoint_jp[-1], path[-1], atol=0.01)

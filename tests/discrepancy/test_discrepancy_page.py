@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 from discrepancy_support import named, nominal, report
 
+from gpcorrect.discrepancy.evidence.cells import Span
 from gpcorrect.discrepancy.outcome.result import Evidence
-from gpcorrect.discrepancy.outcome.words import in_reader_units, number, parameter_words, verdict_sentence
+from gpcorrect.discrepancy.outcome.words import (
+    in_reader_units,
+    number,
+    parameter_words,
+    region_words,
+    verdict_sentence,
+)
 from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.report import write_discrepancy_report
 
@@ -43,6 +50,33 @@ def test_a_set_names_its_rivals_with_their_probabilities() -> None:
     rival = {"name": "coulomb_friction", "joint": 2, "class": "reversal", "probability": 0.35}
     said = verdict_sentence(report("SET", named("backlash", 2, "SET", probability=0.6, rivals=[rival])))
     assert "backlash (60 %) or coulomb friction (35 %)" in said
+
+
+def test_several_effects_of_a_place_are_told_in_short() -> None:
+    """Rivals without percentages, the most probable first; numbers of long units stay in the table."""
+    rival = {"name": "backlash", "joint": 2, "class": "reversal", "probability": 0.7}
+    play = named("hysteresis", 2, "CLASS", probability=0.3, rivals=[rival])
+    size = {"value": -0.2, "ci95": [-0.3, -0.1], "unit": "rad per unit of source"}
+    coupling = named(
+        "cable_coupling", 2, parameters={"coefficient": size, "source": {"value": 1, "ci95": None, "unit": ""}}
+    )
+    said = verdict_sentence(report("CLASS", play, coupling))
+    assert said == "Joint 2: backlash or hysteresis + cable coupling from joint 1, close 99 % of the gap."
+
+
+def test_noise_closes_no_gap() -> None:
+    """An effect on noise alone is told with its size, and that there is no gap to close."""
+    size = {"value": 1e-3, "ci95": [9e-4, 1.1e-3], "unit": "rad"}
+    said = verdict_sentence(report("EXACT", named("noise_change", 2, parameters={"std": size}) | {"class": "noise"}))
+    assert said == "Joint 2: noise change, 0.0573° (0.0516 to 0.0630), noise: no gap to close."
+
+
+def test_regions_are_told_in_degrees_and_millimetres() -> None:
+    """Cells are told with the unit of their variable; directions and sessions in words."""
+    spans = [Span("position 2", 0.1, 0.2, "rad"), Span("direction 3", -1.0, -1.0, ""), Span("load 1", 1.0, 2.0, "N m")]
+    words = "position of joint 2 from 5.73 to 11.5°, joint 3 moving back, load of joint 1 from 1.00 to 2.00 N m"
+    assert region_words(spans) == words
+    assert region_words([Span("session", 1.0, 1.0, "")]) == "session 2"
 
 
 def test_nothing_unknown_and_undecided_are_told_apart() -> None:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
+import pytest
+from discrepancy_core import joint_log
 
+from gpcorrect.discrepancy import run as workflow
 from gpcorrect.discrepancy.outcome.result import Evidence
 from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key
+from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
 from gpcorrect.discrepancy.search.state import Step
+from gpcorrect.sim import model_from_dict
+from gpcorrect.sim.effects import HomingOffset
 
 
 def test_a_stage_comes_back_for_the_same_inputs_only(tmp_path: Path) -> None:
@@ -47,3 +54,19 @@ def test_evidence_comes_back_as_it_was(tmp_path: Path) -> None:
     path = tmp_path / "evidence.npz"
     path.write_bytes(path.read_bytes()[:200])
     assert store.load_evidence() is None
+
+
+def test_a_run_killed_after_the_naming_goes_on_to_the_same_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Search and names are taken from the store, not made again, and the report is the same."""
+    log, model = joint_log(3, HomingOffset(2, 0.02)), model_from_dict({"arm": "joints", "joints": [1, 2]})
+    store = StageStore(tmp_path, "key")
+    first = find_discrepancy(log, model, RunSettings(), store=store).to_dict()
+    for stage in ("search", "name_members"):
+        monkeypatch.setattr(workflow, stage, None)
+    second = find_discrepancy(log, model, RunSettings(), store=store).to_dict()
+    for report in (first, second):
+        del report["provenance"]["seconds"]
+    assert first["verdict"]["effects"]
+    assert json.dumps(first) == json.dumps(second)

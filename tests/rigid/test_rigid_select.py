@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from rigid_planted import Planted, differences, noisy, planted, with_outliers
+from rigid_planted import Planted, differences, noisy, planted, rotations, signal, with_outliers
+from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.rigid import fit_pose, register
@@ -52,14 +53,27 @@ def test_auto_finds_a_lever_arm_from_commanded_positions(rng: np.random.Generato
 
 def test_auto_says_what_it_refused(rng: np.random.Generator) -> None:
     """A marker that cannot be observed falls back to a simpler model, and the reason is in the report."""
-    exact = planted("pose", 200, rng, swing_rad=0.0)
-    found = register(noisy(exact.observed, rng, 0.001, 0.02), exact.command, np.arange(200) // 20, "auto")
+    exact = planted("pose", 400, rng, swing_rad=0.0)
+    found = register(noisy(exact.observed, rng, 0.001, 0.02), exact.command, np.arange(400) // 20, "auto")
     assert found.model.kind == "pose"
     assert "marker was refused: The tool hardly rotated" in found.reason
     assert not found.observability.observable
     refused = next(c for c in found.candidates if c.kind == "marker")
     assert refused.refused
     assert refused.to_dict()["score"] is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_wrong_orientations_do_not_turn_a_wide_workspace(seed: int) -> None:
+    """Over a metre, orientations that err by tens of degrees leave the pose's positions as good as those alone."""
+    rng = np.random.default_rng(seed)
+    exact = planted("pose", 300, rng, swing_rad=0.3)
+    wide = PoseSignal(0.5 * rng.uniform(-1, 1, (300, 3)), exact.observed.quaternion)
+    command = exact.truth.apply(wide)
+    bent = Rotation.from_rotvec(0.5 * np.sin(3 * wide.position + rng.uniform(0, 6, 3)))
+    observed = noisy(signal(wide.position, bent * rotations(wide)), rng, 0.002, 0.01)
+    candidates = {c.kind: c for c in register(observed, command, np.arange(300) // 20, "auto").candidates}
+    assert candidates["pose"].position_mm < 1.1 * candidates["separate"].position_mm
 
 
 def test_held_out_errors_are_of_data_not_seen(rng: np.random.Generator) -> None:

@@ -87,7 +87,7 @@ def test_a_hidden_view_is_suspended_and_comes_back_after_five_good_frames() -> N
 
 def test_a_tool_out_of_sight_is_coasted_then_lost_then_found() -> None:
     """All cameras covered: coasting, then lost; the pose is finite throughout, and right again when uncovered."""
-    stage, poses = Stage.standard(SEED), path_of(SEED, 13, 10.0)
+    stage, poses = Stage.standard(SEED), path_of(SEED, 17, 10.0)
     hidden = range(3, 11)
 
     def cards(i: int) -> Mapping[int, Sequence[Card]]:

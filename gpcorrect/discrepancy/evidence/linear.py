@@ -67,8 +67,10 @@ def bordered(base: Grams, columns: FloatArray, new: FloatArray, residual: FloatA
     return Grams(gram, moment)
 
 
-def _by_block(block: IntArray, n_blocks: int) -> tuple[IntArray, IntArray]:
+def _by_block(block: IntArray, n_blocks: int) -> tuple[IntArray | slice, IntArray]:
     """Rows in the order of their blocks, and where each block's begin (and the last one's end)."""
+    if (block[1:] >= block[:-1]).all():  # rows that stand in order are not copied
+        return slice(None), np.searchsorted(block, np.arange(n_blocks + 1))
     order = np.argsort(block, kind="stable")
     return order, np.searchsorted(block[order], np.arange(n_blocks + 1))
 
@@ -79,19 +81,30 @@ def fold_of(n_blocks: int, n_folds: int) -> IntArray:
 
 
 def solve(gram: FloatArray, moment: FloatArray, ridge: float = 1e-6) -> FloatArray:
-    """Least squares with a small ridge in units of the columns' own energy; columns without energy get zero."""
-    energy = np.diag(gram).copy()
-    dead = energy <= 1e-12 * max(energy.max(initial=0.0), 1e-300)
+    """Least squares with a small ridge in units of the columns' own energy; columns without energy get zero.
+
+    Parameters
+    ----------
+    gram : (..., p, p) array
+        Products of the columns; leading axes are problems of their own.
+    moment : (..., p) array, or (..., p, r) for r right sides
+        Products with what is to be explained.
+    ridge : float
+        Added to the diagonal, in units of the columns' energy.
+    """
+    single = moment.ndim == gram.ndim - 1
+    right = moment[..., None] if single else moment
+    energy = np.array(np.diagonal(gram, axis1=-2, axis2=-1))
+    dead = energy <= 1e-12 * np.maximum(energy.max(axis=-1, initial=0.0, keepdims=True), 1e-300)
     energy[dead] = 1.0
     root = np.sqrt(energy)
-    scaled = gram / np.outer(root, root)
-    scaled[dead] = 0.0
-    scaled[:, dead] = 0.0
-    scaled[np.diag_indices_from(scaled)] += np.where(dead, 1.0, ridge)
-    shape = (-1, *([1] * (moment.ndim - 1)))
-    right = np.where(dead.reshape(shape), 0.0, moment / root.reshape(shape))
-    solution: FloatArray = np.linalg.solve(scaled, right) / root.reshape(shape)
-    return solution
+    off = dead[..., :, None] | dead[..., None, :]
+    scaled = np.where(off, 0.0, gram / (root[..., :, None] * root[..., None, :]))
+    diagonal = np.arange(gram.shape[-1])
+    scaled[..., diagonal, diagonal] += np.where(dead, 1.0, ridge)
+    scaled_right = np.where(dead[..., None], 0.0, right / root[..., None])
+    solution: FloatArray = np.linalg.solve(scaled, scaled_right) / root[..., None]
+    return solution[..., 0] if single else solution
 
 
 def held_out_nats(data: Grams, fold: IntArray, prior_precision: float | FloatArray = 0.0) -> FloatArray:
@@ -106,13 +119,11 @@ def held_out_nats(data: Grams, fold: IntArray, prior_precision: float | FloatArr
     prior_precision : float or (p,) array
         Added to the normal equations' diagonal: shrinks coefficients that few samples speak of.
     """
-    gains = np.zeros((len(fold), *data.moment.shape[2:]))
-    total_gram, total_moment = data.gram.sum(axis=0), data.moment.sum(axis=0)
-    for k in np.unique(fold):
-        out = np.flatnonzero(fold == k)
-        gram = total_gram - data.gram[out].sum(axis=0)
-        gram = gram + np.diag(np.broadcast_to(prior_precision, len(gram)))
-        beta = solve(gram, total_moment - data.moment[out].sum(axis=0))
-        for b in out:
-            gains[b] = (beta * data.moment[b]).sum(axis=0) - 0.5 * (beta * (data.gram[b] @ beta)).sum(axis=0)
+    numbers, place = np.unique(fold, return_inverse=True)
+    gram = data.gram.sum(axis=0) - np.stack([data.gram[fold == k].sum(axis=0) for k in numbers])
+    moment = data.moment.sum(axis=0) - np.stack([data.moment[fold == k].sum(axis=0) for k in numbers])
+    gram[:, np.arange(gram.shape[1]), np.arange(gram.shape[1])] += prior_precision
+    beta = solve(gram, moment)[place]
+    half = data.gram @ beta if beta.ndim == 3 else (data.gram @ beta[..., None])[..., 0]
+    gains: FloatArray = (beta * (data.moment - 0.5 * half)).sum(axis=1)
     return gains

@@ -12,7 +12,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.cells import Cells, Span, indicator
 from gpcorrect.discrepancy.evidence.linear import Grams, fold_of, grams, held_out_nats, solve
-from gpcorrect.discrepancy.recording.noise import ChannelNoise, standard_draws, whiten
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, Whitener, standard_draws
 from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["ChannelData", "Equivalence", "Finding", "Localisation", "localise"]
@@ -165,29 +165,36 @@ class _ChannelResult:
 
 
 def _test_channel(data: ChannelData, rng: np.random.Generator, draws: int) -> _ChannelResult:
-    rows = np.flatnonzero((data.block >= 0) & np.isfinite(data.residual))
-    block = np.full(len(data.block), -1)
-    block[rows] = data.block[rows]
-    z = _clipped(whiten(data.noise, data.time, block, data.residual[:, None])[rows])
+    rows, fold, order = _rows_by_fold(data)
+    whitener = Whitener.of(data.noise, data.time[rows], data.block[rows])
+    z = _clipped(whitener(data.residual[rows, None]))
     fake = _clipped(standard_draws(data.noise.tail, (len(rows), draws), rng))
-    both = np.concatenate([z, fake], axis=1)
-    fold = fold_of(int(block.max()) + 1, FOLDS)
+    both = np.concatenate([z, fake[order]], axis=1)
     size = max(float(np.sqrt(np.mean(data.residual[rows] ** 2))), data.noise.std)
     null = np.full(draws, -np.inf)
     found, systematic = [], 0.0
     for cells in data.cells:
-        columns = np.zeros((len(block), len(cells.spans)))
-        columns[rows] = indicator(cells, rows)
-        seen = whiten(data.noise, data.time, block, columns)[rows]
-        sums = grams(seen, both, block[rows])
-        gains = held_out_nats(sums, fold, 1.0 / (PRIOR_STD * size) ** 2).sum(axis=0)
+        columns = indicator(cells, rows)
+        sums = grams(whitener(columns), both, fold)
+        gains = held_out_nats(sums, np.arange(len(sums.gram)), 1.0 / (PRIOR_STD * size) ** 2).sum(axis=0)
         null = np.maximum(null, gains[1:])
         found.append(Finding(data.name, cells.variables, _region(sums, cells), float(gains[0])))
         if len(cells.variables) == 1:
-            systematic = max(systematic, _systematic_upper(sums, columns[rows].mean(axis=0), rng))
+            systematic = max(systematic, _systematic_upper(sums, columns.mean(axis=0), rng))
     found.sort(key=lambda f: -f.nats)
     largest = found[0].nats if found else -np.inf
     return _ChannelResult(data, tuple(found[:SHOWN]), largest, null, systematic)
+
+
+def _rows_by_fold(data: ChannelData) -> tuple[IntArray, IntArray, IntArray]:
+    """Rows to test fold by fold, the fold of each, and which they are among them in the order of time.
+
+    Evidence is summed over whole folds.
+    """
+    rows = np.flatnonzero((data.block >= 0) & np.isfinite(data.residual))
+    fold = fold_of(int(data.block[rows].max()) + 1, FOLDS)[data.block[rows]]
+    order = np.argsort(fold, kind="stable")
+    return rows[order], fold[order], order
 
 
 def _clipped(z: FloatArray) -> FloatArray:

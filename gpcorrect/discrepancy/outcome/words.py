@@ -39,6 +39,8 @@ READER_UNITS = {
     "m per unit of source": ("m for each m (or rad) of that joint", 1.0),
 }
 VISIBLE = 1.15  # of the noise: a residual below shows nothing
+ALTERNATIVES = 3  # names for one thing, its own among them
+LONG_UNIT = 8  # letters, beyond which a number is left to the table
 SHOWN = 3  # places in the sentence; what is elsewhere is counted
 
 
@@ -169,12 +171,24 @@ def _named(effect: Mapping[str, Any], *, interval: bool) -> str:
     return f"{name}, {parameter_words(sizes[0])}" if interval else f"{name} {_value_words(sizes[0])}"
 
 
-def _either(effect: Mapping[str, Any]) -> str:
-    said = [f"{str(effect['name']).replace('_', ' ')} ({_percent(effect['probability'])})"]
-    for rival in [r for r in effect["rivals"] if r["name"]][:2]:
+def _either(effect: Mapping[str, Any], *, chances: bool = True) -> str:
+    """Return an effect and up to two rivals, the most probable first."""
+    said = [(effect["probability"], str(effect["name"]).replace("_", " "))]
+    for rival in [r for r in effect["rivals"] if r["name"]]:
         where = "" if rival["joint"] == effect["joint"] else f" of {place(rival['joint'])}"
-        said.append(f"{str(rival['name']).replace('_', ' ')}{where} ({_percent(rival['probability'])})")
-    return " or ".join(said)
+        said.append((rival["probability"], f"{str(rival['name']).replace('_', ' ')}{where}"))
+    said.sort(key=lambda entry: -entry[0])
+    return " or ".join(f"{name} ({_percent(chance)})" if chances else name for chance, name in said[:ALTERNATIVES])
+
+
+def _short(effect: Mapping[str, Any]) -> str:
+    """Return one of several effects of a place: its number only where that is short, rivals without probabilities."""
+    if effect["level"] != "EXACT":
+        return _either(effect, chances=False)
+    sizes = [p for p in effect["parameters"].values() if p["ci95"] is not None]
+    brief = {"parameters": {k: p for k, p in effect["parameters"].items() if p["ci95"] is None}}
+    long = bool(sizes) and len(in_reader_units(0.0, sizes[0]["unit"])[1]) > LONG_UNIT
+    return _named({**effect, **brief} if long else effect, interval=False)
 
 
 @dataclass(frozen=True)
@@ -242,7 +256,7 @@ def _group_words(effects: Sequence[Mapping[str, Any]], closed: Closed | None) ->
         return f"{where}: {' + '.join(_named(e, interval=len(effects) == 1) for e in effects)}, noise: no gap to close"
     if len(effects) == 1:
         return f"{where}: {effect_words(effects[0])}" + (f", closes {share}" if share else "")
-    names = " + ".join(_either(e) if e["level"] != "EXACT" else _named(e, interval=False) for e in effects)
+    names = " + ".join(map(_short, effects))
     return f"{where}: {names}, close {share}" if share else f"{where}: {names}"
 
 

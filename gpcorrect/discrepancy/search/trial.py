@@ -173,10 +173,9 @@ def held_out(lens: Lens, reference: FloatArray, z: FloatArray, slopes: FloatArra
         return gains
     sums = lens.grams(slopes, z)
     fold = fold_of(n_blocks, FOLDS)
-    gram, moment = sums.gram.sum(axis=0), sums.moment.sum(axis=0)
-    for k in np.unique(fold):
-        out = np.flatnonzero(fold == k)
-        shift = solve(gram - sums.gram[out].sum(axis=0), moment - sums.moment[out].sum(axis=0), ridge=1e-4)
-        for b in out:
-            gains[b] += shift @ sums.moment[b] - 0.5 * shift @ sums.gram[b] @ shift
+    numbers = np.unique(fold)
+    gram = sums.gram.sum(axis=0) - np.stack([sums.gram[fold == k].sum(axis=0) for k in numbers])
+    moment = sums.moment.sum(axis=0) - np.stack([sums.moment[fold == k].sum(axis=0) for k in numbers])
+    shift = solve(gram, moment, ridge=1e-4)[np.searchsorted(numbers, fold)]
+    gains += (shift * (sums.moment - 0.5 * (sums.gram @ shift[..., None])[..., 0])).sum(axis=1)
     return gains

@@ -21,7 +21,8 @@ __all__ = ["NO_TRAJECTORY", "Robot", "RobotError"]
 NO_TRAJECTORY = -1
 POLL = 0.002  # s
 NEAR = 1e-6  # rad or m from a goal that count as there
-STALLED = 2.0  # s of wall time without a state message after which a robot counts as gone
+LONGEST_STEP = 0.08  # s of a path between two commands
+STALLED = 5.0  # s of wall time without a state message after which a robot counts as gone
 
 
 class RobotError(GpCorrectError):
@@ -191,14 +192,17 @@ class Robot:
             self.servo_cp(poses[max(0, int(np.searchsorted(times, since, side="right")) - 1)], frame)
 
     def _paced(self, times: FloatArray) -> Iterator[float]:
-        """Yield moments of a path as the robot's clock goes, one a state message, none twice, and the end at last."""
-        start, last = self.time, -1.0
-        while last < times[-1] - times[0]:
+        """Yield moments of a path as the robot's clock goes, one a state message, none twice, and the end at last.
+
+        A tool that was kept waiting by its machine goes on where it was: the path takes longer, and nothing jumps.
+        """
+        clock, since, end = self.time, 0.0, float(times[-1] - times[0])
+        yield float(times[0])
+        while since < end:
             self._await_fresh()
-            since = min(self.time - start, float(times[-1] - times[0]))
-            if since > last:
-                last = since
-                yield float(times[0]) + since
+            passed, clock = self.time - clock, self.time
+            since = min(since + min(passed, LONGEST_STEP), end)
+            yield float(times[0]) + since
 
     def _mark(self, trajectory: int) -> None:
         self._bus.publish("event", Event(self.time, trajectory))
