@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpcorrect.discrepancy.recording import scene as scenes
+from gpcorrect.discrepancy.recording import build
 from gpcorrect.discrepancy.recording.layout import layout_of
 from gpcorrect.sim import model_from_dict
 from gpcorrect.sim.effects import effect_from_dict
@@ -51,9 +51,9 @@ def test_a_recording_replayed_in_pieces_says_what_it_says_in_one(
 
 
 def _signature(piece: int, effect: dict[str, object], monkeypatch: pytest.MonkeyPatch) -> FloatArray:
-    monkeypatch.setattr(scenes, "PIECE", piece)
+    monkeypatch.setattr(build, "PIECE", piece)
     log = _moving()
-    scene = scenes.build_scene(log, model_from_dict(RAVEN), np.ones(len(log), dtype=np.bool_))
+    scene = build.build_scene(log, model_from_dict(RAVEN), np.ones(len(log), dtype=np.bool_))
     missing = effect_from_dict({"joint": 2, **effect})
     change: FloatArray = scene.predict([missing]) - scene.predict()
     return change

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.commanded import with_joint_paths
-from gpcorrect.discrepancy.recording.scene import Scene, build_scene
+from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.search.candidates import all_candidates
 from gpcorrect.discrepancy.search.needs import Lack, split_by_needs
 from gpcorrect.sim import EFFECTS, Model, machine_of, model_from_dict

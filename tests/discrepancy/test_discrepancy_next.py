@@ -9,8 +9,9 @@ from discrepancy_support import nominal
 from gpcorrect.discrepancy.advice.future import Site, futures
 from gpcorrect.discrepancy.advice.next_experiment import ENOUGH, advise
 from gpcorrect.discrepancy.naming.named import Alternative, EffectLevel, Named
+from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.scene import Scene, build_scene
+from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.search.candidates import Candidate, Member, all_candidates
 from gpcorrect.sim.effects import Run
 from gpcorrect.sim.joint_motion import joint_motion_log

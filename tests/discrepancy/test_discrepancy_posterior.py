@@ -8,7 +8,7 @@ import pytest
 from gpcorrect.discrepancy.naming.named import STABLE
 from gpcorrect.discrepancy.naming.posterior import posterior
 from gpcorrect.discrepancy.naming.weigh import Rival, Unknown, Weighed
-from gpcorrect.discrepancy.recording.scene import build_scene
+from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.search.candidates import Candidate, Member, all_candidates
 from gpcorrect.sim import model_from_dict
 from gpcorrect.types import CalibrationLog

@@ -13,8 +13,9 @@ from gpcorrect.discrepancy.evidence.lens import Lens, lens_on
 from gpcorrect.discrepancy.naming.named import Alternative, Named
 from gpcorrect.discrepancy.outcome.result import Experiment
 from gpcorrect.discrepancy.recording.bench import Bench, build_bench
+from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.scene import Scene, build_scene
+from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Split
 from gpcorrect.discrepancy.search.candidates import Candidate, Member, all_candidates
 from gpcorrect.errors import DataError

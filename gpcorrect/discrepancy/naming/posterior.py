@@ -81,8 +81,7 @@ def _unknown_nats(weighed: Weighed, cost: float) -> float:
     Each with the smooth model beside it where that pays.
 
     A flexible model can say whatever a simple effect says. It speaks against the effect only when it has much to say
-    besides: an
-    effect with strong evidence and a small remainder stands.
+    besides: an effect with strong evidence and a small remainder stands.
     """
     unknown = weighed.unknown
     nats = unknown.instead - max(0.0, unknown.beside - cost)

@@ -3,10 +3,8 @@
 A smooth model of the residual, additive in all variables plus its strongest pairs.
 
 Piecewise linear in each variable, with a ridge whose strength is chosen on held-out trajectories: the additive-plus-
-pairwise Gaussian
-process of the method note, in a basis that is cheap to refit. It is fitted together with the effects' tangents, so
-that what it gains
-beside a set is orthogonal to it.
+pairwise Gaussian process of the method note, in a basis that is cheap to refit. It is fitted together with the effects'
+tangents, so that what it gains beside a set is orthogonal to it.
 """
 
 from __future__ import annotations

@@ -37,8 +37,7 @@ def placebo(
     """Residual `(n,)` once the effects' signatures `(n, k)`, fitted to exchanged trajectories, are taken off.
 
     Least squares of the signatures' sizes on a residual whose whole trajectories are dealt to the motion of others;
-    nothing true can
-    be learned, so what it closes is what any fit of this freedom closes.
+    nothing true can be learned, so what it closes is what any fit of this freedom closes.
     """
     shuffled = _shuffled(residual, block, train, rng)
     rows = train & np.isfinite(shuffled)

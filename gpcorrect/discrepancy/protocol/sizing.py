@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.discrepancy.recording.scene import Scene, build_scene
+from gpcorrect.discrepancy.recording.build import build_scene
+from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.search.candidates import Candidate, all_candidates
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Model

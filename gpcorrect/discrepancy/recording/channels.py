@@ -112,9 +112,8 @@ def continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
 
     Play and hysteresis remember across trajectory numbers.
 
-    Two trajectories of a session are one motion when time and motors `(n, k)` step from one to the next no further
-    than they ever
-    do inside a trajectory.
+    Two trajectories of a session are one motion when time and motors `(n, k)` step from one to the next no further than
+    they ever do inside a trajectory.
     """
     change = np.diff(log.trajectory) != 0
     if not change.any():

@@ -63,8 +63,7 @@ def estimate_noise(
     """Estimate a channel's noise from how its residual changes over short time lags.
 
     Half the squared change over a lag h has the expectation w^2 + a^2 (1 - exp(-h / T)), plus c h^2 from what moves
-    smoothly with
-    the motion. Medians are used for it, so that rare jumps at reversals and outliers count little.
+    smoothly with the motion. Medians are used for it, so that rare jumps at reversals and outliers count little.
 
     Parameters
     ----------

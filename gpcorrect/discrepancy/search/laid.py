@@ -11,10 +11,10 @@ from gpcorrect.discrepancy.evidence.cells import Cells, all_cells
 from gpcorrect.discrepancy.evidence.lens import lens_on
 from gpcorrect.discrepancy.evidence.localise import ChannelData, Localisation, localise
 from gpcorrect.discrepancy.recording.bench import Bench, build_bench
+from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.commanded import with_joint_paths
 from gpcorrect.discrepancy.recording.covariates import Covariates, covariates_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.scene import build_scene
 from gpcorrect.discrepancy.recording.split import split_rows
 from gpcorrect.discrepancy.search.candidates import Member
 from gpcorrect.sim import machine_of

@@ -1,0 +1,160 @@
+"""A log and a model, prepared for comparison."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.discrepancy.recording.channels import (
+    compared_channels,
+    continuous_runs,
+    joint_columns,
+    motor_side,
+    sampling_is_even,
+)
+from gpcorrect.discrepancy.recording.layout import Layout, layout_of
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise
+from gpcorrect.discrepancy.recording.replay_plan import RUN_OUT, commanded_plan
+from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.discrepancy.recording.slack import (
+    Slack,
+    rotation_onto,
+    slack_of,
+    table_slopes,
+    without_registration,
+)
+from gpcorrect.sim.model import Model
+from gpcorrect.sim.motion import Motion
+from gpcorrect.sim.resolve import machine_of
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
+
+__all__ = ["build_scene"]
+
+PIECE, WARM_UP = 200, 400  # rows; pieces of long motions are replayed after a warm-up that fills the memories
+
+
+def build_scene(
+    log: CalibrationLog, model: Model, registered_on: BoolArray, noises: tuple[ChannelNoise, ...] | None = None
+) -> Scene:
+    """Prepare a log and a model for comparison.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        Recording.
+    model : Model
+        What is known of the machine.
+    registered_on : (n,) bool array
+        Rows that may be used to register the tracker.
+    noises : tuple of ChannelNoise, optional
+        Of each channel, against which the tolerance of table and registration is held; as the recording shows it when
+        None.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    DataError
+        The log lacks the motor side or every outside signal, or has missing motor positions.
+    """
+    machine = machine_of(model).with_effects()
+    joints = machine.body.joints
+    source = motor_side(log)
+    motor = joint_columns(log, source, joints)
+    label = continuous_runs(log, motor)
+    layout = layout_of(label, piece=PIECE, warm_up=WARM_UP, run_out=RUN_OUT)
+    loop, remarks = _loop_remarks(log, model, label, source)
+    session = np.unique(log.session, return_inverse=True)[1].astype(np.int64)
+    payload = _payloads(log, model, layout)
+    motion = _motion(log, joints, motor, session, label, layout)
+    channels, observed = compared_channels(log, machine.body, source, loop=loop)
+    scene = Scene(
+        model=model,
+        machine=machine,
+        channels=channels,
+        observed=observed,
+        motion=motion,
+        layout=layout,
+        plan=commanded_plan(log, joints, layout, motion, payload) if loop else None,
+        payload=payload,
+        time=log.time,
+        trajectory=log.trajectory,
+        session=session,
+        effort=None if log.measured_jf is None else joint_columns(log, "measured_jf", joints),
+        registered_on=registered_on,
+        measured=source == "measured_jp",
+        remarks=tuple(remarks),
+    )
+    return replace(scene, slack=_slack(scene, noises)) if scene.tracked else scene
+
+
+def _slack(scene: Scene, noises: tuple[ChannelNoise, ...] | None) -> Slack:
+    """Tolerance of table and registration, against the noise given or that the residual shows over short lags."""
+    body, said = scene.machine.body, scene.predict()
+    assert body.chain is not None
+    chain = replace(body.chain, tool=se3.compose(body.chain.tool, scene.machine.T_tip_marker))
+    q = body.all_joints(scene.motor_path())
+    seen = np.array([c.signal == "tracker_cp" for c in scene.channels])
+    rows = (scene.registered_on & np.isfinite(scene.observed).all(axis=1))[:, None] & seen
+    tip = chain.forward(q)[:, :3, 3]
+    axes = rotation_onto(tip, said[:, seen])
+    slopes = table_slopes(chain, q, axes)
+    if scene.model.T_tracker_base is None:
+        slopes = without_registration(slopes, tip @ axes.T, rows[:, seen].all(axis=1))
+    spread = np.zeros((*said.shape, slopes.shape[2]))
+    spread[:, seen] = slopes
+    label, still = scene.run_of_row(), np.zeros(len(scene), dtype=np.bool_)
+    if noises is None:
+        noises = tuple(estimate_noise(scene.time, r, label, still) for r in (scene.observed - said).T)
+    steps = np.diff(scene.time)
+    return slack_of(spread, rows, noises, float(np.median(steps[steps > 0])))
+
+
+def _loop_remarks(log: CalibrationLog, model: Model, label: IntArray, source: str) -> tuple[bool, list[str]]:
+    """Whether the closed loop can be run, and what to say of it."""
+    remarks = [f"motor side taken from {source}"]
+    why = ""
+    if model.controller is None:
+        why = "the model has no controller: effects inside the servo loop leave no trace and cannot be named"
+    elif log.setpoint_jp is None:
+        why = "the closed loop needs setpoint_jp: effects inside it cannot be named"
+    elif not sampling_is_even(log.time, label):
+        why = "samples are uneven in time: the closed loop is not run, effects inside it cannot be named"
+    if why:
+        remarks.append(why)
+    if source != "measured_jp":
+        path = "taken to follow their commands exactly" if why else "those of the simulated servo loop"
+        remarks.append(f"the motors were not measured: they are {path}")
+    return not why, remarks
+
+
+def _payloads(log: CalibrationLog, model: Model, layout: Layout) -> FloatArray:
+    if log.payload is None:
+        return np.full(layout.rows.shape[1], model.payload)
+    medians: FloatArray = np.median(np.nan_to_num(log.payload)[layout.rows], axis=0)
+    return medians
+
+
+def _motion(
+    log: CalibrationLog,
+    joints: tuple[int, ...],
+    motor: FloatArray,
+    session: IntArray,
+    label: IntArray,
+    layout: Layout,
+) -> Motion:
+    begin = np.array([log.time[session == s].min() for s in range(session.max() + 1)])
+    clock = log.time - begin[session]
+    position = layout.spread(motor)
+    velocity = np.zeros(motor.shape)
+    for k in np.unique(label):
+        rows = np.flatnonzero(label == k)
+        if len(rows) > 1:
+            velocity[rows] = np.gradient(motor[rows], log.time[rows], axis=0)
+    nothing = np.zeros(position.shape)
+    rates = layout.spread(velocity)
+    return Motion(joints, layout.spread(clock), session[layout.rows[0]], position, rates, nothing, nothing)
