@@ -22,7 +22,7 @@ from gpcorrect.corrector.residual_model import ResidualModel, fit_residual_model
 from gpcorrect.corrector.scores import normalised, scores_by_trajectory
 from gpcorrect.corrector.screening import Screen
 from gpcorrect.corrector.settings import MEMORY, FitSettings
-from gpcorrect.corrector.training_pairs import TrainingPairs
+from gpcorrect.corrector.training_pairs import TrainingPairs, complete_pair
 from gpcorrect.rigid import Registration, RigidModel, register
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, Progress
 
@@ -71,6 +71,7 @@ def fit_command_corrector(
 
 def _fit(log: CalibrationLog, settings: FitSettings, clocks: Clocks | None, progress: Progress) -> FitResult:
     start = time.perf_counter()
+    complete_pair(log)  # refused at once, before any work
     progress.step("clean", 0.0)
     if clocks is None:
         log, clocks = on_one_clock(log, settings.time_offset)

@@ -17,10 +17,29 @@ from gpcorrect.play import path_labels
 from gpcorrect.rigid import RigidModel, pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
-__all__ = ["TrainingPairs"]
+__all__ = ["TrainingPairs", "complete_pair"]
 
 MIN_SAMPLES = 20
 CHECK_QUERIES = 8
+
+
+def complete_pair(log: CalibrationLog) -> tuple[PoseSignal, PoseSignal]:
+    """Return observed and commanded poses of a log in which some sample has both.
+
+    Raises
+    ------
+    LogError
+        A signal is missing, or no sample has both.
+    """
+    observed, command = pose_pair(log)
+    if not (observed.finite & command.finite).any():
+        raise LogError(
+            f"no sample of {len(log)} has both poses complete (tracker_cp: {int(observed.finite.sum())},"
+            f" setpoint_cp: {int(command.finite.sum())}).",
+            hint="Look for missing numbers, quaternions not of norm 1, clocks apart: gpcorrect validate",
+            path=log.name,
+        )
+    return observed, command
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +62,7 @@ class TrainingPairs:
         LogError
             There are too few of them, or the log lacks a signal.
         """
-        observed, command = pose_pair(log)
-        if not (observed.finite & command.finite).any():
-            raise LogError(
-                f"no sample of {len(log)} has both poses complete (tracker_cp: {int(observed.finite.sum())},"
-                f" setpoint_cp: {int(command.finite.sum())}).",
-                hint="Look for missing numbers, quaternions not of norm 1, clocks apart: gpcorrect validate",
-                path=log.name,
-            )
+        observed, command = complete_pair(log)
         twist = observed_twists(log.time, log.trajectory, observed, keep, velocity_step)
         rows = keep & observed.finite & command.finite & np.isfinite(twist[:, :3]).all(axis=1)
         if rows.sum() < MIN_SAMPLES:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from gpcorrect.discrepancy.evidence.cells import Cells
 from gpcorrect.discrepancy.evidence.lens import Lens, lens_on
@@ -25,6 +26,7 @@ __all__ = ["Rival", "Unknown", "View", "Weighed", "view_of", "weigh"]
 RIVALS = 2  # names that are refined in each effect's place
 TRIED = 8  # looked at for likeness
 LIKENESS = 0.5  # cosine of two signatures, beyond what the other effects explain, below which they are no rivals
+HEARD = 0.01  # of the loudest trajectory's energy: below, one says nothing of a size
 SMOOTH_CHANNELS = 3  # of those an effect shows in, the ones where it shows most
 
 
@@ -112,8 +114,30 @@ def weigh(view: View, member: Member) -> Weighed:
         confirmation,
         tuple(_rivals(view, rest, member, reference)),
         _unknown(view, rest, _loudest(view, member, channels)),
-        search.tempering(view.look(search.members)[0], channels),
+        max(search.tempering(view.look(search.members)[0], channels), _wander(search, member)),
     )
+
+
+def _wander(search: Search, member: Member) -> float:
+    """How much more a member's size seems to differ from trajectory to trajectory than noise lets it, 1 at least.
+
+    Noise that wanders slowly gives every trajectory a size of its own; nats counted sample by sample do not know that.
+    Each trajectory's score along the signature, in its standard deviations, has a mean square of one; what the sum of
+    squares is above its 95 % quantile says by how much evidence counts less.
+    """
+    trial = search.trial(search.members, member.candidate)
+    begin, near = 0, search.parted(search.members, member.candidate)[1]
+    for other in near:
+        if other is member:
+            break
+        begin += len(other.u)
+    own = trial.slopes[:, [begin + i for i in member.candidate.sizes]].sum(axis=1)
+    block = search.lens.block
+    energy, score = np.bincount(block, own**2), np.bincount(block, own * trial.z)
+    heard = energy > HEARD * energy.max(initial=0.0)
+    if not heard.any():
+        return 1.0
+    return max(1.0, float((score[heard] ** 2 / energy[heard]).sum() / chi2.ppf(0.95, heard.sum())))
 
 
 def _gains(
