@@ -181,18 +181,18 @@ def _facts(conditions: Sequence[Condition], served: list[str], mode: Mode) -> di
 
 
 def _show(conditions: Sequence[Condition], facts: dict[str, Any]) -> None:
-    table = Table(title="Debridement, simulated", title_justify="left", box=None, pad_edge=False)
+    table = Table(title="Debridement, simulated", title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("", no_wrap=True)
     for column in (
         "cm/s",
-        "removed",
-        "at once",
+        "done",
+        "at\nonce",
         "retries",
-        "replanned",
+        "re-\nplans",
         "looks",
-        "miss mm",
-        "s a fragment",
-        "s in all",
+        "miss\nmm",
+        "s\neach",
+        "s in\nall",
     ):
         table.add_column(column, justify="right", no_wrap=True)
     for condition in conditions:
@@ -201,8 +201,10 @@ def _show(conditions: Sequence[Condition], facts: dict[str, Any]) -> None:
             row["name"],
             f"{row['speed_cm_s']:.0f}",
             f"{100 * row['success_rate']:.0f} %",
+            f"{100 * row['first_attempt_rate']:.0f} %",
             str(row["retries"]),
             str(row["replanned"]),
+            str(row["looks"]),
             f"{row['miss_mm_mean']:.1f}",
             f"{row['seconds_per_fragment']:.1f}",
             f"{row['seconds_in_all']:.0f}",
