@@ -46,10 +46,10 @@ POINTS = 500  # of the sparse peers: ours has 700
 
 @dataclass(frozen=True)
 class Line:
-    """One line of the table: what it is called, which library and function, and its options."""
+    """One line of the table: what it is called, which package and function, and its options."""
 
     name: str
-    library: str
+    package: str
     module: str
     function: str
     samples: int | None
@@ -81,8 +81,8 @@ def main() -> None:
 def lines(sizes: list[int], sparse: bool) -> Iterator[Line]:
     """Lines of the table whose libraries are installed; names the others."""
     for line in _all_lines(sizes, sparse):
-        if importlib.util.find_spec(line.library) is None:
-            print(f"left out: {line.name} (pip install {line.library})")
+        if importlib.util.find_spec(line.package) is None:
+            print(f"left out: {line.name} (pip install {line.package})")
         else:
             yield line
 
@@ -119,7 +119,7 @@ def compare(line: Line, data: Split, limit: float) -> dict[str, Any]:
 def measure(line: Line, data: Split, limit: float) -> dict[str, Any]:
     """Fit, score and time one line, in a process of its own."""
     make = getattr(import_module(f"peers.{line.module}"), line.function)
-    if line.library == "gpcorrect":  # what a recording tells beside inputs and outputs
+    if line.package == "gpcorrect":  # what a recording tells beside inputs and outputs
         fit = make(data.feature_groups, data.trajectory, data.times, **line.options)
     else:
         fit = partial(make, **line.options)
@@ -129,7 +129,7 @@ def measure(line: Line, data: Split, limit: float) -> dict[str, Any]:
         seconds, busy = time.perf_counter() - start, time.process_time() - busy
         memory = peak_mb() - before
         mean, std = peer.predict(data.X_test)
-        count = QUERIES if line.library == "gpcorrect" else FEWER_QUERIES
+        count = QUERIES if line.package == "gpcorrect" else FEWER_QUERIES
         median, p99 = query_times(lambda x: peer.predict(x[None]), data.X_test, count)
     return {
         "name": line.name,

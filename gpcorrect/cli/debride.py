@@ -196,19 +196,7 @@ def _show(conditions: Sequence[Condition], facts: dict[str, Any]) -> None:
     ):
         table.add_column(column, justify="right", no_wrap=True)
     for condition in conditions:
-        row = condition.to_dict()
-        table.add_row(
-            row["name"],
-            f"{row['speed_cm_s']:.0f}",
-            f"{100 * row['success_rate']:.0f} %",
-            f"{100 * row['first_attempt_rate']:.0f} %",
-            str(row["retries"]),
-            str(row["replanned"]),
-            str(row["looks"]),
-            f"{row['miss_mm_mean']:.1f}",
-            f"{row['seconds_per_fragment']:.1f}",
-            f"{row['seconds_in_all']:.0f}",
-        )
+        table.add_row(*condition.to_words())
     out.print(table)
     out.print(
         f"{facts['times_faster']:.1f} times faster with correction, success rate "

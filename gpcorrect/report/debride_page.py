@@ -46,7 +46,7 @@ def write_debride_page(
         sections=[
             Section(
                 "The same fragments, three times",
-                tables=[TableData(HEAD, [_row(c) for c in conditions])],
+                tables=[TableData(HEAD, [c.to_words() for c in conditions])],
                 figures=[
                     FigureImage(png(debridement_paths(scene, stations, conditions)), WAYS),
                     FigureImage(_film(scene, stations, conditions[:2]), "Side by side on one clock.", "gif"),
@@ -65,22 +65,6 @@ def write_debride_page(
         ],
     )
     write_page(page, path)
-
-
-def _row(condition: Condition) -> list[str]:
-    row = condition.to_dict()
-    return [
-        row["name"],
-        f"{row['speed_cm_s']:.0f}",
-        f"{100 * row['success_rate']:.0f} %",
-        f"{100 * row['first_attempt_rate']:.0f} %",
-        str(row["retries"]),
-        str(row["replanned"]),
-        str(row["looks"]),
-        f"{row['miss_mm_mean']:.1f}",
-        f"{row['seconds_per_fragment']:.1f}",
-        f"{row['seconds_in_all']:.0f}",
-    ]
 
 
 def _film(scene: Scene, stations: Sequence[Station], conditions: Sequence[Condition]) -> bytes:

@@ -67,3 +67,13 @@ def test_only_spikes_are_outliers() -> None:
     found = np.flatnonzero(outliers(r, block))
     assert set(planted) <= set(found)
     assert len(found) < len(planted) + 0.002 * len(r)
+
+
+def test_a_single_spike_is_a_fault_and_a_burst_is_not() -> None:
+    """What lasts longer than a fault of a sensor is the machine's doing, and stays."""
+    residual = 1e-3 * np.random.default_rng(5).standard_normal(400)
+    residual[50] += 0.1
+    residual[200:205] += 0.1
+    found = outliers(residual, np.zeros(400, dtype=np.int64))
+    assert found[50]
+    assert not found[200:205].any()

@@ -21,7 +21,7 @@ from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.search.trial import held_out, try_set
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["Rival", "Unknown", "View", "Weighed", "view_of", "weigh"]
+__all__ = ["Rival", "Unknown", "View", "Weighed", "view_of", "wander", "weigh"]
 
 RIVALS = 2  # names that are refined in each effect's place
 TRIED = 8  # looked at for likeness
@@ -114,11 +114,11 @@ def weigh(view: View, member: Member) -> Weighed:
         confirmation,
         tuple(_rivals(view, rest, member, reference)),
         _unknown(view, rest, _loudest(view, member, channels)),
-        max(search.tempering(view.look(search.members)[0], channels), _wander(search, member)),
+        max(search.tempering(view.look(search.members)[0], channels), wander(search, member)),
     )
 
 
-def _wander(search: Search, member: Member) -> float:
+def wander(search: Search, member: Member) -> float:
     """How much more a member's size seems to differ from trajectory to trajectory than noise lets it, 1 at least.
 
     Noise that wanders slowly gives every trajectory a size of its own; nats counted sample by sample do not know that.

@@ -42,6 +42,22 @@ class Condition:
         """Return the figures, plain."""
         return {"name": self.name, "speed_cm_s": 100 * self.speed, **self.outcome.to_dict()}
 
+    def to_words(self) -> list[str]:
+        """Return name, cm/s, removed, at once, retries, replanned, looks, miss (mm), seconds a fragment and in all."""
+        row = self.to_dict()
+        return [
+            row["name"],
+            f"{row['speed_cm_s']:.0f}",
+            f"{100 * row['success_rate']:.0f} %",
+            f"{100 * row['first_attempt_rate']:.0f} %",
+            str(row["retries"]),
+            str(row["replanned"]),
+            str(row["looks"]),
+            f"{row['miss_mm_mean']:.1f}",
+            f"{row['seconds_per_fragment']:.1f}",
+            f"{row['seconds_in_all']:.0f}",
+        ]
+
 
 def compare(
     mission: Mission,

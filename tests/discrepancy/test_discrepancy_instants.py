@@ -1,0 +1,79 @@
+"""Change-points: found wherever they are, and not where noise wanders."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log
+from discrepancy_support import nominal
+
+from gpcorrect.discrepancy.naming.intervals import half_widths
+from gpcorrect.discrepancy.naming.weigh import wander
+from gpcorrect.discrepancy.run import find_discrepancy
+from gpcorrect.discrepancy.search.candidates import Member, all_candidates
+from gpcorrect.discrepancy.search.laid import lay_out
+from gpcorrect.discrepancy.search.state import Search, start_search
+from gpcorrect.discrepancy.search.trial import refine
+from gpcorrect.sim.effects import CableSlip, HomingOffset
+from gpcorrect.types import CalibrationLog
+
+INSTANT = 5 * 60.0 - 15.0  # in the pause before the sixth motion, between the ladder's rungs
+PAUSE = (4 * 60.0 + 8.0, 5 * 60.0)
+
+
+@pytest.fixture(scope="module")
+def slipped() -> tuple[Search, Member]:
+    """Return a search on a recording with a slip, and the slip refined from the nearest rung."""
+    log = joint_log(3, CableSlip(joint=1, step=4 * NOISE, instant=INSTANT))
+    bench = lay_out(log, nominal(), 9000, np.random.default_rng(0)).bench
+    state = start_search(bench, (c for c in all_candidates(bench.scene) if c.name == "cable_slip" and c.joint == 1))
+    start = min((t.candidate for t in state.traces), key=lambda c: abs(c.build(np.array(c.start)).instant - INSTANT))
+    (found,) = refine(bench, state.lens, state.observed, [], [Member(start, np.array(start.start))])
+    return state, found
+
+
+def test_a_slip_is_found_between_the_rungs(slipped: tuple[Search, Member]) -> None:
+    """In the right pause, as exactly as the recording can tell; step within a tenth."""
+    effect = slipped[1].effect
+    assert isinstance(effect, CableSlip)
+    assert PAUSE[0] - 0.5 < effect.instant < PAUSE[1] + 0.5
+    assert effect.step == pytest.approx(4 * NOISE, rel=0.1)
+
+
+def test_the_interval_of_an_instant_holds_it_and_is_no_point(slipped: tuple[Search, Member]) -> None:
+    """No slope leads to an instant, and yet its interval is neither empty nor the whole session."""
+    state, found = slipped
+    place = next(i for i, c in enumerate(found.candidate.coordinates) if c.parameter.change_point)
+    coordinate, width = found.candidate.coordinates[place], half_widths(state, state.lens, [found], 0)[place]
+    low, high = (coordinate.value(float(found.u[place]) + side * width) for side in (-1, 1))
+    assert low < INSTANT < high
+    assert high - low < 2 * 60.0
+
+
+def test_zeros_that_differ_at_random_from_motion_to_motion_are_no_slip() -> None:
+    """Every motion has an offset of its own, as slow noise gives it: nothing on time gets an exact name."""
+    found = find_discrepancy(_wandering(), nominal())
+    exact = {e.named.member.candidate.name for e in found.effects if e.named.level == "EXACT"}
+    assert not exact & {"cable_slip", "drift", "creep", "homing_offset"}
+
+
+def test_evidence_counts_less_where_a_size_differs_from_motion_to_motion() -> None:
+    """An offset that every motion has anew is worth less than its samples say; one that all share is worth them."""
+    shared = joint_log(4, HomingOffset(joint=1, offset=1.5 * NOISE))
+    assert _wander_of_offset(shared) == 1.0
+    assert _wander_of_offset(_wandering()) > 3.0
+
+
+def _wandering() -> CalibrationLog:
+    zeros = 1.5 * NOISE * np.random.default_rng(8).standard_normal((1, RUNS, 2))
+    return joint_log(4, more=np.broadcast_to(zeros, (SAMPLES, RUNS, 2)))
+
+
+def _wander_of_offset(log: CalibrationLog) -> float:
+    bench = lay_out(log, nominal(), 9000, np.random.default_rng(0)).bench
+    offset = next(c for c in all_candidates(bench.scene) if c.name == "homing_offset" and c.joint == 1)
+    state = start_search(bench, [offset])
+    (member,) = refine(bench, state.lens, state.observed, [], [Member(offset, np.array(offset.start))])
+    return wander(replace(state, members=(member,)).refreshed(), member)
