@@ -135,7 +135,8 @@ def compose(*poses: FloatArray) -> FloatArray:
     """Product of poses, left to right: `compose(T_a_b, T_b_c)` is `T_a_c`."""
     product = np.asarray(poses[0], dtype=np.float64)
     for T in poses[1:]:
-        product = product @ T
+        one_for_all = T.ndim == 2 and product.ndim > 2 and product.flags.c_contiguous
+        product = (product.reshape(-1, 4) @ T).reshape(product.shape) if one_for_all else product @ T
     return product
 
 

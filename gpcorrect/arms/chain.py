@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from gpcorrect import se3
 from gpcorrect.arms.numeric_inverse import solve_pose
+from gpcorrect.arms.walk import walk
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
@@ -140,7 +142,15 @@ class Chain:
 
     def forward(self, q: ArrayLike) -> FloatArray:
         """Tip poses T_base_tip (..., 4, 4) at joint values `q` (..., dof), rad and m."""
-        return se3.compose(self.frames(q)[..., -1, :, :], self.tool)
+        values = self.joint_values(q)
+        links = np.empty((values.size // self.dof, 4, 4))
+        walk(self._table, self.revolute, self.convention == "modified", self.base, values.reshape(-1, self.dof), links)
+        return se3.compose(links.reshape(*values.shape[:-1], 4, 4), self.tool)
+
+    @cached_property
+    def _table(self) -> FloatArray:
+        """alpha, a, d, theta `(dof, 4)` of each joint."""
+        return np.array([(j.alpha, j.a, j.d, j.theta) for j in self.joints])
 
     def axes(self, q: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Joint axes: unit directions and a point on each, both (..., dof, 3), in the base frame."""

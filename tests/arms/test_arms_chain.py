@@ -170,3 +170,14 @@ def test_a_chain_keeps_its_own_copy():
     assert chain.forward([0.0])[0, 3] == pytest.approx(0.1)
     with pytest.raises(ValueError, match="read-only"):
         chain.base[0, 3] = 1.0
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+@pytest.mark.parametrize("shape", [(), (1,), (7,), (3, 4), (0,)])
+def test_the_tip_alone_is_the_last_frame_and_the_tool(convention, shape):
+    """The compiled walk and the frames of all links are two ways to one tip, for every shape of the joint values."""
+    chain = random_chain(convention, seed=5)
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, (*shape, chain.dof))
+    tip = chain.forward(q)
+    assert tip.shape == (*shape, 4, 4)
+    np.testing.assert_allclose(tip, chain.frames(q)[..., -1, :, :] @ chain.tool, atol=1e-14)

@@ -16,6 +16,7 @@ from gpcorrect.discrepancy.search.candidates import Member, all_candidates
 from gpcorrect.discrepancy.search.laid import lay_out
 from gpcorrect.discrepancy.search.state import Search, start_search
 from gpcorrect.discrepancy.search.trial import refine
+from gpcorrect.discrepancy.search.watch import watched
 from gpcorrect.sim.effects import CableSlip, HomingOffset
 from gpcorrect.types import CalibrationLog
 
@@ -40,6 +41,36 @@ def test_a_slip_is_found_between_the_rungs(slipped: tuple[Search, Member]) -> No
     assert isinstance(effect, CableSlip)
     assert PAUSE[0] - 0.5 < effect.instant < PAUSE[1] + 0.5
     assert effect.step == pytest.approx(4 * NOISE, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_a_slip_in_the_middle_of_a_motion_is_found_there(seed: int) -> None:
+    """Not in the pause before it, wherever the search began: the jump itself tells, and shows in one row."""
+    instant = 9 * 60.0 + 4.3  # of the discovery part
+    log = joint_log(seed, CableSlip(joint=2, step=6 * NOISE, instant=instant))
+    bench = lay_out(log, nominal(), 9000, np.random.default_rng(0)).bench
+    state = start_search(bench, (c for c in all_candidates(bench.scene) if c.name == "cable_slip" and c.joint == 2))
+    assert bench.part[np.searchsorted(bench.time, instant)] == 0
+    for trace in state.traces[:: len(state.traces) // 4]:
+        start = Member(trace.candidate, np.array(trace.candidate.start))
+        (found,) = refine(bench, state.lens, state.observed, [], [start])
+        assert isinstance(found.effect, CableSlip)
+        assert found.effect.instant == pytest.approx(instant, abs=0.5)
+
+
+def test_a_slip_takes_two_motions_on_either_side() -> None:
+    """The instants that are looked at leave out the session's first and last two motions; three are too few."""
+    scene = lay_out(joint_log(3), nominal(), 9000, np.random.default_rng(0)).bench.scene
+    low, high = watched(scene, 0)
+    assert low == pytest.approx(60.0 + 8.0, abs=0.1)
+    assert high == pytest.approx((RUNS - 2) * 60.0)
+    assert watched(scene, 1) == (np.inf, -np.inf)
+
+
+def test_an_effect_is_asked_to_help_only_where_it_acts() -> None:
+    """A slip late in a session leaves half of the motions alone, and is named all the same."""
+    found = find_discrepancy(joint_log(6, CableSlip(joint=1, step=6 * NOISE, instant=7 * 60.0 - 20.0)), nominal())
+    assert [(e.named.member.candidate.name, e.named.level) for e in found.effects] == [("cable_slip", "EXACT")]
 
 
 def test_the_interval_of_an_instant_holds_it_and_is_no_point(slipped: tuple[Search, Member]) -> None:

@@ -110,3 +110,10 @@ def test_a_joint_error_shows_in_the_tracker_through_the_kinematics() -> None:
     """An offset of a joint moves the tracked tip by about its lever, less what the registration takes up."""
     known = trace(HomingOffset(2, 0.01), tracker=True, T_tracker_base={"translation": [0.0, 0.0, 0.0]})
     assert 2e-4 < np.linalg.norm(known) < 0.01 * 0.6
+
+
+def test_a_session_of_three_motions_cannot_show_a_slip() -> None:
+    """An instant with one motion beside it is that motion's own oddity: slips are told to be out of sight, with why."""
+    log = joint_motion_log(arm(), 3, 5.0, seed=1)
+    short = replace(log, tracker_cp=None, setpoint_cp=None, measured_cp=None)
+    assert "2 before it and 2 after" in lacks(short, arm())["cable_slip"]

@@ -31,7 +31,9 @@ def catalogue() -> dict[str, Candidate]:
 
 def _weighed(own: float, rival: Candidate, nats: float, *, beside: float = 0.0, instead: float = 0.0) -> Weighed:
     member = Member(rival, np.array(rival.start))
-    return Weighed(np.array([own]), np.zeros(1), (Rival(member, nats),), Unknown(instead, beside), 1.0)
+    return Weighed(
+        np.array([own]), np.zeros(1), np.ones(2, dtype=np.bool_), (Rival(member, nats),), Unknown(instead, beside), 1.0
+    )
 
 
 def test_probabilities_sum_to_one_and_follow_the_evidence(catalogue: dict[str, Candidate]) -> None:
@@ -57,4 +59,14 @@ def test_a_lead_smaller_than_what_is_still_missing_leaves_the_rival(catalogue: d
     own, rival = catalogue["transmission_ratio"], catalogue["homing_offset"]
     for missing, stays in ((0.0, False), (30.0, False), (60.0, True)):
         found = posterior(own, _weighed(1000.0, rival, 960.0, beside=missing + COST), COST)
+        assert (found[-1].probability >= STABLE) is stays
+
+
+def test_a_lead_that_an_error_of_our_own_signatures_could_make_leaves_the_rival(
+    catalogue: dict[str, Candidate],
+) -> None:
+    """A thousandth of very many nats is no evidence between two models that are both approximate."""
+    own, rival = catalogue["transmission_ratio"], catalogue["homing_offset"]
+    for nats, stays in ((1e3, False), (1e5, True)):
+        found = posterior(own, _weighed(nats, rival, nats - 80.0), COST)
         assert (found[-1].probability >= STABLE) is stays

@@ -121,3 +121,15 @@ def test_what_needs_an_arm_is_refused_on_bare_joints(name):
     bare = model_from_dict({"arm": "joints", "joints": [1, 2, 3], "effects": [effect]})
     with pytest.raises(DataError, match=f"{name} needs an arm"):
         machine_of(bare)
+
+
+def test_limits_of_torque_are_tried_just_below_what_the_controller_asks_for():
+    """A limit far above the largest torque changes nothing, one far below it everything: rungs are shares of it."""
+    asked = Scope((1, 2), "RR", np.array([[0.3, 1.2], [0.9, 2.0]]), 300.0, torques=np.array([1.7, 40.0]))
+    limits = {1: [], 2: []}
+    for candidate in candidates(asked):
+        if candidate.kind.about.name == "torque_saturation":
+            limits[candidate.place["joint"]].append(candidate.shape["limit"])
+    for joint, largest in ((1, 1.7), (2, 40.0)):
+        assert 0.9 * largest < max(limits[joint]) < largest
+        assert min(limits[joint]) > 0.2 * largest

@@ -19,8 +19,8 @@ from gpcorrect.discrepancy.search.state import penalty
 __all__ = ["name_member"]
 
 CONFIRMED = 3.0  # nats on the confirmation part
-POSITIVE_SHARE = 0.6  # of the trajectories
-EDGE = 0.01  # of a bound
+POSITIVE_SHARE = 0.6  # of the trajectories in which it acts
+FEW = 3  # of those: below, they may be odd for a reason of their own
 EXPLAINED = 0.95  # of a signature by the others: not nameable
 
 
@@ -44,9 +44,11 @@ def _doubts(view: View, member: Member, weighed: Weighed, cost: float) -> list[s
         doubts.append(f"gains only {found:.1f} nats on the discovery part, {cost:.1f} are needed")
     if confirmed < CONFIRMED:
         doubts.append(f"not confirmed: {confirmed:.1f} nats on the confirmation part")
-    share = float((np.concatenate([weighed.discovery, weighed.confirmation]) > 0).mean())
-    if share < POSITIVE_SHARE:
-        doubts.append(f"helps in only {100 * share:.0f} % of the trajectories")
+    gains = np.concatenate([weighed.discovery, weighed.confirmation])[weighed.heard]
+    if len(gains) < FEW:
+        doubts.append(f"acts in only {len(gains)} of the trajectories")
+    elif (share := float((gains > 0).mean())) < POSITIVE_SHARE:
+        doubts.append(f"helps in only {100 * share:.0f} % of the trajectories in which it acts")
     return doubts + _doubts_of_numbers(view, member)
 
 
@@ -55,12 +57,7 @@ def _doubts_of_numbers(view: View, member: Member) -> list[str]:
     fixed, near = search.parted(search.members, member.candidate)
     members = [*fixed, *near]
     index = next(i for i, m in enumerate(members) if m is member)
-    coordinates, sizes = member.candidate.coordinates, member.candidate.sizes
-    doubts = []
-    for i in sizes:
-        low, high = coordinates[i].bounds
-        if not low + EDGE * abs(low) + 1e-9 < member.u[i] < high - EDGE * abs(high):
-            doubts.append(f"{coordinates[i].parameter.name} is at the edge of its physical range")
+    doubts = [f"{name} is at the edge of its physical range" for name in member.at_edge]
     if not away_from_nothing(search, search.lens, members, index):
         doubts.append("its size cannot be told from zero")
     explained = explained_by_others(search, members, index)

@@ -12,9 +12,10 @@ from gpcorrect.discrepancy.naming.weigh import Weighed
 from gpcorrect.discrepancy.search.candidates import Candidate
 from gpcorrect.discrepancy.search.state import COMPLEXITY
 
-__all__ = ["UNKNOWN_SHARE", "posterior"]
+__all__ = ["SHAPE_ERROR", "UNKNOWN_SHARE", "posterior"]
 
 UNKNOWN_SHARE = 0.25  # of an effect's nats, found beside it by the smooth model: then that model competes in full
+SHAPE_ERROR = 0.03  # of a signature, relative: how well an operator and its integration describe the real thing
 STRONG = 30.0  # nats from which an effect with a small remainder stands against any smooth model
 
 
@@ -70,9 +71,11 @@ def _rival_temper(weighed: Weighed, cost: float) -> float:
     """By how much nats between two effects count less while something else is still missing.
 
     What neither explains, and the smooth model sees beside them, may favour either by as much as it is: a lead of that
-    size leaves the rival at e^-3, the edge of the stable set.
+    size leaves the rival at e^-3, the edge of the stable set. So does a lead that a small error in the shape of our own
+    signatures could make: both are models, and neither is exact.
     """
-    return max(weighed.temper, (weighed.unknown.beside - cost) / float(-np.log(STABLE)))
+    tolerated = max(weighed.unknown.beside - cost, SHAPE_ERROR**2 * weighed.nats)
+    return max(weighed.temper, tolerated / float(-np.log(STABLE)))
 
 
 def _unknown_nats(weighed: Weighed, cost: float) -> float:

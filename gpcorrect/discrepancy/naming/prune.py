@@ -1,6 +1,7 @@
 """From a finished search to names.
 
-What cannot be named is taken out, one at a time, and the rest weighed again without it.
+What cannot be named is taken out, one at a time, and the rest weighed again without it. It may have stood in for
+something else: beside what stays, that is looked for anew, and at once where its numbers were not physical.
 """
 
 from __future__ import annotations
@@ -8,12 +9,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from gpcorrect.discrepancy.evidence.cells import Cells
 from gpcorrect.discrepancy.naming.name import name_member
 from gpcorrect.discrepancy.naming.named import Named
+from gpcorrect.discrepancy.naming.posterior import SHAPE_ERROR
 from gpcorrect.discrepancy.naming.weigh import Weighed, view_of
 from gpcorrect.discrepancy.recording.covariates import Covariates
 from gpcorrect.discrepancy.search.candidates import Member
+from gpcorrect.discrepancy.search.score import search as search_on
 from gpcorrect.discrepancy.search.state import COMPLEXITY, Search
 from gpcorrect.types import Progress
 
@@ -21,6 +26,10 @@ __all__ = ["name_members"]
 
 Opinion = tuple[Named, Weighed]
 SWAPS = 6  # at most
+TINY = 1e-12  # odds
+AGAIN = 2  # searches for what the effects taken out had stood in for
+ROUNDS = 2  # of each
+STRONG = 30.0  # nats of an effect that leaves a hole when it goes
 
 
 def name_members(
@@ -54,7 +63,8 @@ def name_members(
     """
     opinions: dict[int, Opinion] = {}
     dropped: list[Named] = []
-    total, swaps = len(search.members), 0
+    swaps = again = looked = 0
+    total = len(search.members)
     while search.members:
         view = view_of(search, tests, inputs)
         opinions = {id(m): opinions.get(id(m)) or name_member(view, m) for m in search.members}
@@ -64,29 +74,42 @@ def name_members(
             search, opinions = _changed(search, better, opinions)
             continue
         weakest = _weakest(search, opinions)
-        if weakest is None:
-            break
-        dropped.append(opinions[id(weakest)][0])
-        rest = search.refit([m for m in search.members if m is not weakest], weakest.candidate)
-        search, opinions = _changed(search, rest, opinions)
-        if progress is not None:
-            progress.step("naming", len(dropped) / (total + 1))
+        if weakest is not None:
+            dropped.append(opinions[id(weakest)][0])
+            rest = search.refit([m for m in search.members if m is not weakest], weakest.candidate)
+            search, opinions = _changed(search, rest, opinions)
+            if progress is not None:
+                progress.step("naming", len(dropped) / (total + len(dropped)))
+            if not weakest.at_edge:
+                continue
+        gone, looked = dropped[looked:], len(dropped)
+        if again == AGAIN or not any(n.member.at_edge or n.nats > STRONG for n in gone):
+            if weakest is None:
+                break
+            continue
+        again += 1
+        fresh = search_on(search, rounds=ROUNDS, refused=[n.member.candidate for n in dropped])
+        if fresh is not search:
+            search, opinions, swaps = fresh, {}, 0
     if progress is not None:
         progress.step("naming", 1.0)
     return search, tuple(opinions[id(m)][0] for m in search.members), tuple(dropped)
 
 
 def _better_rival(search: Search, opinions: dict[int, Opinion]) -> tuple[Member, ...] | None:
-    """Return the set with the rival that gains most beyond the member whose place it takes.
+    """Return the set with a rival in the place of the member beyond which it gains most.
 
-    None when no rival gains.
+    None when no rival gains: explains more, or as much and is more probable.
     """
     best, place, new = 0.0, None, None
     for member in search.members:
-        _, weighed = opinions[id(member)]
+        named, weighed = opinions[id(member)]
+        odds = {a.label: a.probability / max(named.probability, TINY) for a in named.alternatives}
         for rival in weighed.rivals:
             gain = (rival.nats - weighed.nats) / weighed.temper
             gain -= COMPLEXITY * (rival.candidate.extra - member.candidate.extra)
+            if weighed.nats - rival.nats < SHAPE_ERROR**2 * weighed.nats:
+                gain = max(gain, float(np.log(odds.get(rival.candidate.label, 0.0) + TINY)))
             if gain > best:
                 best, place, new = gain, member, rival.member
     if new is None:

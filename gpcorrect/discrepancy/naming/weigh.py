@@ -23,7 +23,7 @@ from gpcorrect.types import BoolArray, FloatArray
 
 __all__ = ["Rival", "Unknown", "View", "Weighed", "view_of", "wander", "weigh"]
 
-RIVALS = 2  # names that are refined in each effect's place
+RIVALS = 2  # names that are refined in each effect's place, beside its simpler look-alikes
 TRIED = 8  # looked at for likeness
 LIKENESS = 0.5  # cosine of two signatures, beyond what the other effects explain, below which they are no rivals
 HEARD = 0.01  # of the loudest trajectory's energy: below, one says nothing of a size
@@ -81,6 +81,8 @@ class Weighed:
     ----------
     discovery, confirmation : (b,) arrays
         Its own, of each trajectory of either part.
+    heard : (b,) bool array
+        Trajectories of discovery, then confirmation, in which it acts: a slip does not before it happens.
     rivals : tuple of Rival
         Those like it, best first.
     unknown : Unknown
@@ -91,6 +93,7 @@ class Weighed:
 
     discovery: FloatArray
     confirmation: FloatArray
+    heard: BoolArray
     rivals: tuple[Rival, ...]
     unknown: Unknown
     temper: float
@@ -112,6 +115,7 @@ def weigh(view: View, member: Member) -> Weighed:
     return Weighed(
         discovery,
         confirmation,
+        _heard(view, member),
         tuple(_rivals(view, rest, member, reference)),
         _unknown(view, rest, _loudest(view, member, channels)),
         max(search.tempering(view.look(search.members)[0], channels), wander(search, member)),
@@ -140,6 +144,14 @@ def wander(search: Search, member: Member) -> float:
     return max(1.0, float((score[heard] ** 2 / energy[heard]).sum() / chi2.ppf(0.95, heard.sum())))
 
 
+def _heard(view: View, member: Member) -> BoolArray:
+    """Trajectories of both parts in which a member changes what is seen by more than a little of what it can."""
+    without = view.look([m for m in view.search.members if m is not member])
+    parts = zip(without, view.look(view.search.members), (view.search.lens, view.confirmation), strict=True)
+    energy = np.concatenate([np.bincount(lens.block, (a - b) ** 2) for a, b, lens in parts])
+    return np.asarray(energy > HEARD * energy.max(initial=0.0), dtype=np.bool_)
+
+
 def _gains(
     view: View, reference: tuple[FloatArray, FloatArray], members: Sequence[Member], candidate: Candidate
 ) -> tuple[FloatArray, FloatArray]:
@@ -159,18 +171,27 @@ def _rivals(
     own = reference[0] - view.look(search.members)[0]
     ranked = [r for r in rank(search, bare, [member.candidate], search.touched(member.candidate)) if r.nats > 0]
     found: list[Rival] = []
-    for leader in ranked[:TRIED]:
+    for place, leader in enumerate(ranked):
+        enough = sum(not r.candidate.called_like(member.candidate) for r in found) >= RIVALS
+        if (enough or place >= TRIED) and not _is_simpler(leader.candidate, member.candidate):
+            continue
         if any(leader.candidate.called_like(r.candidate) for r in found):
             continue
         first = reference[0] - view.look((*rest, leader.member))[0]
         if _likeness(first, own, bare.slopes) < LIKENESS:
             continue
         members = search.refit((*rest, leader.member), leader.candidate)
+        if members[-1].at_edge:
+            continue
         gains = _gains(view, reference, members, leader.candidate)
         found.append(Rival(members[-1], float(gains[0].sum() + gains[1].sum())))
-        if sum(not r.candidate.called_like(member.candidate) for r in found) == RIVALS:
-            break
     return sorted(found, key=lambda r: -r.nats)
+
+
+def _is_simpler(rival: Candidate, candidate: Candidate) -> bool:
+    """Whether a rival is a look-alike in the catalogue, on the same joint, with fewer numbers: it may say the same."""
+    alike = {n.name for n in candidate.kind.about.neighbours}
+    return rival.name in alike and rival.joint == candidate.joint and rival.extra < candidate.extra
 
 
 def _likeness(a: FloatArray, b: FloatArray, slopes: FloatArray) -> float:

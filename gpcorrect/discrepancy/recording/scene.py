@@ -130,6 +130,11 @@ class Scene:
         """Load `(n, k)` of each joint at the log's rows."""
         return self.layout.gather(self._replay(self._machine(effects)).load, len(self))
 
+    def peak_torque(self) -> FloatArray | None:
+        """Largest torque `(k,)` that the controllers ask for, N m or N; None where the closed loop cannot be run."""
+        loop = self._loop(self._machine(()))
+        return None if loop is None else np.abs(loop.torque).max(axis=(0, 1))
+
     def predict(self, effects: Sequence[Effect] = ()) -> FloatArray:
         """Return what the channels `(n, c)` should say with these effects beyond the model's own.
 

@@ -5,14 +5,15 @@ What may be missing. Nothing here knows an effect by name.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.search.coordinates import Coordinate, coordinate_of
+from gpcorrect.discrepancy.search.watch import watched
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Candidate as Shape
 from gpcorrect.sim.effects import Effect, Family, Scope
@@ -20,6 +21,8 @@ from gpcorrect.sim.effects import candidates as shapes
 from gpcorrect.types import FloatArray
 
 __all__ = ["Candidate", "Member", "all_candidates"]
+
+EDGE = 0.01  # of a bound
 
 
 @dataclass(frozen=True)
@@ -130,6 +133,16 @@ class Member:
         """The effect."""
         return self.candidate.build(self.u)
 
+    @property
+    def at_edge(self) -> tuple[str, ...]:
+        """Sizes at the edge of their physical range: there the effect stands in for something that it is not."""
+        names = []
+        for i in self.candidate.sizes:
+            low, high = self.candidate.coordinates[i].bounds
+            if not low + EDGE * abs(low) + 1e-9 < self.u[i] < high - EDGE * abs(high):
+                names.append(self.candidate.coordinates[i].parameter.name)
+        return tuple(names)
+
 
 def all_candidates(scene: Scene) -> list[Candidate]:
     """Everything in the catalogue that could be missing in this machine, in a few shapes each.
@@ -145,20 +158,38 @@ def all_candidates(scene: Scene) -> list[Candidate]:
         np.stack([motor.min(axis=0), motor.max(axis=0)], axis=1),
         float(np.ptp(clock)),
         kinematics=body.chain is not None,
+        torques=scene.peak_torque(),
     )
     wanted = (s for s in shapes(scope) if s.kind.about.family != Family.NOISE)
-    found = [c for s in wanted for c in _of_shape(s, scene.n_sessions)]
+    found = [c for s in wanted for c in _of_shape(s, scene)]
     return [c for c in found if _is_possible(c)]
 
 
-def _of_shape(shape: Shape, n_sessions: int) -> Iterator[Candidate]:
-    coordinates, counts, start, amplitudes = _coordinates(shape, n_sessions)
+def _of_shape(shape: Shape, scene: Scene) -> Iterator[Candidate]:
+    coordinates, counts, start, amplitudes = _coordinates(shape, scene.n_sessions)
     place = dict(shape.place)
     joint = place.pop("joint")
     own_session = "session" in {f.name for f in fields(shape.kind)}
-    for session in range(n_sessions) if own_session else (None,):
+    for session in range(scene.n_sessions) if own_session else (None,):
         fixed = tuple(place.items()) + (() if session is None else (("session", session),))
-        yield Candidate(shape.kind, joint, fixed, coordinates, counts, start, amplitudes)
+        within = _watched(coordinates, *watched(scene, session or 0))
+        if within is not None and _are_inside(start, within):
+            yield Candidate(shape.kind, joint, fixed, within, counts, start, amplitudes)
+
+
+def _watched(coordinates: tuple[Coordinate, ...], first: float, last: float) -> tuple[Coordinate, ...] | None:
+    """Coordinates whose change-points lie between two instants; None when there is nothing between."""
+    if not any(c.parameter.change_point for c in coordinates):
+        return coordinates
+    bounded = tuple(replace(c, low=first, high=last) if c.parameter.change_point else c for c in coordinates)
+    return bounded if first < last else None
+
+
+def _are_inside(start: Sequence[float], coordinates: Sequence[Coordinate]) -> bool:
+    """Whether the change-points lie where they may; the rest was clipped to its bounds."""
+    return all(
+        c.bounds[0] <= u <= c.bounds[1] for u, c in zip(start, coordinates, strict=True) if c.parameter.change_point
+    )
 
 
 def _coordinates(

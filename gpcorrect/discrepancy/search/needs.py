@@ -10,6 +10,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.recording.scene import LOOP_STAGES, Scene
 from gpcorrect.discrepancy.search.candidates import Candidate
+from gpcorrect.discrepancy.search.watch import WATCHED
 from gpcorrect.sim.effects import EFFECTS, ChainEffect, Effect, Family, LoadEffect, Site, TipEffect
 from gpcorrect.types import CalibrationLog
 
@@ -89,6 +90,8 @@ def _lacking(kind: type[Effect], scene: Scene, log: CalibrationLog, *, placed: b
 
 
 def _no_place(kind: type[Effect]) -> str:
+    if any(p.change_point for p in kind.about.parameters):
+        return f"no session has {2 * WATCHED} motions: an instant takes {WATCHED} before it and {WATCHED} after"
     sites = set(kind.about.sites)
     if sites == {Site.INSERTION}:
         return "none of the model's joints slides"

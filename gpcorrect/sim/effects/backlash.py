@@ -39,7 +39,7 @@ class Backlash(PathEffect):
             Parameter(
                 "radius",
                 "half the gap",
-                revolute=Range("rad", 0.0, 0.3, 0.01),
+                revolute=Range("rad", 0.0, 0.6, 0.01),
                 prismatic=Range("m", 0.0, 0.02, 5e-4),
                 positive=True,
                 ladder=Ladder(Per.RANGE, (0.003, 0.01, 0.03, 0.1)),

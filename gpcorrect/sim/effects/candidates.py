@@ -34,6 +34,8 @@ class Scope:
         Duration of a session.
     kinematics : bool
         Whether there is an arm, or bare joints only.
+    torques : (dof,) array, optional
+        Largest torque that each joint's controller asks for, N m or N; the prior's where it is not known.
     """
 
     joints: tuple[int, ...]
@@ -41,6 +43,7 @@ class Scope:
     ranges: FloatArray
     session_seconds: float
     kinematics: bool = True
+    torques: FloatArray | None = None
 
     def type_of(self, joint: int | str) -> str:
         """Return "R" or "P"; what belongs to no joint counts in metres."""
@@ -168,4 +171,7 @@ def _rungs(parameter: Parameter, place: Mapping[str, Any], scope: Scope) -> list
             scale, start = 1.0 / max(high - low, 1e-9), 0.0
         case Per.SESSION:
             scale, start = scope.session_seconds, 0.0
+        case Per.TORQUE:
+            typical = parameter.range(scope.type_of(joint)).typical
+            scale, start = typical if scope.torques is None else scope.torques[scope.joints.index(joint)], 0.0
     return [float(start + scale * rung) for rung in parameter.ladder.rungs]

@@ -38,7 +38,7 @@ class CoulombFriction(LawfulFriction):
                 "torque",
                 "size of the friction",
                 revolute=Range("N m", 0.0, 20.0, 0.3),
-                prismatic=Range("N", 0.0, 100.0, 3.0),
+                prismatic=Range("N", 0.0, 500.0, 3.0),
                 positive=True,
             ),
         ),

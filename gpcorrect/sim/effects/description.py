@@ -61,6 +61,7 @@ class Per(StrEnum):
     PLACE = "the joint's range, from its lower end"
     SWEEP = "rad of phase over the joint's range"
     SESSION = "the session's duration"
+    TORQUE = "the largest torque that the joint's controller asks for"
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ class NonlinearStretch(PathEffect):
             Parameter(
                 "cubic",
                 "hardening",
-                revolute=Range("N m/rad^3", 0.0, 1e11, 2e6),
+                revolute=Range("N m/rad^3", 0.0, 1e13, 2e6),
                 prismatic=Range("N/m^3", 0.0, 1e16, 1e11),
                 positive=True,
                 ladder=Ladder(Per.PRIOR, (0.05, 1.0, 20.0)),

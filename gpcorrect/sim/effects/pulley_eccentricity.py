@@ -63,16 +63,16 @@ class PulleyEccentricity(PathEffect):
             Parameter(
                 "waves",
                 "phase of the pulley for each unit of the joint",
-                revolute=Range("1", 0.1, 300.0, 10.0),
+                revolute=Range("1", 1.0, 300.0, 10.0),  # the joint's own pulley turns slowest
                 prismatic=Range("rad/m", 1.0, 5000.0, 150.0),
                 positive=True,
-                ladder=Ladder(Per.SWEEP, (np.pi, 2 * np.pi, 4 * np.pi, 8 * np.pi)),
+                ladder=Ladder(Per.SWEEP, tuple(np.pi * k for k in range(1, 15))),  # half a wave apart: none is missed
             ),
             Parameter(
                 "phase",
                 "phase at zero",
-                revolute=Range("rad", -np.pi, np.pi, 1.0),
-                prismatic=Range("rad", -np.pi, np.pi, 1.0),
+                revolute=Range("rad", -2 * np.pi, 2 * np.pi, 1.0),  # twice round: no wall where it may want to pass
+                prismatic=Range("rad", -2 * np.pi, 2 * np.pi, 1.0),
                 positive=False,
                 ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
             ),

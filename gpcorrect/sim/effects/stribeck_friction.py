@@ -54,14 +54,14 @@ class StribeckFriction(LawfulFriction):
                 "torque",
                 "friction at speed",
                 revolute=Range("N m", 0.0, 20.0, 0.3),
-                prismatic=Range("N", 0.0, 100.0, 3.0),
+                prismatic=Range("N", 0.0, 500.0, 3.0),
                 positive=True,
             ),
             Parameter(
                 "static_torque",
                 "friction at rest",
                 revolute=Range("N m", 0.0, 30.0, 0.5),
-                prismatic=Range("N", 0.0, 150.0, 5.0),
+                prismatic=Range("N", 0.0, 600.0, 5.0),
                 positive=True,
             ),
             Parameter(

@@ -49,7 +49,7 @@ class TorqueSaturation(LawfulTorque):
                 prismatic=Range("N", 0.01, 1e6, 30.0),
                 positive=True,
                 identity=float("inf"),
-                ladder=Ladder(Per.PRIOR, (0.1, 0.3, 1.0, 3.0)),
+                ladder=Ladder(Per.TORQUE, (0.95, 0.85, 0.7, 0.5, 0.3)),
             ),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
