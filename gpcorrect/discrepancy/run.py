@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect.discrepancy.advice.next_experiment import advise
+from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.lens import estimate_noises, lens_on
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.intervals import half_widths
@@ -37,8 +38,6 @@ from gpcorrect.types import BoolArray, CalibrationLog, Progress
 __all__ = ["RunSettings", "find_discrepancy"]
 
 ORDER: tuple[Level, ...] = ("EXACT", "CLASS", "SET")
-
-BURST = 3.0  # noise levels
 
 
 @dataclass(frozen=True)
@@ -202,7 +201,7 @@ def _verdict(
     laid: Laid, state: Search, before: Localisation, effects: Sequence[NamedEffect], members: Sequence[Member]
 ) -> Level:
     if not before.something and not effects:
-        return "NONE" if before.nothing and not _has_bursts(state) else "INCONCLUSIVE"
+        return "NONE" if before.nothing and not bursts_of(state.bench, state.lens.noises) else "INCONCLUSIVE"
     if effects and (members or not before.something):
         return _least_sure(effects)
     joints = {e.named.member.candidate.joint for e in effects}  # of effects on noise, which say what is odd there
@@ -215,13 +214,3 @@ def _verdict(
 
 def _least_sure(effects: Sequence[NamedEffect]) -> Level:
     return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # kept effects have one of these
-
-
-def _has_bursts(state: Search) -> bool:
-    """Whether a channel is far louder than its noise mostly is: something rare happens there, too rare to be named.
-
-    The sealed part counts as well: nothing is fitted to it, and "nothing is missing" must hold there too.
-    """
-    residual, part = state.bench.residual(), state.bench.part
-    size = np.stack([np.sqrt(np.nanmean(residual[part == p] ** 2, axis=0)) for p in np.unique(part)])
-    return bool((size > BURST * np.array([n.std for n in state.lens.noises])).any())

@@ -133,12 +133,17 @@ def _depends(finding: Mapping[str, Any]) -> str:
 
 
 def _worst(report: Mapping[str, Any]) -> list[tuple[int, str, str]]:
-    """Channels with something to see, as (index, name, unit), the largest gap over its noise first."""
+    """Channels with something to see, as (index, name, unit).
+
+    The largest gap over its noise first; where no gap is to be seen, those in which the tests found something.
+    """
     numbered = [(i, name, g) for i, (name, g) in enumerate(report["gap"].items())]
     seen = [(i, n, g) for i, n, g in numbered if g["before"] is not None and g["noise"]]
+    found = [f["channel"] for f in report["localisation"]]
     seen.sort(key=lambda entry: -entry[2]["before"] / entry[2]["noise"])
     worth = [(i, n, g["unit"]) for i, n, g in seen if g["before"] > VISIBLE * g["noise"]]
-    return worth or [(i, n, g["unit"]) for i, n, g in seen[:1]]
+    heard = [(i, n, g["unit"]) for i, n, g in seen if n in found]
+    return worth or heard or [(i, n, g["unit"]) for i, n, g in seen[:1]]
 
 
 def _what(report: Mapping[str, Any]) -> Section | None:

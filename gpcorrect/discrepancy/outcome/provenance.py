@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.named import EXACT, STABLE
 from gpcorrect.discrepancy.recording.scene import Scene
@@ -59,6 +60,7 @@ def provenance_of(
             }
             for c, n in zip(bench.scene.channels, state.lens.noises, strict=True)
         },
+        "bursts": [] if state.members else [b.to_dict() for b in bursts_of(bench, state.lens.noises)],
         "remarks": [*data.remarks, *_model_remarks(bench.scene), *limits_of(bench.scene), _noise_remark(state)],
         "no_trace": list(state.silent),
         "not_nameable": [{"effect": k.effect, "why": k.why} for k in (*lacks, *_silent(state))],

@@ -158,6 +158,8 @@ def next_step(report: Mapping[str, Any]) -> str:
             return "use model.toml, for simulation and for the next run"
         case "UNKNOWN":
             return "look at the machine where the maps below are dark; no effect of the catalogue acts like that"
+        case _ if report["provenance"].get("bursts") and not report["localisation"]:
+            return "record more motions like those in which it happens: a name must hold on motions not seen"
         case _:
             return "record more trajectories, or with another outside sensor"
 
@@ -271,7 +273,19 @@ def _undecided(report: Mapping[str, Any]) -> str:
         return (
             f"Not decided: simulation and recording differ{_where(report)}, but no name can be given from these data."
         )
+    if bursts := report["provenance"].get("bursts"):
+        return f"Not decided: something rare happens in the {_burst_words(bursts[0])}, too rarely for a name."
     return "Not decided: nothing beats noise, but these data are too few or too noisy to show that nothing is missing."
+
+
+def _burst_words(burst: Mapping[str, Any]) -> str:
+    """Return where a burst is, how large, and in which trajectories."""
+    (size, unit), (noise, _) = (in_reader_units(burst[k], burst["unit"]) for k in ("largest", "noise"))
+    loud = burst["trajectories"]
+    numbers = f"trajectories {', '.join(map(str, loud[:SHOWN]))}" if len(loud) > 1 else f"trajectory {loud[0]}"
+    more = " and others" if len(loud) > SHOWN else ""
+    largest = f"up to {number(size)} {unit} in {numbers}{more}; noise {number(noise)} {unit}"
+    return f"{channel_words(burst['channel'])} ({largest})"
 
 
 def _where(report: Mapping[str, Any]) -> str:

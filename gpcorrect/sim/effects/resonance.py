@@ -65,8 +65,8 @@ class Resonance(PathEffect):
             Parameter(
                 "damping_ratio",
                 "share of critical damping",
-                revolute=Range("1", 0.0, 2.0, 0.1),
-                prismatic=Range("1", 0.0, 2.0, 0.1),
+                revolute=Range("1", 0.0, 0.7, 0.1),
+                prismatic=Range("1", 0.0, 0.7, 0.1),
                 positive=True,
                 ladder=Ladder(Per.VALUE, (0.03, 0.3)),
             ),

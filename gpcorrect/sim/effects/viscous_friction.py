@@ -37,8 +37,8 @@ class ViscousFriction(LawfulFriction):
             Parameter(
                 "damping",
                 "torque for each unit of speed",
-                revolute=Range("N m s/rad", 0.0, 50.0, 0.5),
-                prismatic=Range("N s/m", 0.0, 2000.0, 20.0),
+                revolute=Range("N m s/rad", 0.0, 300.0, 0.5),
+                prismatic=Range("N s/m", 0.0, 2e4, 20.0),
                 positive=True,
             ),
         ),
