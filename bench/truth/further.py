@@ -76,7 +76,8 @@ def _after(before: Reference, new: Reference) -> Reference:
     wait = before.time[-1] - new.time[0] + PAUSE
     last = int(before.session.max())
     first = new.session == 0
-    since = new.session_time + np.where(first, before.session_time[-1] + PAUSE, 0.0)
+    on = before.session_time[-1] + PAUSE - new.session_time[0]
+    since = new.session_time + np.where(first, on, 0.0)
     number = np.where(new.trajectory >= 0, new.trajectory + before.trajectory.max() + 1, -1)
     return replace(new, time=new.time + wait, session_time=since, trajectory=number, session=new.session + last)
 

@@ -32,7 +32,8 @@ Motion = tuple[Array, Array, Array]
 class Reference:
     """Desired motion at the control rate `(m, 3)`, and what holds at each tick `(n,)`.
 
-    `time` is the log's clock, `session_time` counts from each session's start; `trajectory` is -1 where none is logged.
+    `time` is the log's clock, `session_time` counts from each session's first logged sample; `trajectory` is -1 where
+    none is logged.
     """
 
     position: Array
@@ -207,9 +208,9 @@ def laid_out(parts: list[Motion], payloads: list[float], session: Ints, waits: l
     per_tick = CONTROL_HZ // TICK_HZ
     motions, columns, clock, began, here = [], [], 0.0, 0.0, parts[0][0][0]
     for k, (part, payload) in enumerate(zip(parts, payloads, strict=True)):
-        if k and session[k] != session[k - 1]:
+        begins = k == 0 or session[k] != session[k - 1]
+        if k and begins:
             clock += SESSION_BREAK
-            began = clock
         clock += waits[k] if waits else 0.0
         start = part[0][0]
         lead = [_rest(start, SETTLE)]
@@ -218,6 +219,7 @@ def laid_out(parts: list[Motion], payloads: list[float], session: Ints, waits: l
         whole = _join([*lead, part])
         n, n_lead = len(whole[0]) // per_tick, sum(len(m[0]) for m in lead) // per_tick
         time = clock + np.arange(n) / TICK_HZ
+        began = time[n_lead] if begins else began
         label = np.where(np.arange(n) < n_lead, -1, k)
         columns.append((time, time - began, label, np.full(n, session[k]), np.full(n, payload)))
         motions.append(whole)

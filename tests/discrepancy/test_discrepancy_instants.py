@@ -21,7 +21,7 @@ from gpcorrect.sim.effects import CableSlip, HomingOffset
 from gpcorrect.types import CalibrationLog
 
 INSTANT = 5 * 60.0 - 15.0  # in the pause before the sixth motion, between the ladder's rungs
-PAUSE = (4 * 60.0 + 8.0, 5 * 60.0)
+SEEN = (3 * 60.0 + 8.0, 6 * 60.0)  # the discovery motions around it
 
 
 @pytest.fixture(scope="module")
@@ -36,10 +36,10 @@ def slipped() -> tuple[Search, Member]:
 
 
 def test_a_slip_is_found_between_the_rungs(slipped: tuple[Search, Member]) -> None:
-    """In the right pause, as exactly as the recording can tell; step within a tenth."""
+    """Between the right motions, as exactly as the recording can tell; step within a tenth."""
     effect = slipped[1].effect
     assert isinstance(effect, CableSlip)
-    assert PAUSE[0] - 0.5 < effect.instant < PAUSE[1] + 0.5
+    assert SEEN[0] < effect.instant < SEEN[1]
     assert effect.step == pytest.approx(4 * NOISE, rel=0.1)
 
 
@@ -80,7 +80,7 @@ def test_the_interval_of_an_instant_holds_it_and_is_no_point(slipped: tuple[Sear
     coordinate, width = found.candidate.coordinates[place], half_widths(state, state.lens, [found], 0)[place]
     low, high = (coordinate.value(float(found.u[place]) + side * width) for side in (-1, 1))
     assert low < INSTANT < high
-    assert high - low < 2 * 60.0
+    assert high - low < 4 * 60.0  # of the motions on either side, one is not of the discovery part
 
 
 def test_zeros_that_differ_at_random_from_motion_to_motion_are_no_slip() -> None:

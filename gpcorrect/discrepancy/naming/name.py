@@ -12,6 +12,7 @@ import numpy as np
 from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others
 from gpcorrect.discrepancy.naming.named import EXACT, STABLE, Alternative, EffectLevel, Named
 from gpcorrect.discrepancy.naming.posterior import posterior
+from gpcorrect.discrepancy.naming.share import LEAST_SHARE, share_closed
 from gpcorrect.discrepancy.naming.weigh import View, Weighed, weigh
 from gpcorrect.discrepancy.search.candidates import Member
 from gpcorrect.discrepancy.search.state import penalty
@@ -49,6 +50,8 @@ def _doubts(view: View, member: Member, weighed: Weighed, cost: float) -> list[s
         doubts.append(f"acts in only {len(gains)} of the trajectories")
     elif (share := float((gains > 0).mean())) < POSITIVE_SHARE:
         doubts.append(f"helps in only {100 * share:.0f} % of the trajectories in which it acts")
+    if (closed := share_closed(view.search, member)) < LEAST_SHARE:
+        doubts.append(f"{100 * closed:.0f} % of the gap is closed where it shows, and the rest is no noise")
     return doubts + _doubts_of_numbers(view, member)
 
 

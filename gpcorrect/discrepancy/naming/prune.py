@@ -68,7 +68,7 @@ def name_members(
     while search.members:
         view = view_of(search, tests, inputs)
         opinions = {id(m): opinions.get(id(m)) or name_member(view, m) for m in search.members}
-        better = _better_rival(search, opinions) if swaps < SWAPS else None
+        better = _better_rival(search, opinions, dropped) if swaps < SWAPS else None
         if better is not None:
             swaps += 1
             search, opinions = _changed(search, better, opinions)
@@ -96,16 +96,17 @@ def name_members(
     return search, tuple(opinions[id(m)][0] for m in search.members), tuple(dropped)
 
 
-def _better_rival(search: Search, opinions: dict[int, Opinion]) -> tuple[Member, ...] | None:
+def _better_rival(search: Search, opinions: dict[int, Opinion], dropped: Sequence[Named]) -> tuple[Member, ...] | None:
     """Return the set with a rival in the place of the member beyond which it gains most.
 
-    None when no rival gains: explains more, or as much and is more probable.
+    None when no rival gains: explains more, or as much and is more probable. Those that were dropped stay out.
     """
     best, place, new = 0.0, None, None
+    out = {n.member.candidate.key for n in dropped}
     for member in search.members:
         named, weighed = opinions[id(member)]
         odds = {a.label: a.probability / max(named.probability, TINY) for a in named.alternatives}
-        for rival in weighed.rivals:
+        for rival in (r for r in weighed.rivals if r.candidate.key not in out):
             gain = (rival.nats - weighed.nats) / weighed.temper
             gain -= COMPLEXITY * (rival.candidate.extra - member.candidate.extra)
             if weighed.nats - rival.nats < SHAPE_ERROR**2 * weighed.nats:

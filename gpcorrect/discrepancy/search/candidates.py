@@ -133,6 +133,15 @@ class Member:
         """The effect."""
         return self.candidate.build(self.u)
 
+    def canonical(self) -> Member:
+        """Return the same effect with its numbers in the one way to write them."""
+        effect = self.effect.canonical()
+        if effect == self.effect or len(self.candidate.counts) != len(self.u):
+            return self
+        names = [p.name for p in self.candidate.kind.about.parameters]
+        pairs = zip(self.candidate.coordinates, names, strict=True)
+        return Member(self.candidate, np.array([c.coordinate(float(getattr(effect, n))) for c, n in pairs]))
+
     @property
     def at_edge(self) -> tuple[str, ...]:
         """Sizes at the edge of their physical range: there the effect stands in for something that it is not."""

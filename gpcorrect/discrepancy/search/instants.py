@@ -20,9 +20,7 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["Profile", "has_instant", "instant_half_width", "instant_profile", "with_best_instant"]
 
-WINDOW = 1.0 / 24.0  # of the session, on either side: beyond the next rung of the ladder
 POINTS = 17
-LEVELS = 2
 COARSE, NEAR = 8, 200  # rows: of a first look, and on either side of the best of it
 AT_ONCE = 128  # traces, for memory's sake
 
@@ -71,37 +69,56 @@ def _moved(member: Member, u_instant: float, factor: float) -> Member:
 def _scanned(bench: Bench, lens: Lens, observed: FloatArray, others: Sequence[Member], member: Member) -> Member:
     """Move a member to the best row: first of every few rows, then of all rows near the best of those."""
     coordinate = member.candidate.coordinates[_place(member)]
-    first, last = (coordinate.value(x) for x in coordinate.bounds)
-    clock = bench.means(bench.scene.layout.gather(bench.scene.motion.time, len(bench.scene)))
-    base = bench.predict([m.effect for m in others])
-    trace = bench.predict([*(m.effect for m in others), _moved(member, coordinate.bounds[0], 1.0).effect]) - base
-    z = lens.look_one(observed - base)
-    instants = np.unique(clock[(clock >= first) & (clock <= last) & trace.any(axis=1)]) - 0.5 * _row_seconds(bench)
+    cuts = _cuts(bench, lens, observed, others, member)
+    instants = cuts.instants
     for stride in (COARSE, 1):
-        tried = np.clip(instants[::stride], first, last)
+        tried = instants[::stride]
         if len(tried) == 0:
             return member
-        factor, nats = _cut(lens, z, trace, clock, tried)
+        factor, nats = cuts.at(tried)
         flat = np.flatnonzero(nats >= nats.max() - 1e-9 * abs(nats.max()))
         best = int(flat[len(flat) // 2])  # where nothing is seen, the middle
         near = np.searchsorted(instants, tried[best])
         instants = instants[max(near - NEAR, 0) : near + NEAR + 1]
-    return _moved(member, float(coordinate.coordinate(float(tried[best]))), float(factor[best]))
+    place = int(np.searchsorted(cuts.instants, tried[best]))
+    since = max(cuts.instants[max(place - 1, 0)] + _row_seconds(bench), cuts.instants[0])
+    instant = 0.5 * (since + tried[best]) if since < tried[best] else tried[best]  # in the middle of a pause
+    return _moved(member, float(coordinate.coordinate(float(instant))), float(factor[best]))
 
 
-def _cut(
-    lens: Lens, z: FloatArray, trace: FloatArray, clock: FloatArray, instants: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Best factor of a trace `(m, c)` that begins at each of k instants, and its gain in nats."""
-    factor, nats = np.zeros(len(instants)), np.zeros(len(instants))
-    for begin in range(0, len(instants), AT_ONCE):
-        part = slice(begin, begin + AT_ONCE)
-        seen = lens.look(trace[:, :, None] * (clock[:, None] >= instants[part])[:, None, :])
-        energy, along = (seen**2).sum(axis=0), seen.T @ z
-        heard = energy > 0.0
-        factor[part] = np.where(heard, along / np.where(heard, energy, 1.0), 0.0)
-        nats[part] = 0.5 * factor[part] * along
-    return factor, nats
+@dataclass(frozen=True, eq=False)
+class _Cuts:
+    """One trace `(m, c)` that can begin at any row, by the rows' clock `(m,)`, and what it has to explain `(M,)`."""
+
+    lens: Lens
+    z: FloatArray
+    trace: FloatArray
+    clock: FloatArray
+    instants: FloatArray
+
+    def at(self, instants: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Best factor of the trace when it begins at each of k instants, and its gain in nats."""
+        factor, nats = np.zeros(len(instants)), np.zeros(len(instants))
+        for begin in range(0, len(instants), AT_ONCE):
+            part = slice(begin, begin + AT_ONCE)
+            seen = self.lens.look(self.trace[:, :, None] * (self.clock[:, None] >= instants[part])[:, None, :])
+            energy, along = (seen**2).sum(axis=0), seen.T @ self.z
+            heard = energy > 0.0
+            factor[part] = np.where(heard, along / np.where(heard, energy, 1.0), 0.0)
+            nats[part] = 0.5 * factor[part] * along
+        return factor, nats
+
+
+def _cuts(bench: Bench, lens: Lens, observed: FloatArray, others: Sequence[Member], member: Member) -> _Cuts:
+    """Trace of a member from the earliest instant on, and the instants just before each row at which it may begin."""
+    bounds = member.candidate.coordinates[_place(member)].bounds
+    first, last = (member.candidate.coordinates[_place(member)].value(x) for x in bounds)
+    clock = bench.means(bench.scene.layout.gather(bench.scene.motion.time, len(bench.scene)))
+    base = bench.predict([m.effect for m in others])
+    trace = bench.predict([*(m.effect for m in others), _moved(member, bounds[0], 1.0).effect]) - base
+    rows = (clock >= first) & (clock <= last) & trace.any(axis=1)
+    instants = np.clip(np.unique(clock[rows]) - 0.5 * _row_seconds(bench), first, last)
+    return _Cuts(lens, lens.look_one(observed - base), trace, clock, instants)
 
 
 def _row_seconds(bench: Bench) -> float:
@@ -138,18 +155,18 @@ def instant_half_width(
 ) -> float:
     """Half width of the 95 % interval of a change-point's coordinate: where the profile is within 1.92 nats of its top.
 
-    Looked at ever closer, from the ladder's distance down; never less than a step of the last look.
+    At every row, for the profile has many tops; and a row more, within which nothing is told apart.
     """
     index = _place(member)
-    window = WINDOW * float(np.ptp(bench.scene.motion.time))
-    for _ in range(2 * LEVELS):
-        profile = instant_profile(bench, lens, observed, others, member, window)
-        inside = profile.u[profile.nats > profile.nats.max() - 0.5 * chi2.ppf(0.95, 1)]
-        if len(inside) > 3:
-            break
-        window *= 4.0 / (POINTS - 1)
-    step = float(np.diff(profile.u).max(initial=0.0))
-    return float(np.abs(inside - member.u[index]).max()) + step
+    coordinate, cuts = member.candidate.coordinates[index], _cuts(bench, lens, observed, others, member)
+    at = coordinate.value(float(member.u[index]))
+    tried = np.sort(np.append(cuts.instants, at))
+    _, nats = cuts.at(tried)
+    inside = np.flatnonzero(nats > nats.max() - 0.5 * chi2.ppf(0.95, 1))
+    first, last = tried[max(inside.min() - 1, 0)], tried[inside.max()]  # an instant is anywhere since the row before it
+    half = float(max(at - first, last - at)) + _row_seconds(bench)
+    ends = [coordinate.coordinate(max(t, 1e-9)) for t in (at - half, at + half)]
+    return float(np.abs(np.array(ends) - member.u[index]).max())
 
 
 def _place(member: Member) -> int:

@@ -58,6 +58,10 @@ class Effect(ABC):
         for parameter in self.about.parameters:
             _check(self.about.name, parameter, getattr(self, parameter.name))
 
+    def canonical(self) -> Effect:
+        """Return the same effect in the one way to write it, where there are several."""
+        return self
+
     def column(self, joints: tuple[int, ...], number: int | str | None = None) -> int:
         """Column of this effect's joint (or of joint `number`) in arrays whose columns are these joint numbers.
 

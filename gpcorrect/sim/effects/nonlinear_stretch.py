@@ -61,10 +61,12 @@ class NonlinearStretch(PathEffect):
             Parameter(
                 "cubic",
                 "hardening",
-                revolute=Range("N m/rad^3", 0.0, 1e13, 2e6),
-                prismatic=Range("N/m^3", 0.0, 1e16, 1e11),
+                revolute=Range("N m/rad^3", 0.0, 1e14, 2e8),
+                prismatic=Range("N/m^3", 0.0, 1e18, 2e12),
                 positive=True,
-                ladder=Ladder(Per.PRIOR, (0.05, 1.0, 20.0)),
+                ladder=Ladder(
+                    Per.PRIOR, (0.001, 0.03, 1.0, 30.0)
+                ),  # as stiff as the linear part at a milliradian, 0.1 mm
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,9 +63,10 @@ class PulleyEccentricity(PathEffect):
             Parameter(
                 "waves",
                 "phase of the pulley for each unit of the joint",
-                revolute=Range("1", 1.0, 300.0, 10.0),  # the joint's own pulley turns slowest
-                prismatic=Range("rad/m", 1.0, 5000.0, 150.0),
+                revolute=Range("1", 1.0, 60.0, 10.0),  # the joint's own pulley turns slowest
+                prismatic=Range("rad/m", 1.0, 500.0, 150.0),
                 positive=True,
+                factor=2.0,
                 ladder=Ladder(Per.SWEEP, tuple(np.pi * k for k in range(1, 15))),  # half a wave apart: none is missed
             ),
             Parameter(
@@ -85,6 +86,11 @@ class PulleyEccentricity(PathEffect):
         separating_runs=(Run.AMPLITUDES, Run.ONE_JOINT),
         sites=(Site.JOINT,),
     )
+
+    def canonical(self) -> PulleyEccentricity:
+        """Return the same wave with a positive amplitude and a phase within half a turn."""
+        phase = self.phase + (np.pi if self.amplitude < 0 else 0.0)
+        return replace(self, amplitude=abs(self.amplitude), phase=float(np.angle(np.exp(1j * phase))))
 
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:
         """Take the wave off the path."""
