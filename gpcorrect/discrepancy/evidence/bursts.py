@@ -28,7 +28,7 @@ class Burst:
     channel : str
         Its name.
     trajectories : tuple of int
-        Numbers, as in the log, of those that are louder than the limit.
+        Numbers, as in the log, of those that are louder than the limit; never empty.
     largest : float
         Largest residual there.
     noise : float
@@ -61,7 +61,8 @@ def bursts_of(bench: Bench, noises: Sequence[ChannelNoise]) -> tuple[Burst, ...]
         limit = BURST * noise.std
         if all(_rms(column[part == p]) <= limit for p in np.unique(part)):
             continue
-        loud = [int(t) for t in np.unique(trajectory) if _rms(column[trajectory == t]) > limit]
+        size = {int(t): _rms(column[trajectory == t]) for t in np.unique(trajectory)}
+        loud = [t for t, rms in size.items() if rms > limit] or [max(size, key=lambda t: size[t])]
         found.append(Burst(channel.name, tuple(loud), float(np.nanmax(np.abs(column))), noise.std, channel.unit))
     return tuple(found)
 
