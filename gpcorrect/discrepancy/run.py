@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence, Set
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gpcorrect.discrepancy.advice.next_experiment import advise
-from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.lens import estimate_noises, lens_on
-from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.intervals import half_widths
 from gpcorrect.discrepancy.naming.named import Named
 from gpcorrect.discrepancy.naming.prune import name_members
 from gpcorrect.discrepancy.naming.sensor_noise import noise_effects
-from gpcorrect.discrepancy.naming.weigh import smooth_nats, view_of
 from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
 from gpcorrect.discrepancy.outcome.kept import named, searched
 from gpcorrect.discrepancy.outcome.provenance import provenance_of
-from gpcorrect.discrepancy.outcome.result import Discrepancy, Level, NamedEffect
+from gpcorrect.discrepancy.outcome.result import Discrepancy, NamedEffect
 from gpcorrect.discrepancy.outcome.store import StageStore
+from gpcorrect.discrepancy.outcome.verdict import verdict
 from gpcorrect.discrepancy.recording.bench import Bench
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.stated import samples_a_row
@@ -29,17 +27,13 @@ from gpcorrect.discrepancy.search.candidates import Candidate, Member, all_candi
 from gpcorrect.discrepancy.search.laid import Laid, lay_out, localise_residual
 from gpcorrect.discrepancy.search.needs import split_by_needs
 from gpcorrect.discrepancy.search.score import search
-from gpcorrect.discrepancy.search.state import Search, penalty, start_search
+from gpcorrect.discrepancy.search.state import Search, start_search
 from gpcorrect.discrepancy.search.trial import refine
 from gpcorrect.sim.effects import in_order
 from gpcorrect.sim.model import Model
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
 __all__ = ["RunSettings", "find_discrepancy"]
-
-ORDER: tuple[Level, ...] = ("EXACT", "CLASS", "SET")
-PLAIN = 3.0  # thresholds of the luckiest test
-SAID = 0.5  # of a finding's nats: what an effect that was not named may have gained, and the finding stay unexplained
 
 
 @dataclass(frozen=True)
@@ -117,7 +111,7 @@ def find_discrepancy(
     progress.step("sealed part", 0.0)
     gap = gaps_of(laid, members, final, rng)
     progress.step("sealed part", 1.0)
-    level = _verdict(laid, state, before, (*effects, *noise), members, dropped)
+    level = verdict(laid, state, before, (*effects, *noise), members, dropped)
     progress.step("next experiment", 0.0)
     advice = advise(bench.scene, members, [*kept, *dropped], final, settings.seed)
     progress.step("next experiment", 1.0)
@@ -197,39 +191,3 @@ def _with_numbers(
         widths = half_widths(state, lens, members, i)
         found.append(NamedEffect(replace(name, member=member), describe(member, widths)))
     return tuple(sorted(found, key=lambda e: -e.named.nats))
-
-
-def _verdict(
-    laid: Laid,
-    state: Search,
-    before: Localisation,
-    effects: Sequence[NamedEffect],
-    members: Sequence[Member],
-    dropped: Sequence[Named],
-) -> Level:
-    if not before.something and not effects:
-        return "NONE" if before.nothing and not bursts_of(state.bench, state.lens.noises) else "INCONCLUSIVE"
-    if effects and (members or not before.something):
-        return _least_sure(effects)
-    joints = {e.named.member.candidate.joint for e in effects}  # of effects on noise, which say what is odd there
-    elsewhere = np.array([c.joint not in joints for c in laid.bench.scene.channels])
-    left = smooth_nats(view_of(state, laid.tests, laid.inputs), members, elsewhere)
-    names = {c.name for c, other in zip(laid.bench.scene.channels, elsewhere, strict=True) if other}
-    if left > penalty(max(state.n_kinds, 1)) or _is_plain(before, names, dropped):
-        return "UNKNOWN"
-    return _least_sure(effects) if effects else "INCONCLUSIVE"
-
-
-def _is_plain(before: Localisation, channels: Set[str], dropped: Sequence[Named]) -> bool:
-    """Whether one of these channels plainly differs, as far as it matters, and the catalogue has hardly a word for it.
-
-    The smooth model may miss what comes and goes: small tests see it all the same.
-    """
-    matters = {e.channel for e in before.equivalence if not e.shown}
-    found = [f.nats for f in before.findings if f.channel in channels & matters]
-    said = max((n.nats for n in dropped), default=0.0)
-    return max(found, default=0.0) > max(PLAIN * before.threshold, said / SAID)
-
-
-def _least_sure(effects: Sequence[NamedEffect]) -> Level:
-    return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # kept effects have one of these

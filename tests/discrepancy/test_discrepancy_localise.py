@@ -16,7 +16,7 @@ from gpcorrect.discrepancy.recording.noise import estimate_noise
 RUNS, ROWS, STEP, NOISE = 14, 300, 0.05, 1e-3
 
 
-def found(seed: int, size: float = 0.0, tail: float = np.inf) -> Localisation:
+def found(seed: int, size: float = 0.0, tail: float = np.inf, least: float = 0.0) -> Localisation:
     """Localise noise plus an effect of the first joint's position, of this size in units of the noise."""
     rng = np.random.default_rng(seed)
     block = np.repeat(np.arange(RUNS), ROWS)
@@ -28,7 +28,8 @@ def found(seed: int, size: float = 0.0, tail: float = np.inf) -> Localisation:
     values = {"position 1": q[:, 0], "position 2": q[:, 1], "direction 1": np.sign(np.gradient(q[:, 0])), "time": time}
     noise = estimate_noise(time, r, block, np.zeros(len(r), dtype=np.bool_))
     tests = all_cells(Covariates(values, ("position 1", "direction 1"), {}))
-    return localise([ChannelData("one", time, r, block, noise, tests)], np.random.default_rng(seed + 99), draws=100)
+    channel = ChannelData("one", time, r, block, noise, tests, least)
+    return localise([channel], np.random.default_rng(seed + 99), draws=100)
 
 
 @pytest.mark.parametrize("tail", [np.inf, 3.0])
@@ -51,3 +52,15 @@ def test_nothing_missing_needs_the_equivalence_too() -> None:
     """
     assert found(1).nothing
     assert not found(1, size=0.5).nothing
+
+
+@pytest.mark.parametrize(("size", "counts"), [(0.2, False), (0.4, True)])
+def test_findings_below_the_least_size_do_not_count(size: float, counts: bool) -> None:
+    """Of a servo's reported path: thousands of samples show what does not matter."""
+    assert found(2, size=size).something
+    assert found(2, size=size, least=0.3).something == counts
+
+
+def test_findings_know_their_size() -> None:
+    """The best test of a sine of position takes nearly all of it."""
+    assert found(3, size=0.5).findings[0].size == pytest.approx(0.5, rel=0.15)

@@ -10,8 +10,8 @@ from discrepancy.discrepancy_core import joint_log
 from discrepancy.discrepancy_support import nominal
 from scipy.signal import lfilter
 
-from gpcorrect.discrepancy.evidence.counts import counts_of
 from gpcorrect.discrepancy.evidence.loudness import Growth, growth_of, levels_of, stated_level
+from gpcorrect.discrepancy.recording.counts import counts_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
 from gpcorrect.sim.effects import EncoderQuantisation, NoiseChange

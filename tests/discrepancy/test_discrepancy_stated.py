@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from discrepancy.discrepancy_core import NOISE, joint_log
@@ -10,7 +12,7 @@ from scipy.signal import lfilter
 
 from gpcorrect.discrepancy.evidence.lens import estimate_noises
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.stated import GIVEN, LOUDER_WORDS, averaged
+from gpcorrect.discrepancy.recording.stated import GIVEN, LOUDER_WORDS, averaged, rounded_to
 from gpcorrect.discrepancy.search.laid import lay_out
 from gpcorrect.sim.sensors import Noise
 
@@ -43,6 +45,27 @@ def test_too_small_a_noise_is_not_believed() -> None:
     for noise in noises(Noise(external_jp_white=(1e-5, 1e-5))):
         assert LOUDER_WORDS in noise.basis
         assert noise.std == pytest.approx(NOISE, rel=0.25)
+
+
+def test_a_coarse_sensor_is_not_silent_because_it_stands_still() -> None:
+    """Rounding makes an error of its step over the root of twelve; a finer step changes nothing."""
+    still = ChannelNoise(1e-9, 0.0, 1.0)
+    coarse = rounded_to(still, 1e-3)
+    assert coarse.std == pytest.approx(1e-3 / np.sqrt(12))
+    assert "rounded" in coarse.basis
+    assert rounded_to(coarse, 1e-4) is coarse
+
+
+def test_a_recording_in_coarse_steps_has_the_noise_of_its_steps() -> None:
+    log = joint_log(3)
+    assert log.external_jp is not None
+    step = 8 * NOISE
+    rounded = replace(log, external_jp=np.round(log.external_jp / step) * step)
+    bench = lay_out(rounded, nominal(), 9000, np.random.default_rng(0)).bench
+    assert bench.resolution == pytest.approx([step, step], rel=1e-3)
+    assert all(n.std >= 0.99 * step / np.sqrt(12) for n in estimate_noises(bench, bench.residual(), bench.seen))
+    fine = lay_out(log, nominal(), 9000, np.random.default_rng(0)).bench
+    assert fine.resolution == pytest.approx([0.0, 0.0])
 
 
 def test_averaged_noise_is_that_of_means() -> None:

@@ -11,7 +11,14 @@ from scipy.stats import t as student
 from gpcorrect.discrepancy.evidence.linear import Grams, grams
 from gpcorrect.discrepancy.recording.bench import Bench
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise, Whitener, estimate_noise
-from gpcorrect.discrepancy.recording.stated import averaged, samples_a_row, sampling_step, settled, stated_noises
+from gpcorrect.discrepancy.recording.stated import (
+    averaged,
+    rounded_to,
+    samples_a_row,
+    sampling_step,
+    settled,
+    stated_noises,
+)
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["Lens", "estimate_noises", "lens_on"]
@@ -87,6 +94,7 @@ def estimate_noises(bench: Bench, residual: FloatArray, rows: BoolArray) -> tupl
     """Noise of every channel: as the model states it, else estimated on these rows of a residual `(m, c)`."""
     block = np.where(rows, bench.block, -1)
     own = [estimate_noise(bench.time, column, block, bench.still, FLOOR) for column in residual.T]
+    own = [rounded_to(n, resolution) for n, resolution in zip(own, bench.resolution, strict=True)]
     count, step = samples_a_row(bench.group), sampling_step(bench.scene)
     stated = [n and averaged(n, count, step) for n in stated_noises(bench.scene)]
     own = [settled(o, s, count * step) for o, s in zip(own, stated, strict=True)]

@@ -12,16 +12,18 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.cells import Cells, Span, indicator
 from gpcorrect.discrepancy.evidence.linear import Grams, fold_of, grams, held_out_nats, solve
+from gpcorrect.discrepancy.evidence.tones import strongest_tone
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, Whitener, standard_draws
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["ChannelData", "Equivalence", "Finding", "Localisation", "localise"]
+__all__ = ["EQUIVALENCE", "ChannelData", "Equivalence", "Finding", "Localisation", "localise"]
 
 FOLDS = 5
 DRAWS = 300
 LEVEL = 0.99
 PRIOR_STD = 3.0  # of a cell's mean, in root mean squares of the residual
 CLIP = 5.0  # whitened residuals beyond count as this
+SURE = 12.0  # nats of a tone
 SHOWN = 5  # findings of a channel
 EQUIVALENCE = 0.25  # of the noise: a systematic part below does not matter
 
@@ -42,6 +44,8 @@ class ChannelData:
         Of the residual.
     cells : sequence of Cells
         The tests.
+    least : float
+        Size below which a finding does not count, as a share of the noise.
     """
 
     name: str
@@ -50,6 +54,7 @@ class ChannelData:
     block: IntArray
     noise: ChannelNoise
     cells: Sequence[Cells]
+    least: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -66,12 +71,15 @@ class Finding:
         The cell in which it is largest.
     nats : float
         Gain of log-likelihood on held-out trajectories.
+    size : float
+        Root mean square of what depends on the variables, as a share of the noise.
     """
 
     channel: str
     variables: tuple[str, ...]
     region: tuple[Span, ...]
     nats: float
+    size: float
 
 
 @dataclass(frozen=True)
@@ -178,12 +186,27 @@ def _test_channel(data: ChannelData, rng: np.random.Generator, draws: int) -> _C
         sums = grams(whitener(columns), both, fold)
         gains = held_out_nats(sums, np.arange(len(sums.gram)), 1.0 / (PRIOR_STD * size) ** 2).sum(axis=0)
         null = np.maximum(null, gains[1:])
-        found.append(Finding(data.name, cells.variables, _region(sums, cells), float(gains[0])))
+        part = _systematic(sums, columns.mean(axis=0))
+        finding = Finding(data.name, cells.variables, _region(sums, cells), float(gains[0]), part.size / data.noise.std)
+        if finding.size >= data.least:
+            found.append(finding)
         if len(cells.variables) == 1:
-            systematic = max(systematic, _systematic_upper(sums, columns.mean(axis=0), rng))
+            systematic = max(systematic, part.upper(rng))
+    if (tone := _tone(data)) is not None:
+        found.append(tone)
+        systematic = max(systematic, tone.size * data.noise.std)
     found.sort(key=lambda f: -f.nats)
     largest = found[0].nats if found else -np.inf
     return _ChannelResult(data, tuple(found[:SHOWN]), largest, null, systematic)
+
+
+def _tone(data: ChannelData) -> Finding | None:
+    """Return a tone that stands out beyond doubt and matters."""
+    tone = strongest_tone(data.time, data.residual, data.block)
+    if tone is None or tone.nats < SURE or tone.rms < EQUIVALENCE * data.noise.std:
+        return None
+    where = Span("frequency", tone.low, tone.high, "Hz")
+    return Finding(data.name, ("frequency",), (where,), tone.nats, tone.rms / data.noise.std)
 
 
 def _rows_by_fold(data: ChannelData) -> tuple[IntArray, IntArray, IntArray]:
@@ -209,18 +232,46 @@ def _region(sums: Grams, cells: Cells) -> tuple[Span, ...]:
     return cells.spans[int(np.argmax(beta**2 * np.diag(gram)))]
 
 
-def _systematic_upper(sums: Grams, share: FloatArray, rng: np.random.Generator, draws: int = 400) -> float:
-    """Upper 95 % bound of the root mean square of a cell-wise constant part, spread between trajectories included."""
+@dataclass(frozen=True, eq=False)
+class _Systematic:
+    """A cell-wise constant part, spread between trajectories included.
+
+    Parameters
+    ----------
+    beta : (k,) array
+        Estimated value in each cell.
+    covariance : (k, k) array
+        Of the estimate.
+    share : (k,) array
+        Of the rows in each cell; sums to 1.
+    """
+
+    beta: FloatArray
+    covariance: FloatArray
+    share: FloatArray
+
+    @property
+    def size(self) -> float:
+        """Its root mean square, the estimate's scatter taken off."""
+        square = float(self.share @ (self.beta**2 - np.diag(self.covariance)))
+        return float(np.sqrt(max(0.0, square)))
+
+    def upper(self, rng: np.random.Generator, draws: int = 400) -> float:
+        """Upper 95 % bound of its root mean square."""
+        k = len(self.beta)
+        # Posterior draws scatter once more than the estimate did; that scatter taken off twice leaves the true part.
+        root = np.linalg.cholesky(self.covariance + 1e-12 * np.trace(self.covariance) * np.eye(k))
+        scattered = self.beta[:, None] + root @ rng.standard_normal((k, draws))
+        squares = self.share @ scattered**2 - 2 * float(self.share @ np.diag(self.covariance))
+        return float(np.sqrt(max(0.0, np.quantile(squares, 0.95))))
+
+
+def _systematic(sums: Grams, share: FloatArray) -> _Systematic:
     gram, moment = sums.gram.sum(axis=0), sums.moment[:, :, 0].sum(axis=0)
     occupied = np.diag(gram) > 1e-9 * np.diag(gram).max()
     inverse = np.linalg.pinv(gram[np.ix_(occupied, occupied)], hermitian=True)
-    beta = inverse @ moment[occupied]
     share = share[occupied] / share[occupied].sum()
-    # Posterior draws scatter once more than the estimate did; taking that scatter off twice leaves the systematic part.
-    root = np.linalg.cholesky(inverse + 1e-12 * np.trace(inverse) * np.eye(len(inverse)))
-    scattered = beta[:, None] + root @ rng.standard_normal((len(beta), draws))
-    squares = share @ scattered**2 - 2 * float(share @ np.diag(inverse))
-    return float(np.sqrt(max(0.0, np.quantile(squares, 0.95))))
+    return _Systematic(inverse @ moment[occupied], inverse, share)
 
 
 def _equivalence(result: _ChannelResult, tolerance: float) -> Equivalence:

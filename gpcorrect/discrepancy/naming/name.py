@@ -11,6 +11,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others
 from gpcorrect.discrepancy.naming.named import EXACT, STABLE, Alternative, EffectLevel, Named
+from gpcorrect.discrepancy.naming.overtones import MOST_OVERTONES, overtone_nats
 from gpcorrect.discrepancy.naming.posterior import posterior
 from gpcorrect.discrepancy.naming.share import LEAST_SHARE, share_closed
 from gpcorrect.discrepancy.naming.weigh import View, Weighed, weigh
@@ -30,8 +31,8 @@ def name_member(view: View, member: Member) -> tuple[Named, Weighed]:
     weighed = weigh(view, member)
     cost = penalty(view.search.n_kinds)
     alternatives = posterior(member.candidate, weighed, cost)
-    doubts = _doubts(view, member, weighed, cost)
-    level, more = _level(alternatives, doubts)
+    doubts, partial = _doubts(view, member, weighed, cost), _partial(view, member, weighed, cost)
+    level, more = _level(alternatives, doubts, partial)
     ordered = tuple(sorted(alternatives, key=lambda a: -a.probability))
     nats = weighed.nats / weighed.temper
     return Named(member, level, alternatives[0].probability, nats, ordered, (*doubts, *more)), weighed
@@ -50,9 +51,17 @@ def _doubts(view: View, member: Member, weighed: Weighed, cost: float) -> list[s
         doubts.append(f"acts in only {len(gains)} of the trajectories")
     elif (share := float((gains > 0).mean())) < POSITIVE_SHARE:
         doubts.append(f"helps in only {100 * share:.0f} % of the trajectories in which it acts")
-    if (closed := share_closed(view.search, member)) < LEAST_SHARE:
-        doubts.append(f"{100 * closed:.0f} % of the gap is closed where it shows, and the rest is no noise")
     return doubts + _doubts_of_numbers(view, member)
+
+
+def _partial(view: View, member: Member, weighed: Weighed, cost: float) -> list[str]:
+    """Signs that an effect is but a part of something that is not in the catalogue."""
+    signs = []
+    if (closed := share_closed(view.search, member)) < LEAST_SHARE:
+        signs.append(f"{100 * closed:.0f} % of the gap is closed where it shows, and the rest is no noise")
+    if (more := overtone_nats(view, member)) > max(MOST_OVERTONES * weighed.nats, cost * weighed.temper):
+        signs.append(f"its overtones gain {more / weighed.temper:.0f} nats more: a part of another periodic error")
+    return signs
 
 
 def _doubts_of_numbers(view: View, member: Member) -> list[str]:
@@ -71,7 +80,11 @@ def _doubts_of_numbers(view: View, member: Member) -> list[str]:
     return doubts
 
 
-def _level(alternatives: Sequence[Alternative], doubts: Sequence[str]) -> tuple[EffectLevel, list[str]]:
+def _level(
+    alternatives: Sequence[Alternative], doubts: Sequence[str], partial: list[str]
+) -> tuple[EffectLevel, list[str]]:
+    if partial:
+        return "UNKNOWN", partial
     mine, others = alternatives[0], alternatives[1:]
     stable = [a for a in others if a.name and a.probability >= STABLE]
     nothing, unknown = others[0].probability, others[1].probability
@@ -79,6 +92,9 @@ def _level(alternatives: Sequence[Alternative], doubts: Sequence[str]) -> tuple[
         return "UNKNOWN", ["a smooth model outside the catalogue explains more"]
     if doubts or nothing > STABLE:
         return "INCONCLUSIVE", []
+    if mine.probability < STABLE:
+        first = max(others, key=lambda a: a.probability)
+        return "INCONCLUSIVE", [f"less probable than {first.label}, which may not be named either"]
     if mine.probability >= EXACT:
         return "EXACT", []
     if not stable:

@@ -7,7 +7,7 @@ something else: beside what stays, that is looked for anew, and at once where it
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ __all__ = ["name_members"]
 Opinion = tuple[Named, Weighed]
 SWAPS = 6  # at most
 TINY = 1e-12  # odds
-AGAIN = 2  # searches for what the effects taken out had stood in for
+SEARCHES = 2  # searches for what the effects taken out had stood in for
 ROUNDS = 2  # of each
 STRONG = 30.0  # nats of an effect that leaves a hole when it goes
 
@@ -61,39 +61,98 @@ def name_members(
     dropped : tuple of Named
         The others, with the reasons.
     """
-    opinions: dict[int, Opinion] = {}
-    dropped: list[Named] = []
-    swaps = again = looked = 0
+    settling = _Settling(search, tests, inputs)
     total = len(search.members)
-    while search.members:
-        view = view_of(search, tests, inputs)
-        opinions = {id(m): opinions.get(id(m)) or name_member(view, m) for m in search.members}
-        better = _better_rival(search, opinions, dropped) if swaps < SWAPS else None
-        if better is not None:
-            swaps += 1
-            search, opinions = _changed(search, better, opinions)
-            continue
-        weakest = _weakest(search, opinions)
-        if weakest is not None:
-            dropped.append(opinions[id(weakest)][0])
-            rest = search.refit([m for m in search.members if m is not weakest], weakest.candidate)
-            search, opinions = _changed(search, rest, opinions)
-            if progress is not None:
-                progress.step("naming", len(dropped) / (total + len(dropped)))
-            if not weakest.at_edge:
-                continue
-        gone, looked = dropped[looked:], len(dropped)
-        if again == AGAIN or not any(n.member.at_edge or n.nats > STRONG for n in gone):
-            if weakest is None:
-                break
-            continue
-        again += 1
-        fresh = search_on(search, rounds=ROUNDS, refused=[n.member.candidate for n in dropped])
-        if fresh is not search:
-            search, opinions, swaps = fresh, {}, 0
+    while settling.step():
+        if progress is not None:
+            progress.step("naming", len(settling.dropped) / (total + len(settling.dropped) + 1))
     if progress is not None:
         progress.step("naming", 1.0)
-    return search, tuple(opinions[id(m)][0] for m in search.members), tuple(dropped)
+    kept = tuple(settling.opinions[id(m)][0] for m in settling.search.members)
+    return settling.search, kept, tuple(settling.dropped)
+
+
+@dataclass
+class _Settling:
+    """A set of members on its way to names; every step changes it once.
+
+    Parameters
+    ----------
+    search : Search
+        With the members as they are now.
+    tests, inputs : sequences
+        Of each channel, for the unknown.
+    opinions : dict
+        On each member, by its identity.
+    dropped : list of Named
+        Taken out so far.
+    swaps, searches : int
+        Rivals put in place since the last search, and searches made.
+    filled : int
+        How many of the dropped the last search has looked for a replacement of.
+    """
+
+    search: Search
+    tests: Sequence[Sequence[Cells]]
+    inputs: Sequence[Covariates]
+    opinions: dict[int, Opinion] = field(default_factory=dict)
+    dropped: list[Named] = field(default_factory=list)
+    swaps: int = 0
+    searches: int = 0
+    filled: int = 0
+
+    def step(self) -> bool:
+        """Change the set once; False when there is nothing to change, or nothing left to name."""
+        if not self.search.members:
+            return False
+        view = view_of(self.search, self.tests, self.inputs)
+        self.opinions = {id(m): self.opinions.get(id(m)) or name_member(view, m) for m in self.search.members}
+        return self._swap() or self._drop() or self._search_again()
+
+    def _swap(self) -> bool:
+        """Put the best rival in a member's place."""
+        if self.swaps == SWAPS:
+            return False
+        better = _better_rival(self.search, self.opinions, self.dropped)
+        if better is None:
+            return False
+        self.swaps += 1
+        self._change(better)
+        return True
+
+    def _drop(self) -> bool:
+        """Take the weakest of those out that may not be named; what stood in for something unphysical is sought now."""
+        weakest = _weakest(self.search, self.opinions)
+        if weakest is None:
+            return False
+        self.dropped.append(self.opinions[id(weakest)][0])
+        self._change(self.search.refit([m for m in self.search.members if m is not weakest], weakest.candidate))
+        if weakest.at_edge:
+            self._search_again()
+        return True
+
+    def _search_again(self) -> bool:
+        """Look for what the effects taken out since the last search had stood in for, if they leave a hole."""
+        gone, self.filled = self.dropped[self.filled :], len(self.dropped)
+        if self.searches == SEARCHES or not any(n.member.at_edge or n.nats > STRONG for n in gone):
+            return False
+        self.searches += 1
+        found = search_on(self.search, rounds=ROUNDS, refused=[n.member.candidate for n in self.dropped])
+        found_more = found is not self.search
+        if found_more:
+            self.search, self.opinions, self.swaps = found, {}, 0
+        return found_more
+
+    def _change(self, members: Sequence[Member]) -> None:
+        """Go on with another set; opinions stay on members that no change can have touched."""
+        now = {id(m) for m in members}
+        moved = [m for m in self.search.members if id(m) not in now]
+        self.opinions = {
+            id(m): self.opinions[id(m)]
+            for m in members
+            if id(m) in self.opinions and not any(self.search.alike(m.candidate, gone.candidate) for gone in moved)
+        }
+        self.search = replace(self.search, members=tuple(members))
 
 
 def _better_rival(search: Search, opinions: dict[int, Opinion], dropped: Sequence[Named]) -> tuple[Member, ...] | None:
@@ -122,18 +181,3 @@ def _weakest(search: Search, opinions: dict[int, Opinion]) -> Member | None:
     """Return the member with the fewest nats among those that may not be named."""
     poor = [m for m in search.members if not opinions[id(m)][0].may_be_named]
     return min(poor, key=lambda m: opinions[id(m)][0].nats) if poor else None
-
-
-def _changed(
-    search: Search, members: Sequence[Member], opinions: dict[int, Opinion]
-) -> tuple[Search, dict[int, Opinion]]:
-    """Return the search with another set, and the opinions on members that no change can have touched."""
-    now = {id(m) for m in members}
-    moved = [m for m in search.members if id(m) not in now]
-    fresh = replace(search, members=tuple(members))
-    kept = {
-        id(m): opinions[id(m)]
-        for m in members
-        if id(m) in opinions and not any(search.alike(m.candidate, gone.candidate) for gone in moved)
-    }
-    return fresh, kept

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.counts import Counts, counts_of
 from gpcorrect.discrepancy.evidence.loudness import Growth, growth_of, levels_of, roughness, stated_level
 from gpcorrect.discrepancy.naming.named import EXACT, Alternative, Named
 from gpcorrect.discrepancy.recording.bench import Bench
 from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.recording.counts import Counts, counts_of
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.stated import UNIFORM, sampling_step, stated_noises
 from gpcorrect.discrepancy.search.candidates import Candidate, Member

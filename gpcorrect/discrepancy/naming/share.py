@@ -10,7 +10,7 @@ from gpcorrect.types import BoolArray, FloatArray
 
 __all__ = ["LEAST_SHARE", "share_closed"]
 
-LEAST_SHARE = 0.25  # of the mean square above noise
+LEAST_SHARE = 0.4  # of the mean square above noise
 PLAIN = 1.25  # noise levels: what is left above is no noise
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gpcorrect.discrepancy.recording.counts import counts_of
 from gpcorrect.discrepancy.recording.noise import outliers
 from gpcorrect.discrepancy.recording.scene import Scene, Signal
 from gpcorrect.discrepancy.recording.split import Parts, Split
@@ -100,6 +101,12 @@ class Bench(Parts):
         if self.scene.slack is None:
             return self
         return replace(self, scene=self.scene.strict(), _known={}, _columns={})
+
+    @cached_property
+    def resolution(self) -> FloatArray:
+        """Step `(c,)` in which each channel is written down; 0 where it is too fine to be seen."""
+        counts = [counts_of(column) for column in self.scene.observed.T]
+        return np.array([c.step if c is not None else 0.0 for c in counts])
 
     @property
     def seen(self) -> BoolArray:

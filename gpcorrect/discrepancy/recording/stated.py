@@ -13,12 +13,22 @@ from gpcorrect.sim.effects import EncoderQuantisation, NoiseChange, of_kind
 from gpcorrect.sim.sensors import Noise
 from gpcorrect.types import IntArray
 
-__all__ = ["GIVEN", "LOUDER_WORDS", "averaged", "samples_a_row", "sampling_step", "settled", "stated_noises"]
+__all__ = [
+    "GIVEN",
+    "LOUDER_WORDS",
+    "averaged",
+    "rounded_to",
+    "samples_a_row",
+    "sampling_step",
+    "settled",
+    "stated_noises",
+]
 
 GIVEN = "[noise] of the model file"
 LOUDER_WORDS = "times what [noise] states"
 LOUDER = 1.25  # times what is stated: from there on the recording's own noise is believed
 FINEST = 1e-9  # rad or m; a sensor without any white noise is rounding
+ROUNDED_FOR = 0.5  # s; how long a rounding error stays the same
 UNIFORM = np.sqrt(12.0)  # step of a rounded value over the standard deviation of its error
 
 
@@ -70,6 +80,19 @@ def averaged(noise: ChannelNoise, count: int, step: float) -> ChannelNoise:
     lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) * step
     kept = float(np.sqrt(np.mean(np.exp(-lag / noise.time_constant))))
     return replace(noise, white=noise.white / np.sqrt(count), slow=noise.slow * kept)
+
+
+def rounded_to(noise: ChannelNoise, step: float) -> ChannelNoise:
+    """Return the noise of a channel that is written down in steps of this size: no smaller than rounding makes it.
+
+    A coarse sensor stands still while nothing moves, each time at another distance from the truth: what it does in
+    holds says nothing of its error, which is as slow as the motion.
+    """
+    error = step / float(UNIFORM)
+    if noise.std >= error:
+        return noise
+    slow = float(np.sqrt(error**2 - noise.white**2))
+    return replace(noise, slow=slow, time_constant=ROUNDED_FOR, basis=f"{noise.basis}; rounded to {step:.2g}")
 
 
 def settled(own: ChannelNoise, stated: ChannelNoise | None, step: float) -> ChannelNoise:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.cells import Cells, all_cells
 from gpcorrect.discrepancy.evidence.lens import lens_on
-from gpcorrect.discrepancy.evidence.localise import ChannelData, Localisation, localise
+from gpcorrect.discrepancy.evidence.localise import EQUIVALENCE, ChannelData, Localisation, localise
 from gpcorrect.discrepancy.recording.bench import Bench, build_bench
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.commanded import with_joint_paths
@@ -87,9 +87,18 @@ def localise_residual(
     residual = bench.residual([m.effect for m in members])
     lens = lens_on(bench, residual, bench.seen, noises)
     names = [c.name for c in bench.scene.channels]
+    # A servo model that is wrong by far less than the outside sensors see is not missing, however often it is seen.
     channels = [
-        ChannelData(name, bench.time, residual[:, i], lens.blocks[i], noises[i], laid.tests[i])
-        for i, name in enumerate(names)
+        ChannelData(
+            c.name,
+            bench.time,
+            residual[:, i],
+            lens.blocks[i],
+            noises[i],
+            laid.tests[i],
+            least=EQUIVALENCE if c.signal == "measured_jp" else 0.0,
+        )
+        for i, c in enumerate(bench.scene.channels)
     ]
     return localise(channels, rng, tolerance={} if tolerance is None else dict.fromkeys(names, tolerance))
 

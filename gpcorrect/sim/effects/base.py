@@ -62,6 +62,10 @@ class Effect(ABC):
         """Return the same effect in the one way to write it, where there are several."""
         return self
 
+    def overtones(self) -> tuple[Effect, ...]:
+        """Return effects of the same kind that a periodic error of another cause would show beside this one."""
+        return ()
+
     def column(self, joints: tuple[int, ...], number: int | str | None = None) -> int:
         """Column of this effect's joint (or of joint `number`) in arrays whose columns are these joint numbers.
 

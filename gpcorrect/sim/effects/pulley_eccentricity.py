@@ -92,6 +92,17 @@ class PulleyEccentricity(PathEffect):
         phase = self.phase + (np.pi if self.amplitude < 0 else 0.0)
         return replace(self, amplitude=abs(self.amplitude), phase=float(np.angle(np.exp(1j * phase))))
 
+    def overtones(self) -> tuple[PulleyEccentricity, ...]:
+        """Return waves of two, three and four times its frequency.
+
+        A wheel off its centre has none; encoders that interpolate badly, and gears, do.
+        """
+        return tuple(
+            replace(self, waves=k * self.waves, phase=k * self.phase + shift)
+            for k in (2, 3, 4)
+            for shift in (0.0, np.pi / 2)
+        )
+
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:
         """Take the wave off the path."""
         j = self.column(motion.joints)
