@@ -58,7 +58,7 @@ class Line:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--samples", type=int, nargs="+", default=[460], help="sizes of the exact models' subsets")
+    parser.add_argument("--samples", type=int, nargs="*", default=[460], help="sizes of the exact models' subsets")
     parser.add_argument("--data", choices=["simulated", "real", "both"], default="both")
     parser.add_argument(
         "--sparse",

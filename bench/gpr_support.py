@@ -18,6 +18,7 @@ from gpcorrect.rigid import pose_residual, register
 from gpcorrect.types import FloatArray, IntArray
 from gpcorrect.velocity import segment_labels, twists
 
+QUERY_SECONDS, FEWEST_QUERIES = 30.0, 20
 QUERIES = 3000
 REACH_RATE = 20.0  # samples a second of the simulated reaches, for the correlation time only
 
@@ -103,11 +104,17 @@ def scores(data: Split, mean: FloatArray, std: FloatArray) -> dict[str, float]:
 
 
 def query_times(query: Callable[[FloatArray], object], X: FloatArray, count: int = QUERIES) -> tuple[float, float]:
-    """Median and 99th percentile of one query, microseconds, on one BLAS thread after a warm-up."""
-    elapsed = np.empty(count)
+    """Median and 99th percentile of one query, microseconds, on one BLAS thread after a warm-up.
+
+    A model that takes long is asked less often than `count` times, for about `QUERY_SECONDS`.
+    """
     with threadpool_limits(1):
-        for x in X[: max(20, count // 10)]:
-            query(x)
+        start, warm = time.perf_counter(), 0
+        while warm < max(20, count // 10) and (warm < 3 or time.perf_counter() - start < QUERY_SECONDS / 10):
+            query(X[warm % len(X)])
+            warm += 1
+        count = int(np.clip(QUERY_SECONDS * warm / (time.perf_counter() - start), FEWEST_QUERIES, count))
+        elapsed = np.empty(count)
         for i in range(count):
             x = X[i % len(X)]
             start = time.perf_counter_ns()

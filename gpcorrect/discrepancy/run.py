@@ -36,6 +36,9 @@ from gpcorrect.types import BoolArray, CalibrationLog, Progress
 __all__ = ["RunSettings", "find_discrepancy"]
 
 
+EVALUATIONS = 30  # of the final refit
+
+
 @dataclass(frozen=True)
 class RunSettings:
     """What may be chosen.
@@ -99,14 +102,14 @@ def find_discrepancy(
     before = localise_residual(laid, (), estimate_noises(bench, bench.residual(), bench.seen), settings.tolerance, rng)
     progress.step("localising", 1.0)
     candidates, lacks = split_by_needs(all_candidates(bench.scene), bench.scene, laid.log)
-    state, kept, dropped = _search(laid, candidates if before.something else [], settings, progress, store)
+    state, kept, dropped = _search(laid, candidates if before.worth_a_search else [], settings, progress, store)
     progress.step("numbers", 0.0)
     members = _refit(state, [n.member for n in kept], bench.seen)
     effects = _with_numbers(state, kept, members, bench.seen)
     progress.step("numbers", 1.0)
     final = estimate_noises(bench, state.residual(members), bench.seen)
     noise, doubtful = _on_noise(bench, members, final)
-    remainder = localise_residual(laid, members, final, settings.tolerance, rng) if before.something else None
+    remainder = localise_residual(laid, members, final, settings.tolerance, rng) if before.worth_a_search else None
     progress.step("what is left", 1.0)
     progress.step("sealed part", 0.0)
     gap = gaps_of(laid, members, final, rng)
@@ -154,7 +157,7 @@ def _refit(state: Search, members: Sequence[Member], rows: BoolArray) -> tuple[M
     done = list(members)
     for group in _groups(state, members):
         fixed = [m for i, m in enumerate(done) if i not in group]
-        fresh = refine(bench, lens, state.observed, fixed, [done[i] for i in group])
+        fresh = refine(bench, lens, state.observed, fixed, [done[i] for i in group], EVALUATIONS)
         for i, member in zip(group, fresh, strict=True):
             done[i] = member.canonical()
     return tuple(done)

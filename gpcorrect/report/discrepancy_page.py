@@ -8,6 +8,7 @@ from typing import Any
 
 from gpcorrect import plots
 from gpcorrect.discrepancy.advice.next_experiment import ENOUGH
+from gpcorrect.discrepancy.evidence.localise import EQUIVALENCE
 from gpcorrect.discrepancy.outcome.result import Evidence
 from gpcorrect.discrepancy.outcome.words import (
     MEANING,
@@ -99,6 +100,11 @@ def _where(report: Mapping[str, Any], evidence: Evidence, model: Model) -> Secti
         for f in found[:MOST_FINDINGS]
     ]
     table = TableData(["channel", "depends on", "most at", "nats"], rows, text=(1, 2))
+    if not found[0].get("counts", True):
+        words.append(
+            f"All of these are in paths that the motors' encoders report, and below {100 * EQUIVALENCE:.0f} % of the "
+            "noise of the sensors outside: they do not matter, and count only where an effect explains them."
+        )
     left = report["provenance"]["remainder"]
     after = "Nothing is left after the named effects." if not left else f"After the named effects, {_left(left)}."
     machine = machine_of(model).body

@@ -56,9 +56,11 @@ def test_nothing_missing_needs_the_equivalence_too() -> None:
 
 @pytest.mark.parametrize(("size", "counts"), [(0.2, False), (0.4, True)])
 def test_findings_below_the_least_size_do_not_count(size: float, counts: bool) -> None:
-    """Of a servo's reported path: thousands of samples show what does not matter."""
+    """Of a servo's reported path thousands of samples show what does not matter; a name for it is looked for."""
     assert found(2, size=size).something
-    assert found(2, size=size, least=0.3).something == counts
+    result = found(2, size=size, least=0.3)
+    assert result.something == counts
+    assert result.worth_a_search
 
 
 def test_findings_know_their_size() -> None:

@@ -73,6 +73,8 @@ class Finding:
         Gain of log-likelihood on held-out trajectories.
     size : float
         Root mean square of what depends on the variables, as a share of the noise.
+    counts : bool
+        Whether it is large enough to matter.
     """
 
     channel: str
@@ -80,6 +82,7 @@ class Finding:
     region: tuple[Span, ...]
     nats: float
     size: float
+    counts: bool = True
 
 
 @dataclass(frozen=True)
@@ -103,11 +106,11 @@ class Localisation:
     Parameters
     ----------
     findings : tuple of Finding
-        Above the threshold, largest first.
+        Above the threshold, largest first; those too small to count as well.
     threshold : float
         Nats that the luckiest of all tests stays below in noise, with the level's probability.
     largest : float
-        Nats of the best test.
+        Nats of the best test whose finding counts.
     equivalence : tuple of Equivalence
         Of each channel.
     """
@@ -121,6 +124,11 @@ class Localisation:
     def something(self) -> bool:
         """Whether anything beats noise."""
         return self.largest > self.threshold
+
+    @property
+    def worth_a_search(self) -> bool:
+        """Whether anything beats noise, be it too small to count: a name may still be sure."""
+        return bool(self.findings)
 
     @property
     def nothing(self) -> bool:
@@ -157,10 +165,14 @@ def localise(
         return Localisation((), 0.0, 0.0, ())
     null = np.max([r.null for r in results], axis=0)
     threshold = max(0.0, float(np.quantile(null, level)))
-    findings = sorted((f for r in results for f in r.findings if f.nats > threshold), key=lambda f: -f.nats)
+    findings = sorted((f for r in results for f in r.findings if f.nats > threshold), key=_rank)
     largest = max(r.largest for r in results)
     bounds = tuple(_equivalence(r, (tolerance or {}).get(r.data.name, 0.0)) for r in results)
     return Localisation(tuple(findings), threshold, largest, bounds)
+
+
+def _rank(finding: Finding) -> tuple[bool, float]:
+    return not finding.counts, -finding.nats
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,16 +199,16 @@ def _test_channel(data: ChannelData, rng: np.random.Generator, draws: int) -> _C
         gains = held_out_nats(sums, np.arange(len(sums.gram)), 1.0 / (PRIOR_STD * size) ** 2).sum(axis=0)
         null = np.maximum(null, gains[1:])
         part = _systematic(sums, columns.mean(axis=0))
-        finding = Finding(data.name, cells.variables, _region(sums, cells), float(gains[0]), part.size / data.noise.std)
-        if finding.size >= data.least:
-            found.append(finding)
+        share = part.size / data.noise.std
+        where = _region(sums, cells)
+        found.append(Finding(data.name, cells.variables, where, float(gains[0]), share, share >= data.least))
         if len(cells.variables) == 1:
             systematic = max(systematic, part.upper(rng))
     if (tone := _tone(data)) is not None:
         found.append(tone)
         systematic = max(systematic, tone.size * data.noise.std)
-    found.sort(key=lambda f: -f.nats)
-    largest = found[0].nats if found else -np.inf
+    found.sort(key=_rank)
+    largest = found[0].nats if found and found[0].counts else -np.inf
     return _ChannelResult(data, tuple(found[:SHOWN]), largest, null, systematic)
 
 

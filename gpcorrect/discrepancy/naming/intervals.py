@@ -16,26 +16,42 @@ from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.search.trial import try_set
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["away_from_nothing", "explained_by_others", "half_widths"]
+__all__ = ["SHAPE_ERROR", "away_from_nothing", "explained_by_others", "half_widths"]
+
+SHAPE_ERROR = 0.03  # of a signature, relative: how well an operator and its integration describe the real thing
+TANGENT_ERROR = SHAPE_ERROR / 2  # the part of it that a change of a single number could make
 
 
 def half_widths(search: Search, lens: Lens, members: Sequence[Member], index: int) -> dict[int, float]:
     """Half widths of the 95 % intervals of one member's coordinates.
 
-    The larger of sandwich (by trajectory) and Gauss-Newton.
+    The larger of sandwich (by trajectory) and Gauss-Newton, and what an error in the shape of our own signatures adds:
+    an effect that is seen a hundred times above noise is still only known as well as its operator describes it.
 
     Notes
     -----
     Sandwich with whole trajectories as units: Liang and Zeger 1986, Biometrika 73(1).
     """
     sandwich, plain, freedom = _covariances(search, lens, members)
-    half = student.ppf(0.975, freedom) * np.sqrt(np.maximum(np.diag(sandwich), np.diag(plain)))
+    variance = np.maximum(np.diag(sandwich), np.diag(plain)) + TANGENT_ERROR**2 * _energy(search, lens, members) * (
+        np.diag(plain)
+    )
+    half = student.ppf(0.975, freedom) * np.sqrt(variance)
     widths: dict[int, float] = dict(enumerate(half[_own(members, index)].tolist()))
     others = [m for i, m in enumerate(members) if i != index]
     for i, coordinate in enumerate(members[index].candidate.coordinates):
         if coordinate.parameter.change_point:  # no slope says how well an instant is known
             widths[i] = instant_half_width(search.bench, lens, search.observed, others, members[index])
     return widths
+
+
+def _energy(search: Search, lens: Lens, members: Sequence[Member]) -> float:
+    """Sum of squares of what each member changes, as the lens sees it."""
+    whole = search.residual(members)
+    return sum(
+        float((lens.look_one(search.residual([m for m in members if m is not member]) - whole) ** 2).sum())
+        for member in members
+    )
 
 
 def away_from_nothing(search: Search, lens: Lens, members: Sequence[Member], index: int) -> bool:

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from gpcorrect.discrepancy.naming.intervals import SHAPE_ERROR
 from gpcorrect.discrepancy.naming.named import STABLE, Alternative
 from gpcorrect.discrepancy.naming.weigh import Weighed
 from gpcorrect.discrepancy.search.candidates import Candidate
 from gpcorrect.discrepancy.search.state import COMPLEXITY
 
-__all__ = ["SHAPE_ERROR", "UNKNOWN_SHARE", "posterior"]
+__all__ = ["UNKNOWN_SHARE", "posterior"]
 
 UNKNOWN_SHARE = 0.25  # of an effect's nats, found beside it by the smooth model: then that model competes in full
-SHAPE_ERROR = 0.03  # of a signature, relative: how well an operator and its integration describe the real thing
 STRONG = 30.0  # nats from which an effect with a small remainder stands against any smooth model
 
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gpcorrect.discrepancy.evidence.cells import Cells
+from gpcorrect.discrepancy.naming.intervals import SHAPE_ERROR
 from gpcorrect.discrepancy.naming.name import name_member
 from gpcorrect.discrepancy.naming.named import Named
-from gpcorrect.discrepancy.naming.posterior import SHAPE_ERROR
 from gpcorrect.discrepancy.naming.weigh import Weighed, view_of
 from gpcorrect.discrepancy.recording.covariates import Covariates
 from gpcorrect.discrepancy.search.candidates import Member

@@ -235,6 +235,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "region": region_words(finding.region),
         "bounds": [asdict(span) for span in finding.region],
         "nats": finding.nats,
+        "size": finding.size,
+        "counts": finding.counts,
     }
 
 

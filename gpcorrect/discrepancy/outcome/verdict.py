@@ -67,7 +67,7 @@ def is_plain(before: Localisation, channels: Set[str], dropped: Sequence[Named])
     they are but a part of something else are no word for it.
     """
     matters = {e.channel for e in before.equivalence if not e.shown}
-    found = [f.nats for f in before.findings if f.channel in channels & matters]
+    found = [f.nats for f in before.findings if f.counts and f.channel in channels & matters]
     said = max((n.nats for n in dropped if n.level != "UNKNOWN"), default=0.0)
     return max(found, default=0.0) > max(PLAIN * before.threshold, said / SAID)
 

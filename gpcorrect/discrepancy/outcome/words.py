@@ -70,6 +70,8 @@ def _span_words(span: Span) -> str:
     kind, _, joint = span.variable.rpartition(" ")
     if kind == "direction":
         return f"joint {joint} " + {-1.0: "moving back", 1.0: "moving forward"}.get(span.low, "before its first move")
+    if span.variable == "frequency":
+        return f"a tone between {number(span.low)} and {number(span.high)} {span.unit}"
     if span.variable == "session":
         return f"session {span.low + 1:.0f}"
     name = variable_words(span.variable)
@@ -156,6 +158,8 @@ def next_step(report: Mapping[str, Any]) -> str:
             return "stop looking: the model is as good as these sensors can tell"
         case "EXACT":
             return "use model.toml, for simulation and for the next run"
+        case "UNKNOWN" if any(f["variables"] == ["frequency"] for f in report["localisation"][:1]):
+            return "find what shakes at that frequency, whatever the arm does: a pump, a fan, the floor"
         case "UNKNOWN":
             return "look at the machine where the maps below are dark; no effect of the catalogue acts like that"
         case _ if report["provenance"].get("bursts") and not report["localisation"]:
@@ -265,11 +269,13 @@ def _group_words(effects: Sequence[Mapping[str, Any]], closed: Closed | None) ->
 def _nothing(report: Mapping[str, Any]) -> str:
     bounds = [e["systematic_upper"] for e in report["provenance"]["equivalence"] if e["systematic_upper"] is not None]
     rest = f"; what could still hide is below {100 * max(bounds):.0f} % of the noise" if bounds else ""
-    return f"Nothing is missing: simulation and recording agree up to noise{rest}."
+    faint = report["localisation"]  # no finding of these counts, or the verdict would be another
+    seen = f"; {channel_words(faint[0]['channel'])} differs by {100 * faint[0]['size']:.0f} % of it" if faint else ""
+    return f"Nothing is missing: simulation and recording agree up to noise{rest}{seen}."
 
 
 def _undecided(report: Mapping[str, Any]) -> str:
-    if report["localisation"]:
+    if any(f.get("counts", True) for f in report["localisation"]):
         return (
             f"Not decided: simulation and recording differ{_where(report)}, but no name can be given from these data."
         )

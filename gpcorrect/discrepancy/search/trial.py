@@ -22,8 +22,8 @@ from gpcorrect.types import FloatArray
 __all__ = ["FOLDS", "Trial", "held_out", "refine", "signature", "tangents", "try_set"]
 
 FOLDS = 5
-STEP = 0.02  # of a coordinate, for finite differences
-SMALLEST_STEP = 2e-3
+STEP = 0.002  # of a coordinate, for finite differences: far below a wave's turn over the range of a joint
+SMALLEST_STEP = 5e-4
 MAX_EVALUATIONS = 8
 
 
@@ -65,7 +65,12 @@ def tangents(bench: Bench, fixed: Sequence[Member], free: Sequence[Member]) -> t
 
 
 def refine(
-    bench: Bench, lens: Lens, observed: FloatArray, fixed: Sequence[Member], free: Sequence[Member]
+    bench: Bench,
+    lens: Lens,
+    observed: FloatArray,
+    fixed: Sequence[Member],
+    free: Sequence[Member],
+    evaluations: int = MAX_EVALUATIONS,
 ) -> list[Member]:
     """Fit the free members' numbers by bounded least squares through the simulator; the fixed ones stay.
 
@@ -77,6 +82,8 @@ def refine(
         Measured channels, condensed.
     fixed, free : sequences of Member
         The set.
+    evaluations : int
+        Of the set, at most.
 
     Returns
     -------
@@ -102,9 +109,7 @@ def refine(
         return np.concatenate([slopes, prior])
 
     inner = np.clip(start, np.nextafter(low, high), np.nextafter(high, low))
-    fit = least_squares(
-        errors, inner, jac=jacobian, bounds=(low, high), x_scale=1.0, max_nfev=MAX_EVALUATIONS, ftol=1e-5
-    )
+    fit = least_squares(errors, inner, jac=jacobian, bounds=(low, high), x_scale=1.0, max_nfev=evaluations, ftol=1e-5)
     return _at(free, fit.x)
 
 
