@@ -77,3 +77,19 @@ def test_a_single_spike_is_a_fault_and_a_burst_is_not() -> None:
     found = outliers(residual, np.zeros(400, dtype=np.int64))
     assert found[50]
     assert not found[200:205].any()
+
+
+@pytest.mark.parametrize("offsets", [0.0, 3.0])
+def test_noise_of_holds_is_known_well_whatever_is_constant_in_them(offsets: float) -> None:
+    """The power of slow noise at low frequencies, by which evidence for offsets is counted, within a third."""
+    rng, holds, rows, step, tau = np.random.default_rng(4), 60, 40, 0.05, 0.2
+    phi = np.exp(-step / tau)
+    block = np.repeat(np.arange(holds), rows)
+    drive = rng.standard_normal((holds, rows)) * np.sqrt(1 - phi**2)
+    drive[:, 0] /= np.sqrt(1 - phi**2)
+    slow = lfilter([1.0], [1.0, -phi], drive, axis=1).ravel()
+    time = np.tile(np.arange(rows) * step, holds) + 10.0 * block
+    residual = 0.5 * rng.standard_t(6, len(block)) + slow + offsets * rng.standard_normal(holds)[block]
+    noise = estimate_noise(time, residual, block, np.ones(len(block), dtype=np.bool_))
+    assert noise.slow**2 * noise.time_constant == pytest.approx(tau, rel=0.33)
+    assert noise.basis == "holds"

@@ -9,16 +9,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy.optimize import nnls
+from scipy.optimize import minimize, nnls
 from scipy.stats import t as student
 
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["ChannelNoise", "Whitener", "estimate_noise", "outliers", "standard_draws", "whiten"]
 
+HOLDS = "holds"
 MIN_PAIRS = 200  # of samples in holds, without which the whole recording is used
 LONGEST_LAG = 0.8  # s; beyond, motion and noise can no longer be told apart
 CORRELATION_TIMES = np.geomspace(0.02, 0.5, 20)  # s; longer ones would take motion effects for noise
+LIKELY_TAIL = 8.0  # degrees of freedom, between normal noise and the heavy tails of sensors
 NORMAL_MAD = 0.6744897501960817
 TAILS = (3.0, 4.0, 6.0, 10.0, np.inf)
 MANY, BULK = 0.2, 0.99  # share of unchanged samples from which on a sensor rounds, and the share that is no fault
@@ -62,6 +64,8 @@ def estimate_noise(
 ) -> ChannelNoise:
     """Estimate a channel's noise from how its residual changes over short time lags.
 
+    Where nothing moves they are then made most likely, each hold about a mean of its own.
+
     Half the squared change over a lag h has the expectation w^2 + a^2 (1 - exp(-h / T)), plus c h^2 from what moves
     smoothly with the motion. Medians are used for it, so that rare jumps at reversals and outliers count little.
 
@@ -81,13 +85,15 @@ def estimate_noise(
     usable = np.isfinite(residual) & (block >= 0)
     holds = _hold_labels(block, still & usable)
     if (holds >= 0).sum() >= MIN_PAIRS:
-        label, basis = holds, "holds"
+        label, basis = holds, HOLDS
     else:
         label, basis = np.where(usable, block, -1), "changes over short lags (assumes that motion effects are smoother)"
     lags, halves = _structure(time, residual, label)
     if len(lags) == 0:
         return ChannelNoise(floor, 0.0, 1.0, basis="too few samples; the smallest noise is assumed")
     white, slow, time_constant = _fit_structure(lags, halves, floor)
+    if basis == HOLDS:
+        white, slow, time_constant = _most_likely(time, residual, holds, (white, slow, time_constant), floor)
     core = ChannelNoise(max(white, floor), slow, time_constant, basis=basis)
     z = whiten(core, time, label, residual[:, None])[:, 0]
     return ChannelNoise(core.white, slow, time_constant, _tail(z[np.isfinite(z)]), basis)
@@ -136,6 +142,38 @@ def _fit_structure(lags: FloatArray, halves: FloatArray, floor: float) -> tuple[
         if misfit < best:
             best, found = misfit, (float(np.sqrt(parts[0])), float(np.sqrt(parts[1])), float(time_constant))
     return found
+
+
+def _most_likely(
+    time: FloatArray, residual: FloatArray, hold: IntArray, start: tuple[float, float, float], floor: float
+) -> tuple[float, float, float]:
+    """White, slow and time constant of largest restricted likelihood under Student's t, near a first estimate.
+
+    Each hold has a mean of its own (what is missing in the model is constant there), which costs a number each:
+    Patterson and Thompson 1971, Biometrika 58(3).
+    """
+    rows = np.flatnonzero(hold >= 0)
+    t, block = time[rows], np.unique(hold[rows], return_inverse=True)[1]
+    values = np.stack([residual[rows], np.ones(len(rows))], axis=1)
+    scale = max(float(np.hypot(*start[:2])), floor)
+    low = np.log([max(0.02 * scale, floor), 0.02 * scale, CORRELATION_TIMES[0]])
+    high = np.log([3.0 * scale, 3.0 * scale, CORRELATION_TIMES[-1]])
+    if (low >= high).any():
+        return start
+
+    def cost(p: FloatArray) -> float:
+        white, slow, time_constant = np.exp(np.clip(p, low, high))
+        gain, size, phi = _filter(t, block, white, slow, time_constant)
+        z, ones = _innovations(values, block, gain, size, phi).T
+        energy = np.bincount(block, ones**2)
+        left = z - (np.bincount(block, ones * z) / energy)[block] * ones
+        likely = 0.5 * (LIKELY_TAIL + 1.0) * np.log1p(left**2 / (LIKELY_TAIL - 2.0)).sum() + np.log(size).sum()
+        return float(likely + 0.5 * np.log(energy).sum())
+
+    first = np.clip(np.log(np.maximum(start, 1e-300)), low, high)
+    found = minimize(cost, first, method="Nelder-Mead", options={"maxiter": 120, "xatol": 0.02, "fatol": 0.05})
+    white, slow, time_constant = np.exp(np.clip(found.x, low, high))
+    return float(white), float(slow), float(time_constant)
 
 
 def _tail(z: FloatArray) -> float:
