@@ -19,7 +19,7 @@ from gpcorrect.types import FloatArray, IntArray
 __all__ = ["SHAPE_ERROR", "away_from_nothing", "explained_by_others", "half_widths"]
 
 SHAPE_ERROR = 0.03  # of a signature, relative: how well an operator and its integration describe the real thing
-TANGENT_ERROR = SHAPE_ERROR / 2  # the part of it that a change of a single number could make
+TANGENT_ERROR = SHAPE_ERROR / 3  # the part of it that a change of a single number could make
 
 
 def half_widths(search: Search, lens: Lens, members: Sequence[Member], index: int) -> dict[int, float]:
@@ -33,9 +33,8 @@ def half_widths(search: Search, lens: Lens, members: Sequence[Member], index: in
     Sandwich with whole trajectories as units: Liang and Zeger 1986, Biometrika 73(1).
     """
     sandwich, plain, freedom = _covariances(search, lens, members)
-    variance = np.maximum(np.diag(sandwich), np.diag(plain)) + TANGENT_ERROR**2 * _energy(search, lens, members) * (
-        np.diag(plain)
-    )
+    energy = _energy(search, lens, members, members[index])
+    variance = np.maximum(np.diag(sandwich), np.diag(plain)) + TANGENT_ERROR**2 * energy * np.diag(plain)
     half = student.ppf(0.975, freedom) * np.sqrt(variance)
     widths: dict[int, float] = dict(enumerate(half[_own(members, index)].tolist()))
     others = [m for i, m in enumerate(members) if i != index]
@@ -45,13 +44,12 @@ def half_widths(search: Search, lens: Lens, members: Sequence[Member], index: in
     return widths
 
 
-def _energy(search: Search, lens: Lens, members: Sequence[Member]) -> float:
-    """Sum of squares of what each member changes, as the lens sees it."""
+def _energy(search: Search, lens: Lens, members: Sequence[Member], own: Member) -> float:
+    """Sum of squares of what each member that shows in the same channels changes, as the lens sees it."""
     whole = search.residual(members)
-    return sum(
-        float((lens.look_one(search.residual([m for m in members if m is not member]) - whole) ** 2).sum())
-        for member in members
-    )
+    near = [m for m in members if search.alike(m.candidate, own.candidate)]
+    changes = [search.residual([m for m in members if m is not member]) - whole for member in near]
+    return sum(float((lens.look_one(change) ** 2).sum()) for change in changes)
 
 
 def away_from_nothing(search: Search, lens: Lens, members: Sequence[Member], index: int) -> bool:

@@ -12,6 +12,7 @@ import scipy
 
 from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
+from gpcorrect.discrepancy.evidence.tolerated import tolerated
 from gpcorrect.discrepancy.naming.named import EXACT, STABLE
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.stated import GIVEN, LOUDER_WORDS
@@ -60,6 +61,7 @@ def provenance_of(
             }
             for c, n in zip(bench.scene.channels, state.lens.noises, strict=True)
         },
+        "tolerated": tolerated(bench, state.lens.noises),
         "bursts": [] if state.members else [b.to_dict() for b in bursts_of(bench, state.lens.noises)],
         "remarks": [*data.remarks, *_model_remarks(bench.scene), *limits_of(bench.scene), _noise_remark(state)],
         "no_trace": list(state.silent),

@@ -8,6 +8,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
+from gpcorrect.discrepancy.evidence.tolerated import MOST_TOLERATED, tolerated
 from gpcorrect.discrepancy.naming.named import Named
 from gpcorrect.discrepancy.naming.weigh import smooth_nats, view_of
 from gpcorrect.discrepancy.outcome.result import Level, NamedEffect
@@ -48,7 +49,7 @@ def verdict(
         What was looked at and may not be named.
     """
     if not before.something and not effects:
-        return "NONE" if before.nothing and not bursts_of(state.bench, state.lens.noises) else "INCONCLUSIVE"
+        return "NONE" if before.nothing and _all_told(state) else "INCONCLUSIVE"
     if effects and (members or not before.something):
         return _least_sure(effects)
     joints = {e.named.member.candidate.joint for e in effects}  # of effects on noise, which say what is odd there
@@ -58,6 +59,13 @@ def verdict(
     if left > penalty(max(state.n_kinds, 1)) or is_plain(before, names, dropped):
         return "UNKNOWN"
     return _least_sure(effects) if effects else "INCONCLUSIVE"
+
+
+def _all_told(state: Search) -> bool:
+    """Whether neither rare moments nor the tolerance of the arm's table can hide what is missing."""
+    bench, noises = state.bench, state.lens.noises
+    small = all(share <= MOST_TOLERATED for share in tolerated(bench, noises).values())
+    return small and not bursts_of(bench, noises)
 
 
 def is_plain(before: Localisation, channels: Set[str], dropped: Sequence[Named]) -> bool:

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 
 from gpcorrect.discrepancy.evidence.cells import Span
+from gpcorrect.discrepancy.evidence.localise import EQUIVALENCE
+from gpcorrect.discrepancy.evidence.tolerated import MOST_TOLERATED
+from gpcorrect.discrepancy.recording.slack import ANGLE, LENGTH
 
 __all__ = [
     "MEANING",
@@ -38,6 +41,7 @@ READER_UNITS = {
     "rad per unit of source": ("rad for each rad (or m) of that joint", 1.0),
     "m per unit of source": ("m for each m (or rad) of that joint", 1.0),
 }
+TOLERANCES = f"tolerances of table and registration ({1e3 * ANGLE:.1g} mrad, {1e3 * LENGTH:.1g} mm)"
 VISIBLE = 1.15  # of the noise: a residual below shows nothing
 ALTERNATIVES = 3  # names for one thing, its own among them
 LONG_UNIT = 8  # letters, beyond which a number is left to the table
@@ -162,6 +166,8 @@ def next_step(report: Mapping[str, Any]) -> str:
             return "find what shakes at that frequency, whatever the arm does: a pump, a fan, the floor"
         case "UNKNOWN":
             return "look at the machine where the maps below are dark; no effect of the catalogue acts like that"
+        case _ if not report["localisation"] and _tolerated(report) > MOST_TOLERATED:
+            return "calibrate the table, or leave T_tracker_base out of the model: then it is registered from the data"
         case _ if report["provenance"].get("bursts") and not report["localisation"]:
             return "record more motions like those in which it happens: a name must hold on motions not seen"
         case _:
@@ -271,7 +277,9 @@ def _nothing(report: Mapping[str, Any]) -> str:
     rest = f"; what could still hide is below {100 * max(bounds):.0f} % of the noise" if bounds else ""
     faint = report["localisation"]  # no finding of these counts, or the verdict would be another
     seen = f"; {channel_words(faint[0]['channel'])} differs by {100 * faint[0]['size']:.0f} % of it" if faint else ""
-    return f"Nothing is missing: simulation and recording agree up to noise{rest}{seen}."
+    share = _tolerated(report)
+    beyond = f" and {TOLERANCES} ({100 * share:.0f} % of it)" if share > EQUIVALENCE else ""
+    return f"Nothing is missing: simulation and recording agree up to noise{beyond}{rest}{seen}."
 
 
 def _undecided(report: Mapping[str, Any]) -> str:
@@ -281,7 +289,16 @@ def _undecided(report: Mapping[str, Any]) -> str:
         )
     if bursts := report["provenance"].get("bursts"):
         return f"Not decided: something rare happens in the {_burst_words(bursts[0])}, too rarely for a name."
+    if (share := _tolerated(report)) > MOST_TOLERATED:
+        return (
+            f"Not decided: what differs can be put down to {TOLERANCES}, but it is {100 * share:.0f} % of the noise: "
+            "something else may hide in it."
+        )
     return "Not decided: nothing beats noise, but these data are too few or too noisy to show that nothing is missing."
+
+
+def _tolerated(report: Mapping[str, Any]) -> float:
+    return max(report["provenance"].get("tolerated", {}).values(), default=0.0)
 
 
 def _burst_words(burst: Mapping[str, Any]) -> str:

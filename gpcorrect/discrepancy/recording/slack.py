@@ -16,7 +16,7 @@ from gpcorrect.arms import Chain
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["Slack", "rotation_onto", "slack_of", "table_slopes", "without_registration"]
+__all__ = ["ANGLE", "LENGTH", "Slack", "rotation_onto", "slack_of", "table_slopes", "without_registration"]
 
 ANGLE, LENGTH = 1e-4, 2e-5  # rad, m; standard deviations of what a calibrated table and registration may be wrong by
 STEP = 1e-5  # rad or m, for slopes

@@ -1,0 +1,46 @@
+"""What the tolerance of table and registration takes up is said, and too much of it is no "nothing is missing"."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "bench"))
+
+from truth import Spec, make_case
+
+from gpcorrect.discrepancy.evidence.tolerated import MOST_TOLERATED
+from gpcorrect.discrepancy.outcome.words import verdict_sentence
+from gpcorrect.discrepancy.run import find_discrepancy
+from gpcorrect.sim import model_from_dict
+
+
+def report(*hidden: str, ratio: float = 1.0) -> dict[str, Any]:
+    """Report of a tracker's recording by another simulator: 12 trajectories of 5 s."""
+    case = make_case(Spec("one", hidden, ratio, signals="tracker", trajectories=12, seconds=5.0), 5)
+    return find_discrepancy(case.log, model_from_dict(case.nominal)).to_dict()
+
+
+@pytest.mark.slow
+def test_a_registration_that_is_off_is_never_nothing() -> None:
+    """At half the noise it may be within the tolerance of a table, and is not called nothing for that."""
+    found = report("registration_error", ratio=0.5)
+    assert found["verdict"]["level"] != "NONE"
+    assert max(found["provenance"]["tolerated"].values()) > MOST_TOLERATED or found["verdict"]["effects"]
+
+
+def stub(share: float, level: str) -> dict[str, Any]:
+    bounds = [{"channel": "tracker_cp_x", "systematic_upper": 0.1, "limit": 0.25}]
+    told = {"equivalence": bounds, "tolerated": {"tracker_cp_x": share}, "bursts": []}
+    return {"verdict": {"level": level, "effects": []}, "localisation": [], "provenance": told}
+
+
+def test_the_sentence_says_how_much_is_tolerated() -> None:
+    assert "tolerances" not in verdict_sentence(stub(0.1, "NONE"))
+    assert "tolerances of table and registration (0.1 mrad, 0.02 mm) (40 % of it)" in verdict_sentence(
+        stub(0.4, "NONE")
+    )
+    assert "90 % of the noise" in verdict_sentence(stub(0.9, "INCONCLUSIVE"))
