@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units
 from gpcorrect.plots.style import COLOURS, new_figure
@@ -70,5 +71,6 @@ def _scale(ax: Axes, values: FloatArray) -> None:
     seen = values[np.isfinite(values) & (values > 0)]
     if len(seen) and seen.max() > WIDE * seen.min():
         ax.set_xscale("log")
+        ax.xaxis.set_minor_formatter(NullFormatter())  # over a decade or two its labels lie on top of each other
     else:
         ax.set_xlim(left=0.0)
