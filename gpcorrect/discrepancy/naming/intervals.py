@@ -19,7 +19,7 @@ from gpcorrect.types import FloatArray, IntArray
 __all__ = ["SHAPE_ERROR", "away_from_nothing", "explained_by_others", "half_widths"]
 
 SHAPE_ERROR = 0.03  # of a signature, relative: how well an operator and its integration describe the real thing
-TANGENT_ERROR = SHAPE_ERROR / 3  # the part of it that a change of a single number could make
+TANGENT_ERROR = SHAPE_ERROR / 2  # the part of it that a change of a single number could make
 
 
 def half_widths(search: Search, lens: Lens, members: Sequence[Member], index: int) -> dict[int, float]:
