@@ -92,9 +92,6 @@ def _level(
         return "UNKNOWN", ["a smooth model outside the catalogue explains more"]
     if doubts or nothing > STABLE:
         return "INCONCLUSIVE", []
-    if mine.probability < STABLE:
-        first = max(others, key=lambda a: a.probability)
-        return "INCONCLUSIVE", [f"less probable than {first.label}, which may not be named either"]
     if mine.probability >= EXACT:
         return "EXACT", []
     if not stable:
