@@ -115,7 +115,8 @@ def _where(report: Mapping[str, Any], evidence: Evidence, model: Model) -> Secti
         )
         for i, name, unit in _worst(report)[:MOST_MAPS]
     ]
-    return Section("Where", [*words, after], (table,), figures)
+    words += [after] if report["verdict"]["effects"] else []
+    return Section("Where", words, (table,), figures)
 
 
 def _equivalence(report: Mapping[str, Any]) -> list[str]:

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.signal import lombscargle
 from scipy.special import digamma, polygamma
 
+from gpcorrect.discrepancy.recording.noise import NORMAL_MAD
 from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["Tone", "strongest_tone"]
@@ -63,7 +64,7 @@ def strongest_tone(time: FloatArray, residual: FloatArray, block: IntArray) -> T
     frequency = np.arange(CYCLES / np.median(spans), 0.5 / step, 1.0 / (FINER * np.median(spans)))
     if len(frequency) < FEWEST_FREQUENCIES:
         return None
-    scale = float(np.median(np.abs(residual[np.concatenate(pieces)]))) / 0.6745
+    scale = float(np.median(np.abs(residual[np.concatenate(pieces)]))) / NORMAL_MAD
     power = np.mean([_power(time[p], _calm(residual[p], scale), frequency) for p in pieces], axis=0)
     background = _smooth(power, frequency, len(pieces))
     ratio = np.maximum(power / background, 1.0)

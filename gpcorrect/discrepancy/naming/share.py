@@ -1,4 +1,4 @@
-"""How much of the gap is closed where an effect shows: one that leaves nearly all of it is a part of something else."""
+"""How much of the gap is closed where an effect shows: one that leaves most of it is a part of something else."""
 
 from __future__ import annotations
 

@@ -141,7 +141,7 @@ def effect_words(effect: Mapping[str, Any]) -> str:
 
 
 MEANING = {
-    "NONE": "nothing beats noise, and what could still hide is shown to be too small to matter",
+    "NONE": "nothing that matters beats noise, and what could still hide is shown to be too small to matter",
     "EXACT": "one name holds, on trajectories that the search had not seen, and no rival is left",
     "CLASS": "the kind of effect is sure, which one of its kind is not",
     "SET": "one of those listed is there; these data do not tell which",
@@ -276,7 +276,10 @@ def _nothing(report: Mapping[str, Any]) -> str:
     bounds = [e["systematic_upper"] for e in report["provenance"]["equivalence"] if e["systematic_upper"] is not None]
     rest = f"; what could still hide is below {100 * max(bounds):.0f} % of the noise" if bounds else ""
     faint = report["localisation"]  # no finding of these counts, or the verdict would be another
-    seen = f"; {channel_words(faint[0]['channel'])} differs by {100 * faint[0]['size']:.0f} % of it" if faint else ""
+    size = 100 * faint[0]["size"] if faint else 0.0
+    seen = (
+        f"; {channel_words(faint[0]['channel'])} differs by {size:.0f} % of it, too little to matter" if faint else ""
+    )
     share = _tolerated(report)
     beyond = f" and {TOLERANCES} ({100 * share:.0f} % of it)" if share > EQUIVALENCE else ""
     return f"Nothing is missing: simulation and recording agree up to noise{beyond}{rest}{seen}."
