@@ -22,7 +22,7 @@ from gpcorrect.sim import debridement_log, machine_of, preset
 from gpcorrect.sim.live_robot import LiveRobot
 from gpcorrect_service.crtk import ArmServer, ArmServerSettings, Bus, BusSettings, OperatingState, Pose
 from gpcorrect_service.crtk.prefilter import Prefilter
-from gpcorrect_service.model import Model
+from gpcorrect_service.server.models import Model
 
 RATES = (100.0, 500.0, 1000.0)
 

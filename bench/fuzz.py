@@ -23,16 +23,17 @@ from hypothesis import strategies as st
 from service_bench import PATIENT, a_model, free_endpoint, process, serve_model, typical_query
 from support import save_results
 
-from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, wire
-from gpcorrect_service.active import Active
-from gpcorrect_service.answers import Answer, Clock, Request
-from gpcorrect_service.cdr import CDR_ENCODING, StampedPose, write_pose
-from gpcorrect_service.handlers import Handlers
-from gpcorrect_service.joint_handlers import JointHandlers
-from gpcorrect_service.journal import open_journal
-from gpcorrect_service.model import load_model
-from gpcorrect_service.reception import Reception
-from gpcorrect_service.transport import open_client
+from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
+from gpcorrect_service.ops.logger import open_journal
+from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose
+from gpcorrect_service.protocol.sessions import open_client
+from gpcorrect_service.server.active import Active
+from gpcorrect_service.server.answers import Answer, Clock, Request
+from gpcorrect_service.server.joints import JointHandlers
+from gpcorrect_service.server.models import load_model
+from gpcorrect_service.server.poses import Handlers
+from gpcorrect_service.server.requests import Reception
 
 SHORT, LONG = 50_000, 1_000_000
 OVER_ZENOH = 0.02  # share of the payloads that a real server gets

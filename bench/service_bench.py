@@ -19,11 +19,12 @@ import numpy as np
 import zenoh
 
 from gpcorrect import artifact
-from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, wire
-from gpcorrect_service.cdr import CDR_ENCODING, StampedPose, write_pose
-from gpcorrect_service.router import route
-from gpcorrect_service.server import serve
-from gpcorrect_service.transport import CLIENT, COMMON, open_client, open_server
+from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
+from gpcorrect_service.ops.router import route
+from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose
+from gpcorrect_service.protocol.sessions import CLIENT, COMMON, open_client, open_server
+from gpcorrect_service.server.service import serve
 
 PATIENT = 60.0  # s
 SLOW = 0.001  # s

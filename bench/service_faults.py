@@ -25,7 +25,7 @@ from gpcorrect.corrector import FitSettings, fit_corrector
 from gpcorrect.model_store import ModelStore
 from gpcorrect.sim import debridement_log
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, ServiceError
-from gpcorrect_service.operator_client import Operator
+from gpcorrect_service.client.operator import Operator
 
 RATE = 200.0
 LATE = 0.05  # s: far above what a busy machine adds

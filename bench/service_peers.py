@@ -36,7 +36,7 @@ from service_bench import (
 from support import print_table, save_results
 
 from gpcorrect import artifact
-from gpcorrect_service import wire
+from gpcorrect_service.protocol import wire
 
 ROUNDS = 2000
 WARM_UP = 200

@@ -34,8 +34,9 @@ from service_latency import (
 )
 from support import print_table, save_results
 
-from gpcorrect_service import ClientSettings, CorrectionClient, wire
-from gpcorrect_service.transport import open_client
+from gpcorrect_service import ClientSettings, CorrectionClient
+from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.sessions import open_client
 
 SECONDS = 2.0
 WARM_UP = 20

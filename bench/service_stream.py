@@ -22,9 +22,10 @@ from support import print_table, save_results
 from gpcorrect.joint_artifact import load_joint, save_joint
 from gpcorrect.joint_corrector import JointCorrector, JointSettings, JointStream, fit_joint
 from gpcorrect.types import FloatArray
-from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, wire
-from gpcorrect_service.transport import open_client
-from gpcorrect_service.wire_joints import JointEstimate, JointState
+from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
+from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.sessions import open_client
+from gpcorrect_service.protocol.wire_joints import JointEstimate, JointState
 
 RATE = 1000.0
 HEAD = ("", "median ms", "p99 ms", "min ms", "over 1 ms %", "max ms")

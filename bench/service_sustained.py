@@ -33,7 +33,7 @@ from support import print_table, save_results
 
 from gpcorrect.errors import GpCorrectError
 from gpcorrect_service import ClientSettings
-from gpcorrect_service.transport import open_client
+from gpcorrect_service.protocol.sessions import open_client
 
 RATE = 1000.0  # queries a second in all
 HEAD = ("", "queries a second", "lost", "median ms", "p99 ms", "over 1 ms %")

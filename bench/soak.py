@@ -22,7 +22,7 @@ from support import print_table, save_results
 
 from gpcorrect.model_store import ModelStore
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, ServiceError
-from gpcorrect_service.operator_client import Operator
+from gpcorrect_service.client.operator import Operator
 
 PLANNERS = 3
 SAMPLE_SECONDS = 1.0

@@ -15,7 +15,7 @@ from gpcorrect.sim import machine_of, preset
 from gpcorrect.sim.live_robot import LiveRobot
 from gpcorrect.types import Correction, FloatArray
 from gpcorrect_service.crtk import ArmServer, ArmServerSettings, Bus, BusSettings
-from gpcorrect_service.model import Model
+from gpcorrect_service.server.models import Model
 
 PATIENT = 30.0  # s: only a test that fails waits this long
 EPOCH = 1.8e9

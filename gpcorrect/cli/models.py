@@ -15,8 +15,8 @@ from gpcorrect.errors import DataError
 from gpcorrect.model_store import Entry, ModelStore, compare
 
 if TYPE_CHECKING:
-    from gpcorrect_service.operator_client import Operator
-    from gpcorrect_service.wire_admin import ModelListAnswer
+    from gpcorrect_service.client.operator import Operator
+    from gpcorrect_service.protocol.wire_admin import ModelListAnswer
 
 __all__ = ["models_app"]
 
@@ -165,7 +165,7 @@ def state(
 
 
 def _operator(endpoint: str | None, arm: str, namespace: str, config: Path | None) -> Operator:
-    from gpcorrect_service.operator_client import Operator  # zenoh is an extra; folders need none
+    from gpcorrect_service.client.operator import Operator  # zenoh is an extra; folders need none
 
     if endpoint is None and config is None:
         raise DataError("name the models' place.", hint="--store FOLDER, or --endpoint tcp/127.0.0.1:7447")

@@ -39,8 +39,8 @@ def prefilter(
     from gpcorrect_service.crtk import Bus, BusSettings  # zenoh is an extra; other commands work without it
     from gpcorrect_service.crtk.filter_server import FilterServer
     from gpcorrect_service.crtk.prefilter import Prefilter, PrefilterSettings
-    from gpcorrect_service.journal import open_journal
-    from gpcorrect_service.model import Model
+    from gpcorrect_service.ops.logger import open_journal
+    from gpcorrect_service.server.models import Model
 
     corrector = artifact.load(model)
     known = Model(corrector, id=model.stem, hash=artifact.model_hash(model))

@@ -37,7 +37,7 @@ def init(
     Example: gpcorrect secure init site/ --host router.lab; then: gpcorrect router site/router.json5, gpcorrect serve
     MODEL --config site/server.json5 --allow-remote, gpcorrect query correct --config site/planner.json5 ...
     """
-    from gpcorrect_service.secure import USERS, Site, secure_site  # zenoh is an extra
+    from gpcorrect_service.ops.secure import USERS, Site, secure_site  # zenoh is an extra
 
     secure_site(folder, Site(host, port, namespace, days), datetime.datetime.now(datetime.UTC))
     out.print(f"wrote {folder}: router.json5, {', '.join(f'{user}.json5' for user in USERS)}, passwords.txt")
@@ -51,7 +51,7 @@ def router(
 
     Example: gpcorrect router site/router.json5
     """
-    from gpcorrect_service.router import route
+    from gpcorrect_service.ops.router import route
 
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -73,7 +73,7 @@ def doctor(
     Exit status 1 when something is wrong. Example: gpcorrect doctor --config site/planner.json5
     """
     from gpcorrect_service import ClientSettings
-    from gpcorrect_service.doctor import examine
+    from gpcorrect_service.ops.doctor import examine
 
     settings = ClientSettings((endpoint,), arm, namespace, config_file=config)
     findings = []

@@ -11,7 +11,7 @@ import typer
 from gpcorrect.cli.console import err
 
 if TYPE_CHECKING:
-    from gpcorrect_service.server import Server
+    from gpcorrect_service.server.service import Server
 
 __all__ = ["serve"]
 
@@ -50,8 +50,8 @@ def serve(
     Examples: gpcorrect serve model.gpc --arm PSM1; gpcorrect serve --store models/ --max-mm 5
     """
     from gpcorrect_service import ServerSettings  # zenoh is an extra; other commands work without it
-    from gpcorrect_service.guard import CorrectionBound
-    from gpcorrect_service.server import serve as serve_model
+    from gpcorrect_service.protocol.bounds import CorrectionBound
+    from gpcorrect_service.server.service import serve as serve_model
 
     settings = ServerSettings(
         endpoint=endpoint,

@@ -1,11 +1,24 @@
 """Corrections over zenoh: a server for a fitted model, and clients for planners."""
 
-import gpcorrect_service._libraries  # noqa: F401 - first, so that a missing library is named
-from gpcorrect_service.aio import AsyncCorrectionClient
-from gpcorrect_service.client import CorrectionClient
-from gpcorrect_service.config import ClientSettings, ServerSettings
-from gpcorrect_service.errors import EndpointError, ServiceError
-from gpcorrect_service.replies import CorrectionReply, JointsReply, PathReply
+from importlib.util import find_spec
+
+from gpcorrect.errors import MissingExtraError
+
+for _module, _library in (
+    ("zenoh", "eclipse-zenoh"),
+    ("msgspec", "msgspec"),
+    ("structlog", "structlog"),
+    ("prometheus_client", "prometheus-client"),
+):
+    if find_spec(_module) is None:
+        raise MissingExtraError(_library, extra="service", purpose="the correction service")
+
+# Only now, so that a missing library is named before a module stumbles over it.
+from gpcorrect_service.client.awaiting import AsyncCorrectionClient  # noqa: E402
+from gpcorrect_service.client.replies import CorrectionReply, JointsReply, PathReply  # noqa: E402
+from gpcorrect_service.client.waiting import CorrectionClient  # noqa: E402
+from gpcorrect_service.protocol.errors import EndpointError, ServiceError  # noqa: E402
+from gpcorrect_service.protocol.settings import ClientSettings, ServerSettings  # noqa: E402
 
 __all__ = [
     "AsyncCorrectionClient",

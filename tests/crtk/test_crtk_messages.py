@@ -11,7 +11,7 @@ from gpcorrect_service.crtk.messages import JointState, OperatingState, Pose, Te
 from gpcorrect_service.crtk.rmw import RmwNode, attachment, gid_of, read_attachment, rmw_key
 from gpcorrect_service.crtk.ros_messages import from_cdr, ros_store, to_cdr, to_ros
 from gpcorrect_service.crtk.topics import TOPICS, topic
-from gpcorrect_service.errors import ServiceError
+from gpcorrect_service.protocol.errors import ServiceError
 
 MESSAGES = [
     ("measured_js", JointState(1.5, (0.1, -0.2), (1.0, 2.0), (3.0, 4.0))),

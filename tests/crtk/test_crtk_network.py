@@ -15,8 +15,8 @@ from gpcorrect_service.crtk.recorder import Recorder, write_mcap
 from gpcorrect_service.crtk.rmw import read_attachment, rmw_key
 from gpcorrect_service.crtk.robot import Robot, RobotError
 from gpcorrect_service.crtk.ros_messages import from_cdr, ros_store, to_cdr
-from gpcorrect_service.errors import EndpointError
-from gpcorrect_service.journal import open_journal
+from gpcorrect_service.ops.logger import open_journal
+from gpcorrect_service.protocol.errors import EndpointError
 
 
 def test_a_robot_is_driven_and_recorded(tmp_path):

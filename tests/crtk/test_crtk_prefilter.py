@@ -5,7 +5,7 @@ from crtk_support import SHIFT, ShiftCorrector, model
 from gpcorrect_service.crtk.keyboard import KeyControl
 from gpcorrect_service.crtk.messages import OperatingState, Pose
 from gpcorrect_service.crtk.prefilter import Prefilter, PrefilterSettings
-from gpcorrect_service.errors import ServiceError
+from gpcorrect_service.protocol.errors import ServiceError
 
 TURN = (1.0, 0.0, 0.0, 0.0)
 

@@ -13,7 +13,7 @@ from gpcorrect_service.crtk import Bus, BusSettings
 from gpcorrect_service.crtk.filter_server import FilterServer
 from gpcorrect_service.crtk.prefilter import Prefilter
 from gpcorrect_service.crtk.robot import Robot
-from gpcorrect_service.journal import open_journal
+from gpcorrect_service.ops.logger import open_journal
 
 
 @contextmanager

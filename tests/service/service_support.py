@@ -21,9 +21,9 @@ import zenoh
 from gpcorrect.errors import DataError
 from gpcorrect.types import Correction, FloatArray
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
-from gpcorrect_service.model import JointModel, Model
-from gpcorrect_service.server import run, serve
-from gpcorrect_service.transport import client_config
+from gpcorrect_service.protocol.sessions import client_config
+from gpcorrect_service.server.models import JointModel, Model
+from gpcorrect_service.server.service import run, serve
 
 SHIFT = np.array([0.001, -0.002, 0.003])
 POSE = [0.1, 0.02, -0.11, 1.0, 0.0, 0.0, 0.0]

@@ -14,7 +14,7 @@ from gpcorrect import artifact
 from gpcorrect.model_store import ModelStore
 from gpcorrect.types import FloatArray
 from gpcorrect_service import ClientSettings, PathReply, ServiceError
-from gpcorrect_service.operator_client import Operator
+from gpcorrect_service.client.operator import Operator
 
 ACTIVATIONS = 12  # bench/service_activation.py makes a hundred
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from service_support import REGION
 
 from gpcorrect_service import ServiceError
-from gpcorrect_service.checks import (
+from gpcorrect_service.protocol.limits import (
     MAX_PATH_POSES,
     check_answer,
     checked_path,

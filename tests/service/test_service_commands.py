@@ -17,7 +17,7 @@ from gpcorrect.joint_artifact import save_joint
 from gpcorrect.joint_corrector import JointSettings, fit_joint
 from gpcorrect.model_store import ModelStore, kind_of
 from gpcorrect.types import CalibrationLog, LogMeta
-from gpcorrect_service.model import load_joint_model
+from gpcorrect_service.server.models import load_joint_model
 
 Run = Callable[..., tuple[int, str]]
 

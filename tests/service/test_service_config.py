@@ -16,8 +16,8 @@ from service_support import endpoint_of, free_port
 import gpcorrect_service
 from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect_service import ClientSettings, CorrectionClient, EndpointError, ServerSettings
-from gpcorrect_service.server import Server
-from gpcorrect_service.transport import client_config, read_config, server_config
+from gpcorrect_service.protocol.sessions import client_config, read_config, server_config
+from gpcorrect_service.server.service import Server
 
 DEPLOY = Path(__file__).resolve().parents[2] / "service" / "deploy" / "single_host"
 

@@ -27,7 +27,7 @@ from service_support import (
 )
 
 from gpcorrect_service import CorrectionClient, ServerSettings, ServiceError
-from gpcorrect_service.router import route
+from gpcorrect_service.ops.router import route
 
 ROUTED = Path(__file__).resolve().parents[2] / "service" / "deploy" / "router"
 

@@ -14,14 +14,14 @@ from service_support import PATIENT, ShiftCorrector
 from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect_service import ServiceError
-from gpcorrect_service.active import FAULTS_IN_A_ROW, Active
-from gpcorrect_service.guard import CorrectionBound, RateBound
-from gpcorrect_service.health import Health
-from gpcorrect_service.journal import open_journal
-from gpcorrect_service.metrics import Tally
-from gpcorrect_service.model import Model
-from gpcorrect_service.throttle import Throttle
-from gpcorrect_service.workers import Lane
+from gpcorrect_service.ops.logger import open_journal
+from gpcorrect_service.ops.metrics import Tally
+from gpcorrect_service.protocol.bounds import CorrectionBound, RateBound
+from gpcorrect_service.server.active import FAULTS_IN_A_ROW, Active
+from gpcorrect_service.server.health import Health
+from gpcorrect_service.server.models import Model
+from gpcorrect_service.server.queues import Lane
+from gpcorrect_service.server.throttle import Throttle
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from service_support import POSE, SHIFT, FaultyCorrector, ShiftCorrector
 
 from gpcorrect.errors import DataError
-from gpcorrect_service import wire
-from gpcorrect_service.active import Active
-from gpcorrect_service.answers import Answer, Clock, Request
-from gpcorrect_service.handlers import Handlers
-from gpcorrect_service.journal import open_journal
-from gpcorrect_service.model import Corrector, Model
-from gpcorrect_service.reception import Reception
+from gpcorrect_service.ops.logger import open_journal
+from gpcorrect_service.protocol import wire
+from gpcorrect_service.server.active import Active
+from gpcorrect_service.server.answers import Answer, Clock, Request
+from gpcorrect_service.server.models import Corrector, Model
+from gpcorrect_service.server.poses import Handlers
+from gpcorrect_service.server.requests import Reception
 
 NOW = 100.0
 JSON, MSGPACK = wire.JSON, wire.MSGPACK

@@ -14,15 +14,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from service_support import SLACK, lagging_joints
 
-from gpcorrect_service import wire
-from gpcorrect_service.active import Active
-from gpcorrect_service.answers import Answer, Clock, Request
-from gpcorrect_service.estimate import Estimator, StreamSample
-from gpcorrect_service.joint_handlers import JointHandlers
-from gpcorrect_service.journal import open_journal
-from gpcorrect_service.metrics import Tally
-from gpcorrect_service.reception import Reception
-from gpcorrect_service.wire_joints import CorrectJointsAnswer, CorrectJointsRequest, JointEstimate, JointState
+from gpcorrect_service.ops.logger import open_journal
+from gpcorrect_service.ops.metrics import Tally
+from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.wire_joints import CorrectJointsAnswer, CorrectJointsRequest, JointEstimate, JointState
+from gpcorrect_service.server.active import Active
+from gpcorrect_service.server.answers import Answer, Clock, Request
+from gpcorrect_service.server.joints import JointHandlers
+from gpcorrect_service.server.requests import Reception
+from gpcorrect_service.server.stream import Estimator, StreamSample
 
 NOW = 100.0
 Q = ((0.1, 0.2, 0.05), (0.2, 0.2, 0.06), (0.3, 0.2, 0.07))

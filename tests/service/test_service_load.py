@@ -11,7 +11,8 @@ from typing import Any
 
 from service_support import PATIENT, POSE, ServerProcess, ask_bare, server_process, stranger, wait_for
 
-from gpcorrect_service import CorrectionClient, ServiceError, wire
+from gpcorrect_service import CorrectionClient, ServiceError
+from gpcorrect_service.protocol import wire
 
 REQUEST = wire.JSON.encode(wire.CorrectRequest(tuple(POSE)))
 

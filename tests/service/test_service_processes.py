@@ -10,8 +10,9 @@ import pytest
 import zenoh
 from service_support import PATIENT, POSE, SHIFT, ServerProcess, ask_bare, server_process, stranger
 
-from gpcorrect_service import ServiceError, wire
-from gpcorrect_service.config import MAX_MESSAGE_BYTES
+from gpcorrect_service import ServiceError
+from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES
 
 ENCODINGS = ["msgpack", "json"]
 

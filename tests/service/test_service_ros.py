@@ -12,17 +12,18 @@ from hypothesis import strategies as st
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 from service_support import POSE, SHIFT, ShiftCorrector
 
-from gpcorrect_service import ServiceError, wire
-from gpcorrect_service.active import Active
-from gpcorrect_service.answers import Answer, Clock, Request
-from gpcorrect_service.cdr import CDR_ENCODING, CdrBeside, StampedPose, read_pose, write_pose
-from gpcorrect_service.guard import CorrectionBound
-from gpcorrect_service.handlers import BOUNDED, Handlers
-from gpcorrect_service.health import Health
-from gpcorrect_service.journal import open_journal
-from gpcorrect_service.metrics import OPENMETRICS, Tally
-from gpcorrect_service.model import Model
-from gpcorrect_service.reception import Reception
+from gpcorrect_service import ServiceError
+from gpcorrect_service.ops.logger import open_journal
+from gpcorrect_service.ops.metrics import OPENMETRICS, Tally
+from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.bounds import CorrectionBound
+from gpcorrect_service.protocol.cdr import CDR_ENCODING, CdrBeside, StampedPose, read_pose, write_pose
+from gpcorrect_service.server.active import Active
+from gpcorrect_service.server.answers import Answer, Clock, Request
+from gpcorrect_service.server.health import Health
+from gpcorrect_service.server.models import Model
+from gpcorrect_service.server.poses import BOUNDED, Handlers
+from gpcorrect_service.server.requests import Reception
 
 NOW = 100.0
 ASKED = StampedPose(tuple(POSE), 12, 34, "tracker")

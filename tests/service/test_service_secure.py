@@ -16,10 +16,10 @@ from service_support import PATIENT, POSE, child, end_with_parent, free_port, se
 
 from gpcorrect.errors import DataError
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, ServiceError
-from gpcorrect_service.doctor import Finding, examine
-from gpcorrect_service.operator_client import Operator
-from gpcorrect_service.router import route
-from gpcorrect_service.secure import ROLES, Site, secure_site
+from gpcorrect_service.client.operator import Operator
+from gpcorrect_service.ops.doctor import Finding, examine
+from gpcorrect_service.ops.router import route
+from gpcorrect_service.ops.secure import ROLES, Site, secure_site
 
 NOW = datetime.datetime.now(datetime.UTC)
 Edit = Callable[[dict[str, Any]], None]

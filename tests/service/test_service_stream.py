@@ -11,8 +11,8 @@ import pytest
 import zenoh
 from service_support import PATIENT, SLACK, ServerProcess, server_process, stranger, wait_for
 
-from gpcorrect_service import wire
-from gpcorrect_service.wire_joints import JointEstimate, JointState
+from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.wire_joints import JointEstimate, JointState
 
 CODEC = wire.MSGPACK
 

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gpcorrect_service import ServiceError, wire
+from gpcorrect_service import ServiceError
+from gpcorrect_service.protocol import wire
 
 codecs = st.sampled_from(list(wire.CODECS.values()))
 number = st.floats(allow_nan=False, allow_infinity=False)

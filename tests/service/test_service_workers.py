@@ -10,8 +10,8 @@ import time
 import pytest
 from service_support import PATIENT
 
-from gpcorrect_service.journal import open_journal
-from gpcorrect_service.workers import Lane
+from gpcorrect_service.ops.logger import open_journal
+from gpcorrect_service.server.queues import Lane
 
 
 class Works:

@@ -13,13 +13,13 @@ from typing import Any, Literal, Self
 import msgspec
 import zenoh
 
-from gpcorrect_service.config import check_loopback
 from gpcorrect_service.crtk.messages import Message
 from gpcorrect_service.crtk.rmw import RmwNode, attachment, gid_of, rmw_key
 from gpcorrect_service.crtk.ros_messages import from_cdr, to_cdr
 from gpcorrect_service.crtk.topics import Topic, topic
-from gpcorrect_service.errors import EndpointError, ServiceError
-from gpcorrect_service.transport import COMMON
+from gpcorrect_service.protocol.errors import EndpointError, ServiceError
+from gpcorrect_service.protocol.sessions import COMMON
+from gpcorrect_service.protocol.settings import check_loopback
 
 __all__ = ["Bus", "BusSettings", "Inbox", "open_session", "read_message"]
 

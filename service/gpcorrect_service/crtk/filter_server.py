@@ -10,8 +10,8 @@ from queue import Empty, Full, Queue
 from gpcorrect_service.crtk.bus import Bus
 from gpcorrect_service.crtk.messages import Pose, Report, Text
 from gpcorrect_service.crtk.prefilter import Prefilter
-from gpcorrect_service.errors import ServiceError
-from gpcorrect_service.journal import Journal
+from gpcorrect_service.ops.logger import Journal
+from gpcorrect_service.protocol.errors import ServiceError
 
 __all__ = ["FilterServer"]
 

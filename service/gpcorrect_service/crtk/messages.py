@@ -11,7 +11,7 @@ from typing import Literal
 
 import msgspec
 
-from gpcorrect_service.errors import ServiceError
+from gpcorrect_service.protocol.errors import ServiceError
 
 __all__ = ["STATES", "Event", "Heartbeat", "JointState", "Message", "OperatingState", "Pose", "Report", "State", "Text"]
 

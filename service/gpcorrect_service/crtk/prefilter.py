@@ -16,10 +16,10 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.types import Correction, FloatArray
-from gpcorrect_service.checks import check_answer, checked_pose, checked_twist, position_limit
 from gpcorrect_service.crtk.messages import OperatingState, Pose, Report, checked_stamp
-from gpcorrect_service.errors import ServiceError
-from gpcorrect_service.model import Model
+from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.limits import check_answer, checked_pose, checked_twist, position_limit
+from gpcorrect_service.server.models import Model
 
 __all__ = ["Prefilter", "PrefilterSettings", "StreamingCorrector"]
 

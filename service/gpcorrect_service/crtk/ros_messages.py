@@ -12,7 +12,7 @@ import numpy as np
 from gpcorrect.errors import MissingExtraError
 from gpcorrect_service.crtk.messages import JointState, OperatingState, Pose, Text
 from gpcorrect_service.crtk.topics import JOINT_STATE, OPERATING_STATE, POSE_STAMPED, STRING_STAMPED
-from gpcorrect_service.errors import ServiceError
+from gpcorrect_service.protocol.errors import ServiceError
 
 __all__ = ["from_cdr", "ros_definition", "ros_store", "to_cdr", "to_ros"]
 

@@ -11,11 +11,11 @@ from typing import Self
 
 import zenoh
 
-from gpcorrect_service import wire
 from gpcorrect_service.crtk.bus import BusSettings, open_session, read_message
 from gpcorrect_service.crtk.topics import TOPICS, Topic
-from gpcorrect_service.errors import EndpointError, ServiceError
 from gpcorrect_service.monitor.board import Board
+from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.errors import EndpointError, ServiceError
 
 __all__ = ["WATCHED", "Watcher"]
 

@@ -1,0 +1,1 @@
+"""Request path out: what a planner or an operator asks with."""

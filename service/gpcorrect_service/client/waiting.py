@@ -1,0 +1,187 @@
+"""The planner's client: ask one server, retry once with all of them, and never fail in silence."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Self, TypeVar
+
+import zenoh
+from numpy.typing import ArrayLike
+
+from gpcorrect_service.client.replies import CorrectionReply, JointsReply, PathReply
+from gpcorrect_service.client.requests import Call, ClientBase, Line
+from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.wire import HealthAnswer, ModelAnswer
+
+__all__ = ["POLL_SECONDS", "REPLIES_KEPT", "CorrectionClient"]
+
+POLL_SECONDS = 0.002  # between looks at whether a server has appeared
+# Replies of one query that may wait to be read: more than there are replicas, so that zenoh's thread never
+# waits. A RingChannel would not do: it is gone, with what it holds, when the last reply overtakes the reader.
+REPLIES_KEPT = 64
+
+R = TypeVar("R")
+
+
+class CorrectionClient(ClientBase):
+    """Asks a correction server from a planner; a context manager, safe to use from several threads.
+
+    Parameters: see :class:`gpcorrect_service.client.requests.ClientBase`.
+    """
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection; questions after that are answered NO_SERVICE."""
+        self._desk.close()
+
+    def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> CorrectionReply:
+        """Return what to command so that the robot reaches `pose`.
+
+        Parameters
+        ----------
+        pose : (7,) or (3,) array
+            Desired position (m) and unit quaternion wxyz, in the frame that the model was trained in.
+        twist : (6,) array, optional
+            Desired velocity there, m/s and rad/s.
+
+        Raises
+        ------
+        ServiceError
+            With the status of the failure; except for BAD_INPUT only when `on_failure` is "raise".
+        """
+        return self._ask(self._desk.correct(pose, twist))
+
+    def correct_path(self, poses: ArrayLike, times: ArrayLike) -> PathReply:
+        """Return what to command so that the robot follows a path; velocities are computed along it.
+
+        Parameters
+        ----------
+        poses : (n, 7) or (n, 3) array
+            As for :meth:`correct`.
+        times : (n,) array
+            Seconds, strictly increasing.
+
+        Raises
+        ------
+        ServiceError
+            As for :meth:`correct`.
+        """
+        return self._ask(self._desk.correct_path(poses, times))
+
+    def correct_joints(
+        self,
+        q: ArrayLike,
+        times: ArrayLike,
+        efforts: ArrayLike | None = None,
+        sessions: Sequence[int] | None = None,
+    ) -> JointsReply:
+        """Return the true joints of a path of reported ones, or what to command, by the model's direction.
+
+        Parameters
+        ----------
+        q : (n, d) array
+            rad or m; NaN where missing.
+        times : (n,) array
+            Seconds, strictly increasing.
+        efforts : (n, d) array, optional
+            As logged, for models that look at them.
+        sessions : n int, optional
+            Where the number changes, the arm was homed or moved by hand.
+
+        Raises
+        ------
+        ServiceError
+            As for :meth:`correct`.
+        """
+        return self._ask(self._desk.correct_joints(q, times, efforts, sessions))
+
+    def metrics(self) -> str:
+        """Return the server's numbers as OpenMetrics text.
+
+        Raises
+        ------
+        ServiceError
+            As for :meth:`model`.
+        """
+        return self._ask(self._desk.metrics())
+
+    def model(self) -> ModelAnswer:
+        """Return which model is active and what it says of itself.
+
+        Raises
+        ------
+        ServiceError
+            As for :meth:`correct`, whatever `on_failure` says.
+        """
+        return self._ask(self._desk.model())
+
+    def health(self) -> HealthAnswer:
+        """Return the server's state, queues and counts.
+
+        Raises
+        ------
+        ServiceError
+            As for :meth:`model`.
+        """
+        return self._ask(self._desk.health())
+
+    def _ask(self, call: Call[R]) -> R:
+        try:
+            return self._ask_servers(call)
+        except ServiceError as error:
+            return call.rescue(error)
+
+    def _ask_servers(self, call: Call[R]) -> R:
+        line = self._desk.open_line(call.kind) or self._desk.line(call.kind)
+        if line.fresh:
+            self._await_server(line)
+        first, second = line.attempts()
+        answer = self._attempt(first, call)
+        if isinstance(answer, ServiceError):
+            # Asked only now: looking at who matches costs a tenth of a query.
+            if not line.matched:
+                self._await_server(line)
+            elif answer.status == "NO_SERVICE":
+                line.suspect()
+            answer = self._attempt(second, call)
+        if isinstance(answer, ServiceError):
+            raise answer
+        return answer
+
+    def _await_server(self, line: Line) -> None:
+        until = time.monotonic() + self._desk.patience(line)
+        while not line.matched:
+            if time.monotonic() > until:
+                raise self._desk.silence()
+            time.sleep(POLL_SECONDS)
+
+    def _attempt(self, querier: zenoh.Querier, call: Call[R]) -> R | ServiceError:
+        """Return the first answer without waiting for others; the channel closes when the time is over."""
+        failure = None
+        for reply in self._send(querier, call):
+            answer = call.hear(reply)
+            if not isinstance(answer, ServiceError):
+                return answer
+            failure = answer
+        return failure or self._desk.silence()
+
+    def _send(self, querier: zenoh.Querier, call: Call[R]) -> zenoh.Handler[zenoh.Reply]:
+        message = call.message
+        try:
+            return querier.get(
+                zenoh.handlers.FifoChannel(REPLIES_KEPT),
+                payload=message.payload,
+                encoding=message.encoding,
+                attachment=message.attachment,
+            )
+        except zenoh.ZError as error:
+            raise self._desk.silence() from error

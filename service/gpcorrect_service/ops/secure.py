@@ -1,0 +1,193 @@
+"""A secured site in one folder: certificates, passwords, and configurations with access rules, ready to use.
+
+Everything meets at a router that speaks TLS only, asks every certificate and password, and lets through what a role
+may do, and nothing else: planners ask, the operator also changes models, monitors look on, servers answer.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gpcorrect.atomic import make_folder
+from gpcorrect.errors import DataError
+from gpcorrect_service.ops.certificates import Authority, write_pair, write_private
+from gpcorrect_service.protocol.sessions import CLIENT, COMMON
+
+__all__ = ["ROLES", "Site", "secure_site"]
+
+PASSWORD_BYTES = 24
+ASKED = ("correct", "correct_path", "correct_joints", "model", "health")
+ROLES: dict[str, tuple[str, ...]] = {
+    "server": (),
+    "planner": ASKED,
+    "operator": (*ASKED, "metrics", "model/list", "admin/**"),
+    "monitor": ("health", "metrics", "model"),
+}
+ROBOT = "robot"  # publishes its joints, and listens to nobody
+STREAMS = {"planner": ("estimate",), "monitor": ("estimate", "measured_js"), "server": ("measured_js",)}
+PUBLISHED = {"server": ("estimate",), ROBOT: ("measured_js",)}
+USERS = (*ROLES, ROBOT)
+
+
+@dataclass(frozen=True)
+class Site:
+    """What to secure.
+
+    Parameters
+    ----------
+    host : str
+        Name or number of the router's machine, as clients write it.
+    port : int
+    namespace : str
+        First part of every key.
+    days : int
+        Validity of certificates.
+    """
+
+    host: str = "localhost"
+    port: int = 7447
+    namespace: str = "gpcorrect"
+    days: int = 365
+
+    @property
+    def endpoint(self) -> str:
+        """Address of the router."""
+        return f"tls/{self.host}:{self.port}"
+
+
+def secure_site(folder: Path, site: Site, now: datetime.datetime) -> None:
+    """Write certificates, passwords and one configuration for the router and for every role.
+
+    Raises
+    ------
+    DataError
+        The folder holds a secured site already.
+    GpCorrectError
+        It cannot be written.
+    """
+    if (folder / "ca.pem").exists():
+        raise DataError(
+            f"{folder} holds a certificate authority already.", hint="Name a new folder; then hand out all its files."
+        )
+    make_folder(folder)
+    authority = Authority.new(f"{site.namespace} authority", now, site.days)
+    write_pair(folder, "ca", authority.certificate, authority.key)
+    hosts = tuple(dict.fromkeys((site.host, "localhost", "127.0.0.1")))
+    write_pair(folder, "router", *authority.sign("router", hosts, now, site.days))
+    passwords = {user: secrets.token_urlsafe(PASSWORD_BYTES) for user in USERS}
+    for user in USERS:
+        write_pair(folder, user, *authority.sign(user, (), now, site.days))
+        write_private(folder / f"{user}.json5", _json(_client_config(folder, site, user, passwords[user])))
+    listed = "".join(f"{user}:{password}\n" for user, password in passwords.items())
+    write_private(folder / "passwords.txt", listed.encode())
+    write_private(folder / "router.json5", _json(_router_config(folder, site)))
+
+
+def _router_config(folder: Path, site: Site) -> dict[str, Any]:
+    own = folder.resolve()
+    return _nested(
+        {
+            **COMMON,
+            "mode": "router",
+            "listen/endpoints": [site.endpoint],
+            "transport/link/protocols": ["tls"],
+            "transport/link/tls": {
+                "root_ca_certificate": str(own / "ca.pem"),
+                "listen_certificate": str(own / "router.pem"),
+                "listen_private_key": str(own / "router.key"),
+                "enable_mtls": True,
+            },
+            "transport/auth/usrpwd": {"dictionary_file": str(own / "passwords.txt")},
+            "access_control": _access(site.namespace),
+        }
+    )
+
+
+def _client_config(folder: Path, site: Site, user: str, password: str) -> dict[str, Any]:
+    own = folder.resolve()
+    return _nested(
+        {
+            **COMMON,
+            **CLIENT,
+            "mode": "client",  # a router passes no queries between two peers
+            "namespace": site.namespace,
+            "connect/endpoints": [site.endpoint],
+            "transport/link/tls": {
+                "root_ca_certificate": str(own / "ca.pem"),
+                "connect_certificate": str(own / f"{user}.pem"),
+                "connect_private_key": str(own / f"{user}.key"),
+                "enable_mtls": True,
+                "verify_name_on_connect": True,
+            },
+            "transport/auth/usrpwd": {"user": user, "password": password},
+        }
+    )
+
+
+def _access(namespace: str) -> dict[str, Any]:
+    """Rules of zenoh's access control: what is not named is denied, in both directions."""
+    rules: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    for user in USERS:
+        ids = []
+        for name, flows, messages, keys in _rights(user):
+            if keys:
+                ids.append(f"{user} {name}")
+                full = [f"{namespace}/*/{key}" for key in keys]
+                rules.append(
+                    {"id": ids[-1], "permission": "allow", "flows": flows, "messages": messages, "key_exprs": full}
+                )
+        policies.append({"rules": ids, "subjects": [user]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": user, "usernames": [user]} for user in USERS],
+        "policies": policies,
+    }
+
+
+def _rights(user: str) -> list[tuple[str, list[str], list[str], tuple[str, ...]]]:
+    """Return name, directions (as the router sees them), messages and keys of what a user may do."""
+    asked, heard, said = ROLES.get(user, ()), STREAMS.get(user, ()), PUBLISHED.get(user, ())
+    rights = [
+        ("asks", ["ingress"], ["query"], asked),
+        ("is answered", ["egress"], ["reply", "declare_queryable"], asked),
+        ("listens", ["ingress"], ["declare_subscriber"], heard),
+        ("hears", ["egress"], ["put"], heard),
+        ("publishes", ["ingress"], ["put"], said),
+        ("is listened to", ["egress"], ["declare_subscriber"], said),
+    ]
+    if user == "server":
+        everything = ("**",)
+        return [
+            *rights,
+            ("answers", ["ingress"], ["reply", "declare_queryable", "liveliness_token"], everything),
+            ("is asked", ["egress"], ["query"], everything),
+        ]
+    if user != ROBOT:
+        live = ("live/*",)
+        rights.append(("looks who lives", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], live))
+        rights.append(("sees who lives", ["egress"], ["liveliness_token"], live))
+    return rights
+
+
+def _nested(flat: dict[str, Any]) -> dict[str, Any]:
+    """Turn zenoh's paths, as `listen/endpoints`, into nested mappings."""
+    nested: dict[str, Any] = {}
+    for path, value in flat.items():
+        *outer, last = path.split("/")
+        inner = nested
+        for name in outer:
+            inner = inner.setdefault(name, {})
+        inner[last] = value
+    return nested
+
+
+def _json(value: dict[str, Any]) -> bytes:
+    return json.dumps(value, indent=2).encode()

@@ -1,0 +1,1 @@
+"""What planner and server say to each other: messages, encodings, errors, settings and zenoh sessions."""

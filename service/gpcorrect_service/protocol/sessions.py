@@ -1,0 +1,153 @@
+"""The zenoh sessions of server and client: loopback, no scouting, small messages."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from gpcorrect.errors import DataError
+from gpcorrect_service.protocol.errors import EndpointError, ServiceError
+from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES, ClientSettings, ServerSettings, check_loopback
+
+__all__ = ["client_config", "first_sentence", "open_client", "open_server", "read_config", "server_config"]
+
+COMMON: dict[str, Any] = {
+    "mode": "peer",
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
+    # Queries and replies of a few kilobytes gain nothing from shared memory that ties two processes together.
+    "transport/shared_memory/transport_optimization/messages": ["put"],
+    # A client that stopped reading holds a worker for this long (microseconds) before its link is closed.
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 500_000,
+}
+CLIENT: dict[str, Any] = {
+    "listen/endpoints": [],
+    "connect/exit_on_failure": False,
+    "connect/retry": {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 2},
+    # Opening returns at once; the client itself waits until a queryable matches.
+    "open/return_conditions": {"connect_scouted": False, "declares": False},
+}
+
+
+def open_server(settings: ServerSettings) -> zenoh.Session:
+    """Open the session that a server listens with.
+
+    Raises
+    ------
+    EndpointError
+        The address is taken, cannot be bound, or can be reached from other machines without leave.
+    DataError
+        The configuration file cannot be read.
+    """
+    config = server_config(settings)
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        where = ", ".join(_listen_endpoints(config)) or settings.endpoint
+        raise EndpointError(
+            where,
+            f"cannot listen here ({first_sentence(error)}).",
+            hint="Another server may hold this address: stop it, or choose another endpoint.",
+        ) from error
+
+
+def server_config(settings: ServerSettings) -> zenoh.Config:
+    """Return the zenoh configuration of a server.
+
+    Raises
+    ------
+    EndpointError, DataError
+        As :func:`open_server`.
+    """
+    if settings.config_file is None:
+        config = _config({**COMMON, "listen/endpoints": [settings.endpoint]})
+    else:
+        config = read_config(settings.config_file)
+    _default_namespace(config, settings.namespace)
+    for endpoint in _listen_endpoints(config):
+        check_loopback(endpoint, allow_remote=settings.allow_remote)
+    return config
+
+
+def open_client(settings: ClientSettings) -> zenoh.Session:
+    """Open the session that a planner asks with; servers may come later.
+
+    Raises
+    ------
+    ServiceError
+        NO_SERVICE: the configuration demands a connection at once and there is none.
+    DataError
+        The configuration file cannot be read.
+    """
+    config = client_config(settings)
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise ServiceError(
+            "NO_SERVICE",
+            f"zenoh cannot connect ({first_sentence(error)}).",
+            hint="Start the router or server that the configuration names.",
+        ) from error
+
+
+def client_config(settings: ClientSettings) -> zenoh.Config:
+    """Return the zenoh configuration of a client.
+
+    Raises
+    ------
+    DataError
+        The configuration file cannot be read.
+    """
+    if settings.config_file is None:
+        config = _config({**COMMON, **CLIENT, "connect/endpoints": list(settings.endpoints)})
+    else:
+        config = read_config(settings.config_file)
+    _default_namespace(config, settings.namespace)
+    return config
+
+
+def _config(values: dict[str, Any]) -> zenoh.Config:
+    config = zenoh.Config()
+    for key, value in values.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def read_config(path: Path) -> zenoh.Config:
+    """Read a zenoh configuration.
+
+    Raises
+    ------
+    DataError
+        It is not there, or not one.
+    """
+    try:
+        return zenoh.Config.from_file(path)
+    except zenoh.ZError as error:
+        raise DataError(
+            f"zenoh configuration {path} cannot be read ({first_sentence(error)}).",
+            hint="Start from those in service/deploy.",
+        ) from error
+
+
+def _default_namespace(config: zenoh.Config, namespace: str) -> None:
+    if json.loads(config.get_json("namespace")) is None:
+        config.insert_json5("namespace", json.dumps(namespace))
+
+
+def _listen_endpoints(config: zenoh.Config) -> list[str]:
+    """Addresses that this configuration listens on: a list, or one list a mode."""
+    endpoints = json.loads(config.get_json("listen/endpoints"))
+    if isinstance(endpoints, dict):
+        mode = json.loads(config.get_json("mode")) or "peer"
+        endpoints = endpoints.get(mode, [])
+    return [str(endpoint) for endpoint in ([endpoints] if isinstance(endpoints, str) else endpoints)]
+
+
+def first_sentence(error: zenoh.ZError) -> str:
+    """Return what zenoh says without the place in its sources."""
+    return str(error).split(" at /", maxsplit=1)[0].strip()

@@ -1,0 +1,183 @@
+"""Where a server listens and what a client asks: settings, checked once."""
+
+from __future__ import annotations
+
+import ipaddress
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from gpcorrect.errors import DataError
+from gpcorrect_service.protocol.bounds import CorrectionBound
+from gpcorrect_service.protocol.errors import EndpointError
+
+__all__ = [
+    "DEFAULT_ENDPOINT",
+    "MAX_MESSAGE_BYTES",
+    "ClientSettings",
+    "OnFailure",
+    "ServerSettings",
+    "check_loopback",
+]
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+MAX_MESSAGE_BYTES = 4 * 1024 * 1024  # holds the longest path in JSON; what is larger is no query of ours
+
+OnFailure = Literal["raise", "identity"]
+
+# zenoh gives a meaning to * $ # ? and hides chunks that begin with @ from wildcards.
+CHUNK = re.compile(r"[A-Za-z0-9_.-]+")
+ENDPOINT = re.compile(
+    r"(?P<protocol>[a-z0-9_-]+)/(?P<host>\[[0-9a-fA-F:.]+\]|[^/:\[\]]+):(?P<port>\d{1,5})(?P<options>[?#].*)?"
+)
+
+
+@dataclass(frozen=True)
+class ServerSettings:
+    """How one server process serves one arm.
+
+    Parameters
+    ----------
+    endpoint : str
+        Address to listen on.
+    arm : str
+        CRTK name of the arm, the second part of every key.
+    namespace : str
+        zenoh namespace, the first part of every key.
+    workers : int
+        Threads that answer `correct`. One answers fastest: corrections hold the interpreter, a second
+        thread only trades places with the first (0.05 ms a query).
+    queue_capacity : int
+        Requests that may wait for a worker; the next one is answered BUSY.
+    drain_seconds : float
+        How long stopping waits for the requests that are queued.
+    replica : str
+        Name of this process in replies; empty makes it from host and process number.
+    allow_remote : bool
+        Whether an address other than loopback may be listened on.
+    config_file : Path or None
+        A zenoh JSON5 configuration that replaces `endpoint`; its `namespace`, where given, wins.
+    bound : CorrectionBound
+        What no correction may exceed; the model's own bounds hold as well.
+    max_rate : float
+        Corrections a second that are answered; the others hear BUSY.
+    stream_key : str
+        The robot's joints come under this key of the arm.
+    stream_max_age : float
+        Seconds after which an estimate of the stream is called STALE.
+    stream_rate : float
+        Largest change of a streamed joint correction, rad/s and m/s.
+    """
+
+    endpoint: str = DEFAULT_ENDPOINT
+    arm: str = "arm1"
+    namespace: str = "gpcorrect"
+    workers: int = 1
+    queue_capacity: int = 64
+    drain_seconds: float = 1.5
+    replica: str = ""
+    allow_remote: bool = False
+    config_file: Path | None = None
+    bound: CorrectionBound = field(default_factory=CorrectionBound)
+    max_rate: float = math.inf
+    stream_key: str = "measured_js"
+    stream_max_age: float = 0.05
+    stream_rate: float = math.inf
+
+    def __post_init__(self) -> None:
+        _check_names(self.arm, self.namespace)
+        for name in ("max_rate", "stream_max_age", "stream_rate"):
+            _at_least(name, getattr(self, name), 1e-6)
+        _at_least("workers", self.workers, 1)
+        _at_least("queue_capacity", self.queue_capacity, 1)
+        _at_least("drain_seconds", self.drain_seconds, 0)
+        if self.config_file is None:
+            _parse_endpoint(self.endpoint)
+            check_loopback(self.endpoint, allow_remote=self.allow_remote)
+
+
+@dataclass(frozen=True)
+class ClientSettings:
+    """Whom a planner asks, and how long it waits.
+
+    Parameters
+    ----------
+    endpoints : tuple of str
+        Addresses of the servers; all of them are connected to.
+    arm, namespace : str
+        As in :class:`ServerSettings`.
+    timeout : float
+        Seconds for one `correct`, `model` or `health`, its one retry included.
+    path_timeout : float
+        The same for `correct_path`.
+    connect_timeout : float
+        Seconds to wait for a server to appear, before the first query only.
+    config_file : Path or None
+        A zenoh JSON5 configuration that replaces `endpoints` (through a router: mode "client").
+    """
+
+    endpoints: tuple[str, ...] = (DEFAULT_ENDPOINT,)
+    arm: str = "arm1"
+    namespace: str = "gpcorrect"
+    timeout: float = 0.5
+    path_timeout: float = 10.0
+    connect_timeout: float = 3.0
+    config_file: Path | None = None
+
+    def __post_init__(self) -> None:
+        _check_names(self.arm, self.namespace)
+        for name in ("timeout", "path_timeout", "connect_timeout"):
+            _at_least(name, getattr(self, name), 0.001)
+        if self.config_file is None:
+            for endpoint in self.endpoints:
+                _parse_endpoint(endpoint)
+
+
+def check_loopback(endpoint: str, *, allow_remote: bool) -> None:
+    """Refuse an address that other machines can reach, unless that was asked for; pipes and Unix sockets stay at home.
+
+    Raises
+    ------
+    EndpointError
+        The address is not loopback and `allow_remote` is false.
+    """
+    if endpoint.startswith(("unixsock-stream/", "unixpipe/")):
+        return
+    host = _parse_endpoint(endpoint)["host"].strip("[]")
+    if allow_remote or host == "localhost":
+        return
+    try:
+        loopback = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        loopback = False
+    if not loopback:
+        raise EndpointError(
+            endpoint,
+            "this address can be reached from other machines, and nothing would ask them who they are.",
+            hint="Listen on 127.0.0.1, or allow remote access on purpose, behind access control.",
+        )
+
+
+def _parse_endpoint(endpoint: str) -> dict[str, str]:
+    match = ENDPOINT.fullmatch(endpoint)
+    if match is None or not int(match["port"]) < 65536:
+        raise EndpointError(
+            endpoint, "this is not an address.", hint="Write protocol/host:port, as tcp/127.0.0.1:7447."
+        )
+    return match.groupdict()
+
+
+def _check_names(arm: str, namespace: str) -> None:
+    for what, text in (("arm", arm), *(("namespace", chunk) for chunk in namespace.split("/"))):
+        if not CHUNK.fullmatch(text):
+            raise DataError(
+                f"{what} name {text!r} cannot be part of a key.",
+                hint="Use letters, digits, underscore, dot and hyphen.",
+            )
+
+
+def _at_least(name: str, value: float, least: float) -> None:
+    if not value >= least:
+        raise DataError(f"{name} must be at least {least}, got {value}.")

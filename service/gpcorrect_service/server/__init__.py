@@ -1,0 +1,1 @@
+"""Request path in: zenoh callback, bounded queue, worker, reply."""

@@ -1,0 +1,309 @@
+"""The server: zenoh callback -> bounded queue -> worker -> reply."""
+
+from __future__ import annotations
+
+import gc
+import math
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+import zenoh
+from threadpoolctl import threadpool_limits
+
+from gpcorrect.errors import DataError
+from gpcorrect.model_store import ModelStore
+from gpcorrect_service.ops.logger import Journal, open_journal
+from gpcorrect_service.ops.metrics import Tally
+from gpcorrect_service.protocol.sessions import open_server
+from gpcorrect_service.protocol.settings import ServerSettings
+from gpcorrect_service.server.active import Active
+from gpcorrect_service.server.admin import Admin, load_entry
+from gpcorrect_service.server.answers import Clock
+from gpcorrect_service.server.health import Health
+from gpcorrect_service.server.jobs import Parcel, Post
+from gpcorrect_service.server.joints import JointHandlers
+from gpcorrect_service.server.models import Corrector, JointModel, Model, load_joint_model, load_model
+from gpcorrect_service.server.poses import Handlers
+from gpcorrect_service.server.queues import Lane
+from gpcorrect_service.server.requests import Reception
+from gpcorrect_service.server.routes import Route, routes
+from gpcorrect_service.server.stream import Estimator, stream_lane, stream_receiver
+from gpcorrect_service.server.throttle import Throttle
+
+__all__ = ["Server", "run", "serve"]
+
+REFUSALS = 4096  # BUSY answers that may wait to be sent; beyond it queries end without one
+SWITCH_SECONDS = 5e-4
+LAST_MOMENT = 0.2  # s: handing a full queue to the refusals takes a millisecond
+
+
+class Server:
+    """Serves the models of one arm; a context manager.
+
+    Queries enter through zenoh's callbacks, which only queue them. Every key has its own queue and thread,
+    so a long path does not delay a single pose and `health` answers while the others are flooded; refusals
+    are sent by a thread of their own. A stopped server is not started again.
+
+    Parameters
+    ----------
+    corrector : Corrector, Model or None
+        What answers poses; None answers NO_MODEL.
+    settings : ServerSettings
+        Address, names and bounds.
+    joints : JointModel, optional
+        What answers joints.
+    store : ModelStore, optional
+        From where models can be activated.
+    journal : Journal, optional
+        Where the server logs; standard error by default.
+    clock : Clock, optional
+        Where the time comes from.
+    """
+
+    def __init__(
+        self,
+        corrector: Corrector | Model | None,
+        settings: ServerSettings | None = None,
+        *,
+        joints: JointModel | None = None,
+        store: ModelStore | None = None,
+        journal: Journal | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        given = settings or ServerSettings()
+        # Named here and not with the settings, which may have been written in another process.
+        self.settings = replace(given, replica=given.replica or f"{socket.gethostname()}-{os.getpid()}")
+        model = corrector if isinstance(corrector, Model) or corrector is None else Model(corrector)
+        self.active = Active(model, joints)
+        self._store = store
+        self._clock = clock or Clock()
+        self._journal = journal or open_journal(arm=self.settings.arm, replica=self.settings.replica)
+        self._tally = Tally()
+        self._lanes: dict[str, Lane[Any]] = {}
+        self._post = Post(self.settings, self._tally, self._journal, self._clock.monotonic)
+        self._refusals = Lane(
+            "refusals",
+            self._post.refuse,
+            self._post.drop,
+            workers=1,
+            capacity=REFUSALS,
+            journal=self._journal,
+        )
+        self._throttle = Throttle(self.settings.max_rate)
+        self._queryables = ExitStack()
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def start(self) -> None:
+        """Listen, and answer from now on.
+
+        Raises
+        ------
+        EndpointError
+            The address is taken or cannot be used.
+        """
+        with ExitStack() as stack:
+            stack.enter_context(threadpool_limits(limits=1))
+            session = stack.enter_context(open_server(self.settings))
+            stack.callback(self._drain)
+            self._declare(session)
+            self._stack = stack.pop_all()
+        self._journal.info("serving", endpoint=self.settings.endpoint, **self._identity())
+
+    def stop(self) -> None:
+        """Take no more queries, answer those that wait (at most `drain_seconds`), and close."""
+        self._queryables.close()
+        self._stack.close()
+        self._journal.info("stopped", counts=self._tally.counts())
+
+    def _drain(self) -> None:
+        """Let the workers finish; hand what they cannot finish in time to the refusals; end those last."""
+        until = time.monotonic() + self.settings.drain_seconds
+        lanes = self._lanes.values()
+        for lane in lanes:
+            lane.seal()
+        in_time = [lane.join(until) for lane in lanes]
+        for lane in lanes:
+            lane.hurry()
+        ended = [lane.join(until + LAST_MOMENT) for lane in lanes]
+        self._refusals.seal()
+        self._refusals.join(until + 2 * LAST_MOMENT)
+        if not all(in_time):
+            self._journal.warning("did not finish in time", hanging=ended.count(False))
+
+    def _identity(self) -> dict[str, str]:
+        now = self.active.now
+        named = (("model", now.pose), ("joint_model", now.joints))
+        told = [(f"{what}_{part}", getattr(m, part)) for what, m in named if m for part in ("id", "hash")]
+        return dict(told) or {"model_id": ""}
+
+    def _declare(self, session: zenoh.Session) -> None:
+        """Declare the keys, the operator's and the monitor's last: who sees them finds the rest answering."""
+        s = self.settings
+        names = {"arm": s.arm, "replica": s.replica}
+        reception = Reception(self.active, journal=self._journal, clock=self._clock, **names)
+        health = Health(self.active, tally=self._tally, lanes=self._lanes, monotonic=self._clock.monotonic, **names)
+        poses, admin = Handlers(reception, s.bound), Admin(reception, self._store, self._journal)
+        self._refusals.start()
+        if self._store is not None or self.active.now.joints is not None:
+            self._declare_stream(session)
+        for route in routes(poses, JointHandlers(reception), admin, health):
+            self._declare_route(session, route)
+        token = session.liveliness().declare_token(f"{s.arm}/live/{s.replica}")
+        self._queryables.callback(token.undeclare)
+
+    def _declare_route(self, session: zenoh.Session, route: Route) -> None:
+        s = self.settings
+        lane: Lane[Parcel] = Lane(
+            route.kind,
+            self._post.answer,
+            self._refusals.offer,
+            workers=s.workers if route.kind == "correct" else 1,
+            capacity=s.queue_capacity,
+            journal=self._journal,
+        )
+        self._lanes[route.kind] = lane
+        lane.start()
+        # A direct callback runs on zenoh's thread: it only queues, and saves a change of threads.
+        callback = zenoh.handlers.Callback(self._receiver(route, lane), indirect=False)
+        self._queryables.enter_context(session.declare_queryable(self._post.key(route.kind), callback, complete=True))
+
+    def _receiver(self, route: Route, lane: Lane[Parcel]) -> Callable[[zenoh.Query], None]:
+        kind, handler, monotonic = route.kind, route.handler, self._clock.monotonic
+        passes, refuse = self._throttle.passes, self._refusals.offer
+
+        def receive(query: zenoh.Query) -> None:
+            lane.offer(Parcel(query, kind, handler, monotonic()))
+
+        def receive_throttled(query: zenoh.Query) -> None:
+            parcel = Parcel(query, kind, handler, monotonic())
+            (lane.offer if passes(parcel.arrived) else refuse)(parcel)
+
+        return receive_throttled if route.throttled and math.isfinite(self.settings.max_rate) else receive
+
+    def _declare_stream(self, session: zenoh.Session) -> None:
+        """Listen to the robot's joints, and publish estimates."""
+        s = self.settings
+        estimator = Estimator(
+            self.active,
+            replica=s.replica,
+            tally=self._tally,
+            journal=self._journal,
+            monotonic=self._clock.monotonic,
+            max_age=s.stream_max_age,
+            rate=s.stream_rate,
+        )
+        lane = stream_lane(session, f"{s.arm}/estimate", estimator, self._tally, self._journal)
+        self._lanes["estimate"] = lane
+        lane.start()
+        receive = stream_receiver(self.active, lane, self._clock.monotonic)
+        callback = zenoh.handlers.Callback(receive, indirect=False)
+        self._queryables.enter_context(session.declare_subscriber(f"{s.arm}/{s.stream_key}", callback))
+
+
+def serve(
+    model_path: str | Path | None,
+    settings: ServerSettings | None = None,
+    stop_event: threading.Event | None = None,
+    on_ready: Callable[[Server], None] | None = None,
+    *,
+    joint_path: str | Path | None = None,
+    store: str | Path | None = None,
+) -> None:
+    """Serve model files until told to stop: the whole life of a service process.
+
+    Parameters
+    ----------
+    model_path : path or None
+        What `gpcorrect fit` wrote; None takes the active one of the store.
+    settings : ServerSettings, optional
+        Address, names and bounds.
+    stop_event : threading.Event, optional
+        Ends the service when set. Without it SIGTERM and SIGINT do, which needs the main thread.
+    on_ready : callable, optional
+        Called once queries are answered.
+    joint_path : path, optional
+        What `gpcorrect joint fit` wrote; without it the active one of the store, where there is one.
+    store : path, optional
+        Folder of models that can be activated while serving.
+
+    Raises
+    ------
+    ArtifactError
+        A model file is refused.
+    DataError
+        There is nothing to serve.
+    EndpointError
+        The address is taken or cannot be used.
+    """
+    models = None if store is None else ModelStore(store)
+    pose = load_model(model_path) if model_path is not None else _stored(models, "pose")
+    joints = load_joint_model(joint_path) if joint_path is not None else _stored(models, "joints")
+    if pose is None and joints is None and models is None:
+        raise DataError("there is nothing to serve.", hint="Name a model, --joints JOINT_MODEL, or --store FOLDER.")
+    assert not isinstance(pose, JointModel)
+    assert not isinstance(joints, Model)
+    run(pose, settings, stop_event, on_ready, joints=joints, store=models)
+
+
+def _stored(store: ModelStore | None, kind: str) -> Model | JointModel | None:
+    entry = None if store is None else store.active(kind)
+    return None if store is None or entry is None else load_entry(store, entry)
+
+
+def run(
+    corrector: Corrector | Model | None,
+    settings: ServerSettings | None = None,
+    stop_event: threading.Event | None = None,
+    on_ready: Callable[[Server], None] | None = None,
+    *,
+    joints: JointModel | None = None,
+    store: ModelStore | None = None,
+) -> None:
+    """Serve models that are already loaded; see :func:`serve`."""
+    # What the process has loaded by now it keeps: the collector need not walk through it while a planner waits.
+    gc.collect()
+    gc.freeze()
+    # A thread that loads a model hands the interpreter over after this long, s, when a query waits for it.
+    sys.setswitchinterval(SWITCH_SECONDS)
+    with _stop_signal(stop_event) as stop, Server(corrector, settings, joints=joints, store=store) as server:
+        if on_ready is not None:
+            on_ready(server)
+        stop.wait()
+
+
+@contextmanager
+def _stop_signal(given: threading.Event | None) -> Iterator[threading.Event]:
+    """Give the event that ends the service; without a given one the usual signals set it."""
+    stop = given or threading.Event()
+    if given is not None:
+        yield stop
+        return
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        stop.set()
+
+    before = {number: signal.signal(number, on_signal) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
