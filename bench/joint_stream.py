@@ -13,8 +13,8 @@ from support import print_table, save_results
 from threadpoolctl import threadpool_limits
 
 from gpcorrect.joint_corrector import METHODS, JointSettings, JointStream, fit_joint
-from gpcorrect.reproduce import RavenStudy
 from gpcorrect.types import FloatArray
+from gpcorrect_studies.peng2024 import RavenStudy
 
 SEED = 31
 BLOCKS = 20

@@ -21,7 +21,6 @@ import numpy as np
 from support import print_table, save_results
 
 from gpcorrect import se3
-from gpcorrect.reproduce.peng2020 import calibrated_cameras
 from gpcorrect.sim.scene import Card, Lens, Light, Stage, single_ball, wander
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import (
@@ -37,6 +36,7 @@ from gpcorrect.vision import (
 )
 from gpcorrect.vision import single_ball as one_ball
 from gpcorrect.vision.opencv import cv2
+from gpcorrect_studies.peng2020 import calibrated_cameras
 
 RATE = 30.0
 COVER = Card((0, 0, 640, 480))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
+from importlib.metadata import entry_points
 
 import typer
 
 from gpcorrect.cli.collect import collect_app
 from gpcorrect.cli.console import bad_input
 from gpcorrect.cli.correct import correct
-from gpcorrect.cli.debride import debride
 from gpcorrect.cli.discrepancy import discrepancy_app
 from gpcorrect.cli.drift import drift
 from gpcorrect.cli.evaluate import evaluate
@@ -20,7 +20,6 @@ from gpcorrect.cli.models import models_app
 from gpcorrect.cli.monitor import monitor
 from gpcorrect.cli.prefilter import prefilter
 from gpcorrect.cli.query import query_app
-from gpcorrect.cli.reproduce import reproduce_app
 from gpcorrect.cli.robot import robot_app
 from gpcorrect.cli.secure import doctor, router, secure_app
 from gpcorrect.cli.serve import serve
@@ -56,7 +55,6 @@ app.command()(drift)
 app.command()(explore)
 app.command()(serve)
 app.add_typer(query_app, name="query")
-app.command()(debride)
 app.command()(prefilter)
 app.command()(monitor)
 app.add_typer(sim_app, name="sim")
@@ -70,8 +68,15 @@ app.command()(simulate)
 app.command(name="zigzag")(zigzag_command)
 app.add_typer(joint_app, name="joint")
 app.add_typer(vision_app, name="vision")
-app.add_typer(reproduce_app, name="reproduce")
 app.add_typer(discrepancy_app, name="discrepancy")
+for plugin in entry_points(
+    group="gpcorrect.commands"
+):  # commands of packages above this one, as pyproject.toml names them
+    part = plugin.load()
+    if isinstance(part, typer.Typer):
+        app.add_typer(part, name=plugin.name)
+    else:
+        app.command(name=plugin.name)(part)
 
 
 def main() -> None:

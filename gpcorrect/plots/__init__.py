@@ -2,7 +2,6 @@
 
 from gpcorrect.plots.cleaning import dropped_samples
 from gpcorrect.plots.clocks import offset_curve
-from gpcorrect.plots.debridement import debridement_gif, debridement_paths
 from gpcorrect.plots.discrepancy_evidence import nats_waterfall, posterior_bars, signature_correlation
 from gpcorrect.plots.discrepancy_gap import gap_chart
 from gpcorrect.plots.discrepancy_loops import loop_plots
@@ -10,22 +9,14 @@ from gpcorrect.plots.discrepancy_maps import residual_over_joints
 from gpcorrect.plots.drift import drift_history
 from gpcorrect.plots.errors import error_by_speed, error_distribution
 from gpcorrect.plots.intervals import reliability
-from gpcorrect.plots.joint_study import accuracy_over_homings, accuracy_over_hours, accuracy_over_minutes
-from gpcorrect.plots.landing import visits
 from gpcorrect.plots.overview import overview
 from gpcorrect.plots.style import png
-from gpcorrect.plots.training_size import training_curves
 from gpcorrect.plots.trajectory import trajectory_errors, trajectory_paths, typical_trajectory
 from gpcorrect.plots.vision import marker_residuals, tracked_path, tracking_quality, view_states
 from gpcorrect.plots.workspace import residual_maps, workspace_coverage
 from gpcorrect.plots.zigzag import joint_trajectory
 
 __all__ = [
-    "accuracy_over_homings",
-    "accuracy_over_hours",
-    "accuracy_over_minutes",
-    "debridement_gif",
-    "debridement_paths",
     "drift_history",
     "dropped_samples",
     "error_by_speed",
@@ -45,11 +36,9 @@ __all__ = [
     "signature_correlation",
     "tracked_path",
     "tracking_quality",
-    "training_curves",
     "trajectory_errors",
     "trajectory_paths",
     "typical_trajectory",
     "view_states",
-    "visits",
     "workspace_coverage",
 ]

@@ -2,15 +2,11 @@
 
 from gpcorrect.report.discrepancy_page import write_discrepancy_report
 from gpcorrect.report.fit_page import write_fit_report
-from gpcorrect.report.mahler_page import write_mahler_report
-from gpcorrect.report.peng_page import write_peng_report
 from gpcorrect.report.vision_pages import write_calibration_page, write_tracking_page
 
 __all__ = [
     "write_calibration_page",
     "write_discrepancy_report",
     "write_fit_report",
-    "write_mahler_report",
-    "write_peng_report",
     "write_tracking_page",
 ]

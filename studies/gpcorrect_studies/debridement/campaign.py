@@ -1,0 +1,147 @@
+"""The comparison of Mahler 2014, Sec. V-D: the same fragments, once by looking, once by knowing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.planning.correction import Corrects, Mode
+from gpcorrect.planning.margins import Margins
+from gpcorrect.types import BoolArray, FloatArray, Progress
+from gpcorrect_studies.debridement.mission import Mission, Outcome, debride
+from gpcorrect_studies.debridement.scene import Station
+from gpcorrect_studies.debridement.strategies import LookAndMove, OpenLoop, Strategy
+
+__all__ = ["PAPER", "Condition", "compare"]
+
+PAPER = {"seconds_per_fragment": 15.8, "times_faster": 3.8}  # Mahler 2014, with correction, and against replanning
+LOOKING, KNOWING, BLIND = "no correction, replanning", "corrected, open loop", "no correction, open loop"
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """One way to do the task, and what came of it.
+
+    Parameters
+    ----------
+    name : str
+    speed : float
+        m/s.
+    outcome : Outcome
+    """
+
+    name: str
+    speed: float
+    outcome: Outcome
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures, plain."""
+        return {"name": self.name, "speed_cm_s": 100 * self.speed, **self.outcome.to_dict()}
+
+    def to_words(self) -> list[str]:
+        """Return name, cm/s, removed, at once, retries, replanned, looks, miss (mm), seconds a fragment and in all."""
+        row = self.to_dict()
+        return [
+            row["name"],
+            f"{row['speed_cm_s']:.0f}",
+            f"{100 * row['success_rate']:.0f} %",
+            f"{100 * row['first_attempt_rate']:.0f} %",
+            str(row["retries"]),
+            str(row["replanned"]),
+            str(row["looks"]),
+            f"{row['miss_mm_mean']:.1f}",
+            f"{row['seconds_per_fragment']:.1f}",
+            f"{row['seconds_in_all']:.0f}",
+        ]
+
+
+def compare(
+    mission: Mission,
+    correctors: Sequence[Corrects],
+    seed: int,
+    *,
+    fast: float = 0.06,
+    slow: float = 0.01,
+    margins: Margins | None = None,
+    mode: Mode = "full",
+    progress: Progress | None = None,
+) -> tuple[Condition, ...]:
+    """Do the task three times over the same fragments.
+
+    Parameters
+    ----------
+    mission : Mission
+    correctors : sequence of Corrects
+        One an arm, in the order of the stations.
+    seed : int
+        Of the camera's noise; the same for every condition.
+    fast, slow : float
+        Speeds of the open loop and of looking, m/s.
+    margins, mode
+        See :class:`OpenLoop`.
+    progress : Progress, optional
+
+    Returns
+    -------
+    tuple of Condition
+        Replanning without correction; correction in open loop; and, to see what the correction does, the same open loop
+        without it.
+    """
+    trusted = margins or Margins()
+    careful = [LookAndMove(slow, times=mission.times) for _ in correctors]
+    knowing = [
+        OpenLoop(corrector, fast, trusted, mode, mission.times, look)
+        for corrector, look in zip(correctors, careful, strict=True)
+    ]
+    blind = [OpenLoop(_ByHand(station), fast, EVERYTHING, mode, mission.times) for station in mission.stations]
+    looking = [LookAndMove(slow, times=mission.times) for _ in correctors]
+    ways: list[tuple[str, float, Sequence[Strategy]]] = [
+        (LOOKING, slow, looking),
+        (KNOWING, fast, knowing),
+        (BLIND, fast, blind),
+    ]
+    return tuple(
+        Condition(name, speed, debride(mission, strategies, np.random.default_rng(seed), _Named(progress, name)))
+        for name, speed, strategies in ways
+    )
+
+
+EVERYTHING = Margins(float("inf"), float("inf"), 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    positions: FloatArray
+    quaternions: FloatArray
+    interval95: FloatArray
+    in_domain: BoolArray
+    status: tuple[str, ...]
+
+
+class _ByHand:
+    """What a planner does that knows no correction: turns poses into the base frame as registered by hand."""
+
+    def __init__(self, station: Station) -> None:
+        self._T_base_tracker = se3.invert(station.T_tracker_base)
+
+    def correct_path(self, poses: FloatArray, times: FloatArray) -> _Answer:
+        n = len(times)
+        position, quaternion = se3.to_parts(
+            se3.compose(self._T_base_tracker, se3.from_parts(poses[:, :3], poses[:, 3:]))
+        )
+        return _Answer(position, quaternion, np.full((n, 6), np.nan), np.ones(n, dtype=bool), ("OK",) * n)
+
+
+class _Named(Progress):
+    """Progress under the name of a condition."""
+
+    def __init__(self, progress: Progress | None, name: str) -> None:
+        self._progress, self._name = progress, name
+
+    def step(self, stage: str, done: float) -> None:
+        if self._progress is not None:
+            self._progress.step(self._name, done)

@@ -1,0 +1,227 @@
+"""`gpcorrect debride`: the debridement task on simulated arms, with a correction that other processes serve."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any, get_args
+
+import numpy as np
+import typer
+from joblib import Parallel, delayed
+from rich.table import Table
+
+from gpcorrect import artifact
+from gpcorrect.atomic import atomic_path, make_folder, require_folder
+from gpcorrect.cli.console import err, out, print_json, progress_bar
+from gpcorrect.cli.options import Json
+from gpcorrect.cli.processes import free_endpoint, running
+from gpcorrect.corrector import FitSettings, fit_corrector
+from gpcorrect.errors import DataError
+from gpcorrect.planning import Margins, Mode
+from gpcorrect_studies.debridement import (
+    PAPER,
+    Condition,
+    Mission,
+    Scene,
+    Station,
+    compare,
+    rehearsal_log,
+    rehearsal_seconds,
+    stations,
+)
+
+if TYPE_CHECKING:
+    from gpcorrect_service import CorrectionClient
+
+__all__ = ["debride"]
+
+INDUCING = 400  # of the models: enough for one task in a box of a few centimetres
+AFTER_REHEARSAL = 60.0  # s
+CONNECT = 120.0  # s for a service to load its model
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What the models are learned from."""
+
+    rehearsals: int
+    speed: float
+    seed: int
+
+
+def debride(
+    fragments: Annotated[int, typer.Option(help="Fragments to remove, over all arms.", min=1)] = 12,
+    arms: Annotated[int, typer.Option(help="One arm or two.", min=1, max=2)] = 2,
+    speed: Annotated[float, typer.Option(help="Speed in open loop, cm/s.", min=0.5, max=20)] = 6.0,
+    slow: Annotated[float, typer.Option(help="Speed without correction, cm/s.", min=0.1, max=20)] = 1.0,
+    mode: Annotated[str, typer.Option(help="Correct paths in full, or their endpoints only.")] = "full",
+    margin: Annotated[float, typer.Option(help="Widest 95 % interval at a fragment, mm; wider ones replan.")] = 6.0,
+    rehearsals: Annotated[int, typer.Option(help="Fragments that each arm rehearses to learn from.", min=8)] = 20,
+    models: Annotated[
+        Path | None,
+        typer.Option(help="Folder that keeps the models; those that are there are taken.", show_default=False),
+    ] = None,
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(help="Address of a running service, one an arm or one for all; none is started then."),
+    ] = None,
+    picture: Annotated[Path | None, typer.Option(help="Picture of the paths to write (PNG).")] = None,
+    animation: Annotated[Path | None, typer.Option(help="Animation of the task to write (GIF).")] = None,
+    report: Annotated[Path | None, typer.Option(help="Page to write (HTML), with both.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of fragments, rehearsals and noise.", min=0)] = 0,
+    json: Json = False,
+) -> None:
+    """Remove fragments with simulated arms: looking often at 1 cm/s, or corrected and in open loop at 6 cm/s.
+
+    Each arm rehearses the task under a tracker and is fitted; its correction is then served over zenoh by another
+    process, and the planner asks it for every path. Without --connect these services are started here.
+
+    For example:
+
+    gpcorrect debride --fragments 20 --picture paths.png --animation task.gif
+
+    gpcorrect debride --arms 1 --models demo/ --report task.html
+    """
+    for path in (picture, animation, report):
+        if path is not None:
+            require_folder(path)
+    chosen = _mode(mode)
+    scene, places = stations(arms)
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(TemporaryDirectory())) if models is None else models
+        make_folder(folder)
+        progress = stack.enter_context(progress_bar(quiet=json))
+        progress.step("rehearsal and fit", 0.0)
+        ends = _learned(scene, places, folder, _Asked(rehearsals, speed / 100, seed))
+        progress.step("rehearsal and fit", 1.0)
+        clients = stack.enter_context(_clients(places, folder, connect or []))
+        mission = Mission(
+            scene, places, scene.fragments(fragments, np.random.default_rng([seed, 3])), start=ends + AFTER_REHEARSAL
+        )
+        margins = Margins(position=margin / 1e3)
+        conditions = compare(
+            mission, clients, seed, fast=speed / 100, slow=slow / 100, margins=margins, mode=chosen, progress=progress
+        )
+        served = [client.model() for client in clients]
+    facts = _facts(conditions, [f"{m.id} {m.hash[:12]} by {m.replica}" for m in served], chosen)
+    _draw(scene, places, conditions, picture, animation)
+    if report is not None:
+        from gpcorrect_studies.debridement.page import write_debride_page  # the report's libraries are an extra
+
+        write_debride_page(scene, places, conditions, facts, report)
+    if json:
+        print_json(facts)
+    else:
+        _show(conditions, facts)
+
+
+def _mode(name: str) -> Mode:
+    for mode in get_args(Mode):
+        if name == mode:
+            chosen: Mode = mode
+            return chosen
+    raise DataError(f"a path is corrected in full or at its endpoints; got {name!r}.")
+
+
+def _learned(scene: Scene, places: Sequence[Station], folder: Path, asked: _Asked) -> float:
+    """See to it that every arm has its model in the folder; return when the longest rehearsal ended, s."""
+    ends = Parallel(n_jobs=len(places))(delayed(_learn)(scene, place, folder, asked) for place in places)
+    return float(max(ends))
+
+
+def _learn(scene: Scene, place: Station, folder: Path, asked: _Asked) -> float:
+    """Rehearse, and fit a model unless there is one of this very rehearsal."""
+    salt = int(place.name.removeprefix("arm"))
+    rng = np.random.default_rng([asked.seed, salt])
+    log = rehearsal_log(scene, place, asked.rehearsals, asked.speed, rng, 1000 * asked.seed + 10 * salt)
+    model, note = folder / f"{place.name}.gpc", folder / f"{place.name}.rehearsal"
+    digest = hashlib.sha256(repr((asked, log.signals)).encode() + np.asarray(log.setpoint_jp).tobytes()).hexdigest()
+    if not (model.exists() and note.exists() and note.read_text() == digest):
+        artifact.save(fit_corrector(log, FitSettings(inducing=INDUCING, marker="none", seed=asked.seed)), model)
+        with atomic_path(note) as temporary:
+            temporary.write_text(digest)
+    return rehearsal_seconds(log)
+
+
+@contextmanager
+def _clients(places: Sequence[Station], folder: Path, given: Sequence[str]) -> Iterator[list[CorrectionClient]]:
+    """Give a client an arm, of services that run already or are started here, a process an arm."""
+    from gpcorrect_service import CorrectionClient  # zenoh is an extra; other commands work without it
+
+    if given and len(given) not in (1, len(places)):
+        raise DataError(f"give one address, or one an arm ({len(places)}); got {len(given)}.")
+    endpoints = list(given) * (len(places) if len(given) == 1 else 1) or [free_endpoint() for _ in places]
+    with ExitStack() as stack:
+        if not given:
+            for place, endpoint in zip(places, endpoints, strict=True):
+                model = str(folder / f"{place.name}.gpc")
+                stack.enter_context(running("serve", model, "--endpoint", endpoint, "--arm", place.name))
+        clients = [
+            stack.enter_context(CorrectionClient(endpoint, place.name, timeout=5.0, connect_timeout=CONNECT))
+            for place, endpoint in zip(places, endpoints, strict=True)
+        ]
+        yield clients
+
+
+def _facts(conditions: Sequence[Condition], served: list[str], mode: Mode) -> dict[str, Any]:
+    looking, knowing = (condition.outcome for condition in conditions[:2])
+    return {
+        "conditions": [condition.to_dict() for condition in conditions],
+        "times_faster": looking.seconds_per_fragment / knowing.seconds_per_fragment,
+        "success_rate_difference": knowing.success_rate - looking.success_rate,
+        "paper": PAPER,
+        "mode": mode,
+        "served": served,
+    }
+
+
+def _show(conditions: Sequence[Condition], facts: dict[str, Any]) -> None:
+    table = Table(title="Debridement, simulated", title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("", no_wrap=True)
+    for column in (
+        "cm/s",
+        "done",
+        "at\nonce",
+        "retries",
+        "re-\nplans",
+        "looks",
+        "miss\nmm",
+        "s\neach",
+        "s in\nall",
+    ):
+        table.add_column(column, justify="right", no_wrap=True)
+    for condition in conditions:
+        table.add_row(*condition.to_words())
+    out.print(table)
+    out.print(
+        f"{facts['times_faster']:.1f} times faster with correction, success rate "
+        f"{100 * facts['success_rate_difference']:+.0f} % (paper: {PAPER['times_faster']} times, "
+        f"{PAPER['seconds_per_fragment']} s a fragment, at the same success rate)"
+    )
+    for line in facts["served"]:
+        err.print(f"served: {line}")
+
+
+def _draw(
+    scene: Scene,
+    places: Sequence[Station],
+    conditions: Sequence[Condition],
+    picture: Path | None,
+    animation: Path | None,
+) -> None:
+    if picture is None and animation is None:
+        return
+    from gpcorrect.plots.style import png  # drawing is an extra
+    from gpcorrect_studies.debridement.plots import debridement_gif, debridement_paths
+
+    if picture is not None:
+        with atomic_path(picture) as temporary:
+            temporary.write_bytes(png(debridement_paths(scene, places, conditions)))
+    if animation is not None:
+        with atomic_path(animation) as temporary:
+            debridement_gif(scene, places, conditions[:2], temporary)

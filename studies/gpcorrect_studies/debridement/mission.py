@@ -1,0 +1,261 @@
+"""The whole task: two arms take turns in time, share the middle, and keep what became of every fragment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.types import FloatArray, Progress
+from gpcorrect_studies.debridement.robot import SimulatedRobot
+from gpcorrect_studies.debridement.scene import Scene, Station
+from gpcorrect_studies.debridement.skills import Gripper, Times, errands
+from gpcorrect_studies.debridement.strategies import Approach, Strategy
+
+__all__ = ["ArmRecord", "Fetched", "Mission", "Outcome", "debride"]
+
+MIDDLE = 0.015  # m to either side of the dividing plane: one arm at a time
+
+
+@dataclass(frozen=True, eq=False)
+class Fetched:
+    """What became of one fragment.
+
+    Parameters
+    ----------
+    arm : str
+    fragment : (3,) array
+        Where it lay, tracker frame.
+    removed : bool
+    attempts : int
+    seconds : float
+        From finding it to having dropped it, or given it up.
+    misses_mm : tuple of float
+        How far the tool was from the fragment at each closing of the jaws.
+    looks : int
+        Pictures of the tool.
+    replanned : int
+        Ways that were left because their correction was not sure enough.
+    careful : bool
+        Whether the arm looked its way there for want of a sure correction.
+    """
+
+    arm: str
+    fragment: FloatArray
+    removed: bool
+    attempts: int
+    seconds: float
+    clock: float
+    misses_mm: tuple[float, ...]
+    looks: int
+    replanned: int
+    careful: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ArmRecord:
+    """Where one arm's tool went.
+
+    Parameters
+    ----------
+    name : str
+    trace : (n, 4) array
+        Task time (s) and true tool position (m, tracker frame).
+    seconds : float
+        When the arm was done.
+    waited : float
+        Seconds of it in which the other arm had the middle.
+    """
+
+    name: str
+    trace: FloatArray
+    seconds: float
+    waited: float
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What one strategy achieved."""
+
+    fetched: tuple[Fetched, ...]
+    arms: tuple[ArmRecord, ...]
+
+    @property
+    def success_rate(self) -> float:
+        """Share of fragments removed."""
+        return float(np.mean([f.removed for f in self.fetched]))
+
+    @property
+    def retries(self) -> int:
+        """Attempts beyond the first of each fragment."""
+        return sum(f.attempts - 1 for f in self.fetched)
+
+    @property
+    def seconds_per_fragment(self) -> float:
+        """Working time of one arm for one fragment, s."""
+        return float(np.mean([f.seconds for f in self.fetched]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures, plain."""
+        misses = np.concatenate([f.misses_mm for f in self.fetched])
+        return {
+            "fragments": len(self.fetched),
+            "success_rate": self.success_rate,
+            "first_attempt_rate": float(np.mean([f.removed and f.attempts == 1 for f in self.fetched])),
+            "retries": self.retries,
+            "seconds_per_fragment": self.seconds_per_fragment,
+            "seconds_in_all": max(arm.seconds for arm in self.arms),
+            "waited_seconds": sum(arm.waited for arm in self.arms),
+            "miss_mm_mean": float(misses.mean()),
+            "miss_mm_max": float(misses.max()),
+            "looks": sum(f.looks for f in self.fetched),
+            "replanned": sum(f.replanned for f in self.fetched),
+            "careful": sum(f.careful for f in self.fetched),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """The task.
+
+    Parameters
+    ----------
+    scene : Scene
+    stations : tuple of Station
+        One or two arms.
+    fragments : (n, 3) array
+        Tracker frame.
+    gripper : Gripper
+    times : Times
+    attempts : int
+        Most grasps at one fragment before it is given up.
+    sight : float
+        Standard deviation of a fragment's place as the camera finds it, along each axis, m.
+    start : float
+        Session time at which it begins, s.
+    """
+
+    scene: Scene
+    stations: tuple[Station, ...]
+    fragments: FloatArray
+    gripper: Gripper = field(default_factory=Gripper)
+    times: Times = field(default_factory=Times)
+    attempts: int = 3
+    sight: float = 0.0005
+    start: float = 0.0
+
+    def share(self, station: Station) -> list[int]:
+        """Numbers of the fragments on this arm's side."""
+        x = self.scene.along(self.fragments)[:, 0]
+        return [i for i in range(len(x)) if station.side == 0.0 or (x[i] >= 0) == (station.side > 0)]
+
+    def in_the_middle(self, number: int) -> bool:
+        """Tell whether a fragment lies where both arms could meet."""
+        return len(self.stations) > 1 and abs(float(self.scene.along(self.fragments[number])[0])) < MIDDLE
+
+
+def debride(
+    mission: Mission, strategies: Sequence[Strategy], rng: np.random.Generator, progress: Progress | None = None
+) -> Outcome:
+    """Let every arm fetch the fragments of its side.
+
+    Parameters
+    ----------
+    mission : Mission
+    strategies : sequence of Strategy
+        One an arm, in the order of the stations.
+    rng : numpy.random.Generator
+        Of the camera's noise.
+    progress : Progress, optional
+    """
+    workers = [
+        _Worker(mission, station, strategy, child)
+        for station, strategy, child in zip(mission.stations, strategies, rng.spawn(len(strategies)), strict=True)
+    ]
+    middle_free, fetched = 0.0, []
+    while any(worker.left for worker in workers):
+        worker = min((w for w in workers if w.left), key=lambda w: w.robot.clock)
+        number = worker.choose(middle_free)
+        if mission.in_the_middle(number):
+            worker.wait_until(middle_free)
+        fetched.append(worker.fetch(number))
+        if mission.in_the_middle(number):
+            middle_free = worker.robot.clock
+        if progress is not None:
+            progress.step("fragments", len(fetched) / len(mission.fragments))
+    return Outcome(tuple(fetched), tuple(worker.record() for worker in workers))
+
+
+@dataclass(frozen=True, eq=False)
+class _Try:
+    """One attempt: how it went, how far off the tool was, whether the jaws held, whether the bowl got it."""
+
+    approach: Approach
+    miss_mm: float
+    held: bool
+    removed: bool
+
+
+class _Worker:
+    """One arm at work."""
+
+    def __init__(self, mission: Mission, station: Station, strategy: Strategy, rng: np.random.Generator) -> None:
+        self._mission, self._strategy, self._rng = mission, strategy, rng
+        self.robot = SimulatedRobot(station, rng, mission.start)
+        self.left = mission.share(station)
+        self._waited = 0.0
+        strategy.begin(self.robot)
+
+    def choose(self, middle_free: float) -> int:
+        """Take the next fragment; one in the middle only when the middle is free or nothing else is left."""
+        free = [n for n in self.left if self.robot.clock >= middle_free or not self._mission.in_the_middle(n)]
+        number = (free or self.left)[0]
+        self.left.remove(number)
+        return number
+
+    def wait_until(self, clock: float) -> None:
+        """Stand until the other arm has left the middle."""
+        seconds = max(0.0, clock - self.robot.clock)
+        self.robot.wait(seconds)
+        self._waited += seconds
+
+    def fetch(self, number: int) -> Fetched:
+        """Fetch one fragment, or give it up."""
+        fragment, begin = self._mission.fragments[number], self.robot.clock
+        tries: list[_Try] = []
+        while len(tries) < self._mission.attempts and not (tries and tries[-1].held):
+            tries.append(self._attempt(fragment))
+        return Fetched(
+            arm=self.robot.station.name,
+            fragment=fragment,
+            removed=tries[-1].removed,
+            attempts=len(tries),
+            seconds=self.robot.clock - begin,
+            clock=self.robot.clock,
+            misses_mm=tuple(t.miss_mm for t in tries),
+            looks=sum(t.approach.looks for t in tries),
+            replanned=sum(len(t.approach.doubts) for t in tries),
+            careful=any(t.approach.careful for t in tries),
+        )
+
+    def _attempt(self, fragment: FloatArray) -> _Try:
+        """Find the fragment, go there, close the jaws, and bring what they hold to the bowl."""
+        mission, robot, up = self._mission, self.robot, self._mission.scene.up
+        robot.wait(mission.times.find)
+        seen = fragment + mission.sight * self._rng.standard_normal(3)
+        approach = self._strategy.approach(robot, errands(mission.scene, robot.station, seen))
+        robot.wait(mission.times.grasp)
+        miss_mm = 1e3 * float(np.linalg.norm(robot.tool_pose[:3, 3] - fragment))
+        if not mission.gripper.catches(robot.tool_pose, approach.errand.T_grasp, fragment, up):
+            self._strategy.retreat(robot, approach)
+            return _Try(approach, miss_mm, held=False, removed=False)
+        self._strategy.bring(robot, approach)
+        robot.wait(mission.times.release)
+        removed = mission.gripper.drops_in(robot.tool_pose, mission.scene.bowl(robot.station), up)
+        return _Try(approach, miss_mm, held=True, removed=removed)
+
+    def record(self) -> ArmRecord:
+        """Return where the tool went."""
+        return ArmRecord(self.robot.station.name, self.robot.trace, self.robot.clock, self._waited)

@@ -1,0 +1,163 @@
+"""The workbench of the joint-level study: recordings and fits made once, errors as means and deviations of repeats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.errors import DataError
+from gpcorrect.joint import DIRECTIONS
+from gpcorrect.joint_corrector import JointCorrector, JointSettings, Method, evaluate_joint, fit_joint
+from gpcorrect.types import CalibrationLog, FloatArray, Progress
+from gpcorrect_studies.peng2024.recordings import RavenStudy
+from gpcorrect_studies.peng2024.state import whole_state
+
+__all__ = ["METHODS", "Cell", "PengScope", "Run", "Workbench"]
+
+METHODS: tuple[Method, ...] = ("linear", "quadratic", "network", "ukf", "gp")
+Cell = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class PengScope:
+    """How much is done.
+
+    Parameters
+    ----------
+    directions : tuple of str
+        Zig-zags of Table I.
+    sparsities : tuple of int
+        n of the sparsities 1/n of Fig. 5, rising; Table I has the one in the middle.
+    minutes : float
+        Of a test run.
+    hours : tuple of float
+        Of Fig. 6.
+    homings : int
+        Of Fig. 9, after the first.
+    repeats, network_repeats : int
+        Training recordings with other noise and other seeds, for every method and for the network.
+    inducing : int
+        Points of the Gaussian process.
+    """
+
+    directions: tuple[str, ...] = DIRECTIONS
+    sparsities: tuple[int, ...] = (2, 3, 4, 5, 6)
+    minutes: float = 4.0
+    hours: tuple[float, ...] = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    homings: int = 5
+    repeats: int = 2
+    network_repeats: int = 5
+    inducing: int = 300
+
+    def __post_init__(self) -> None:
+        if len(self.sparsities) < 2 or min(self.repeats, self.network_repeats) < 1 or self.minutes < 1:
+            raise DataError("the study needs two sparsities, one repeat and test runs of a minute, at least.")
+
+    @classmethod
+    def short(cls) -> PengScope:
+        """Return a study of a few minutes: every part, fewer directions, sparsities and repeats."""
+        return cls(("J1", "J2-J3", "J1-J2-J3"), (2, 4), 2.0, (0.0, 3.0, 6.0), 2, 2, 2, 150)
+
+    def repeats_of(self, method: Method) -> int:
+        """Repeats of a method."""
+        return self.network_repeats if method == "network" else self.repeats
+
+    @property
+    def middle(self) -> int:
+        """Return n of the sparsity 1/n of Table I."""
+        return self.sparsities[len(self.sparsities) // 2]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A training recording, and how a model learns from it.
+
+    Parameters
+    ----------
+    direction, sparsity
+        Of the zig-zag.
+    homings_seen : int
+        How many homings after the first are in the training, a zig-zag each.
+    state : bool
+        Whether the model sees the whole state instead of positions and efforts.
+    end_to_end : bool
+        Whether it learns positions themselves, not their error.
+    """
+
+    direction: str
+    sparsity: int
+    homings_seen: int = 0
+    state: bool = False
+    end_to_end: bool = False
+
+
+@dataclass(eq=False)
+class Workbench:
+    """Makes each recording and each fit once, and tells how far the study is."""
+
+    study: RavenStudy
+    scope: PengScope
+    progress: Progress
+    _logs: dict[Any, CalibrationLog] = field(default_factory=dict)
+    _models: dict[Any, JointCorrector] = field(default_factory=dict)
+
+    def training(self, run: Run, repeat: int) -> CalibrationLog:
+        """Return the zig-zags of a run, a trajectory each."""
+        key = run.direction, run.sparsity, run.homings_seen, repeat
+        if key not in self._logs:
+            self._logs[key] = self.study.zigzags(
+                run.direction, run.sparsity, sessions=range(run.homings_seen + 1), repeat=repeat
+            )
+        log = self._logs[key]
+        return whole_state(log, repeat) if run.state else log
+
+    def model(self, run: Run, method: Method, repeat: int = 0) -> JointCorrector:
+        """Return what a method learns of a run; the repeat is its seed too."""
+        key = run, method, repeat
+        if key not in self._models:
+            settings = JointSettings(
+                method,
+                features=("position", "state") if run.state else (),
+                holdout=0.0,
+                end_to_end=run.end_to_end,
+                inducing=self.scope.inducing,
+                time_offset="none",
+                seed=repeat,
+            )
+            self._models[key] = fit_joint(self.training(run, repeat), settings).corrector
+        return self._models[key]
+
+    def models(self, run: Run, method: Method) -> list[JointCorrector]:
+        """Return the models of all repeats."""
+        return [self.model(run, method, repeat) for repeat in range(self.scope.repeats_of(method))]
+
+    def row(self, run: Run, test: CalibrationLog) -> dict[str, Cell]:
+        """Raw, fixed offset and every method on a test run: RMSE, deg, deg and mm."""
+        linear = self.models(run, "linear")
+        row = {name: cell(rmse(model, test, name) for model in linear) for name in ("raw", "fixed_offset")}
+        for method in METHODS:
+            row[method] = cell(rmse(model, test) for model in self.models(run, method))
+        return row
+
+    def parts(self, stage: str, items: Iterable[Any], make: Callable[[Any], Any]) -> list[Any]:
+        """Return what `make` makes of each item, telling how far it is."""
+        waiting, done = list(items), list[Any]()
+        for item in waiting:
+            self.progress.step(stage, len(done) / len(waiting))
+            done.append(make(item))
+        self.progress.step(stage, 1.0)
+        return done
+
+
+def rmse(model: JointCorrector, log: CalibrationLog, name: str = "corrected") -> list[float]:
+    """RMSE of the joints, deg, deg and mm; of `raw`, `fixed_offset` or `corrected` positions."""
+    return [float(row["rmse"]) for row in evaluate_joint(model, log, "none")["errors"][name]]
+
+
+def cell(repeats: Iterable[list[float] | FloatArray | float]) -> Cell:
+    """Mean and standard deviation over repeats, and their number."""
+    values = np.array(list(repeats))
+    return {"mean": values.mean(axis=0).tolist(), "sd": values.std(axis=0).tolist(), "repeats": len(values)}

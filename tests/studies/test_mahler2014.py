@@ -1,0 +1,141 @@
+"""`gpcorrect reproduce mahler2014` in its short form: every part is there, consistent, and said plainly."""
+
+from __future__ import annotations
+
+import json
+import sys
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gpcorrect.cli import main
+from gpcorrect.errors import DataError
+from gpcorrect_studies.mahler2014 import Scope
+from gpcorrect_studies.mahler2014.closed_loop import Reached
+from gpcorrect_studies.mahler2014.table1 import COMPONENTS, FULL, MEMORY, METHODS, NORMS
+
+SEED = 21
+
+
+def _run(*words: object) -> int:
+    """Call `gpcorrect reproduce mahler2014` and return its exit status."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["gpcorrect", "reproduce", "mahler2014", *map(str, words)])
+        with pytest.raises(SystemExit) as stopped:
+            main()
+    return int(stopped.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder that one short run wrote."""
+    output = tmp_path_factory.mktemp("study") / "mahler2014"
+    assert _run("--quick", "--seed", SEED, "--output", output) == 0
+    return output
+
+
+@pytest.fixture(scope="module")
+def figures(folder: Path) -> Any:
+    """Return the JSON of that run."""
+    return json.loads((folder / "reproduce.json").read_text())
+
+
+def test_table_one_holds_six_methods_and_six_components(figures: Any) -> None:
+    """Both sets hold mean and SD of every component and norm, of the six methods in the paper's order."""
+    for which in ("clean", "dirty"):
+        assert tuple(figures["table1"][which]) == METHODS
+        for errors in figures["table1"][which].values():
+            assert set(errors) == {*COMPONENTS, *NORMS}
+            assert all(leaf["mean"] > 0 and leaf["sd"] > 0 for leaf in errors.values())
+
+
+def test_lengths_and_components_agree(figures: Any) -> None:
+    """A mean length lies between the largest mean component and the sum of all three."""
+    for errors in figures["table1"]["dirty"].values():
+        parts = [errors[name]["mean"] for name in COMPONENTS[:3]]
+        assert max(parts) <= errors["position_mm"]["mean"] <= sum(parts)
+
+
+def test_each_step_of_the_paper_helps(figures: Any) -> None:
+    """On clean samples registration beats nothing, and the whole recipe beats registration, in both parts."""
+    errors = figures["table1"]["clean"]
+    for norm in NORMS:
+        raw, offset, full = (errors[m][norm]["mean"] for m in (METHODS[0], METHODS[1], FULL))
+        assert full < offset < raw
+
+
+def test_targets_follow_from_the_table(figures: Any) -> None:
+    """The shares of the raw error that are held against the targets are those of the dirty table, and so is `met`."""
+    errors, targets = figures["table1"]["dirty"], figures["targets"]
+    methods = {"": FULL, "_memory": MEMORY}
+    for part, with_it in product(("position", "rotation"), methods):
+        raw, full = (errors[m][NORMS[part == "rotation"]]["mean"] for m in (METHODS[0], methods[with_it]))
+        said = targets[f"{part}_percent_of_raw_dirty{with_it}"]
+        assert said["measured"] == pytest.approx(100 * full / raw)
+        assert said["met"] == (said["measured"] <= said["target"])
+
+
+def test_the_corrected_command_brings_the_robot_closer(figures: Any) -> None:
+    """Sent to the robot, full-trajectory and endpoint correction leave less than half of the error of none."""
+    reached = {name: landing["at_rest"] for name, landing in figures["table2"].items()}
+    assert set(reached) == {"none", "full trajectory", "endpoint"}
+    for norm in NORMS:
+        for name in ("full trajectory", "endpoint"):
+            assert reached[name][f"{norm}_mean"] < 0.5 * reached["none"][f"{norm}_mean"]
+
+
+def test_knowing_more_leaves_less(figures: Any) -> None:
+    """A perfect tracker, or a known transmission, leaves less error than what the tracker sees.
+
+    Noise is the floor, but for what a regression gains by knowing which poses are usual. Few reaches leave more of the
+    position error to too little data than to the tracker, so there a perfect one may do no better, by a tenth.
+    """
+    _, seen, exact, told, noise = figures["limits"]
+    assert exact["rotation_deg"] < seen["rotation_deg"]
+    for norm in NORMS:
+        assert exact[norm] < 1.1 * seen[norm]
+        assert 0.9 * noise[norm] < told[norm] < seen[norm]
+
+
+def test_training_sizes_run_from_few_to_all(figures: Any) -> None:
+    """Both methods are timed, exact and sparse agree where all states are points, and the last fit takes all states."""
+    points = figures["fig5"]
+    sparse = [p for p in points if p["method"] == "sparse"]
+    assert {p["method"] for p in points} == {"exact", "sparse"}
+    assert all(p["seconds"] > 0 for p in points)
+    assert sparse[-1]["states"] == max(p["states"] for p in points)
+    exact = [p for p in points if p["method"] == "exact"]
+    assert exact[0]["states"] == sparse[0]["states"]
+    assert sparse[0]["position_mm"] == pytest.approx(exact[0]["position_mm"], rel=1e-6)
+
+
+def test_the_page_is_whole_and_says_what_is_not_comparable(folder: Path, figures: Any) -> None:
+    """One file without outside references, with every part, the paper's figures and the limits of the comparison."""
+    page = (folder / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 4
+    assert "http" not in page.replace("http-equiv", "")
+    for words in ("Table I", "Fig. 4", "Fig. 5", "Table II", "What is not", "9.8 %", "4228.8"):
+        assert words in page
+    assert figures["not_comparable"]
+    assert all(figure["source"] for figure in figures["published"].values())
+
+
+def test_too_few_reaches_are_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Exit status 2 and one message, before any work."""
+    assert _run("--reaches", 5, "--output", tmp_path / "m") == 2
+    assert "at least 30 reaches" in " ".join(capfd.readouterr().err.split())
+    with pytest.raises(DataError, match="at least 30"):
+        Scope(reaches=29)
+
+
+def test_repeatability_does_not_see_what_all_visits_share() -> None:
+    """An error common to all visits of a place adds to the mean and not to the spread."""
+    rng = np.random.default_rng(SEED)
+    scatter, common = rng.normal(size=(7, 3, 6)), rng.normal(size=(1, 3, 6))
+    alone, shifted = (Reached(e).to_dict() for e in (scatter, scatter + 10 * common))
+    for norm in NORMS:
+        assert shifted[f"{norm}_repeatability"] == pytest.approx(alone[f"{norm}_repeatability"])
+        assert shifted[f"{norm}_mean"] > 2 * alone[f"{norm}_mean"]
