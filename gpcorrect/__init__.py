@@ -4,15 +4,23 @@
 >>> corrector = gpcorrect.fit_corrector(gpcorrect.read_log("reaches.csv"))  # doctest: +SKIP
 >>> answer = corrector.correct([0.1, 0.02, -0.11, 1, 0, 0, 0])  # doctest: +SKIP
 >>> gpcorrect.save(corrector, "model.gpc")  # doctest: +SKIP
+
+Names are imported when they are first used (PEP 562), so that `import gpcorrect` costs next to nothing.
 """
 
-from importlib.metadata import version
+from __future__ import annotations
 
-from gpcorrect.artifact import load, save
-from gpcorrect.corrector import CommandCorrector, FitSettings, PathCorrection, fit_corrector
-from gpcorrect.errors import GpCorrectError
-from gpcorrect.logs import read_log, validate_log, write_log
-from gpcorrect.types import CalibrationLog, Correction, PoseSignal
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gpcorrect.artifact import load, save
+    from gpcorrect.corrector import CommandCorrector, FitSettings, PathCorrection, fit_corrector
+    from gpcorrect.errors import GpCorrectError
+    from gpcorrect.logs import read_log, validate_log, write_log
+    from gpcorrect.types import CalibrationLog, Correction, PoseSignal
+
+    __version__: str
 
 __all__ = [
     "CalibrationLog",
@@ -30,4 +38,34 @@ __all__ = [
     "write_log",
 ]
 
-__version__ = version("gpcorrect")
+_MODULES = {
+    "CalibrationLog": "types",
+    "CommandCorrector": "corrector",
+    "Correction": "types",
+    "FitSettings": "corrector",
+    "GpCorrectError": "errors",
+    "PathCorrection": "corrector",
+    "PoseSignal": "types",
+    "fit_corrector": "corrector",
+    "load": "artifact",
+    "read_log": "logs",
+    "save": "artifact",
+    "validate_log": "logs",
+    "write_log": "logs",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version  # reads the installed package's files
+
+        return version("gpcorrect")
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"gpcorrect.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__, "__version__"]

@@ -1,82 +1,189 @@
-"""The `gpcorrect` program: its commands, and what an error looks like."""
+"""The `gpcorrect` program: which command is in which module, and what an error looks like.
+
+A command's module is imported when the command is called; the help of the program needs only the lines below. Other
+packages add commands by an entry point of the group `gpcorrect.commands` that names a table like COMMANDS.
+"""
 
 from __future__ import annotations
 
 import sys
-from importlib.metadata import entry_points
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from gpcorrect.cli.collect import collect_app
-from gpcorrect.cli.console import bad_input
-from gpcorrect.cli.correct import correct
-from gpcorrect.cli.discrepancy import discrepancy_app
-from gpcorrect.cli.drift import drift
-from gpcorrect.cli.evaluate import evaluate
-from gpcorrect.cli.explore import explore
-from gpcorrect.cli.fit import fit
-from gpcorrect.cli.joint import joint_app
-from gpcorrect.cli.models import models_app
-from gpcorrect.cli.monitor import monitor
-from gpcorrect.cli.prefilter import prefilter
-from gpcorrect.cli.query import query_app
-from gpcorrect.cli.robot import robot_app
-from gpcorrect.cli.secure import doctor, router, secure_app
-from gpcorrect.cli.serve import serve
-from gpcorrect.cli.sim import sim_app
-from gpcorrect.cli.simulate import simulate
-from gpcorrect.cli.update import update
-from gpcorrect.cli.validate import validate
-from gpcorrect.cli.vision import vision_app
-from gpcorrect.cli.zigzag import zigzag_command
 from gpcorrect.errors import GpCorrectError
 
 __all__ = ["app", "main"]
+
+# Name of a command: where it is, and the line that `gpcorrect --help` shows; a test holds it against the command's own.
+COMMANDS = {
+    "validate": (
+        "gpcorrect.cli.validate:validate",
+        "Look at a recording before fitting: rates, gaps, stamps, frozen signals, units, limits, swapped arms.",
+    ),
+    "fit": (
+        "gpcorrect.cli.fit:fit",
+        "Learn what to command from recordings, and measure it on trajectories that were held out.",
+    ),
+    "evaluate": (
+        "gpcorrect.cli.evaluate:evaluate",
+        "Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.",
+    ),
+    "correct": (
+        "gpcorrect.cli.correct:correct",
+        "Print what to command instead of a desired pose, and how sure that is.",
+    ),
+    "update": (
+        "gpcorrect.cli.update:update",
+        "Add the observations of new recordings to a model; its size and the time of a query stay.",
+    ),
+    "drift": (
+        "gpcorrect.cli.drift:drift",
+        "Tell from recordings, oldest first, whether a model has aged, and estimate its remaining useful time.",
+    ),
+    "explore": (
+        "gpcorrect.cli.explore:explore",
+        "Propose the poses and velocities that reduce the uncertainty in the task region most, best first.",
+    ),
+    "joint": (
+        "gpcorrect.cli.joint:joint_app",
+        "Joint-space calibration: reported joints to true ones, or commands.",
+    ),
+    "vision": (
+        "gpcorrect.cli.vision:vision_app",
+        "Ground truth from ordinary cameras and coloured balls, and a position estimator from it.",
+    ),
+    "serve": (
+        "gpcorrect.cli.serve:serve",
+        "Serve models until stopped with Ctrl-C or SIGTERM: keys correct, correct_path, correct_joints, "
+        "estimate, health.",
+    ),
+    "query": ("gpcorrect.cli.query:query_app", "Ask a running service."),
+    "models": (
+        "gpcorrect.cli.models:models_app",
+        "A folder of models: list, add, compare, activate, go back. With --endpoint the running servers do it.",
+    ),
+    "monitor": (
+        "gpcorrect.cli.monitor:monitor",
+        "Serve a page that shows every arm of a namespace: poses, correction, interval, domain, latency, "
+        "drift, servers.",
+    ),
+    "prefilter": (
+        "gpcorrect.cli.prefilter:prefilter",
+        "Correct a stream of desired poses before the robot sees them, until Ctrl-C or SIGTERM.",
+    ),
+    "robot": ("gpcorrect.cli.robot:robot_app", "Drive and record a robot that speaks CRTK over zenoh."),
+    "collect": ("gpcorrect.cli.collect:collect_app", "Calibrations from end to end: drive, record, fit, measure."),
+    "secure": ("gpcorrect.cli.secure:secure_app", "Certificates, passwords and access rules for a site."),
+    "router": ("gpcorrect.cli.secure:router", "Run a zenoh router until stopped, as zenohd does."),
+    "doctor": (
+        "gpcorrect.cli.secure:doctor",
+        "Find out why nobody answers: closed port, missing or foreign certificate, wrong password, denied "
+        "key, no server.",
+    ),
+    "sim": ("gpcorrect.cli.sim:sim_app", "Simulated arms that run live."),
+    "simulate": (
+        "gpcorrect.cli.simulate:simulate",
+        "Simulate a recording: what was commanded, reported, and seen by an outside tracker, faults included.",
+    ),
+    "zigzag": (
+        "gpcorrect.cli.zigzag:zigzag_command",
+        "Write a zig-zag calibration trajectory for the first three joints, within their speed limits.",
+    ),
+    "discrepancy": (
+        "gpcorrect.cli.discrepancy:discrepancy_app",
+        "Find where a simulator and recordings disagree, name what is missing, and measure what the name explains.",
+    ),
+}
 
 EXAMPLES = """A first try: `gpcorrect simulate debridement --reaches 40 --output log.csv`, then
 `gpcorrect fit log.csv --output model.gpc`, then `gpcorrect serve model.gpc`, and in another terminal
 `gpcorrect query model`. Each command says more: `gpcorrect fit --help`."""
 
-app = typer.Typer(
+
+class _Deferred(TyperCommand):
+    """A command's name and line of help, until the command itself is needed."""
+
+    def __init__(self, name: str, target: str, line: str) -> None:
+        super().__init__(name, help=line)
+        self.target = target
+
+    def load(self) -> Any:
+        """Import the command's module and return the command."""
+        module, _, attribute = self.target.partition(":")
+        found = getattr(import_module(module), attribute)
+        one = _program()
+        if isinstance(found, typer.Typer):
+            one.add_typer(found, name=self.name)
+        else:
+            one.command(self.name)(found)
+        return typer.main.get_group(one).commands[str(self.name)]
+
+
+class _Commands(TyperGroup):
+    """Commands of this package, and of others that are installed beside it."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self._add(COMMANDS)
+        self._complete = False
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        self._add_plugins()
+        return super().list_commands(ctx)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in self.commands:
+            self._add_plugins()
+        return super().get_command(ctx, cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, command.load() if isinstance(command, _Deferred) else command, rest
+
+    def _add(self, table: dict[str, tuple[str, str]]) -> None:
+        for name, (target, line) in table.items():
+            self.commands.setdefault(name, _Deferred(name, target, line))
+
+    def _add_plugins(self) -> None:
+        if not self._complete:
+            from importlib.metadata import entry_points  # costs as much as all the rest
+
+            for plugin in entry_points(group="gpcorrect.commands"):
+                self._add(plugin.load())
+            self._complete = True
+
+
+def _program(**attributes: Any) -> typer.Typer:
+    return typer.Typer(add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False, **attributes)
+
+
+app = _program(
     name="gpcorrect",
+    cls=_Commands,
     help="Learn how a cable-driven robot misses its commanded pose, and what to command instead.",
     epilog=EXAMPLES,
     no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="markdown",
-    pretty_exceptions_enable=False,
 )
-app.command()(validate)
-app.command()(fit)
-app.command()(evaluate)
-app.command()(correct)
-app.command()(update)
-app.command()(drift)
-app.command()(explore)
-app.command()(serve)
-app.add_typer(query_app, name="query")
-app.command()(prefilter)
-app.command()(monitor)
-app.add_typer(sim_app, name="sim")
-app.add_typer(robot_app, name="robot")
-app.add_typer(collect_app, name="collect")
-app.add_typer(models_app, name="models")
-app.add_typer(secure_app, name="secure")
-app.command()(router)
-app.command()(doctor)
-app.command()(simulate)
-app.command(name="zigzag")(zigzag_command)
-app.add_typer(joint_app, name="joint")
-app.add_typer(vision_app, name="vision")
-app.add_typer(discrepancy_app, name="discrepancy")
-for plugin in entry_points(
-    group="gpcorrect.commands"
-):  # commands of packages above this one, as pyproject.toml names them
-    part = plugin.load()
-    if isinstance(part, typer.Typer):
-        app.add_typer(part, name=plugin.name)
-    else:
-        app.command(name=plugin.name)(part)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from gpcorrect import __version__
+
+        typer.echo(f"gpcorrect {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Learn how a cable-driven robot misses its commanded pose, and what to command instead."""
 
 
 def main() -> None:
@@ -84,4 +191,6 @@ def main() -> None:
     try:
         app()
     except GpCorrectError as error:
+        from gpcorrect.cli.console import bad_input
+
         sys.exit(bad_input(error).exit_code)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
+import typer.main
 
 from gpcorrect.cli import main
+from gpcorrect.cli.app import app
 from gpcorrect.logs import write_log
 from gpcorrect.types import CalibrationLog
 
@@ -27,6 +30,38 @@ class Outcome:
     def json(self) -> Any:
         """Standard output as JSON."""
         return json.loads(self.out)
+
+
+class Program:
+    """The commands of the program, for tests that parse without running."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, ...], Any] = {(): typer.main.get_command(app)}
+
+    def command(self, *path: str) -> Any:
+        """Return the command of a path of names; an unknown one is a usage error."""
+        if path not in self._known:
+            group = self.command(*path[:-1])
+            self._known[path] = group.resolve_command(typer.Context(group), [path[-1]])[1]
+        return self._known[path]
+
+    def walk(self, *path: str) -> Iterator[tuple[str, ...]]:
+        """All paths of names below a path."""
+        command = self.command(*path)
+        for name in command.list_commands(typer.Context(command)) if hasattr(command, "commands") else ():
+            yield (*path, name)
+            yield from self.walk(*path, name)
+
+    def parse(self, words: Sequence[str]) -> None:
+        """Parse the words after `gpcorrect` without running the command; what it does not take is a usage error."""
+        path: tuple[str, ...] = ()
+        rest = list(words)
+        while hasattr(self.command(*path), "commands"):
+            path = (*path, rest.pop(0))
+        self.command(*path).make_context(path[-1], rest)
+
+
+PROGRAM = Program()
 
 
 class CommandLine:

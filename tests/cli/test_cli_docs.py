@@ -7,12 +7,9 @@ import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
-import click
 import pytest
-import typer.main
+from cli_support import PROGRAM
 from support import ROOT
-
-from gpcorrect.cli.app import app
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SHOWN = re.compile(r"^(?:    |\$ )?\s*(gpcorrect [a-z].*|python bench/.*)$", re.MULTILINE)
@@ -25,31 +22,12 @@ def shown() -> Iterator[tuple[str, str]]:
             yield page.name, re.split(r"\s{2,}#", match[1])[0].strip()
 
 
-def commands_of(command: click.Command, path: str = "gpcorrect") -> Iterator[tuple[str, click.Command]]:
-    """All commands of the program with their full names."""
-    for name, part in getattr(command, "commands", {}).items():
-        yield f"{path} {name}", part
-        yield from commands_of(part, f"{path} {name}")
-
-
-def parse(words: list[str]) -> None:
-    """Parse a command as the program does, without running it."""
-    command: click.Command = typer.main.get_command(app)
-    name = words.pop(0)
-    while hasattr(command, "commands"):
-        name = words.pop(0)
-        if name not in command.commands:
-            raise click.UsageError(f"there is no command {name}")
-        command = command.commands[name]
-    command.make_context(name, words)
-
-
 @pytest.mark.parametrize(("page", "text"), sorted(set(shown())))
 def test_a_shown_command_is_taken(page: str, text: str) -> None:
     """Names of commands and options, and the number of arguments, are right; a benchmark has the options shown."""
     words = shlex.split(re.sub(r"\$\([^)]*\)", "x", text).replace("...", "x"))
     if words[0] == "gpcorrect":
-        parse(words)
+        PROGRAM.parse(words[1:])
         return
     script = ROOT / words[1]
     assert script.is_file()
@@ -60,11 +38,12 @@ def test_a_shown_command_is_taken(page: str, text: str) -> None:
 def test_the_examples_of_the_help_are_taken() -> None:
     """The examples at the end of each command's help are parsed by that command."""
     found = 0
-    for name, command in commands_of(typer.main.get_command(app)):
-        for line in (command.help or "").splitlines():
-            example = re.match(rf"(?:Example: )?({name} [^,]*)$", line.strip())
-            if example and "Example" in (command.help or ""):
-                parse(shlex.split(example[1].rstrip(".`")))
+    for path in PROGRAM.walk():
+        text = PROGRAM.command(*path).help or ""
+        for line in text.splitlines():
+            example = re.match(rf"(?:Example: )?gpcorrect ({' '.join(path)} [^,]*)$", line.strip())
+            if example and "Example" in text:
+                PROGRAM.parse(shlex.split(example[1].rstrip(".`")))
                 found += 1
     assert found > 10
 

@@ -1,0 +1,71 @@
+"""The door is light: what `import gpcorrect` and the program's help load, and that the table of commands is true."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from cli_support import PROGRAM, CommandLine
+
+import gpcorrect as package
+import gpcorrect_studies
+from gpcorrect.cli.app import COMMANDS
+
+LINES = {name: line for name, (_, line) in {**COMMANDS, **gpcorrect_studies.COMMANDS}.items()}
+HEAVY = {
+    "numpy",
+    "scipy",
+    "sklearn",
+    "numba",
+    "joblib",
+    "pyarrow",
+    "pydantic",
+    "filterpy",
+    "matplotlib",
+    "cv2",
+    "zenoh",
+}
+HELP = "import sys; from gpcorrect.cli import main; sys.argv[1:] = ['--help']"
+
+
+def loaded_by(code: str) -> set[str]:
+    """Return the top-level modules that a Python process has loaded at its end."""
+    code = f"{code}\nimport sys; print('loaded', *sorted(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    return {name.partition(".")[0] for name in done.stdout.splitlines()[-1].split()}
+
+
+def test_importing_the_package_loads_no_library() -> None:
+    """`import gpcorrect` loads nothing beyond the standard library."""
+    assert not loaded_by("import gpcorrect") & HEAVY
+
+
+def test_the_programs_help_loads_no_library_of_the_commands() -> None:
+    """`gpcorrect --help` needs the libraries of the terminal only."""
+    assert not loaded_by(f"{HELP}\ntry: main()\nexcept SystemExit: pass") & HEAVY
+
+
+def test_reading_a_log_needs_no_regression() -> None:
+    """The door to recordings does not open the one to models."""
+    assert not loaded_by("import gpcorrect; gpcorrect.CalibrationLog") & {"sklearn", "numba"}
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_the_table_shows_the_first_line_of_a_commands_own_help(name: str) -> None:
+    """The line of `gpcorrect --help` is the first line of `gpcorrect COMMAND --help`."""
+    own = PROGRAM.command(name).help or ""
+    assert " ".join(own.split("\n\n")[0].split()) == LINES[name]
+
+
+def test_the_version_is_that_of_the_installed_package(gpcorrect: CommandLine) -> None:
+    """`gpcorrect --version` prints the name and the version."""
+    outcome = gpcorrect("--version")
+    assert (outcome.code, outcome.out) == (0, f"gpcorrect {package.__version__}\n")
+
+
+def test_a_command_that_is_not_there_is_refused_with_the_nearest(gpcorrect: CommandLine) -> None:
+    """A typing error ends with status 2 and a suggestion."""
+    outcome = gpcorrect("evaluat")
+    assert outcome.code == 2
+    assert "'evaluate'" in outcome.err
