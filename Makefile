@@ -1,9 +1,10 @@
 # make demo   set up, then the whole loop on simulated robots, under two minutes: logs, fit, serve, plan, remove fragments, pages
 # make test   set up, then the tests
-# make check  what .ci/run runs: format, lint, types, import contracts, tests
+# make check  what .ci/run runs: format, lint, types, import contracts, docs, tests
+# make docs   set up, then the manual and the API reference as pages in build/site
 # make bench  every benchmark, each printing its table
 .DEFAULT_GOAL := help
-.PHONY: help demo test check lint bench clean
+.PHONY: help demo test check lint docs bench clean
 
 # The first Python that runs and is new enough; override with `make PYTHON=/path/to/python demo`.
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3 python; do \
@@ -40,10 +41,13 @@ lint: $(VENV)/.dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-check: lint test
+docs: $(VENV)/.dev
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+check: lint docs test
 
 bench: $(VENV)/.dev
 	@for script in bench/*.py; do echo "== $$script"; $(ONE_THREAD) $(BIN)/python $$script || exit 1; done
 
 clean:
-	rm -rf $(VENV) demo_output bench/results
+	rm -rf $(VENV) build demo_output bench/results
