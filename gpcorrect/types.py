@@ -130,6 +130,9 @@ class CalibrationLog:
         SHA-256 of the source file, empty for logs that never were a file.
     remarks : tuple of str
         What reading had to decide or leave out, a sentence each.
+    static : bool
+        Poses without a clock, as point-and-measure tables hold them: each row is a motion of its own, `time` and
+        `trajectory` are its row number, and there are no velocities.
     """
 
     time: FloatArray
@@ -150,6 +153,7 @@ class CalibrationLog:
     name: str = ""
     digest: str = ""
     remarks: tuple[str, ...] = ()
+    static: bool = False
 
     POSES = ("setpoint_cp", "measured_cp", "tracker_cp")
     JOINTS = ("setpoint_jp", "measured_jp", "measured_jv", "measured_jf", "external_jp")
@@ -193,8 +197,10 @@ class CalibrationLog:
 
     def trajectories(self) -> Iterator[tuple[int, IntArray]]:
         """Yield (trajectory number, row indices) in recorded order."""
-        for number in self.trajectory_ids:
-            yield int(number), np.flatnonzero(self.trajectory == number)
+        order = np.argsort(self.trajectory, kind="stable")
+        starts = np.flatnonzero(np.diff(self.trajectory[order])) + 1
+        for rows in sorted(np.split(order, starts) if len(order) else [], key=lambda rows: int(rows[0])):
+            yield int(self.trajectory[rows[0]]), rows
 
     def select(self, rows: BoolArray | IntArray | slice) -> CalibrationLog:
         """Return the log of these rows only."""

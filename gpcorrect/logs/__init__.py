@@ -8,11 +8,12 @@ from gpcorrect.logs.join import join_logs
 from gpcorrect.logs.misread import refuse_misread
 from gpcorrect.logs.reader import read_log
 from gpcorrect.logs.streams import Stream, interpolate
-from gpcorrect.logs.sync import TimeOffset, align, log_offset
+from gpcorrect.logs.sync import Clocks, TimeOffset, align, log_offset, match_clocks
 from gpcorrect.logs.validate import ValidationReport, validate_log
 from gpcorrect.logs.writer import write_log
 
 __all__ = [
+    "Clocks",
     "Stream",
     "TimeOffset",
     "ValidationReport",
@@ -21,6 +22,7 @@ __all__ = [
     "interpolate",
     "join_logs",
     "log_offset",
+    "match_clocks",
     "read_log",
     "refuse_misread",
     "validate_log",

@@ -120,11 +120,11 @@ class MocapOptions(_Section):
 class ColumnMap(_Section):
     """A whole mapping file.
 
-    `time * time_scale + time_offset` is in seconds. A signal that is not named here is looked for under its
-    native name.
+    `time * time_scale + time_offset` is in seconds. What is not named here, the time too, is looked for under its
+    native name; a table of poses without any time holds static poses.
     """
 
-    time: Column = "time"
+    time: Column | None = None
     time_scale: float = 1.0
     time_offset: float = 0.0
     trajectory: Column | None = None

@@ -13,7 +13,7 @@ __all__ = ["facts_of"]
 
 def facts_of(log: CalibrationLog) -> dict[str, Any]:
     """Describe a log, JSON-able; what cannot be said of it is None."""
-    steps = [np.diff(log.time[rows]) for _, rows in log.trajectories()]
+    steps = [] if log.static else [np.diff(log.time[rows]) for _, rows in log.trajectories()]
     step = np.concatenate(steps) if steps else np.empty(0)
     step = step[np.isfinite(step)]
     return {
@@ -24,6 +24,7 @@ def facts_of(log: CalibrationLog) -> dict[str, Any]:
         "tracker": log.meta.tracker,
         "samples": len(log),
         "trajectories": _sizes(log),
+        "static": log.static,
         "sessions": len(np.unique(log.session)),
         "seconds": float(step[step > 0].sum()),
         "rate_hz": _rate(step),

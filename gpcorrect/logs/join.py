@@ -32,12 +32,15 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
     Raises
     ------
     LogError
-        There is no log, or the logs are of different robots, arms or numbers of joints.
+        There is no log, static poses are among recordings, or the logs are of different robots, arms or numbers of
+        joints.
     """
     if not logs:
         raise LogError("expected at least one log, got none.")
     if len(logs) == 1:
         return logs[0]
+    if len({log.static for log in logs}) > 1:
+        raise LogError("static poses cannot be joined with recordings that have a clock.")
     common = tuple(s for s in logs[0].signals if all(s in log.signals for log in logs))
     signals: dict[str, Any] = {name: _joined(logs, name) for name in common}
     extra = [name for name in logs[0].extra if all(name in log.extra for log in logs)]
@@ -49,6 +52,7 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
         **signals,
         extra={name: np.concatenate([log.extra[name] for log in logs]) for name in extra},
         meta=_joined_meta(logs),
+        static=logs[0].static,
         name=", ".join(log.name for log in logs),
         digest=_joined_digest(logs),
         remarks=(*_remarks(logs, common), *(f"{log.name}: {r}" for log in logs for r in log.remarks)),

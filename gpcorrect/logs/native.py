@@ -9,9 +9,9 @@ from typing import Any
 from gpcorrect.logs.columns import ArrayColumns, ColumnMap, PoseColumns
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["complete", "joint_names", "orientation_names", "position_names", "signal_of"]
+__all__ = ["INDEX", "complete", "joint_names", "orientation_names", "position_names", "signal_of"]
 
-INDEX = ("trajectory", "session")
+INDEX = ("time", "trajectory", "session")
 
 
 def position_names(signal: str) -> tuple[str, str, str]:
@@ -31,7 +31,7 @@ def joint_names(signal: str, dof: int) -> tuple[str, ...]:
 
 def signal_of(column: str) -> str | None:
     """Name of the signal that a column belongs to by its name; None for a column outside the log format."""
-    if column in ("time", *INDEX, *CalibrationLog.SCALARS):
+    if column in (*INDEX, *CalibrationLog.SCALARS):
         return column
     signal, _, part = column.rpartition("_")
     if signal in CalibrationLog.POSES and part in ("x", "y", "z", "qw", "qx", "qy", "qz"):

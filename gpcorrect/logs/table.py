@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -19,6 +20,8 @@ from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
 __all__ = ["Table", "log_from_table"]
 
 
+CLOCK = r"time|stamp|clock|^t$|^sec|second"  # a column of such a name may be the time of a table that names none
+STATIC = "there is no time: static poses without a clock, each row a motion of its own."
 LARGEST_WHOLE = 2.0**53  # beyond it not every whole number is a float
 
 
@@ -75,10 +78,14 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
         is out of order.
     """
     found, remarks = complete(mapping, table.columns)
-    time = table.columns[table.name(found.time)] * found.time_scale + found.time_offset
-    if not len(time):
+    if not len(next(iter(table.columns.values()), ())):
         raise LogError("the table has column names but no samples.")
-    trajectory = _integers(table, "trajectory", found.trajectory)
+    static = found.time is None and _static(table, found)
+    if static:
+        found = found.model_copy(update={"trajectory": None})
+        remarks.append(STATIC)
+    time = _time(table, found, static)
+    trajectory = time.astype(np.int64) if static else _integers(table, "trajectory", found.trajectory)
     session = _integers(table, "session", found.session)
     keep, order_remarks = check_order(time, trajectory, disorder, table.locate)
     signals: dict[str, Any] = {}
@@ -87,8 +94,23 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
         remarks += remark
     extra, left_out = _extra(table, found)
     remarks = [*remarks, *order_remarks, *left_out]
-    log = CalibrationLog(time, trajectory, session, **signals, extra=extra, remarks=tuple(remarks))
+    log = CalibrationLog(time, trajectory, session, **signals, extra=extra, remarks=tuple(remarks), static=static)
     return log if keep.all() else log.select(keep)
+
+
+def _static(table: Table, found: ColumnMap) -> bool:
+    """Whether a table without time is one of static poses: it has signals, and no column that may be the time."""
+    clocks = [n for n in (*table.columns, *table.left_out) if re.search(CLOCK, n, re.IGNORECASE)]
+    signals = (*CalibrationLog.POSES, *CalibrationLog.JOINTS)
+    return not clocks and any(getattr(found, name) is not None for name in signals)
+
+
+def _time(table: Table, found: ColumnMap, static: bool) -> FloatArray:
+    """Seconds `(n,)`, or the row numbers of static poses."""
+    if static:
+        return np.arange(len(next(iter(table.columns.values()))), dtype=np.float64)
+    column = "time" if found.time is None else found.time
+    return table.columns[table.name(column)] * found.time_scale + found.time_offset
 
 
 def _signal(table: Table, name: str, columns: PoseColumns | ArrayColumns | None) -> tuple[Any, list[str]]:
@@ -132,7 +154,7 @@ def _extra(table: Table, found: ColumnMap) -> tuple[dict[str, FloatArray], list[
     """Columns that became no signal, but none that a written log would take for part of one."""
     used = {table.name(column) for column in found.used}
     rest = {name: values for name, values in table.columns.items() if name not in used}
-    present = ["time", *(s for s in type(found).model_fields if getattr(found, s) is not None)]
+    present = [*(s for s in type(found).model_fields if getattr(found, s) is not None)]
     clash = [name for name in rest if signal_of(name) in present]
     remarks = [f"columns without numbers are left out: {', '.join(table.left_out)}."] if table.left_out else []
     if clash:

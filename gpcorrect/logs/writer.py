@@ -12,7 +12,7 @@ from pyarrow import csv, parquet
 
 from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import LogError
-from gpcorrect.logs.native import joint_names, orientation_names, position_names
+from gpcorrect.logs.native import INDEX, joint_names, orientation_names, position_names
 from gpcorrect.logs.sidecar import format_sidecar, sidecar_path
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta
 
@@ -56,11 +56,8 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
 
 def _columns(log: CalibrationLog) -> dict[str, NDArray[Any]]:
     """Every column of the native table, in its order; an extra column never takes the name of a signal's."""
-    columns: dict[str, NDArray[Any]] = {
-        "time": log.time,
-        "trajectory": log.trajectory,
-        "session": log.session,
-    }
+    index = ("session",) if log.static else INDEX
+    columns: dict[str, NDArray[Any]] = {name: getattr(log, name) for name in index}
     for name in log.POSES:
         pose = getattr(log, name)
         if pose is not None:
@@ -70,7 +67,7 @@ def _columns(log: CalibrationLog) -> dict[str, NDArray[Any]]:
         values = getattr(log, name)
         columns |= {} if values is None else _named(joint_names(name, values.shape[1]), values)
     columns |= {name: getattr(log, name) for name in log.SCALARS if getattr(log, name) is not None}
-    return columns | {name: values for name, values in log.extra.items() if name not in columns}
+    return columns | {name: values for name, values in log.extra.items() if name not in (*columns, *INDEX)}
 
 
 def _named(names: tuple[str, ...], values: FloatArray) -> dict[str, FloatArray]:

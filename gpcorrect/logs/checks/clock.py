@@ -29,7 +29,9 @@ class Stamps:
     """Time must be there and must increase inside a trajectory."""
 
     def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield missing, repeated and backward stamps."""
+        """Yield missing, repeated and backward stamps, or that there is no clock."""
+        if evidence.log.static:
+            yield Finding("info", "static", "time", "static poses, no clock: nothing is said of times and speeds.")
         missing = np.flatnonzero(~np.isfinite(evidence.log.time))
         repeated, backward = np.flatnonzero(evidence.steps == 0), np.flatnonzero(evidence.steps < 0)
         if missing.size:

@@ -49,9 +49,9 @@ class Evidence:
 
     @cached_property
     def offsets(self) -> tuple[TimeOffset, ...]:
-        """Time offset of every observed signal against the best reference there is for it."""
-        found = []
-        for observed, references in OFFSET_PAIRS:
+        """Time offset of every observed signal against the best reference there is for it; none without a clock."""
+        found: list[TimeOffset] = []
+        for observed, references in () if self.log.static else OFFSET_PAIRS:
             reference = next((r for r in references if self.has(observed) and self.has(r)), None)
             if reference is not None:
                 found.append(log_offset(self.log, observed, reference))

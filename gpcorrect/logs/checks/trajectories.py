@@ -24,6 +24,8 @@ class Trajectories:
     def findings(self, evidence: Evidence) -> Iterator[Finding]:
         """Yield what is wrong with the cutting."""
         log = evidence.log
+        if log.static:
+            return
         numbers, sizes = np.unique(log.trajectory, return_counts=True)
         if len(numbers) == 1:
             what = "there is only one trajectory: none can be held out to measure errors on."

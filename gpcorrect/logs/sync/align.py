@@ -51,8 +51,10 @@ def align(
     DegenerateError
         The estimate says that the offset is not observable.
     LogError
-        The log has no such signal.
+        The log has no such signal, or no clock.
     """
+    if log.static:
+        raise LogError("static poses have no clock to shift.", hint="Leave the time offset out.", path=log.name)
     shift = _shift(offset, log.time)
     for name in signals:
         if name not in (*log.POSES, *log.JOINTS) or name not in log.signals:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.logs.streams import Stream
+from gpcorrect.logs.streams import Stream, default_max_gap
 from gpcorrect.logs.sync.correlation import LagCurve, lag_curve, peaks, typical_step
 from gpcorrect.logs.sync.drift import with_drift
 from gpcorrect.logs.sync.motion import Motion, MotionPair, default_pair, pairs_of, stream_pair, stretches
@@ -17,13 +17,16 @@ from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing
 from gpcorrect.logs.sync.rivals import distinct, equals
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, frozen_array
 
-__all__ = ["estimate_offset", "log_offset", "stream_offset"]
+__all__ = ["estimate_offset", "log_offset", "regression", "stream_offset"]
 
 Finding = tuple[Verdict, str]
 FOUND: Finding = ("found", "")
 
 MAX_LAG = 2.0  # s; clocks of one network and pipelines of one tracker differ by less
 MAX_LAG_STEPS = 5.0  # slow recordings are searched at least this many samples either way
+MAX_LAG_SHARE = 0.25
+"""Of the time recorded. Of 16 simulated logs of 2 or 3 reaches (1.5 to 5 s) searched over 2 s, 4 gave a false offset of
+a second and more, because one reach looks like a piece of another; searched over a quarter, none did."""
 SILENCE = 4.0  # times the largest lag: a longer silence cuts a recording into pieces
 MIN_VARIATION = 0.05  # of the speed: below it the speed is constant as far as a correlation can tell
 MIN_CORRELATION = 0.3  # two unrelated speeds of some tens of strokes stay below
@@ -65,6 +68,8 @@ def log_offset(
     if observed is None or reference is None:
         chosen = default_pair(log)
         observed, reference = observed or chosen[0], reference or chosen[1]
+    if log.static:
+        return replace(_nothing(("too_few", "static poses have no clock.")), observed=observed, reference=reference)
     pairs = pairs_of(log, observed, reference)
     return estimate_offset(pairs, max_lag=max_lag, centre=centre, names=(observed, reference))
 
@@ -111,7 +116,8 @@ def estimate_offset(
     pairs : sequence of MotionPair
         One for each run of the clocks, or one a trajectory where each starts its clocks anew.
     max_lag : float, optional
-        Largest distance from `centre` searched, s; 2 s, or five samples of the slower signal if that is more.
+        Largest distance from `centre` searched, s; by default 2 s, or a quarter of the time recorded if that is
+        less, but at least five samples of the slower signal.
     centre : float
         Where to search: a rough offset, when the clocks have different origins.
     names : (str, str)
@@ -161,7 +167,7 @@ def _estimate(pairs: Sequence[MotionPair], max_lag: float | None, names: tuple[s
         return _nothing(("too_few", "there are too few samples to compare."))
     if not any(p.reference.values.size for p in pairs):
         return _nothing(("still", f"{names[1]} does not move."))
-    reach = max(MAX_LAG, MAX_LAG_STEPS * slow) if max_lag is None else max_lag
+    reach = _default_reach(pairs, slow) if max_lag is None else max_lag
     silence = max(SILENCE * reach, 2 * slow)
     pieces = [s for p in pairs for s in stretches(p, silence, reach) if min(len(s.observed), len(s.reference)) > 1]
     if not pieces:
@@ -171,6 +177,13 @@ def _estimate(pairs: Sequence[MotionPair], max_lag: float | None, names: tuple[s
     if finding[0] != "found":
         return _nothing(finding, curve)
     return _refined(pieces, curve, slow, reach, names)
+
+
+def _default_reach(pairs: Sequence[MotionPair], slow: float) -> float:
+    """Largest lag to search, s."""
+    steps = [(np.diff(p.reference.time), default_max_gap(p.reference.time)) for p in pairs]
+    recorded = sum(float(step[step <= gap].sum()) for step, gap in steps)
+    return max(min(MAX_LAG, MAX_LAG_SHARE * recorded), MAX_LAG_STEPS * slow)
 
 
 def _coarse_finding(curve: LagCurve, names: tuple[str, str]) -> Finding:
@@ -201,7 +214,7 @@ def _refined(
 ) -> TimeOffset:
     bracket = max(PEAK_WIDTH, PEAK_STEPS * slow)
     starts = peaks(curve, PEAK_SHARE)[: MAX_RIVALS + 1]
-    timing = _regression(pieces, starts)
+    timing = regression(pieces, starts)
     if timing is None:
         return _nothing(("too_few", "there are too few samples to tell offset from registration."), curve)
     fits = [fit for s in starts if (fit := timing.refine(np.array([s]), bracket)) is not None]
@@ -225,8 +238,16 @@ def _refined(
     )
 
 
-def _regression(pieces: Sequence[MotionPair], starts: FloatArray) -> Timing | None:
-    """Set up the regression, without lever arms where samples are few, not at all where they are fewer."""
+def regression(pieces: Sequence[MotionPair], starts: FloatArray) -> Timing | None:
+    """Set up the regression, without lever arms where samples are few, not at all where they are fewer.
+
+    Parameters
+    ----------
+    pieces : sequence of MotionPair
+        What to compare; a drift turns about the middle of their observed stamps.
+    starts : (k,) array
+        Shifts, s; enough samples must be in common at one of them.
+    """
     stamps = np.concatenate([p.observed.time for p in pieces])
     epoch = float((stamps.min() + stamps.max()) / 2)
     plain = [replace(p, reference=replace(p.reference, lever=None)) for p in pieces]

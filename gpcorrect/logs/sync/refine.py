@@ -154,6 +154,32 @@ class Timing:
                 return self._result(timing, weight)
         return None
 
+    def misfits(self, timings: Sequence[FloatArray]) -> FloatArray:
+        """Measure what registration and each timing leave of the observed motion, on the samples that all compare.
+
+        Parameters
+        ----------
+        timings : sequence of k (p,) arrays
+            Shift in s and, where there is one, drift in s/s.
+
+        Returns
+        -------
+        (k,) array
+            Median distance, in the unit of the observed values; NaN where too few samples are in common.
+        """
+        samples = [self.sample(timing) for timing in timings]
+        common = np.logical_and.reduce([sampled.valid for sampled in samples])
+        if not self.enough(common):
+            return np.full(len(samples), np.nan)
+        return np.array([self._misfit(replace(sampled, valid=common)) for sampled in samples])
+
+    def _misfit(self, sampled: Sampled) -> float:
+        weight = np.ones(int(sampled.valid.sum()))
+        for _ in range(FREE_STEPS):
+            linear = self._linearise(sampled, weight, 1, None)
+            weight = linear.weight
+        return float(np.median(np.linalg.norm(linear.residual, axis=1)))
+
     def _linearise(self, sampled: Sampled, weight: FloatArray, parameters: int, scale: FloatArray | None) -> _Linear:
         valid = sampled.valid
         y, elapsed = self.target[valid], self.elapsed[valid]

@@ -1,0 +1,159 @@
+"""Are two signals of a log on one clock? Motion tells a clock from the robot's own lag by its size and its fit only."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.errors import DataError, LogError
+from gpcorrect.logs.sync.align import align
+from gpcorrect.logs.sync.estimate import log_offset, regression
+from gpcorrect.logs.sync.motion import pairs_of
+from gpcorrect.logs.sync.offset import TimeOffset
+from gpcorrect.types import CalibrationLog
+
+__all__ = ["PLAUSIBLE_LAG", "Clocks", "match_clocks", "seconds_of"]
+
+PLAUSIBLE_LAG = (0.0, 0.15)
+"""s: a servo follows its command within this time and never runs ahead of it; recorded: 13 to 47 ms on a dVRK."""
+
+MIN_COMPARED = 2.5
+"""s of motion. Simulated reaches whose clocks lay beyond the search gave wrong shifts from 0.6 to 1.2 s of motion."""
+
+MAX_MISFIT = 0.5
+"""Of what the nearest plausible lag leaves. Simulated: planted clocks of 0.3 to 1.2 s leave 0.03 to 0.4, play in the
+drive that looked like 0.38 s left 0.95, and one reach taken for another 0.5 to 1.3."""
+
+NAMES = {"tracker_cp": "the tracker", "external_jp": "the outside encoders"}
+REFERENCES = {"setpoint_cp": "the commands", "setpoint_jp": "the commands"}
+
+
+@dataclass(frozen=True, eq=False)
+class Clocks:
+    """What was found of a signal's clock, and what was done about it.
+
+    Parameters
+    ----------
+    offset : TimeOffset or None
+        Estimate of how far the signal's stamps run ahead; None when it was not asked for.
+    applied : float
+        Seconds by which the signal was shifted; 0 when it was left alone.
+    remark : str
+        The same in a sentence.
+    """
+
+    offset: TimeOffset | None
+    applied: float
+    remark: str
+
+
+def match_clocks(
+    log: CalibrationLog,
+    moving: str,
+    reference: str,
+    mode: str,
+    *,
+    plausible_lag: tuple[float, float] = PLAUSIBLE_LAG,
+) -> tuple[CalibrationLog, Clocks]:
+    """Return the log with one signal on the clock of another, as `mode` says.
+
+    "auto" shifts only what cannot be the robot's own lag, which is part of how it misses and is learned, and only
+    where the recording leaves no doubt: an interval narrower than the effect, some seconds of motion compared, and at
+    most half of the misfit left that the nearest plausible lag leaves. Hysteresis looks like a late clock, but a shift
+    does not explain it; with few reaches a wrong shift fits one reach to another.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        Not changed.
+    moving, reference : str
+        The signal that another clock may have stamped, and what it is compared with: both poses or both joints.
+    mode : {"auto", "none"} or str
+        "none" leaves the stamps alone; a number shifts the signal by so many seconds.
+    plausible_lag : (float, float)
+        Seconds by which the robot itself may make the signal run behind.
+
+    Returns
+    -------
+    CalibrationLog
+        Same rows; NaN in the signal where nothing is near in time after a shift.
+    Clocks
+        What was found and done.
+
+    Raises
+    ------
+    LogError
+        The log lacks one of the two signals, or has no clock to shift.
+    DataError
+        `mode` is none of these.
+    """
+    for name in (moving, reference):
+        if name not in log.signals:
+            raise LogError(f"there is no {name}.", hint=f"Present: {', '.join(log.signals) or 'none'}.", path=log.name)
+    name = NAMES.get(moving, moving)
+    if mode == "none":
+        return log, Clocks(None, 0.0, f"the stamps of {name} were taken as they are")
+    if mode != "auto":
+        seconds = seconds_of(mode)
+        return align(log, seconds, signals=(moving,)), Clocks(
+            None, seconds, f"{name} was shifted by the {seconds:g} s that were given"
+        )
+    found = log_offset(log, moving, reference)
+    if not found.observable:
+        return log, Clocks(found, 0.0, f"the time offset of {name} is not observable: {found.reason}")
+    middle, low, high = (1e3 * seconds for seconds in (found.offset, *found.ci95))
+    what = REFERENCES.get(reference, "what the robot reports")
+    size = f"{name} runs {middle:.1f} ms behind {what} (95 %: {low:.1f} to {high:.1f})"
+    step = _sample_step(log)
+    if plausible_lag[0] - step <= found.ci95[1] and found.ci95[0] <= plausible_lag[1] + step:
+        return log, Clocks(found, 0.0, f"{size}, as a servo may: left to the velocity features")
+    doubt = _doubt(log, found, float(np.clip(found.offset, *plausible_lag)), step)
+    if doubt:
+        return log, Clocks(found, 0.0, f"{size}, but {doubt}: left alone; if it is the clock, give the seconds")
+    remark = f"{size}, more than a servo does: {name} was shifted"
+    return align(log, found, signals=(moving,)), Clocks(found, found.offset, remark)
+
+
+def _doubt(log: CalibrationLog, found: TimeOffset, lag: float, step: float) -> str:
+    """Why not to believe that the clocks differ rather than that the robot lags so much; empty when to believe it."""
+    compared = found.samples * step
+    if compared < MIN_COMPARED:
+        return f"only {compared:.1f} s of motion could be compared"
+    if found.ci95[1] - found.ci95[0] >= abs(found.offset - lag):
+        return "that is no more precise than it is large"
+    timing = np.array([found.offset] if found.drift is None else [found.offset, 1e-6 * found.drift.ppm])
+    model = regression(pairs_of(log, found.observed, found.reference), timing[:1])
+    shifted, plain = (np.nan, np.nan) if model is None else model.misfits([timing, np.array([lag])])
+    if not shifted <= MAX_MISFIT * plain:
+        return f"a lag of {1e3 * lag:.0f} ms fits the motion nearly as well, as with hysteresis or too few reaches"
+    return ""
+
+
+def _sample_step(log: CalibrationLog) -> float:
+    """Median time between samples of a trajectory, s: an offset below it is not worth an interpolation."""
+    inside = np.diff(log.trajectory) == 0
+    return float(np.median(np.diff(log.time)[inside])) if inside.any() else 0.0
+
+
+def seconds_of(text: str) -> float:
+    """Seconds that an option states.
+
+    Parameters
+    ----------
+    text : str
+        A finite number.
+
+    Raises
+    ------
+    DataError
+        It is none.
+    """
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise DataError(f"the time offset is auto, none, or a number of seconds; got {text!r}.")
+    return seconds

@@ -1,0 +1,112 @@
+"""Laws of the one clock rule: the robot's own lag and play are left alone, a shift is right and never silent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from sync_support import wandering
+
+from gpcorrect.errors import DataError, LogError
+from gpcorrect.logs import align, match_clocks
+from gpcorrect.sim import random_reaches_log
+from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+
+N, RATE = 1000, 50.0
+
+
+def joints(external: FloatArray, measured: FloatArray, rate: float) -> CalibrationLog:
+    zeros = np.zeros(len(measured))
+    return CalibrationLog(np.arange(len(measured)) / rate, zeros, zeros, measured_jp=measured, external_jp=external)
+
+
+def poses(lag: float, rng: np.random.Generator) -> CalibrationLog:
+    """Return a log of 20 s whose tracker runs `lag` s behind the commands, and ahead of what is reported by as much."""
+    t, path = np.arange(N) / RATE, wandering(rng)
+    seen = PoseSignal(path(t - lag) + 1e-4 * rng.normal(size=(N, 3)))
+    command = PoseSignal(path(t))
+    return CalibrationLog(t, np.zeros(N), np.zeros(N), setpoint_cp=command, measured_cp=command, tracker_cp=seen)
+
+
+def play(x: FloatArray, width: float) -> FloatArray:
+    """Return what a drive with play of this width leaves of a motion (n, k)."""
+    y = x.copy()
+    for i in range(1, len(x)):
+        y[i] = np.clip(y[i - 1], x[i] - width / 2, x[i] + width / 2)
+    return y
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+@pytest.mark.parametrize("reference", ["setpoint_cp", "measured_cp"])
+@pytest.mark.parametrize("lag", [0.4, -0.3])
+def test_a_clock_that_no_servo_explains_is_shifted_and_said(reference, lag, rng):
+    log, clocks = match_clocks(poses(lag, rng), "tracker_cp", reference, "auto")
+    assert clocks.applied == pytest.approx(lag, abs=2e-3)
+    assert "was shifted" in clocks.remark
+    assert np.nanmax(np.abs(log.tracker_cp.position - log.setpoint_cp.position)) < 1e-3
+
+
+def test_a_lag_of_the_robot_is_left_alone_and_said(rng):
+    log = poses(0.08, rng)
+    same, clocks = match_clocks(log, "tracker_cp", "setpoint_cp", "auto")
+    assert same is log
+    assert clocks.applied == 0.0
+    assert clocks.offset.offset == pytest.approx(0.08, abs=2e-3)
+    assert "80" in clocks.remark
+    assert match_clocks(log, "tracker_cp", "setpoint_cp", "auto", plausible_lag=(0.0, 0.02))[1].applied > 0.0
+
+
+def test_play_in_the_drive_is_not_taken_for_a_clock():
+    """Slow joints with play look late by more than a servo is, but a shift hardly explains them; a clock does."""
+    rng = np.random.default_rng(2)
+    motor = 10 * wandering(rng)(np.arange(4000) / 150.0)
+    log = joints(play(motor, 0.08 * np.ptp(motor)), motor, RATE)
+    same, clocks = match_clocks(log, "external_jp", "measured_jp", "auto", plausible_lag=(-0.02, 0.05))
+    assert clocks.offset.ci95[0] > 0.07
+    assert same is log
+    assert "left alone" in clocks.remark
+    late = align(replace(log, external_jp=motor), -0.4, signals=("external_jp",))
+    assert match_clocks(late, "external_jp", "measured_jp", "auto")[1].applied == pytest.approx(0.4, abs=0.01)
+
+
+@cache
+def few_reaches(seed: int, n: int) -> CalibrationLog:
+    return random_reaches_log(seed=seed, n_trajectories=n)
+
+
+@pytest.mark.parametrize(("seed", "n"), [(3, 2), (5, 2), (6, 2), (1, 3), (5, 3)])
+@pytest.mark.parametrize("planted", [0.0, 0.8, -1.2])
+def test_few_reaches_never_shift_wrongly(seed, n, planted):
+    """With two or three reaches either nothing is applied, or the planted offset and the robot's lag of 40 ms."""
+    log = align(few_reaches(seed, n), -planted) if planted else few_reaches(seed, n)
+    clocks = match_clocks(log, "tracker_cp", "setpoint_cp", "auto")[1]
+    assert clocks.applied == 0.0 or clocks.applied == pytest.approx(planted + 0.04, abs=0.05)
+    assert planted or clocks.applied == 0.0
+
+
+def test_seconds_and_none_do_as_they_say(rng):
+    log = poses(0.1, rng)
+    assert match_clocks(log, "tracker_cp", "setpoint_cp", "none")[0] is log
+    shifted, clocks = match_clocks(log, "tracker_cp", "setpoint_cp", "0.1")
+    assert clocks.applied == 0.1
+    assert "0.1 s that were given" in clocks.remark
+    assert np.nanmax(np.abs(shifted.tracker_cp.position - log.setpoint_cp.position)) < 1e-3
+    with pytest.raises(DataError, match="auto, none, or a number of seconds"):
+        match_clocks(log, "tracker_cp", "setpoint_cp", "soon")
+    with pytest.raises(LogError, match="no external_jp"):
+        match_clocks(log, "external_jp", "measured_jp", "auto")
+
+
+def test_static_poses_have_no_clock(rng):
+    log = replace(poses(0.4, rng), static=True, trajectory=np.arange(N))
+    same, clocks = match_clocks(log, "tracker_cp", "setpoint_cp", "auto")
+    assert same is log
+    assert "no clock" in clocks.remark
+    with pytest.raises(LogError, match="no clock to shift"):
+        match_clocks(log, "tracker_cp", "setpoint_cp", "0.1")
