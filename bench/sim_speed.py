@@ -14,33 +14,19 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from support import print_table, save_results
 
 from gpcorrect.sim import Machine, Plan, machine_of, model_from_dict, run, simulate
-from gpcorrect.sim.effects import CoulombFriction, Friction, FrictionEffect, Scope, candidates
+from gpcorrect.sim.effects import Scope, candidates
 from gpcorrect.sim.joint_motion import joint_motion_plan, joint_ranges
-from gpcorrect.sim.motion import DriveState
 
 SHORT_RUN = """
 from gpcorrect.sim import joint_motion_log, preset
 joint_motion_log(preset("raven2_left"), 2, 1.0)
 """
-
-
-@dataclass(frozen=True)
-class Asked(FrictionEffect):
-    """Coulomb friction behind a method, as an effect from outside the catalogue: asked before every step."""
-
-    about = CoulombFriction.about
-    torque = 0.5
-
-    def act(self, state: DriveState) -> Friction:
-        """Return the constant limit."""
-        return Friction(self.torque, 0.0)
 
 
 def main() -> None:
@@ -65,7 +51,7 @@ def main() -> None:
 def _effect_rows(machine: Machine, plan: Plan, scope: Scope, repeats: int) -> list[list[Any]]:
     first = {c.kind.about.name: (c.typical(),) for c in reversed(tuple(candidates(scope)))}
     rows = []
-    for name, effects in [("none", ()), *reversed(first.items()), ("(method, not law)", (Asked(1),))]:
+    for name, effects in [("none", ()), *reversed(first.items())]:
         with_it = machine.with_effects(*effects)
         rows.append([name, _best(run, with_it, plan, repeats), _best(simulate, with_it, plan, repeats)])
     return rows

@@ -3,7 +3,7 @@
 from gpcorrect.sim.debridement import debridement_log
 from gpcorrect.sim.driven_paths import DrivenPath, driven_log
 from gpcorrect.sim.effects import EFFECTS, Effect, effect_from_dict
-from gpcorrect.sim.faults import Fault, TrackerFaults
+from gpcorrect.sim.faults import Fault
 from gpcorrect.sim.joint_motion import joint_motion_log
 from gpcorrect.sim.live import LiveArm, Moment
 from gpcorrect.sim.machine import Machine
@@ -14,7 +14,7 @@ from gpcorrect.sim.presets import preset, preset_names
 from gpcorrect.sim.reaches import random_reaches_log
 from gpcorrect.sim.record import simulate
 from gpcorrect.sim.resolve import machine_of
-from gpcorrect.sim.sensors import Noise
+from gpcorrect.sim.settings import Noise, TrackerFaults
 
 __all__ = [
     "EFFECTS",

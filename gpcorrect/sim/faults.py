@@ -7,10 +7,12 @@ from enum import IntEnum
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.sim.settings import NonNegative, Positive, Settings, Share
+from gpcorrect.sim.settings import TrackerFaults
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["Fault", "TrackerFaults", "corrupted"]
+__all__ = ["Fault", "corrupted"]
+
+DROPOUT_LENGTH = 3.0  # samples in a row, on average; chosen by hand, as optical trackers lose a few at a time
 
 
 class Fault(IntEnum):
@@ -22,41 +24,6 @@ class Fault(IntEnum):
     OUTLIER = 3
     FLIP = 4
     DROPOUT = 5
-
-
-class TrackerFaults(Settings):
-    """How often the tracker fails, and how badly; all zero is never.
-
-    Parameters
-    ----------
-    lost_share : float
-        Part of the recording, in one block, in which a fiducial is lost and the pose is solved from the others.
-    lost_shift, lost_turn : float
-        How far the pose is then off, m and rad.
-    jumps_hz : float
-        Occlusions a second: the pose jumps away and back, with false velocities at both ends.
-    jump_seconds, jump_shift, jump_turn : float
-        Their mean duration, and how far the pose jumps, s, m and rad.
-    outlier_share, outlier_shift, outlier_turn : float
-        Share of single samples that are grossly wrong, and the standard deviation of their error on each axis.
-    flip_share : float
-        Share of single samples whose orientation is mirrored to the other solution: half a turn about a body axis.
-    dropout_share : float
-        Share of samples that are missing, singly or a few in a row.
-    """
-
-    lost_share: Share = 0.0
-    lost_shift: NonNegative = 0.05
-    lost_turn: NonNegative = 0.7
-    jumps_hz: NonNegative = 0.0
-    jump_seconds: Positive = 0.08
-    jump_shift: NonNegative = 0.03
-    jump_turn: NonNegative = 0.3
-    outlier_share: Share = 0.0
-    outlier_shift: NonNegative = 0.1
-    outlier_turn: NonNegative = 1.0
-    flip_share: Share = 0.0
-    dropout_share: Share = 0.0
 
 
 def corrupted(
@@ -107,9 +74,6 @@ def _events(n: int, rate_hz: float, faults: TrackerFaults, rng: np.random.Genera
         (Fault.FLIP, _bursts(n, rng.binomial(n, faults.flip_share), 1.0, rng)),
         (Fault.DROPOUT, _bursts(n, rng.binomial(n, faults.dropout_share / DROPOUT_LENGTH), DROPOUT_LENGTH, rng)),
     ]
-
-
-DROPOUT_LENGTH = 3.0  # samples in a row, on average
 
 
 def _bursts(n: int, count: int, mean_length: float, rng: np.random.Generator) -> list[Event]:

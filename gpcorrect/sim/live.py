@@ -16,7 +16,7 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
 from gpcorrect.sim.dynamics import posture_at
-from gpcorrect.sim.live_effects import live_effects
+from gpcorrect.sim.effects import PathEffect, Stage, of_kind
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
@@ -129,7 +129,9 @@ class LiveArm:
         still = np.zeros(self._desired.shape)
         balance = self._fed(self._desired, still, still) - self._load()[0]
         self._position = self._desired + balance / self.machine.drive.kp
-        self._effects = live_effects(self.machine.effects)
+        effects = of_kind(self.machine.effects, PathEffect)
+        self._mechanical = [e.operator() for e in effects if e.stage != Stage.CLOCK]
+        self._clock = [e.operator() for e in effects if e.stage == Stage.CLOCK]
         self.moment = self._look(still, still)
 
     def _advance_block(self, path: FloatArray) -> None:
@@ -193,9 +195,11 @@ class LiveArm:
             tip_force=body.tip_force,
         )
         q = self._position[None]
-        for effect in self._effects:
-            q = effect.act(q, motion)
+        for effect in self._mechanical:
+            q = effect(q, motion)
         self._q = q[0]
+        for effect in self._clock:
+            q = effect(q, motion)
         return Moment(self._time, motion, torque[0], q[0, 0], partial(_tool, self.machine, body, q, motion))
 
 

@@ -5,6 +5,7 @@ No clock and no network: `advance` lets time pass, the caller says how much.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -12,14 +13,14 @@ import numpy as np
 from gpcorrect.arms import Arm, arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.sim.live import LiveArm
-from gpcorrect.sim.live_sensors import LiveSensors, Reading
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.reaching import Pace, tour, working_posture
 from gpcorrect.sim.resolve import BARE_JOINTS
+from gpcorrect.sim.sensors import Sensors
 from gpcorrect.sim.time_laws import minimum_jerk
 from gpcorrect.types import FloatArray
 
-__all__ = ["LiveRobot", "RobotState"]
+__all__ = ["LiveRobot", "Reading", "RobotState"]
 
 RobotState = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 COMMANDS = ("enable", "disable", "pause", "resume", "home", "unhome")
@@ -30,6 +31,30 @@ HOLD = 0.1  # s: a servo command that comes later than this after the one before
 HASTE = 3.0  # times the way of that time at the speed limit: a servo command further away is refused
 CARTESIAN = Pace(speed=0.03, acceleration=0.3, turn_rate=0.6)
 MOVE_RATE_HZ = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What is known of the arm at one instant.
+
+    Parameters
+    ----------
+    time : float
+        Session time, s.
+    position, velocity, effort : (dof,) arrays
+        As the robot reports them, rad or m.
+    external : (dof,) array
+        True joints as outside encoders see them.
+    tracker : (4, 4) array or None
+        Marker pose in the tracker's frame; None for bare joints, and where the tracker was not asked.
+    """
+
+    time: float
+    position: FloatArray
+    velocity: FloatArray
+    effort: FloatArray
+    external: FloatArray
+    tracker: FloatArray | None
 
 
 class LiveRobot:
@@ -53,7 +78,7 @@ class LiveRobot:
         q = np.zeros(len(self._columns)) if self._arm is None else working_posture(self._arm)[self._columns]
         self.machine = machine
         self._live = LiveArm(machine, q, start=start, block=block)
-        self._sensors = LiveSensors(machine, rng)
+        self._sensors = Sensors(machine, rng)
         self._setpoint, self._target = q, q
         self._speed = self._speed_limits()
         self._coming = 0.0  # s in which the servo's target is to be reached
@@ -93,8 +118,24 @@ class LiveRobot:
         return None if self._arm is None else self._arm.limits[self._columns]
 
     def read(self, *, tracked: bool = True) -> Reading:
-        """Return what the sensors say now."""
-        return self._sensors.read(self._live.moment, tracked=tracked)
+        """Return what the sensors say now.
+
+        Parameters
+        ----------
+        tracked : bool
+            Whether the tracker is asked, which takes longest.
+        """
+        here = self._live.moment
+        tip = here.T_base_tip[None, None] if tracked and here.T_base_tip is not None else None
+        seen = self._sensors.read(here.motion, here.torque[None, None], here.q[None, None], tip)
+        return Reading(
+            time=here.time,
+            position=seen.measured_jp[0, 0],
+            velocity=seen.measured_jv[0, 0],
+            effort=seen.measured_jf[0, 0],
+            external=seen.external_jp[0, 0],
+            tracker=None if seen.T_tracker_marker is None else seen.T_tracker_marker[0, 0],
+        )
 
     def poses_of(self, q: FloatArray) -> FloatArray | None:
         """Return the tool poses `(n, 4, 4)` that nominal kinematics give joints `(n, dof)`; None for bare joints."""

@@ -10,9 +10,8 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
 from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, in_order, of_kind
-from gpcorrect.sim.faults import TrackerFaults
 from gpcorrect.sim.plan import Plan
-from gpcorrect.sim.sensors import Noise
+from gpcorrect.sim.settings import Noise, TrackerFaults
 from gpcorrect.types import FloatArray
 
 __all__ = ["Drive", "Feedforward", "Machine"]

@@ -12,9 +12,7 @@ from pydantic import Field, SerializeAsAny, ValidationError, field_serializer, f
 from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Effect, effect_from_dict, in_order
-from gpcorrect.sim.faults import TrackerFaults
-from gpcorrect.sim.sensors import Noise
-from gpcorrect.sim.settings import NonNegative, Number, Positive, Settings
+from gpcorrect.sim.settings import Noise, NonNegative, Number, Positive, Settings, TrackerFaults
 from gpcorrect.sim.toml_text import toml_text
 
 __all__ = [

@@ -6,27 +6,7 @@ from dataclasses import dataclass
 
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["DriveState", "Motion", "Readings"]
-
-
-@dataclass(frozen=True, eq=False)
-class DriveState:
-    """The servo loop at one instant, or over a whole path.
-
-    Parameters
-    ----------
-    joints : tuple of int
-        Joint numbers of the columns.
-    position, velocity : (..., dof) arrays
-        Reported motor position (joint units) and its rate.
-    load : (..., dof) array
-        Torque or force that the links ask of each joint.
-    """
-
-    joints: tuple[int, ...]
-    position: FloatArray
-    velocity: FloatArray
-    load: FloatArray
+__all__ = ["Motion", "Readings"]
 
 
 @dataclass(frozen=True, eq=False)

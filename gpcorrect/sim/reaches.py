@@ -10,7 +10,6 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms import Arm, arm_named
 from gpcorrect.errors import DataError
-from gpcorrect.sim.faults import TrackerFaults
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.plan import Plan, Segment, plan_of
 from gpcorrect.sim.presets import preset
@@ -18,6 +17,7 @@ from gpcorrect.sim.reaching import Pace, Workspace, joint_tour, tour, upright, w
 from gpcorrect.sim.record import simulate
 from gpcorrect.sim.resolve import machine_of
 from gpcorrect.sim.sessions import rehomed
+from gpcorrect.sim.settings import TrackerFaults
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
 __all__ = ["random_reaches_log", "random_reaches_plan"]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.sim.effects import ReadingEffect, of_kind
-from gpcorrect.sim.faults import TrackerFaults, corrupted
+from gpcorrect.sim.faults import corrupted
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.motion import Readings
 from gpcorrect.sim.plan import NOT_LOGGED, Plan
-from gpcorrect.sim.plant import Outcome, run
-from gpcorrect.sim.sensors import noisy
+from gpcorrect.sim.plant import run
+from gpcorrect.sim.sensors import Sensors
+from gpcorrect.sim.settings import TrackerFaults
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
 __all__ = ["simulate"]
@@ -41,16 +41,8 @@ def simulate(machine: Machine, plan: Plan, seed: int = 0, *, position_only: bool
     """
     rng = np.random.default_rng(seed)
     outcome = run(machine, plan)
-    readings = _readings(machine, outcome)
-    for effect in of_kind(machine.effects, ReadingEffect):
-        readings = effect.act(readings, outcome.motion, rng)
-    return _log(machine, plan, noisy(readings, machine.noise, rng), rng, position_only)
-
-
-def _readings(machine: Machine, outcome: Outcome) -> Readings:
-    motion, tip = outcome.motion, outcome.T_base_tip
-    marker = None if tip is None else se3.compose(machine.T_tracker_base, tip, machine.T_tip_marker)
-    return Readings(motion.position, motion.velocity, outcome.torque, outcome.q, marker)
+    readings = Sensors(machine, rng).read(outcome.motion, outcome.torque, outcome.q, outcome.T_base_tip)
+    return _log(machine, plan, readings, rng, position_only)
 
 
 def _log(

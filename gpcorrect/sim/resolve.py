@@ -12,10 +12,9 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body, Links
 from gpcorrect.sim.defaults import default_controller, motor_inertia
 from gpcorrect.sim.effects import ChainEffect, LoadEffect, TipEffect
-from gpcorrect.sim.faults import TrackerFaults
 from gpcorrect.sim.machine import Drive, Machine
 from gpcorrect.sim.model import LinkTable, Model, Pose
-from gpcorrect.sim.sensors import Noise
+from gpcorrect.sim.settings import Noise, TrackerFaults
 from gpcorrect.types import FloatArray
 
 __all__ = ["BARE_JOINTS", "machine_of"]

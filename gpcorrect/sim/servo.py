@@ -1,9 +1,9 @@
-"""The servo loop: a PD controller on each motor against inertia, load and friction, step by step.
+"""The servo loop: a PD controller on each motor against inertia, load and friction, step by step, compiled.
 
 Dry friction is set-valued (Moreau's time stepping): a step first moves freely, then friction takes away what speed it
 can and no more, so that a joint really sticks and no threshold speed is needed (Acary and Brogliato 2008, Numerical
-Methods for Nonsmooth Dynamical Systems, Ch. 10). Effects of the catalogue act by their laws, in the compiled steps;
-any other is asked before each step.
+Methods for Nonsmooth Dynamical Systems, Ch. 10). Effects inside the loop act by their laws, for a whole recording and
+for an arm that runs live alike.
 """
 
 from __future__ import annotations
@@ -13,18 +13,20 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects import Effect, FrictionEffect, LawfulFriction, LawfulTorque, TorqueEffect, of_kind
-from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw
-from gpcorrect.sim.effects.stages import SIDES
+from gpcorrect.sim.effects.base import SIDES, Effect, FrictionEffect, TorqueEffect
+from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw, contact, resisting
+from gpcorrect.sim.effects.registry import of_kind
 from gpcorrect.sim.machine import Drive
-from gpcorrect.sim.motion import DriveState
-from gpcorrect.sim.servo_steps import Given, Laws, Outside, advance, no_outside
 from gpcorrect.sim.threads import in_parts
-from gpcorrect.types import FloatArray
+from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["Clock", "Loop", "Reference", "ServoPath", "follow"]
+
+MOTOR, JOINT = 0, 1  # before and behind the transmission: the order of `SIDES`
+TINY = 1e-300  # N m or N: keeps the ratio of two frictions defined where there is none
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,13 @@ class Clock:
 
     @classmethod
     def of(cls, rate_hz: float, log_rate_hz: float) -> Clock:
-        """Run the loop at `rate_hz`, or as little faster as makes its steps meet the log's samples."""
+        """Return the clock of a loop, as little faster than asked as makes its steps meet the log's samples.
+
+        Parameters
+        ----------
+        rate_hz, log_rate_hz : float
+            Of the loop, and of the log.
+        """
         stride = max(1, int(np.ceil(rate_hz / log_rate_hz - 1e-9)))
         return cls(step=1.0 / (log_rate_hz * stride), stride=stride)
 
@@ -94,35 +102,64 @@ class Loop:
     """
 
     def __init__(self, drive: Drive, joints: tuple[int, ...], effects: Sequence[Effect]) -> None:
+        frictions = sorted(of_kind(effects, FrictionEffect), key=lambda e: e.column(joints))
+        torques = sorted(of_kind(effects, TorqueEffect), key=lambda e: e.column(joints))
+        columns = np.arange(len(joints) + 1)
         self._drive = drive
-        self._laws, self._lawless = _laws(effects, joints), _Lawless.of(effects, joints)
+        self._laws = _Laws(
+            friction=np.array([e.law() for e in frictions]).reshape(-1, len(FrictionLaw._fields)),
+            friction_of=np.searchsorted([e.column(joints) for e in frictions], columns),
+            friction_side=np.array([SIDES.index(e.side) for e in frictions], dtype=np.int64),
+            torque=np.array([e.law() for e in torques]).reshape(-1, len(TorqueLaw._fields)),
+            torque_of=np.searchsorted([e.column(joints) for e in torques], columns),
+        )
 
     def check_stable(self, inertia: FloatArray, step: float) -> None:
-        """Refuse gains that cannot hold joints of that inertia `(dof,)` at that step, s.
+        """Refuse gains of which one joint's sampled loop, without load and friction, leaves the unit circle.
+
+        Parameters
+        ----------
+        inertia : (dof,) array
+            Of motor and links, kg m^2 or kg.
+        step : float
+            s.
 
         Raises
         ------
         DataError
             The gains, or a stop's stiffness, make the sampled loop unstable.
         """
-        _check_stable(self._drive, _stops(self._laws, len(inertia)), inertia, step)
+        stops, column = np.zeros(len(inertia)), np.repeat(np.arange(len(inertia)), np.diff(self._laws.torque_of))
+        np.add.at(stops, column, self._laws.torque[:, TorqueLaw._fields.index("stiffness")])
+        for j, (kp, kd, mass) in enumerate(zip(self._drive.kp + stops, self._drive.kd, inertia, strict=True)):
+            speed = np.array([-step * kp / mass, 1.0 - step * kd / mass])
+            loop = np.array([[1.0, 0.0] + step * speed, speed])
+            if np.abs(np.linalg.eigvals(loop)).max() > 1.0 + 1e-9:
+                raise DataError(
+                    f"the controller of column {j + 1} is unstable at a step of {step:.3g} s: kp (with the joint's "
+                    f"stops) {kp:.4g}, kd {kd:.4g}, inertia {mass:.4g}.",
+                    hint="Lower kp, kd or the stops' stiffness, or raise motor_inertia or rate_hz.",
+                )
 
     def run(self, reference: Reference, clock: Clock, position: FloatArray, velocity: FloatArray) -> ServoPath:
-        """Go over a reference from a state `(N, dof)`, which is moved on in place."""
-        given, laws, lawless = _given(self._drive, reference, clock), self._laws, self._lawless
-        runs, steps = given.position.shape[:2]
+        """Go over a reference.
+
+        Parameters
+        ----------
+        reference : Reference
+            Of N runs.
+        clock : Clock
+            Of the loop.
+        position, velocity : (N, dof) arrays
+            State of the motors, which is moved on in place.
+        """
+        given, laws = _given(self._drive, reference, clock), self._laws
         samples = np.empty((4, *given.load.shape))
-        outside = no_outside(*velocity.shape)
-        if not lawless.effects:
 
-            def move(first: int, last: int) -> None:
-                advance((first, last), (0, steps), given, laws, outside, position, velocity, samples)
+        def move(first: int, last: int) -> None:
+            _advance(first, last, given, laws, position, velocity, samples)
 
-            in_parts(runs, given.position.size, move)
-        else:
-            for i in range(steps):
-                lawless.ask(given, i, position, velocity, outside)
-                advance((0, runs), (i, i + 1), given, laws, outside, position, velocity, samples)
+        in_parts(len(given.position), given.position.size, move)
         return ServoPath(*np.ascontiguousarray(samples.swapaxes(1, 2)))
 
 
@@ -130,6 +167,17 @@ def follow(
     drive: Drive, reference: Reference, clock: Clock, joints: tuple[int, ...], effects: Sequence[Effect]
 ) -> ServoPath:
     """Run the loop over a reference, from a state that follows it in balance, with the effects that act in the loop.
+
+    Parameters
+    ----------
+    drive : Drive
+        Gains and feedforward.
+    reference, clock : Reference, Clock
+        What the loop is given, and its steps.
+    joints : tuple of int
+        Joint numbers of the columns.
+    effects : sequence of Effect
+        Of the machine.
 
     Raises
     ------
@@ -142,90 +190,126 @@ def follow(
     return loop.run(reference, clock, reference.position[:, 0] + balance, np.array(reference.velocity[:, 0]))
 
 
-def _given(drive: Drive, reference: Reference, clock: Clock) -> Given:
+class _Given(NamedTuple):
+    """What the compiled steps are given: constants `(dof,)`, and references runs first, read along the memory.
+
+    `position` and `velocity` are given at the m steps `(N, m, dof)`, `feedforward`, `load` and `carried` at every
+    `stride`-th of them `(N, n, dof)` and are linear between. `gain` is the speed won in a step for each unit of torque;
+    `load` goes against the motion, `carried` is what the frictions see.
+    """
+
+    kp: FloatArray
+    kd: FloatArray
+    gain: FloatArray
+    step: float
+    stride: int
+    position: FloatArray
+    velocity: FloatArray
+    feedforward: FloatArray
+    load: FloatArray
+    carried: FloatArray
+
+
+class _Laws(NamedTuple):
+    """Laws of the effects: rows of numbers in the order of their columns, and a friction's side.
+
+    Those of column j are the rows `of[j]` to `of[j + 1]`. Nothing in the steps cuts rows out of an array: the counting
+    of references to the cuts would take longer than the laws.
+    """
+
+    friction: FloatArray
+    friction_of: IntArray
+    friction_side: IntArray
+    torque: FloatArray
+    torque_of: IntArray
+
+
+def _given(drive: Drive, reference: Reference, clock: Clock) -> _Given:
     gain = clock.step / reference.inertia
     kp, kd, gain = (np.asarray(a, dtype=np.float64) for a in (drive.kp, drive.kd, gain))
     carried = reference.load if reference.carried is None else reference.carried
     position, velocity = (np.ascontiguousarray(p) for p in (reference.position, reference.velocity))
     sampled = (reference.feedforward, reference.load, carried)
     feedforward, load, carried = (np.ascontiguousarray(p.swapaxes(0, 1)) for p in sampled)
-    return Given(kp, kd, gain, clock.step, clock.stride, position, velocity, feedforward, load, carried)
+    return _Given(kp, kd, gain, clock.step, clock.stride, position, velocity, feedforward, load, carried)
 
 
-def _laws(effects: Sequence[Effect], joints: tuple[int, ...]) -> Laws:
-    """Laws of the catalogue's effects as arrays."""
-    frictions = sorted(of_kind(effects, LawfulFriction), key=lambda e: e.column(joints))
-    torques = sorted(of_kind(effects, LawfulTorque), key=lambda e: e.column(joints))
-    columns = np.arange(len(joints) + 1)
-    return Laws(
-        friction=np.array([e.law() for e in frictions]).reshape(-1, len(FrictionLaw._fields)),
-        friction_of=np.searchsorted([e.column(joints) for e in frictions], columns),
-        friction_side=np.array([SIDES.index(e.side) for e in frictions], dtype=np.int64),
-        torque=np.array([e.law() for e in torques]).reshape(-1, len(TorqueLaw._fields)),
-        torque_of=np.searchsorted([e.column(joints) for e in torques], columns),
-    )
+@njit(cache=True, nogil=True, error_model="numpy")
+def _advance(
+    first: int,
+    last: int,
+    given: _Given,
+    laws: _Laws,
+    position: FloatArray,
+    velocity: FloatArray,
+    samples: FloatArray,
+) -> None:
+    """Move `position` and `velocity` `(N, dof)` of the runs `first` to `last` through the steps, in place.
+
+    Every `stride`-th step leaves its position, velocity, commanded torque and torque behind the transmission in
+    `samples` `(4, N, n, dof)`.
+    """
+    end = given.load.shape[1] - 1
+    for r in range(first, last):
+        k, beyond = 0, 0
+        wanted, pace, fed = given.position[r], given.velocity[r], given.feedforward[r]
+        loads, loads_felt = given.load[r], given.carried[r]
+        for i in range(wanted.shape[0]):
+            part, after = beyond / given.stride, min(k + 1, end)
+            for j in range(position.shape[1]):
+                q, v = position[r, j], velocity[r, j]
+                torque = given.kp[j] * (wanted[i, j] - q) + given.kd[j] * (pace[i, j] - v)
+                torque += _between(fed, k, after, part, j)
+                load, felt = _between(loads, k, after, part, j), _between(loads_felt, k, after, part, j)
+                delivered, pressed = _delivered(laws, j, torque, q)
+                speed, behind = _braked(laws, j, q, v, felt, given.gain[j], delivered - pressed - load)
+                position[r, j], velocity[r, j] = q + given.step * speed, speed
+                if beyond == 0:
+                    samples[0, r, k, j], samples[1, r, k, j], samples[2, r, k, j] = q, v, torque
+                    samples[3, r, k, j] = behind + pressed
+            beyond += 1
+            if beyond == given.stride:
+                k, beyond = k + 1, 0
 
 
-@dataclass(frozen=True, eq=False)
-class _Lawless:
-    """Effects that have a method instead of a law: asked before each step, which is much slower."""
-
-    torques: tuple[TorqueEffect, ...]
-    frictions: tuple[FrictionEffect, ...]
-    joints: tuple[int, ...]
-
-    @classmethod
-    def of(cls, effects: Sequence[Effect], joints: tuple[int, ...]) -> _Lawless:
-        torques = tuple(e for e in of_kind(effects, TorqueEffect) if not isinstance(e, LawfulTorque))
-        frictions = tuple(e for e in of_kind(effects, FrictionEffect) if not isinstance(e, LawfulFriction))
-        return cls(torques, frictions, joints)
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        """All of them."""
-        return (*self.torques, *self.frictions)
-
-    def ask(self, given: Given, i: int, position: FloatArray, velocity: FloatArray, outside: Outside) -> None:
-        """Put what the effects do in step i into `outside`."""
-        state = DriveState(self.joints, position.copy(), velocity.copy(), _at_step(given.carried, i, given.stride))
-        commanded = given.kp * (given.position[:, i] - position) + given.kd * (given.velocity[:, i] - velocity)
-        commanded += _at_step(given.feedforward, i, given.stride)
-        torque = commanded
-        for effect in self.torques:
-            torque = effect.act(torque, state)
-        outside.torque[:] = torque - commanded
-        for array in (outside.forward, outside.backward, outside.damping):
-            array.fill(0.0)
-        for friction in self.frictions:
-            where = SIDES.index(friction.side), slice(None), friction.column(self.joints)
-            limit, damping, backward = friction.act(state)
-            outside.forward[where] += limit
-            outside.backward[where] += limit if backward is None else backward
-            outside.damping[where] += damping
+@njit(cache=True, error_model="numpy")
+def _between(samples: FloatArray, k: int, after: int, part: float, j: int) -> float:
+    """Value between a sample and the one after it."""
+    value: float = samples[k, j] + part * (samples[after, j] - samples[k, j])
+    return value
 
 
-def _at_step(samples: FloatArray, i: int, stride: int) -> FloatArray:
-    """Values `(N, dof)` at a step, linear between samples `(N, n, dof)`."""
-    k, part = divmod(i, stride)
-    here, after = samples[:, k], samples[:, min(k + 1, samples.shape[1] - 1)]
-    return here + part / stride * (after - here)
+@njit(cache=True, error_model="numpy")
+def _delivered(laws: _Laws, j: int, torque: float, q: float) -> tuple[float, float]:
+    """Torque that the drive delivers, and the one with which stops are pressed."""
+    pressed = 0.0
+    for a in range(laws.torque_of[j], laws.torque_of[j + 1]):
+        torque = min(max(torque, -laws.torque[a, 0]), laws.torque[a, 0])
+        pressed += contact(laws.torque, a, q)
+    return torque, pressed
 
 
-def _stops(laws: Laws, dof: int) -> FloatArray:
-    """Stiffness `(dof,)` of the stops of each joint together."""
-    stiffness, column = np.zeros(dof), np.repeat(np.arange(dof), np.diff(laws.torque_of))
-    np.add.at(stiffness, column, laws.torque[:, TorqueLaw._fields.index("stiffness")])
-    return stiffness
+@njit(cache=True, error_model="numpy")
+def _braked(laws: _Laws, j: int, q: float, v: float, felt: float, gain: float, driving: float) -> tuple[float, float]:
+    """Speed after a step, and the friction behind the transmission in it."""
+    forward, backward, damping = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)  # of the motor's side, and of the joint's
+    for a in range(laws.friction_of[j], laws.friction_of[j + 1]):
+        up, down = resisting(laws.friction, a, q, v, felt)
+        behind = laws.friction_side[a] == JOINT
+        forward, backward = _added(forward, up, behind), _added(backward, down, behind)
+        damping = _added(damping, laws.friction[a, 7], behind)
+    factor = 1.0 / (1.0 + gain * (damping[MOTOR] + damping[JOINT]))
+    gain = gain * factor
+    free = factor * v + gain * driving
+    ceiling = gain * (forward[MOTOR] + forward[JOINT])
+    floor = -gain * (backward[MOTOR] + backward[JOINT])
+    taken = min(max(free, floor), ceiling)
+    limits = forward if taken > 0.0 else backward
+    fraction = limits[JOINT] / max(limits[MOTOR] + limits[JOINT], TINY)
+    return free - taken, fraction * taken / gain + damping[JOINT] * (free - taken)
 
 
-def _check_stable(drive: Drive, stops: FloatArray, inertia: FloatArray, step: float) -> None:
-    """Eigenvalues of one joint's sampled loop, without load and friction, must not leave the unit circle."""
-    for j, (kp, kd, mass) in enumerate(zip(drive.kp + stops, drive.kd, inertia, strict=True)):
-        speed = np.array([-step * kp / mass, 1.0 - step * kd / mass])
-        loop = np.array([[1.0, 0.0] + step * speed, speed])
-        if np.abs(np.linalg.eigvals(loop)).max() > 1.0 + 1e-9:
-            raise DataError(
-                f"the controller of column {j + 1} is unstable at a step of {step:.3g} s: kp (with the joint's stops) "
-                f"{kp:.4g}, kd {kd:.4g}, inertia {mass:.4g}.",
-                hint="Lower kp, kd or the stops' stiffness, or raise motor_inertia or rate_hz.",
-            )
+@njit(cache=True, error_model="numpy")
+def _added(sides: tuple[float, float], value: float, behind: bool) -> tuple[float, float]:
+    """Return the same with a value more before the transmission, or behind it."""
+    return (sides[MOTOR], sides[JOINT] + value) if behind else (sides[MOTOR] + value, sides[JOINT])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gpcorrect.arms import arm_named
-from gpcorrect.sim.effects import HomingOffset
+from gpcorrect.sim.effects.homing_offset import HomingOffset
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.resolve import BARE_JOINTS
 

@@ -14,7 +14,7 @@ from gpcorrect.discrepancy.evidence.lens import estimate_noises
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.stated import GIVEN, LOUDER_WORDS, averaged, rounded_to
 from gpcorrect.discrepancy.search.laid import lay_out
-from gpcorrect.sim.sensors import Noise
+from gpcorrect.sim import Noise
 
 
 def noises(noise: Noise | None) -> tuple[ChannelNoise, ...]:

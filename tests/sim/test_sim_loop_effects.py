@@ -1,6 +1,6 @@
-"""Effects inside the servo loop: friction, saturation and stops, and the compiled loop against asking each effect."""
+"""Effects inside the servo loop: friction, saturation and stops."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,38 +12,15 @@ from gpcorrect.sim.effects import (
     CableStretch,
     CapstanFriction,
     CoulombFriction,
-    Effect,
-    FrictionEffect,
     JointStop,
     Payload,
     PositionDependentFriction,
     StribeckFriction,
-    TorqueEffect,
     TorqueSaturation,
     ViscousFriction,
 )
 
 KP = drive().kp
-
-
-@dataclass(frozen=True)
-class Asked(FrictionEffect):
-    """A friction of the catalogue behind a method, as somebody else's effect would be."""
-
-    inner: FrictionEffect | None = None
-    about = replace(CoulombFriction.about, parameters=())
-
-    def act(self, state):
-        return self.inner.act(state)
-
-
-@dataclass(frozen=True)
-class AskedTorque(TorqueEffect):
-    inner: TorqueEffect
-    about = replace(TorqueSaturation.about, parameters=())
-
-    def act(self, torque, state):
-        return self.inner.act(torque, state)
 
 
 LAWS = (
@@ -52,28 +29,10 @@ LAWS = (
     StribeckFriction(1, torque=0.3, static_torque=0.6, speed=0.05),
     CapstanFriction(1, wrap=0.4),
     PositionDependentFriction(1, torque=0.3, swing=-0.2, waves=12.0, phase=0.5),
-    TorqueSaturation(1, 0.5),
 )
 
 
-def asked(effect: Effect) -> Effect:
-    """Hide an effect's law."""
-    if isinstance(effect, FrictionEffect):
-        return Asked(effect.joint, side=effect.side, inner=effect)
-    return AskedTorque(effect.joint, effect)
-
-
 @pytest.mark.parametrize("effect", LAWS, ids=lambda e: e.about.name)
-def test_a_law_and_its_method_are_the_same(effect):
-    """The compiled loop gives what asking the effect before every step gives."""
-    plan = moves(runs=2, seconds=1.5)
-    compiled, slow = run(raven(effect), plan), run(raven(asked(effect)), plan)
-    np.testing.assert_allclose(compiled.q, slow.q, atol=1e-10)
-    np.testing.assert_allclose(compiled.torque, slow.torque, atol=1e-7)
-    np.testing.assert_allclose(compiled.motion.load, slow.motion.load, atol=1e-7)
-
-
-@pytest.mark.parametrize("effect", LAWS[:5], ids=lambda e: e.about.name)
 def test_friction_behind_the_cable_is_carried_by_it(effect):
     """On the joint's side the same friction loads the cable, on the motor's side it does not."""
     plan = moves(runs=1, seconds=1.5)

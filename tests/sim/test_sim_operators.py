@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import bouc_wen, lag, play, ring
-from gpcorrect.sim.effects.shifted import shifted
+from gpcorrect.sim.effects.delay import shifted
 
 values = st.floats(-10, 10, allow_nan=False)
 paths = arrays(np.float64, st.integers(2, 30), elements=values)
@@ -161,10 +161,10 @@ def test_limits_of_the_lag(path):
 
 
 OPERATORS = {
-    "play": lambda u, t: play(u, 0.1),
-    "bouc_wen": lambda u, t: bouc_wen(u, 0.1, 2.0),
-    "lag": lambda u, t: lag(u, t, 0.2),
-    "ring": lambda u, t: ring(u, t, 5.0, 0.2),
+    "play": lambda u, t, memory=None: play(u, 0.1, memory),
+    "bouc_wen": lambda u, t, memory=None: bouc_wen(u, 0.1, 2.0, memory),
+    "lag": lambda u, t, memory=None: lag(u, t, 0.2, memory=memory),
+    "ring": lambda u, t, memory=None: ring(u, t, 5.0, 0.2, memory),
 }
 
 
@@ -213,3 +213,43 @@ def test_a_moment_given_twice_does_no_harm(operator):
 def test_meaningless_numbers_are_refused(call):
     with pytest.raises(DataError):
         call(np.zeros(3))
+
+
+def test_runs_cut_from_one_another_lag_as_the_whole_does():
+    """Cut into runs with nothing between them, in any order of columns, a session's lag is that of the uncut path."""
+    rng = np.random.default_rng(1)
+    time = np.cumsum(rng.uniform(0.01, 0.3, 400))
+    path = np.cumsum(rng.normal(size=400))
+    whole = lag(path, time, 7.0)
+    order = [2, 0, 3, 1]
+    cut = [column.reshape(4, 100).T[:, order] for column in (path, time)]
+    through = lag(*cut, 7.0, np.zeros(4, dtype=np.int64))
+    np.testing.assert_allclose(through, whole.reshape(4, 100).T[:, order], atol=1e-12)
+
+
+def test_sessions_know_nothing_of_one_another():
+    """The first run of a session starts in balance, whatever came before."""
+    time = np.tile(np.linspace(0.0, 5.0, 50)[:, None], (1, 2)) + np.array([0.0, 6.0])
+    path = np.tile(np.sin(time[:, :1]), (1, 2)) + np.array([0.0, 3.0])
+    apart = lag(path, time, 4.0, np.array([0, 1]))
+    np.testing.assert_allclose(apart, lag(path, time, 4.0))
+    assert not np.allclose(lag(path, time, 4.0, np.array([0, 0])), apart)
+
+
+def test_a_gap_is_bridged_with_what_lies_on_either_side():
+    """After a gap of many time constants at one load, the next run starts in balance with that load."""
+    time = np.tile(np.linspace(0.0, 1.0, 20)[:, None], (1, 2)) + np.array([0.0, 1000.0])
+    path = np.concatenate([np.linspace(0.0, 2.0, 20)[:, None], np.full((20, 1), 2.0)], axis=1)
+    through = lag(path, time, 3.0, np.zeros(2, dtype=np.int64))
+    np.testing.assert_allclose(through[:, 1], 2.0, atol=1e-12)
+
+
+@given(st.lists(st.integers(1, 59), max_size=4, unique=True).map(sorted), st.sampled_from(sorted(OPERATORS)))
+def test_an_operator_goes_on_where_it_stopped(cuts, name):
+    """With one memory, the stretches of a path, wherever it is cut, come out as the whole does."""
+    time, path = uneven()
+    path[[13, 30]] = np.nan
+    memory = {}
+    pieces = [slice(a, b) for a, b in zip([0, *cuts], [*cuts, 60], strict=True)]
+    one_by_one = np.concatenate([OPERATORS[name](path[s], time[s], memory) for s in pieces])
+    np.testing.assert_allclose(one_by_one, OPERATORS[name](path, time), atol=1e-12)

@@ -2,8 +2,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
-from sim_machines import RATE_HZ, constant_speed, drive, hold, moves, raven, weightless
+from sim_machines import constant_speed, drive, hold, moves, raven, weightless
 
 from gpcorrect.arms import arm_named
 from gpcorrect.sim import run, simulate
@@ -14,21 +13,18 @@ from gpcorrect.sim.effects import (
     CoulombFriction,
     Description,
     Family,
-    Friction,
-    FrictionEffect,
     GravitySag,
     HomingOffset,
     LoadEffect,
     ReadingEffect,
     Stage,
     TipEffect,
-    TorqueEffect,
     ViscousFriction,
 )
 
 
 def about(name):
-    return Description(name, "T", Family.LIMIT, "", "", (), (), (), ())
+    return Description(name, 99, "T", Family.LIMIT, "", "", (), (), (), ())
 
 
 def test_a_perfect_machine_goes_where_it_is_told():
@@ -117,25 +113,6 @@ def test_homing_offset_shows_outside_only():
 
 
 @dataclass(frozen=True)
-class Saturation(TorqueEffect):
-    limit: float
-    about = about("torque_saturation")
-
-    def act(self, torque, state):
-        return np.clip(torque, -self.limit, self.limit)
-
-
-@dataclass(frozen=True)
-class Stribeck(FrictionEffect):
-    about = about("stribeck_friction")
-    varies = True
-
-    def act(self, state):
-        speed = state.velocity[..., self.column(state.joints)]
-        return Friction(0.2 + 0.3 * np.exp(-((speed / 0.05) ** 2)), 0.0)
-
-
-@dataclass(frozen=True)
 class ExtraPayload(LoadEffect):
     mass: float
     about = about("payload")
@@ -169,27 +146,8 @@ class BentShaft(TipEffect):
 class CoarseEncoder(ReadingEffect):
     about = about("encoder_quantisation")
 
-    def act(self, readings, motion, rng):
+    def advance(self, readings, motion, rng, memory):
         return replace(readings, measured_jp=np.round(readings.measured_jp, 2))
-
-
-def test_a_torque_effect_acts_inside_the_loop():
-    """A motor that cannot give more than its limit falls behind when more is asked."""
-    q = np.array([0.6, 1.5, 0.36])
-    held = run(raven(drive=drive("gravity")), hold(q))
-    needed = np.abs(held.torque[-1, 0]).max()
-    weak = run(raven(Saturation("all", 0.5 * needed), drive=drive("gravity")), hold(q))
-    strong = run(raven(Saturation("all", 2.0 * needed), drive=drive("gravity")), hold(q))
-    np.testing.assert_allclose(strong.q, held.q, atol=1e-9)
-    assert np.abs(weak.q - held.q).max() > 0.02
-
-
-def test_a_friction_that_varies_is_asked_at_every_step():
-    """A falling friction curve costs its static value slowly and its kinetic one fast."""
-    for speed, expected in ((0.005, 0.5), (0.5, 0.2)):
-        outcome = run(weightless(Stribeck(1)), constant_speed(np.array([speed, 0.0, 0.0])))
-        error = speed * (len(outcome.q) - 1) / RATE_HZ - outcome.q[-1, 0, 0]
-        assert error * drive().kp[0] == pytest.approx(expected, rel=0.02)
 
 
 def test_a_load_effect_is_unknown_to_the_controller():

@@ -262,7 +262,7 @@ def test_a_slip_is_a_step_in_one_session():
 def test_quantised_readings_lie_on_a_grid():
     """Reported positions are whole counts, at most half a count off; nothing else is touched."""
     state = motion()
-    seen = EncoderQuantisation(2, 0.05).act(readings(state), state, np.random.default_rng(0))
+    seen = EncoderQuantisation(2, 0.05).operator(np.random.default_rng(0))(readings(state), state)
     counts = seen.measured_jp[..., 1] / 0.05
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
     assert np.abs(seen.measured_jp - state.position)[..., 1].max() <= 0.025 + 1e-12
@@ -273,12 +273,12 @@ def test_quantised_readings_lie_on_a_grid():
 def test_lost_counts_leave_the_zero_elsewhere():
     """With every count lost nothing is ever reported; with some, the zero wanders by whole counts."""
     state = motion(n=400)
-    all_lost = EncoderQuantisation(1, 0.01, lost=1.0).act(readings(state), state, np.random.default_rng(0))
+    all_lost = EncoderQuantisation(1, 0.01, lost=1.0).operator(np.random.default_rng(0))(readings(state), state)
     assert np.ptp(all_lost.measured_jp[..., 0], axis=0).max() < 1e-9
-    some = EncoderQuantisation(1, 0.01, lost=0.05).act(readings(state), state, np.random.default_rng(0))
+    some = EncoderQuantisation(1, 0.01, lost=0.05).operator(np.random.default_rng(0))(readings(state), state)
     shift = (some.measured_jp - state.position)[..., 0]
     assert np.abs(shift).max() > 0.02
-    none = EncoderQuantisation(1, 0.01).act(readings(state), state, np.random.default_rng(0))
+    none = EncoderQuantisation(1, 0.01).operator(np.random.default_rng(0))(readings(state), state)
     wandered = (some.measured_jp - none.measured_jp)[..., 0] / 0.01
     np.testing.assert_allclose(wandered, np.round(wandered), atol=1e-6)
 
@@ -288,9 +288,9 @@ def test_changed_noise_has_its_size_and_tails(tail, kurtosis):
     """Zero mean, the given deviation, and tails as heavy as the law's; the other sensors are left alone."""
     state = motion(n=40000, runs=1)
     before = readings(state)
-    noise = (NoiseChange(1, 0.3, tail=tail).act(before, state, np.random.default_rng(4)).external_jp - state.position)[
-        ..., 0
-    ]
+    noise = (
+        NoiseChange(1, 0.3, tail=tail).operator(np.random.default_rng(4))(before, state).external_jp - state.position
+    )[..., 0]
     assert abs(noise.mean()) < 0.006
     assert noise.std() == pytest.approx(0.3, rel=0.05)
     assert kurtosis[0] < np.mean(noise**4) / np.var(noise) ** 2 < kurtosis[1]
@@ -298,7 +298,7 @@ def test_changed_noise_has_its_size_and_tails(tail, kurtosis):
 
 def test_changed_noise_begins_when_it_says():
     state = motion(n=400, runs=1)
-    seen = NoiseChange("tool", 1e-3, since=2.0).act(readings(state), state, np.random.default_rng(0))
+    seen = NoiseChange("tool", 1e-3, since=2.0).operator(np.random.default_rng(0))(readings(state), state)
     shift = seen.T_tracker_marker[..., :3, 3]
     assert (shift[state.time < 2.0] == 0).all()
     assert (shift[state.time >= 2.0] != 0).all()

@@ -142,7 +142,7 @@ def test_hidden_numbers_are_physical(name: str) -> None:
     label = _pair(name).label
     effect = _effect(label)
     for parameter in effect.about.parameters:
-        span = parameter.prismatic if label["joint"] == 3 else parameter.revolute
+        span = parameter.range("P" if label["joint"] == 3 else "R")
         assert span.low <= getattr(effect, parameter.name) <= span.high
 
 
@@ -176,7 +176,7 @@ def test_counts_of_an_encoder_are_the_same() -> None:
     motor = pair.truth.setting.readings.reported[pair.rows][:, None]
     effect = EncoderQuantisation(pair.label["joint"], pair.label["params"]["step"])
     plain = Readings(motor, motor, motor, motor, None)
-    written = effect.act(plain, pair.without.motion, np.random.default_rng(0)).measured_jp[:, 0, column]
+    written = effect.operator(np.random.default_rng(0))(plain, pair.without.motion).measured_jp[:, 0, column]
     np.testing.assert_allclose(written, pair.truth.readings.reported[pair.rows, column], atol=1e-9)
 
 

@@ -19,10 +19,8 @@ from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Split
 from gpcorrect.discrepancy.search.candidates import Candidate, Member, all_candidates
 from gpcorrect.errors import DataError
-from gpcorrect.sim import Model, effect_from_dict, machine_of, simulate
+from gpcorrect.sim import Model, Noise, TrackerFaults, effect_from_dict, machine_of, simulate
 from gpcorrect.sim.effects import Effect, Run
-from gpcorrect.sim.faults import TrackerFaults
-from gpcorrect.sim.sensors import Noise
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
 
 __all__ = ["ENOUGH", "advise", "expected_nats"]

@@ -23,7 +23,10 @@ from gpcorrect.discrepancy.search.candidates import Candidate, Member
 from gpcorrect.discrepancy.search.coordinates import coordinate_of
 from gpcorrect.discrepancy.search.state import penalty
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects import Effect, EncoderQuantisation, HomingOffset, NoiseChange
+from gpcorrect.sim.effects import Effect
+from gpcorrect.sim.effects.encoder_quantisation import EncoderQuantisation
+from gpcorrect.sim.effects.homing_offset import HomingOffset
+from gpcorrect.sim.effects.noise_change import NoiseChange
 from gpcorrect.types import BoolArray, FloatArray
 
 __all__ = ["NoiseEffect", "noise_effects"]

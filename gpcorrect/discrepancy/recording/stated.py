@@ -9,8 +9,10 @@ import numpy as np
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.sim.effects import EncoderQuantisation, NoiseChange, of_kind
-from gpcorrect.sim.sensors import Noise
+from gpcorrect.sim import Noise
+from gpcorrect.sim.effects import of_kind
+from gpcorrect.sim.effects.encoder_quantisation import EncoderQuantisation
+from gpcorrect.sim.effects.noise_change import NoiseChange
 from gpcorrect.types import IntArray
 
 __all__ = [

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.base import RememberingEffect, Stage, with_column
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
-from gpcorrect.sim.effects.operators import play
-from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.effects.operators import Memory, play
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -15,7 +14,7 @@ __all__ = ["Backlash"]
 
 
 @dataclass(frozen=True)
-class Backlash(PathEffect):
+class Backlash(RememberingEffect):
     """The joint follows the motor through a play.
 
     Parameters
@@ -31,6 +30,7 @@ class Backlash(PathEffect):
     stage = Stage.TRANSMISSION
     about = Description(
         name="backlash",
+        number=14,
         slot="T",
         family=Family.REVERSAL,
         equation="q = play(m, r): w = min(max(w_before, m - r), m + r)",
@@ -54,7 +54,7 @@ class Backlash(PathEffect):
         sites=(Site.JOINT,),
     )
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
         """Pass the path through the play."""
         j = self.column(motion.joints)
-        return with_column(q, j, play(q[..., j], self.radius))
+        return with_column(q, j, play(q[..., j], self.radius, memory))

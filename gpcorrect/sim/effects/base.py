@@ -1,19 +1,58 @@
-"""What every effect is: a frozen value that acts at one stage of the machine and can be written down and read back."""
+"""What every effect is, and the interface of each stage at which one acts.
+
+An effect is a frozen value: absent means off. Arrays are time first: `(n, N, dof)` for n samples of N parallel runs.
+Effects return new arrays and know nothing of each other. Where an effect remembers what was before, its operator can be
+called on one stretch of a motion after the other, however the motion is cut: a recording is one stretch, the samples of
+an arm that runs live are stretches of one.
+"""
 
 from __future__ import annotations
 
-from abc import ABC
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from functools import partial
 from math import isnan
 from typing import Any, ClassVar
 
+import numpy as np
+
+from gpcorrect.arms import Chain
 from gpcorrect.errors import DataError
+from gpcorrect.sim.body import Links
 from gpcorrect.sim.effects.description import Description, Parameter
+from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw
+from gpcorrect.sim.effects.operators import Memory
+from gpcorrect.sim.motion import Motion, Readings
+from gpcorrect.types import FloatArray
 
-__all__ = ["WHOLE_ARM", "Effect", "Stage"]
+__all__ = [
+    "SIDES",
+    "ChainEffect",
+    "Effect",
+    "FrictionEffect",
+    "LoadEffect",
+    "PathEffect",
+    "PathOperator",
+    "ReadingEffect",
+    "ReadingOperator",
+    "RememberingEffect",
+    "Stage",
+    "TipEffect",
+    "TorqueEffect",
+    "lateral_force",
+    "with_column",
+]
 
-WHOLE_ARM = ("all", "tool", "base")  # what `joint` may say besides a number
+WHOLE_ARM = ("all", "tool", "base")  # values of `joint` besides a number
+SIDES = ("motor", "joint")  # of the transmission, in the order of the servo loop's numbers for them
+
+PathOperator = Callable[[FloatArray, Motion], FloatArray]
+"""Takes the `(n, N, dof)` path of a stretch and its motion, and returns the path behind the effect."""
+
+ReadingOperator = Callable[[Readings, Motion], Readings]
+"""Takes the readings of a stretch and its motion, and returns the readings with the effect."""
 
 
 class Stage(IntEnum):
@@ -35,7 +74,7 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """One way in which a machine differs from its nominal model; absent means off.
+    """One way in which a machine differs from its nominal model.
 
     Parameters
     ----------
@@ -67,7 +106,14 @@ class Effect(ABC):
         return ()
 
     def column(self, joints: tuple[int, ...], number: int | str | None = None) -> int:
-        """Column of this effect's joint (or of joint `number`) in arrays whose columns are these joint numbers.
+        """Return the column of a joint in arrays whose columns are the joints of these numbers.
+
+        Parameters
+        ----------
+        joints : tuple of int
+            Joint numbers of the columns.
+        number : int, optional
+            The joint; the effect's own by default.
 
         Raises
         ------
@@ -110,3 +156,159 @@ def _check(effect: str, parameter: Parameter, value: Any) -> None:
             f"effect {effect}: {parameter.name} ({parameter.meaning}) must be {wanted}"
             f"{', or one a session' if parameter.per_session else ''}, got {value!r}."
         )
+
+
+class LoadEffect(Effect):
+    """Changes the masses that the arm carries."""
+
+    stage = Stage.LOAD
+
+    @abstractmethod
+    def act(self, links: Links) -> Links:
+        """Return the masses with the effect."""
+
+
+class ChainEffect(Effect):
+    """Changes the arm's geometry."""
+
+    stage = Stage.CHAIN
+
+    @abstractmethod
+    def act(self, chain: Chain) -> Chain:
+        """Return the kinematic chain with the effect."""
+
+
+class TorqueEffect(Effect):
+    """Changes the torque on a motor, inside the servo loop, which evaluates the law at every step."""
+
+    stage = Stage.TORQUE
+
+    @abstractmethod
+    def law(self) -> TorqueLaw:
+        """Return what becomes of the commanded torque."""
+
+
+@dataclass(frozen=True)
+class FrictionEffect(Effect):
+    """Takes torque from the motion, inside the servo loop, which evaluates the law at every step.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    side : str
+        "motor": before the cable, which then does not feel it; "joint": behind it, so that the cable carries it too.
+    """
+
+    side: str = "motor"
+
+    stage = Stage.FRICTION
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.side not in SIDES:
+            raise DataError(f"effect {self.about.name}: side must be {' or '.join(SIDES)}, got {self.side!r}.")
+
+    @abstractmethod
+    def law(self) -> FrictionLaw:
+        """Return the friction's law."""
+
+
+class PathEffect(Effect):
+    """Changes the joint path: any stage from the encoder to the clock."""
+
+    joint_by_joint: ClassVar[bool] = False  # whether it does the same to each joint's path, whatever the others do
+
+    @abstractmethod
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Return the joint path behind the effect.
+
+        Parameters
+        ----------
+        q : (n, N, dof) array
+            Path before it, rad or m.
+        motion : Motion
+            The whole motion, or, of an effect without memory, any stretch of it.
+        """
+
+    def operator(self) -> PathOperator:
+        """Return the effect at the start of a motion, to be called on one stretch of it after the other.
+
+        Raises
+        ------
+        DataError
+            The effect would need to know the future.
+        """
+        return self.act
+
+
+class RememberingEffect(PathEffect):
+    """A path effect that remembers what was before."""
+
+    @abstractmethod
+    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
+        """Return the path `(n, N, dof)` of a stretch behind the effect, and bring the memory up to its end."""
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Take the whole motion as one stretch."""
+        return self.advance(q, motion, {})
+
+    def operator(self) -> PathOperator:
+        """Start with an empty memory."""
+        return partial(self.advance, memory={})
+
+
+class TipEffect(Effect):
+    """Changes the tool's pose where no joint encoder sees it: stage TIP or BASE."""
+
+    @abstractmethod
+    def act(self, T_base_tip: FloatArray, motion: Motion) -> FloatArray:
+        """Return the `(n, N, 4, 4)` poses with the effect."""
+
+
+def lateral_force(tip: FloatArray, tip_force: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Part of the force at the tip that acts across the shaft, and the shaft's free length.
+
+    The shaft runs from the remote centre of motion, which is the base origin of every arm here, to the tip.
+
+    Parameters
+    ----------
+    tip : (n, N, 3) array
+        Tip positions, base frame, m.
+    tip_force : (N, 3) array or None
+        Force on the tip in each run, base frame, N; None is none.
+
+    Returns
+    -------
+    force : (n, N, 3) array
+        N, base frame.
+    length : (n, N, 1) array
+        m.
+    """
+    length = np.linalg.norm(tip, axis=-1, keepdims=True)
+    if tip_force is None:
+        return np.zeros(tip.shape), length
+    along = tip / np.maximum(length, 1e-12)
+    force: FloatArray = tip_force - (along * tip_force).sum(axis=-1, keepdims=True) * along
+    return force, length
+
+
+class ReadingEffect(Effect):
+    """Changes what the sensors say."""
+
+    stage = Stage.READING
+
+    @abstractmethod
+    def advance(self, readings: Readings, motion: Motion, rng: np.random.Generator, memory: Memory) -> Readings:
+        """Return the readings of a stretch with the effect, and bring the memory up to its end."""
+
+    def operator(self, rng: np.random.Generator) -> ReadingOperator:
+        """Return the effect at the start of a recording, to be called on one stretch of it after the other."""
+        return partial(self.advance, rng=rng, memory={})
+
+
+def with_column(q: FloatArray, column: int, path: FloatArray) -> FloatArray:
+    """Return `q` `(n, N, dof)` with `path` `(n, N)` in one column."""
+    changed = np.array(q)
+    changed[..., column] = path
+    return changed

@@ -5,20 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
-from gpcorrect.sim.effects.operators import play
-from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.effects.base import RememberingEffect, Stage, with_column
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory, play
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -26,7 +15,7 @@ __all__ = ["CableCoupling"]
 
 
 @dataclass(frozen=True)
-class CableCoupling(PathEffect):
+class CableCoupling(RememberingEffect):
     """An off-diagonal term of the coupling matrix is wrong or missing; it may drag behind the source.
 
     A cable that is wound by friction first sticks to the source's motion and lets go of it at a reversal: this part is
@@ -54,6 +43,7 @@ class CableCoupling(PathEffect):
     stage = Stage.TRANSMISSION
     about = Description(
         name="cable_coupling",
+        number=3,
         slot="T",
         family=Family.GEOMETRY,
         equation="q_j_reported = q_j + c q_k + d (q_k - play(q_k, r))",
@@ -78,7 +68,6 @@ class CableCoupling(PathEffect):
                 "drag_radius",
                 "half the source's motion over which the drag turns round",
                 revolute=Range("rad or m of source", 0.0, 1.0, 0.05),
-                prismatic=Range("rad or m of source", 0.0, 1.0, 0.05),
                 positive=True,
                 ladder=Ladder(Per.RANGE, (0.0, 0.02, 0.06, 0.15)),
             ),
@@ -105,10 +94,10 @@ class CableCoupling(PathEffect):
         """Both joints."""
         return (*super().joints, self.source)
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Take the source's share off this joint's path."""
+    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
+        """Take what the source winds off this joint's path."""
         j, k = self.column(motion.joints), self.column(motion.joints, self.source)
         wound = self.coefficient * q[..., k]
         if self.drag:
-            wound = wound + self.drag * (q[..., k] - play(q[..., k], self.drag_radius))
+            wound = wound + self.drag * (q[..., k] - play(q[..., k], self.drag_radius, memory))
         return with_column(q, j, q[..., j] - wound)

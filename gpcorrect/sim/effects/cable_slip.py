@@ -5,19 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
-from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -47,6 +36,7 @@ class CableSlip(PathEffect):
     stage = Stage.TRANSMISSION
     about = Description(
         name="cable_slip",
+        number=24,
         slot="T",
         family=Family.TIME,
         equation="q_reported = q + b [t >= t0]",
@@ -63,7 +53,6 @@ class CableSlip(PathEffect):
                 "instant",
                 "when it slips, in session time",
                 revolute=Range("s", 0.0, 1e6, 600.0),
-                prismatic=Range("s", 0.0, 1e6, 600.0),
                 positive=True,
                 ladder=Ladder(Per.SESSION, tuple(i / 32 for i in range(1, 32))),
                 change_point=True,

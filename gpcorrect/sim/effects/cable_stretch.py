@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
-from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -30,6 +29,7 @@ class CableStretch(PathEffect):
     stage = Stage.TRANSMISSION
     about = Description(
         name="cable_stretch",
+        number=7,
         slot="T",
         family=Family.COMPLIANCE,
         equation="q = m - tau / k",

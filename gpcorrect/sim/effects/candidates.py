@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.sim.effects.base import Effect
+from gpcorrect.sim.effects.base import ChainEffect, Effect, LoadEffect, TipEffect
 from gpcorrect.sim.effects.description import Description, Parameter, Per, Site
 from gpcorrect.sim.effects.registry import EFFECTS
-from gpcorrect.sim.effects.stages import ChainEffect, LoadEffect, TipEffect
 from gpcorrect.types import FloatArray
 
 __all__ = ["Candidate", "Scope", "candidates"]

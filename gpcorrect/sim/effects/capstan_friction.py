@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from gpcorrect.sim.effects.base import SIDES, FrictionEffect
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
-from gpcorrect.sim.effects.stages import SIDES, LawfulFriction
 
 __all__ = ["CapstanFriction"]
 
 
 @dataclass(frozen=True)
-class CapstanFriction(LawfulFriction):
+class CapstanFriction(FrictionEffect):
     """Friction that grows with the load, more against it than with it.
 
     The motor pays tau exp(mu theta) to lift a load tau and tau exp(-mu theta) to let it down; in between it sticks.
@@ -31,6 +31,7 @@ class CapstanFriction(LawfulFriction):
 
     about = Description(
         name="capstan_friction",
+        number=18,
         slot="T",
         family=Family.REVERSAL,
         equation="T2 = T1 exp(mu theta sign v): F = tau (exp(mu theta sign(v tau)) - 1)",
@@ -40,7 +41,6 @@ class CapstanFriction(LawfulFriction):
                 "wrap",
                 "friction coefficient times wrap angle",
                 revolute=Range("1", 0.0, 3.0, 0.15),
-                prismatic=Range("1", 0.0, 3.0, 0.15),
                 positive=True,
             ),
         ),
@@ -52,5 +52,5 @@ class CapstanFriction(LawfulFriction):
     )
 
     def law(self) -> FrictionLaw:
-        """Return the share of the load that the wrap takes."""
+        """Return what the wrap takes of the load."""
         return FrictionLaw(wrap=self.wrap)

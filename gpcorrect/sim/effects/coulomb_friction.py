@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from gpcorrect.sim.effects.base import SIDES, FrictionEffect
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
-from gpcorrect.sim.effects.stages import SIDES, LawfulFriction
 
 __all__ = ["CoulombFriction"]
 
 
 @dataclass(frozen=True)
-class CoulombFriction(LawfulFriction):
+class CoulombFriction(FrictionEffect):
     """Dry friction of fixed size; through a proportional gain it is an error of Fc / kp that changes sign at reversals.
 
     Parameters
@@ -29,6 +29,7 @@ class CoulombFriction(LawfulFriction):
 
     about = Description(
         name="coulomb_friction",
+        number=15,
         slot="M",
         family=Family.REVERSAL,
         equation="F = Fc sign(v), |F| <= Fc at rest",

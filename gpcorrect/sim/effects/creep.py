@@ -4,20 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
-from gpcorrect.sim.effects.sequence import lag_through
-from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.effects.base import RememberingEffect, Stage, with_column
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory, lag
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -25,7 +14,7 @@ __all__ = ["Creep"]
 
 
 @dataclass(frozen=True)
-class Creep(PathEffect):
+class Creep(RememberingEffect):
     """The joint lags behind the motor by a stretch that follows the load with a delay of seconds to minutes.
 
     It starts in balance with the first load of a session and goes on from run to run; between two runs the load is
@@ -47,6 +36,7 @@ class Creep(PathEffect):
     stage = Stage.TRANSMISSION
     about = Description(
         name="creep",
+        number=21,
         slot="T",
         family=Family.TIME,
         equation="q = m - x, tau_c x' + x = alpha F",
@@ -63,7 +53,6 @@ class Creep(PathEffect):
                 "time_constant",
                 "time in which it settles",
                 revolute=Range("s", 0.1, 1e4, 10.0),
-                prismatic=Range("s", 0.1, 1e4, 10.0),
                 positive=True,
                 ladder=Ladder(Per.PRIOR, (0.1, 1.0, 10.0)),
             ),
@@ -77,8 +66,8 @@ class Creep(PathEffect):
         sites=(Site.JOINT,),
     )
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
         """Take the slow stretch off the path."""
         j = self.column(motion.joints)
-        stretch = self.compliance * lag_through(motion.load[..., j], motion.time, motion.session, self.time_constant)
-        return with_column(q, j, q[..., j] - stretch)
+        slow = lag(motion.load[..., j], motion.time, self.time_constant, motion.session, memory)
+        return with_column(q, j, q[..., j] - self.compliance * slow)

@@ -108,10 +108,12 @@ class Parameter:
     ----------
     name, meaning : str
         Field of the effect, and what it is in one phrase.
-    revolute, prismatic : Range
-        Unit, range and prior on a joint of either type.
+    revolute : Range
+        Unit, range and prior on a revolute joint.
     positive : bool
         Whether negative values have no meaning; the prior is then log-normal, else normal.
+    prismatic : Range, optional
+        The same on a prismatic joint, where it is another one.
     identity : float
         The value at which the effect does nothing.
     per_session : bool
@@ -130,8 +132,8 @@ class Parameter:
     name: str
     meaning: str
     revolute: Range
-    prismatic: Range
     positive: bool
+    prismatic: Range | None = None
     identity: float = 0.0
     per_session: bool = False
     factor: float = 3.0
@@ -141,7 +143,7 @@ class Parameter:
 
     def range(self, joint_type: str) -> Range:
         """Range on a joint of type "R" or "P"."""
-        return self.prismatic if joint_type == "P" else self.revolute
+        return self.prismatic if joint_type == "P" and self.prismatic is not None else self.revolute
 
     def prior(self, joint_type: str) -> Any:
         """Frozen SciPy distribution of the parameter on a joint of type "R" or "P"."""
@@ -167,6 +169,8 @@ class Description:
     ----------
     name : str
         Canonical name.
+    number : int
+        Place in the catalogue: effects of one stage act in this order.
     slot : Slot
         Where in the machine it acts.
     family : Family
@@ -188,6 +192,7 @@ class Description:
     """
 
     name: str
+    number: int
     slot: Slot
     family: Family
     equation: str

@@ -7,15 +7,15 @@ from functools import partial
 
 from gpcorrect.arms import Chain, Joint
 from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.base import ChainEffect
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
-from gpcorrect.sim.effects.stages import ChainEffect
 from gpcorrect.types import FloatArray
 
 __all__ = ["DhError"]
 
 _LENGTH, _ANGLE = Range("m", -0.05, 0.05, 1e-3), Range("rad", -0.2, 0.2, 5e-3)
-_length = partial(Parameter, revolute=_LENGTH, prismatic=_LENGTH, positive=False)
-_angle = partial(Parameter, revolute=_ANGLE, prismatic=_ANGLE, positive=False)
+_length = partial(Parameter, revolute=_LENGTH, positive=False)
+_angle = partial(Parameter, revolute=_ANGLE, positive=False)
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,7 @@ class DhError(ChainEffect):
 
     about = Description(
         name="dh_error",
+        number=6,
         slot="L",
         family=Family.GEOMETRY,
         equation="(a, alpha, d, theta)_i of the nominal table + (da, dalpha, dd, dtheta)",

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
-from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -35,6 +34,7 @@ class Drift(PathEffect):
     stage = Stage.ENCODER
     about = Description(
         name="drift",
+        number=22,
         slot="S",
         family=Family.TIME,
         equation="q_reported = q + r T (1 - exp(-t / T)), r t as T grows",
@@ -51,7 +51,6 @@ class Drift(PathEffect):
                 "time_constant",
                 "time over which it settles",
                 revolute=Range("s", 10.0, float("inf"), 3600.0),
-                prismatic=Range("s", 10.0, float("inf"), 3600.0),
                 positive=True,
                 ladder=Ladder(Per.SESSION, (float("inf"), 0.5, 0.1)),
             ),

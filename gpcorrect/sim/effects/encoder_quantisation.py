@@ -7,29 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
-from gpcorrect.sim.effects.stages import ReadingEffect, with_column
+from gpcorrect.sim.effects.base import ReadingEffect, with_column
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.types import FloatArray
 
 __all__ = ["EncoderQuantisation"]
 
-_SHARE = Range("1", 0.0, 0.5, 0.01)
+_LOST = Range("1", 0.0, 0.5, 0.01)
 
 
 @dataclass(frozen=True)
 class EncoderQuantisation(ReadingEffect):
-    """Reported positions are whole counts; each count is lost with some probability, so that the zero wanders.
+    """Reported positions are whole counts; each count is lost with some probability, so that the zero drifts.
 
     It acts on the recorded `measured_jp`, not on what the controller works with.
 
@@ -40,7 +31,7 @@ class EncoderQuantisation(ReadingEffect):
     step : float
         D, rad or m for one count.
     lost : float
-        Share of the counts that are missed.
+        Fraction of the counts that are missed.
     """
 
     step: float
@@ -48,6 +39,7 @@ class EncoderQuantisation(ReadingEffect):
 
     about = Description(
         name="encoder_quantisation",
+        number=28,
         slot="S",
         family=Family.NOISE,
         equation="q_reported = D round(q / D), each count lost with probability p",
@@ -61,7 +53,7 @@ class EncoderQuantisation(ReadingEffect):
                 positive=True,
                 ladder=Ladder(Per.PRIOR, (0.3, 1.0, 3.0)),
             ),
-            Parameter("lost", "share of the counts that are missed", revolute=_SHARE, prismatic=_SHARE, positive=True),
+            Parameter("lost", "fraction of the counts that are missed", revolute=_LOST, positive=True),
         ),
         needs=("measured_jp", "setpoint_jp|external_jp|tracker_cp"),
         neighbours=(
@@ -75,20 +67,16 @@ class EncoderQuantisation(ReadingEffect):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.lost > 1:
-            raise DataError(f"effect encoder_quantisation: lost must be a share from 0 to 1, got {self.lost!r}.")
+            raise DataError(f"effect encoder_quantisation: lost must be a fraction from 0 to 1, got {self.lost!r}.")
 
-    def act(self, readings: Readings, motion: Motion, rng: np.random.Generator) -> Readings:
+    def advance(self, readings: Readings, motion: Motion, rng: np.random.Generator, memory: Memory) -> Readings:
         """Return the readings with this joint's reported position in counts."""
         if self.step == 0:
             return readings
         j = self.column(motion.joints)
         counts = np.round(readings.measured_jp[..., j] / self.step)
-        reported = self.step * (counts - self._lost(counts, rng))
-        return replace(readings, measured_jp=with_column(readings.measured_jp, j, reported))
-
-    def _lost(self, counts: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Return the counts missed so far `(n, N)`, up ones less down ones."""
-        steps = np.diff(counts, axis=0, prepend=counts[:1])
+        steps = np.diff(counts, axis=0, prepend=memory.get("counts", counts[:1]))
         missed = np.sign(steps) * rng.binomial(np.abs(steps).astype(np.int64), self.lost)
-        total: FloatArray = np.cumsum(missed, axis=0)
-        return total
+        total: FloatArray = memory.get("missed", 0.0) + np.cumsum(missed, axis=0)  # up ones less down ones
+        memory["counts"], memory["missed"] = counts[-1:], total[-1:]
+        return replace(readings, measured_jp=with_column(readings.measured_jp, j, self.step * (counts - total)))

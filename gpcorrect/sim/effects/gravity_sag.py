@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
-from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -30,6 +29,7 @@ class GravitySag(PathEffect):
     stage = Stage.LINK
     about = Description(
         name="gravity_sag",
+        number=10,
         slot="L",
         family=Family.COMPLIANCE,
         equation="q_link = q - g(q) / k",

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
-from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -33,6 +32,7 @@ class HomingOffset(PathEffect):
     stage = Stage.ENCODER
     about = Description(
         name="homing_offset",
+        number=1,
         slot="S",
         family=Family.GEOMETRY,
         equation="q_reported = q + b, a new b each session",

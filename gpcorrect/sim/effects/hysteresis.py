@@ -5,20 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
-from gpcorrect.sim.effects.operators import bouc_wen
-from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.effects.base import RememberingEffect, Stage, with_column
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory, bouc_wen
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -26,7 +15,7 @@ __all__ = ["Hysteresis"]
 
 
 @dataclass(frozen=True)
-class Hysteresis(PathEffect):
+class Hysteresis(RememberingEffect):
     """The joint lags behind the motor by the state of a Bouc-Wen element with A = 1 and beta = gamma.
 
     Parameters
@@ -45,6 +34,7 @@ class Hysteresis(PathEffect):
     stage = Stage.TRANSMISSION
     about = Description(
         name="hysteresis",
+        number=20,
         slot="T",
         family=Family.REVERSAL,
         equation="q = m - z, dz = (1 - |z / r|^n (1 + sign(z dm)) / 2) dm",
@@ -62,7 +52,6 @@ class Hysteresis(PathEffect):
                 "sharpness",
                 "exponent of the curve",
                 revolute=Range("1", 0.3, 20.0, 1.5),
-                prismatic=Range("1", 0.3, 20.0, 1.5),
                 positive=True,
                 factor=2.0,
                 ladder=Ladder(Per.VALUE, (1.0, 3.0)),
@@ -82,7 +71,7 @@ class Hysteresis(PathEffect):
         if not self.sharpness > 0:
             raise DataError(f"effect hysteresis: sharpness must be > 0, got {self.sharpness!r}.")
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
         """Take the element's state off the path."""
         j = self.column(motion.joints)
-        return with_column(q, j, q[..., j] - bouc_wen(q[..., j], self.radius, self.sharpness))
+        return with_column(q, j, q[..., j] - bouc_wen(q[..., j], self.radius, self.sharpness, memory))

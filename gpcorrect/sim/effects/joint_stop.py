@@ -6,19 +6,9 @@ from dataclasses import dataclass
 from math import inf
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
+from gpcorrect.sim.effects.base import TorqueEffect
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import TorqueLaw
-from gpcorrect.sim.effects.stages import LawfulTorque
 
 __all__ = ["JointStop"]
 
@@ -26,7 +16,7 @@ ENDS = ("upper", "lower")
 
 
 @dataclass(frozen=True)
-class JointStop(LawfulTorque):
+class JointStop(TorqueEffect):
     """A spring that pushes the joint back beyond a position, and only there.
 
     It acts behind the transmission, which carries its torque: a motor whose cable stretches goes on a little while the
@@ -51,6 +41,7 @@ class JointStop(LawfulTorque):
 
     about = Description(
         name="joint_stop",
+        number=26,
         slot="J",
         family=Family.LIMIT,
         equation="tau_stop = k max(0, q - q_lim)",

@@ -1,7 +1,7 @@
 """The laws that act inside the servo loop, as numbers and compiled functions of one joint at one instant.
 
-The loop runs a thousand times a second for every run and joint: an effect of the catalogue gives it a law to
-evaluate, not a method to call. Each formula stands here once, for the loop and for `act` alike.
+The loop runs a thousand times a second for every run and joint: an effect gives it a law to evaluate, not a method to
+call.
 """
 
 from __future__ import annotations
@@ -9,12 +9,11 @@ from __future__ import annotations
 from math import exp, inf, sin
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
 from gpcorrect.types import FloatArray
 
-__all__ = ["FrictionLaw", "TorqueLaw", "contact", "contact_along", "resisting", "resisting_along"]
+__all__ = ["FrictionLaw", "TorqueLaw", "contact", "resisting"]
 
 
 class FrictionLaw(NamedTuple):
@@ -69,7 +68,17 @@ class TorqueLaw(NamedTuple):
 
 @njit(cache=True)
 def resisting(laws: FloatArray, i: int, q: float, v: float, load: float) -> tuple[float, float]:
-    """Dry limits against forward and backward motion, >= 0, of row i of :class:`FrictionLaw` numbers."""
+    """Return the dry limits against forward and against backward motion, N m or N, both >= 0.
+
+    Parameters
+    ----------
+    laws : (k, 8) array
+        Rows of :class:`FrictionLaw` numbers.
+    i : int
+        Row that counts.
+    q, v, load : float
+        Position, speed and load of the joint, SI units.
+    """
     torque, static, speed = laws[i, 0], laws[i, 1], laws[i, 2]
     swing, waves, phase, wrap = laws[i, 3], laws[i, 4], laws[i, 5], laws[i, 6]
     limit = torque
@@ -86,29 +95,19 @@ def resisting(laws: FloatArray, i: int, q: float, v: float, load: float) -> tupl
 
 @njit(cache=True)
 def contact(laws: FloatArray, i: int, q: float) -> float:
-    """Torque with which a stop is pressed, positive at its upper end, of row i of :class:`TorqueLaw` numbers."""
+    """Return the torque with which a stop is pressed, N m or N, positive at its upper end.
+
+    Parameters
+    ----------
+    laws : (k, 4) array
+        Rows of :class:`TorqueLaw` numbers.
+    i : int
+        Row that counts.
+    q : float
+        Position of the joint, rad or m.
+    """
     stiffness, upper, lower = laws[i, 1], laws[i, 2], laws[i, 3]
     if stiffness == 0.0:
         return 0.0
     pressed: float = stiffness * (max(q - upper, 0.0) - max(lower - q, 0.0))
     return pressed
-
-
-@njit(cache=True)
-def _resisting_rows(law: FloatArray, q: FloatArray, v: FloatArray, load: FloatArray) -> FloatArray:
-    limits = np.empty((2, q.size))
-    for i in range(q.size):
-        limits[0, i], limits[1, i] = resisting(law, 0, q[i], v[i], load[i])
-    return limits
-
-
-def resisting_along(law: FrictionLaw, q: FloatArray, v: FloatArray, load: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Dry limits against forward and backward motion in many states, arrays of the states' shape."""
-    limits = _resisting_rows(np.array([law]), *(np.ravel(a).astype(np.float64) for a in (q, v, load)))
-    return limits[0].reshape(q.shape), limits[1].reshape(q.shape)
-
-
-def contact_along(law: TorqueLaw, q: FloatArray) -> FloatArray:
-    """Torque with which a stop is pressed at many joint values."""
-    pressed = [contact(np.array([law]), 0, float(value)) for value in np.ravel(q)]
-    return np.array(pressed).reshape(q.shape)

@@ -7,19 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
-from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -50,6 +39,7 @@ class LengthDependentStiffness(PathEffect):
     stage = Stage.TRANSMISSION
     about = Description(
         name="length_dependent_stiffness",
+        number=9,
         slot="T",
         family=Family.COMPLIANCE,
         equation="q = m - tau / k, k = EA / L, L = L0 + q3",
@@ -67,7 +57,6 @@ class LengthDependentStiffness(PathEffect):
                 "length",
                 "cable length at the source's zero",
                 revolute=Range("m", -1.0, 5.0, 0.3),
-                prismatic=Range("m", -1.0, 5.0, 0.3),
                 positive=False,
                 ladder=Ladder(Per.VALUE, (0.0, 0.3)),
             ),

@@ -7,18 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
-from gpcorrect.sim.effects.stages import ReadingEffect, with_column
+from gpcorrect.sim.effects.base import ReadingEffect, with_column
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.types import FloatArray
 
@@ -47,6 +38,7 @@ class NoiseChange(ReadingEffect):
 
     about = Description(
         name="noise_change",
+        number=29,
         slot="S",
         family=Family.NOISE,
         equation="y = x + std e [t >= t0], e Student with nu degrees of freedom and unit variance",
@@ -63,7 +55,6 @@ class NoiseChange(ReadingEffect):
                 "tail",
                 "degrees of freedom",
                 revolute=Range("1", 2.0, float("inf"), 8.0),
-                prismatic=Range("1", 2.0, float("inf"), 8.0),
                 positive=True,
                 factor=2.0,
                 ladder=Ladder(Per.VALUE, (float("inf"), 3.0)),
@@ -72,7 +63,6 @@ class NoiseChange(ReadingEffect):
                 "since",
                 "session time from which on it acts",
                 revolute=Range("s", 0.0, 1e6, 600.0),
-                prismatic=Range("s", 0.0, 1e6, 600.0),
                 positive=True,
                 ladder=Ladder(Per.SESSION, (0.0, 0.5)),
             ),
@@ -91,15 +81,12 @@ class NoiseChange(ReadingEffect):
         if not self.tail > 2:
             raise DataError(f"effect noise_change: tail must be above 2 (infinite is normal), got {self.tail!r}.")
 
-    def act(self, readings: Readings, motion: Motion, rng: np.random.Generator) -> Readings:
+    def advance(self, readings: Readings, motion: Motion, rng: np.random.Generator, memory: Memory) -> Readings:
         """Return the readings with the noise."""
-        if self.joint == "tool":
-            return self._on_tracker(readings, motion, rng)
-        j = self.column(motion.joints)
-        noisy = readings.external_jp[..., j] + self._noise(motion.time, rng)
-        return replace(readings, external_jp=with_column(readings.external_jp, j, noisy))
-
-    def _on_tracker(self, readings: Readings, motion: Motion, rng: np.random.Generator) -> Readings:
+        if self.joint != "tool":
+            j = self.column(motion.joints)
+            noisy = readings.external_jp[..., j] + self._noise(motion.time, rng)
+            return replace(readings, external_jp=with_column(readings.external_jp, j, noisy))
         if readings.T_tracker_marker is None:
             return readings
         poses = np.array(readings.T_tracker_marker)

@@ -6,19 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
-from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -45,6 +34,7 @@ class NonlinearStretch(PathEffect):
     stage = Stage.TRANSMISSION
     about = Description(
         name="nonlinear_stretch",
+        number=8,
         slot="T",
         family=Family.COMPLIANCE,
         equation="q = m - d, tau = k1 d + k3 d^3",

@@ -1,25 +1,37 @@
 """Operators with memory that effects share, compiled; time runs along the first axis, each column on its own.
 
 They act on the sequence of samples: between two samples the input is taken as monotone or linear, however far apart
-they are. A missing sample stays missing and is forgotten.
+they are. A missing sample stays missing and is forgotten. Each takes a `memory`, which it moves on: calls with the same
+memory on one stretch of a path after the other give what one call on the whole path gives.
 """
 
 from __future__ import annotations
 
-from math import exp, expm1, isnan
+from functools import lru_cache
+from itertools import pairwise
+from math import cos, exp, expm1, isnan, sin, sqrt
 
 import numpy as np
 from numba import njit
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.loading_curve import along_curve, loading_curve
-from gpcorrect.sim.effects.oscillator import swung
-from gpcorrect.types import FloatArray
+from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["bouc_wen", "lag", "play", "ring", "travelled"]
+__all__ = ["Memory", "bouc_wen", "lag", "play", "ring"]
+
+Memory = dict[str, FloatArray]
+"""What an effect remembers from one stretch of a motion to the next: empty at the start."""
+
+# Of the table of a Bouc-Wen element's loading curve, chosen by hand so that it agrees with an ODE solver to 1e-5 of the
+# width (tests/sim/test_sim_operators.py).
+FINEST, COARSEST = 1e-3, 0.05  # widths of travel between nodes: near the start, where z^n bends, and beyond
+GROWTH = 1.1  # of a step over the one before
+SETTLED = 1e-12  # of a width: what is left of the way to saturation at the last node
+ITERATIONS = 3  # of Newton's method inside one step, where the curve is nearly straight
+CRITICAL = 1e-6  # relative distance from critical damping inside which its limit is used: both agree there to rounding
 
 
-def play(path: FloatArray, radius: float) -> FloatArray:
+def play(path: FloatArray, radius: float, memory: Memory | None = None) -> FloatArray:
     """Play (backlash) of half width `radius`: the output moves only when the input pushes an edge of the gap.
 
     `w_i = min(max(w_{i-1}, u_i - r), u_i + r)`, exact for any input that is monotone between samples; it starts in the
@@ -31,6 +43,8 @@ def play(path: FloatArray, radius: float) -> FloatArray:
         Input, each column on its own.
     radius : float
         Half width of the gap, in the unit of the path.
+    memory : dict, optional
+        Moved on; see the module.
 
     Returns
     -------
@@ -44,10 +58,11 @@ def play(path: FloatArray, radius: float) -> FloatArray:
     """
     if not radius >= 0:
         raise DataError(f"the half width of a play must be >= 0, got {radius}.")
-    return _play(_columns(path), radius).reshape(path.shape)
+    columns = _columns(path)
+    return _play(columns, radius, _state(memory, 1, columns)).reshape(path.shape)
 
 
-def bouc_wen(path: FloatArray, width: float, sharpness: float) -> FloatArray:
+def bouc_wen(path: FloatArray, width: float, sharpness: float, memory: Memory | None = None) -> FloatArray:
     """Hysteretic part of a path: `dz = (1 - |z / w|^n) du` while it loads, `dz = du` while it unloads.
 
     The Bouc-Wen element with A = 1 and beta = gamma, written for displacements: it takes up all motion after a reversal
@@ -62,6 +77,8 @@ def bouc_wen(path: FloatArray, width: float, sharpness: float) -> FloatArray:
         Largest value of the output, w, in the unit of the path.
     sharpness : float
         Exponent n > 0; the larger, the more it is like the part that a play of radius w takes off.
+    memory : dict, optional
+        Moved on; see the module.
 
     Returns
     -------
@@ -77,11 +94,22 @@ def bouc_wen(path: FloatArray, width: float, sharpness: float) -> FloatArray:
         raise DataError(f"a Bouc-Wen element needs a width >= 0 and a sharpness > 0, got {width} and {sharpness}.")
     if width == 0:
         return np.zeros(path.shape)
-    return (width * _bouc_wen(_columns(path) / width, sharpness)).reshape(path.shape)
+    columns = _columns(path) / width
+    z = _bouc_wen(columns, _loading_curve(sharpness), _state(memory, 2, columns))
+    return (width * z).reshape(path.shape)
 
 
-def lag(path: FloatArray, time: FloatArray, time_constant: float) -> FloatArray:
+def lag(
+    path: FloatArray,
+    time: FloatArray,
+    time_constant: float,
+    session: IntArray | None = None,
+    memory: Memory | None = None,
+) -> FloatArray:
     """First-order lag `T x' + x = u`, exact for an input that is linear between samples; it starts in balance.
+
+    With sessions it goes on from run to run: between two runs of a session the input is taken as linear. The first run
+    of a session starts in balance, and so does one that does not begin later than the one before it.
 
     Parameters
     ----------
@@ -91,6 +119,10 @@ def lag(path: FloatArray, time: FloatArray, time_constant: float) -> FloatArray:
         s; steps may be uneven.
     time_constant : float
         T >= 0, s.
+    session : (N,) int array, optional
+        Session of each column; without it the columns know nothing of each other.
+    memory : dict, optional
+        Moved on; see the module.
 
     Returns
     -------
@@ -104,10 +136,20 @@ def lag(path: FloatArray, time: FloatArray, time_constant: float) -> FloatArray:
     """
     if not time_constant >= 0:
         raise DataError(f"a time constant must be >= 0, got {time_constant}.")
-    return _lag(_columns(path), _columns(time), time_constant).reshape(path.shape)
+    columns, times = _columns(path), _columns(time)
+    order = np.arange(columns.shape[1])
+    before = np.full(len(order), -1)
+    if session is not None:
+        order = np.lexsort((times[0], session))
+        for a, b in pairwise(order.tolist()):
+            if session[a] == session[b] and times[0, b] > times[0, a]:
+                before[b] = a
+    return _lag(columns, times, time_constant, order, before, _state(memory, 3, columns)).reshape(path.shape)
 
 
-def ring(path: FloatArray, time: FloatArray, frequency_hz: float, damping_ratio: float) -> FloatArray:
+def ring(
+    path: FloatArray, time: FloatArray, frequency_hz: float, damping_ratio: float, memory: Memory | None = None
+) -> FloatArray:
     """Second-order response `x'' + 2 d w x' + w^2 x = w^2 u`, exact for an input that is linear between samples.
 
     It starts at rest on its input.
@@ -122,6 +164,8 @@ def ring(path: FloatArray, time: FloatArray, frequency_hz: float, damping_ratio:
         Undamped natural frequency, w / (2 pi), > 0; infinite follows at once.
     damping_ratio : float
         d >= 0.
+    memory : dict, optional
+        Moved on; see the module.
 
     Returns
     -------
@@ -139,80 +183,162 @@ def ring(path: FloatArray, time: FloatArray, frequency_hz: float, damping_ratio:
         )
     if np.isinf(frequency_hz):
         return np.array(path)
-    return _ring(_columns(path), _columns(time), 2 * np.pi * frequency_hz, damping_ratio).reshape(path.shape)
+    columns = _columns(path)
+    state = _state(memory, 4, columns)
+    return _ring(columns, _columns(time), 2 * np.pi * frequency_hz, damping_ratio, state).reshape(path.shape)
 
 
 def _columns(path: FloatArray) -> FloatArray:
     return np.ascontiguousarray(path, dtype=np.float64).reshape(len(path), -1)
 
 
+def _state(memory: Memory | None, size: int, columns: FloatArray) -> FloatArray:
+    """Numbers `(size, N)` that an operator goes on from, NaN before the first sample."""
+    fresh = np.full((size, columns.shape[1]), np.nan)
+    return fresh if memory is None else memory.setdefault("state", fresh)
+
+
 @njit(cache=True)
-def _play(path: FloatArray, radius: float) -> FloatArray:
+def _play(path: FloatArray, radius: float, state: FloatArray) -> FloatArray:
     output = path.copy()
     for j in range(path.shape[1]):
-        state = path[0, j]
-        for i in range(1, len(path)):
-            u = path[i, j]
-            if isnan(u):
-                continue
-            state = u if isnan(state) else min(max(state, u - radius), u + radius)
-            output[i, j] = state
-    return output
-
-
-@njit(cache=True)
-def _bouc_wen(path: FloatArray, sharpness: float) -> FloatArray:
-    """Of a path in widths."""
-    output, curve = np.full(path.shape, np.nan), loading_curve(sharpness)
-    for j in range(path.shape[1]):
-        last, z = path[0, j], 0.0
+        w = state[0, j]
         for i in range(len(path)):
             u = path[i, j]
             if isnan(u):
                 continue
-            z = travelled(curve, z, 0.0 if isnan(last) else u - last)
-            last, output[i, j] = u, z
+            w = u if isnan(w) else min(max(w, u - radius), u + radius)
+            output[i, j] = w
+        state[0, j] = w
     return output
 
 
 @njit(cache=True)
-def travelled(curve: FloatArray, z: float, travel: float) -> float:
+def _bouc_wen(path: FloatArray, curve: FloatArray, state: FloatArray) -> FloatArray:
+    """Of a path in widths."""
+    output = np.full(path.shape, np.nan)
+    for j in range(path.shape[1]):
+        last, z = state[0, j], state[1, j]
+        for i in range(len(path)):
+            u = path[i, j]
+            if isnan(u):
+                continue
+            z = 0.0 if isnan(last) else _travelled(curve, z, u - last)
+            last, output[i, j] = u, z
+        state[0, j], state[1, j] = last, z
+    return output
+
+
+@njit(cache=True)
+def _travelled(curve: FloatArray, z: float, travel: float) -> float:
     """Return a Bouc-Wen state after a travel in one direction, in widths: straight back to zero, then the curve."""
     direction = 1.0 if travel > 0 else -1.0
     z, left = z * direction, abs(travel)
     if z < 0.0:
         unloaded = min(-z, left)
         z, left = z + unloaded, left - unloaded
-    return direction * (along_curve(curve, z, left) if left > 0.0 else z)
+    return direction * (_along_curve(curve, z, left) if left > 0.0 else z)
+
+
+@lru_cache(maxsize=8)
+@njit(cache=True)
+def _loading_curve(sharpness: float) -> FloatArray:
+    """Curve along which a Bouc-Wen element loads, `dz/du = 1 - z^n` from z = 0, for an exponent n > 0.
+
+    Every stretch of loading is a stretch of this one curve, whatever the path: where it begins depends on the state,
+    and where it ends on the way. Nodes `(3, m)`: travel, state (in widths) and slope, from 0 to saturation.
+    """
+    travel, state, slope = [0.0], [0.0], [1.0]
+    u, z, step, longest = 0.0, 0.0, FINEST, min(COARSEST, 0.2 / sharpness)
+    while 1.0 - z > SETTLED:
+        h = min(step, longest)
+        a = 1.0 - z**sharpness
+        b = 1.0 - max(z + 0.5 * h * a, 0.0) ** sharpness
+        c = 1.0 - max(z + 0.5 * h * b, 0.0) ** sharpness
+        d = 1.0 - max(z + h * c, 0.0) ** sharpness
+        u, z = u + h, min(z + h / 6.0 * (a + 2.0 * b + 2.0 * c + d), 1.0)
+        travel.append(u)
+        state.append(z)
+        slope.append(1.0 - z**sharpness)
+        step *= GROWTH
+    return np.stack((np.array(travel), np.array(state), np.array(slope)))
 
 
 @njit(cache=True)
-def _lag(path: FloatArray, time: FloatArray, time_constant: float) -> FloatArray:
+def _along_curve(curve: FloatArray, z: float, travel: float) -> float:
+    """State after loading from z in [0, 1] over a travel >= 0, both in widths."""
+    last = curve.shape[1] - 1
+    if z >= curve[1, last]:
+        return z
+    k = int(np.searchsorted(curve[1], z, side="right")) - 1
+    beyond = 0.0  # travel from node k at which the curve reaches z, by Newton's method
+    for _ in range(ITERATIONS):
+        here, slope = _between(curve, k, beyond)
+        beyond += (z - here) / slope
+    u = curve[0, k] + beyond + travel
+    if u >= curve[0, last]:
+        return 1.0
+    k = int(np.searchsorted(curve[0], u, side="right")) - 1
+    state: float = min(max(_between(curve, k, u - curve[0, k])[0], z), 1.0)
+    return state
+
+
+@njit(cache=True)
+def _between(curve: FloatArray, k: int, beyond: float) -> tuple[float, float]:
+    """State and slope a travel beyond node k: the cubic through two nodes with their slopes."""
+    h = curve[0, k + 1] - curve[0, k]
+    chord = (curve[1, k + 1] - curve[1, k]) / h
+    b = (3.0 * chord - 2.0 * curve[2, k] - curve[2, k + 1]) / h
+    c = (curve[2, k] + curve[2, k + 1] - 2.0 * chord) / h**2
+    state = curve[1, k] + beyond * (curve[2, k] + beyond * (b + beyond * c))
+    return state, curve[2, k] + beyond * (2.0 * b + 3.0 * beyond * c)
+
+
+@njit(cache=True)
+def _lag(
+    path: FloatArray, time: FloatArray, time_constant: float, order: IntArray, before: IntArray, state: FloatArray
+) -> FloatArray:
+    """Lag of columns taken in an order, each going on from the column `before` it where that is not negative."""
     output = path.copy()
-    for j in range(path.shape[1]):
-        x, u, t = path[0, j], path[0, j], time[0, j]
-        for i in range(1, len(path)):
-            u_next = path[i, j]
+    for j in order:
+        x, u, t = state[0, j], state[1, j], state[2, j]
+        for i in range(len(path)):
+            u_next, t_next = path[i, j], time[i, j]
             if isnan(u_next):
                 continue
-            h = max(time[i, j] - t, 0.0)
-            if isnan(x) or time_constant == 0.0:
-                x = u_next
-            elif h > 0.0:
-                kept = exp(-h / time_constant)
-                mean = -expm1(-h / time_constant) * time_constant / h  # of the exponential over the step
-                x = x * kept + u * (mean - kept) + u_next * (1.0 - mean)
-            output[i, j] = x
-            u, t = u_next, time[i, j]
+            if isnan(x) and before[j] >= 0:
+                x, u, t = _end_of(output[:, before[j]], path[:, before[j]], time[:, before[j]], t_next)
+            x = u_next if isnan(x) or time_constant == 0.0 else _linear(x, u, u_next, t_next - t, time_constant)
+            u, t, output[i, j] = u_next, t_next, x
+        state[0, j], state[1, j], state[2, j] = x, u, t
     return output
 
 
 @njit(cache=True)
-def _ring(path: FloatArray, time: FloatArray, omega: float, damping: float) -> FloatArray:
+def _end_of(x: FloatArray, u: FloatArray, time: FloatArray, instant: float) -> tuple[float, float, float]:
+    """State, input and time of a column's last known sample that is not after an instant, or of its first one."""
+    i = max(int(np.searchsorted(time, instant, side="right")) - 1, 0)
+    while i > 0 and isnan(u[i]):
+        i -= 1
+    return x[i], u[i], time[i]
+
+
+@njit(cache=True)
+def _linear(state: float, first: float, last: float, seconds: float, time_constant: float) -> float:
+    """State of a lag after an input that went linearly from `first` to `last`."""
+    if seconds <= 0.0:
+        return state
+    left = exp(-seconds / time_constant)
+    mean = -expm1(-seconds / time_constant) * time_constant / seconds  # of the exponential over the step
+    return state * left + first * (mean - left) + last * (1.0 - mean)
+
+
+@njit(cache=True)
+def _ring(path: FloatArray, time: FloatArray, omega: float, damping: float, state: FloatArray) -> FloatArray:
     output = path.copy()
     for j in range(path.shape[1]):
-        x, rate, u, t = path[0, j], 0.0, path[0, j], time[0, j]
-        for i in range(1, len(path)):
+        x, rate, u, t = state[0, j], state[1, j], state[2, j], state[3, j]
+        for i in range(len(path)):
             u_next = path[i, j]
             if isnan(u_next):
                 continue
@@ -222,8 +348,29 @@ def _ring(path: FloatArray, time: FloatArray, omega: float, damping: float) -> F
             elif h > 0.0:
                 slope = (u_next - u) / h
                 behind = 2.0 * damping * slope / omega
-                away, speed = swung(x - u + behind, rate - slope, h, omega, damping)
+                away, speed = _swung(x - u + behind, rate - slope, h, omega, damping)
                 x, rate = u_next - behind + away, slope + speed
-            output[i, j] = x
-            u, t = u_next, time[i, j]
+            u, t, output[i, j] = u_next, time[i, j], x
+        state[0, j], state[1, j], state[2, j], state[3, j] = x, rate, u, t
     return output
+
+
+@njit(cache=True)
+def _swung(away: float, speed: float, after: float, omega: float, damping: float) -> tuple[float, float]:
+    """Place and speed after some time of `x'' + 2 d w x' + w^2 x = 0`, under, at and over critical damping."""
+    decay = damping * omega
+    lead = speed + decay * away
+    split = 1.0 - damping**2
+    if abs(split) < CRITICAL:
+        fade = exp(-decay * after)
+        return fade * (away + lead * after), fade * (lead - decay * (away + lead * after))
+    if split > 0.0:
+        nu = omega * sqrt(split)
+        fade, c, s = exp(-decay * after), cos(nu * after), sin(nu * after)
+        x = fade * (away * c + lead / nu * s)
+        return x, fade * (lead * c - away * nu * s) - decay * x
+    nu = omega * sqrt(-split)
+    # The slow root's part and the fast one's, each with its own decay, so that no hyperbolic function overflows.
+    slow, fast = exp((nu - decay) * after), exp(-(nu + decay) * after)
+    plus, minus = 0.5 * (away + lead / nu), 0.5 * (away - lead / nu)
+    return plus * slow + minus * fast, (nu - decay) * plus * slow - (nu + decay) * minus * fast

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gpcorrect.sim.body import Links
+from gpcorrect.sim.effects.base import LoadEffect
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
-from gpcorrect.sim.effects.stages import LoadEffect
 
 __all__ = ["Payload"]
 
@@ -29,11 +29,12 @@ class Payload(LoadEffect):
 
     about = Description(
         name="payload",
+        number=11,
         slot="L",
         family=Family.COMPLIANCE,
         equation="tau = tau_0 + J^T m (a - g)",
         source="Featherstone 2008, Rigid Body Dynamics Algorithms, Ch. 5",
-        parameters=(Parameter("mass", "unknown mass at the tip", revolute=_MASS, prismatic=_MASS, positive=True),),
+        parameters=(Parameter("mass", "unknown mass at the tip", revolute=_MASS, positive=True),),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
         neighbours=(
             Neighbour(

@@ -6,25 +6,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
+from gpcorrect.sim.effects.base import SIDES, FrictionEffect
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
-from gpcorrect.sim.effects.stages import SIDES, LawfulFriction
 
 __all__ = ["PositionDependentFriction"]
 
 
 @dataclass(frozen=True)
-class PositionDependentFriction(LawfulFriction):
+class PositionDependentFriction(FrictionEffect):
     """Dry friction whose size swings with the joint's position, never below zero.
 
     Parameters
@@ -50,6 +40,7 @@ class PositionDependentFriction(LawfulFriction):
 
     about = Description(
         name="position_dependent_friction",
+        number=19,
         slot="J",
         family=Family.REVERSAL,
         equation="F = max(0, F0 + F1 sin(N q + phi)) sign v",
@@ -81,7 +72,6 @@ class PositionDependentFriction(LawfulFriction):
                 "phase",
                 "phase at zero",
                 revolute=Range("rad", -np.pi, np.pi, 1.0),
-                prismatic=Range("rad", -np.pi, np.pi, 1.0),
                 positive=False,
                 ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
             ),

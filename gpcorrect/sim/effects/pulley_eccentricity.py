@@ -6,19 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
-from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -48,6 +37,7 @@ class PulleyEccentricity(PathEffect):
     stage = Stage.TRANSMISSION
     about = Description(
         name="pulley_eccentricity",
+        number=4,
         slot="T",
         family=Family.GEOMETRY,
         equation="q_reported = q + a sin(N q_reported + phi)",
@@ -73,7 +63,6 @@ class PulleyEccentricity(PathEffect):
                 "phase",
                 "phase at zero",
                 revolute=Range("rad", -2 * np.pi, 2 * np.pi, 1.0),  # twice round: no wall where it may want to pass
-                prismatic=Range("rad", -2 * np.pi, 2 * np.pi, 1.0),
                 positive=False,
                 ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
             ),

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.base import Stage, TipEffect, lateral_force
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
-from gpcorrect.sim.effects.lateral import lateral_force
-from gpcorrect.sim.effects.stages import TipEffect
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -36,6 +34,7 @@ class RcmShift(TipEffect):
     stage = Stage.BASE
     about = Description(
         name="rcm_shift",
+        number=13,
         slot="B",
         family=Family.COMPLIANCE,
         equation="d = F_lateral / k, the same along the whole shaft",
@@ -45,7 +44,6 @@ class RcmShift(TipEffect):
                 "stiffness",
                 "lateral stiffness at the remote centre",
                 revolute=_STIFFNESS,
-                prismatic=_STIFFNESS,
                 positive=True,
                 identity=float("inf"),
             ),

@@ -8,17 +8,16 @@ from functools import partial
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.base import Stage, TipEffect
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
-from gpcorrect.sim.effects.stages import TipEffect
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
 __all__ = ["RegistrationError"]
 
 _SHIFT, _TURN, _SCALE = Range("m", -0.1, 0.1, 5e-3), Range("rad", -0.35, 0.35, 0.02), Range("1", -0.1, 0.1, 5e-3)
-_shift = partial(Parameter, revolute=_SHIFT, prismatic=_SHIFT, positive=False)
-_turn = partial(Parameter, revolute=_TURN, prismatic=_TURN, positive=False)
+_shift = partial(Parameter, revolute=_SHIFT, positive=False)
+_turn = partial(Parameter, revolute=_TURN, positive=False)
 
 
 @dataclass(frozen=True)
@@ -50,6 +49,7 @@ class RegistrationError(TipEffect):
     stage = Stage.BASE
     about = Description(
         name="registration_error",
+        number=5,
         slot="B",
         family=Family.GEOMETRY,
         equation="y = (1 + s) R p + t",
@@ -61,7 +61,7 @@ class RegistrationError(TipEffect):
             _turn("rx", "rotation vector, x"),
             _turn("ry", "rotation vector, y"),
             _turn("rz", "rotation vector, z"),
-            Parameter("scale", "relative error of lengths", revolute=_SCALE, prismatic=_SCALE, positive=False),
+            Parameter("scale", "relative error of lengths", revolute=_SCALE, positive=False),
         ),
         needs=("tracker_cp",),
         neighbours=(

@@ -5,20 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import Stage
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
-from gpcorrect.sim.effects.operators import ring
-from gpcorrect.sim.effects.stages import PathEffect, with_column
+from gpcorrect.sim.effects.base import RememberingEffect, Stage, with_column
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory, ring
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -26,7 +15,7 @@ __all__ = ["Resonance"]
 
 
 @dataclass(frozen=True)
-class Resonance(PathEffect):
+class Resonance(RememberingEffect):
     """The joint follows the motor as a second-order system: overshoot and ringing after fast changes.
 
     Samples slower than twice its frequency do not show it.
@@ -47,6 +36,7 @@ class Resonance(PathEffect):
     stage = Stage.TRANSMISSION
     about = Description(
         name="resonance",
+        number=27,
         slot="M",
         family=Family.DYNAMICS,
         equation="q'' + 2 zeta w q' + w^2 q = w^2 m, w = 2 pi f",
@@ -56,7 +46,6 @@ class Resonance(PathEffect):
                 "frequency",
                 "natural frequency",
                 revolute=Range("Hz", 3.0, 60.0, 14.0),
-                prismatic=Range("Hz", 3.0, 60.0, 14.0),
                 positive=True,
                 identity=float("inf"),
                 factor=1.9,
@@ -64,9 +53,8 @@ class Resonance(PathEffect):
             ),
             Parameter(
                 "damping_ratio",
-                "share of critical damping",
+                "fraction of critical damping",
                 revolute=Range("1", 0.0, 0.7, 0.1),
-                prismatic=Range("1", 0.0, 0.7, 0.1),
                 positive=True,
                 ladder=Ladder(Per.VALUE, (0.03, 0.3)),
             ),
@@ -85,7 +73,7 @@ class Resonance(PathEffect):
         if not self.frequency > 0:
             raise DataError(f"effect resonance: frequency must be > 0, got {self.frequency!r}.")
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
         """Let the joint swing after the path."""
         j = self.column(motion.joints)
-        return with_column(q, j, ring(q[..., j], motion.time, self.frequency, self.damping_ratio))
+        return with_column(q, j, ring(q[..., j], motion.time, self.frequency, self.damping_ratio, memory))

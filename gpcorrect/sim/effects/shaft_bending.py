@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.base import Stage, TipEffect, lateral_force
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
-from gpcorrect.sim.effects.lateral import lateral_force
-from gpcorrect.sim.effects.stages import TipEffect
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -36,6 +34,7 @@ class ShaftBending(TipEffect):
     stage = Stage.TIP
     about = Description(
         name="shaft_bending",
+        number=12,
         slot="L",
         family=Family.COMPLIANCE,
         equation="d = F L^3 / (3 EI) across the shaft, turned by F L^2 / (2 EI)",
@@ -45,7 +44,6 @@ class ShaftBending(TipEffect):
                 "rigidity",
                 "bending stiffness EI of the shaft",
                 revolute=_RIGIDITY,
-                prismatic=_RIGIDITY,
                 positive=True,
                 identity=float("inf"),
             ),

@@ -4,25 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
+from gpcorrect.sim.effects.base import SIDES, FrictionEffect
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
-from gpcorrect.sim.effects.stages import SIDES, LawfulFriction
 
 __all__ = ["StribeckFriction"]
 
 
 @dataclass(frozen=True)
-class StribeckFriction(LawfulFriction):
+class StribeckFriction(FrictionEffect):
     """Dry friction that falls from a static to a kinetic value as the joint picks up speed.
 
     Parameters
@@ -45,6 +35,7 @@ class StribeckFriction(LawfulFriction):
 
     about = Description(
         name="stribeck_friction",
+        number=17,
         slot="M",
         family=Family.REVERSAL,
         equation="F = (Fc + (Fs - Fc) exp(-(v / vs)^2)) sign v",

@@ -4,25 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gpcorrect.sim.effects.description import (
-    Description,
-    Family,
-    Ladder,
-    Neighbour,
-    Parameter,
-    Per,
-    Range,
-    Run,
-    Site,
-)
+from gpcorrect.sim.effects.base import TorqueEffect
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import TorqueLaw
-from gpcorrect.sim.effects.stages import LawfulTorque
 
 __all__ = ["TorqueSaturation"]
 
 
 @dataclass(frozen=True)
-class TorqueSaturation(LawfulTorque):
+class TorqueSaturation(TorqueEffect):
     """The torque that acts is the commanded one, cut at a limit; `measured_jf` still says what was commanded.
 
     Parameters
@@ -37,6 +27,7 @@ class TorqueSaturation(LawfulTorque):
 
     about = Description(
         name="torque_saturation",
+        number=25,
         slot="M",
         family=Family.LIMIT,
         equation="tau = clip(tau_commanded, -tau_max, tau_max)",

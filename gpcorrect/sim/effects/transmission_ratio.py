@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gpcorrect.sim.effects.base import Stage
+from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
-from gpcorrect.sim.effects.stages import PathEffect, with_column
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -30,6 +29,7 @@ class TransmissionRatio(PathEffect):
     stage = Stage.TRANSMISSION
     about = Description(
         name="transmission_ratio",
+        number=2,
         slot="T",
         family=Family.GEOMETRY,
         equation="q_reported = (1 + s) q",
@@ -39,7 +39,6 @@ class TransmissionRatio(PathEffect):
                 "error",
                 "relative error of the ratio",
                 revolute=Range("1", -0.2, 0.2, 0.02),
-                prismatic=Range("1", -0.2, 0.2, 0.02),
                 positive=False,
             ),
         ),

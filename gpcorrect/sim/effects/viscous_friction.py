@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from gpcorrect.sim.effects.base import SIDES, FrictionEffect
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
-from gpcorrect.sim.effects.stages import SIDES, LawfulFriction
 
 __all__ = ["ViscousFriction"]
 
 
 @dataclass(frozen=True)
-class ViscousFriction(LawfulFriction):
+class ViscousFriction(FrictionEffect):
     """Damping; through a proportional gain it becomes a lag of b / kp seconds in this joint.
 
     Parameters
@@ -29,6 +29,7 @@ class ViscousFriction(LawfulFriction):
 
     about = Description(
         name="viscous_friction",
+        number=16,
         slot="M",
         family=Family.REVERSAL,
         equation="F = b v",

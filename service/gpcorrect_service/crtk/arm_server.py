@@ -37,7 +37,7 @@ BEHIND = 0.5  # s of wall time after which lost ticks are given up instead of ca
 
 
 class SensedArm(Protocol):
-    """What is measured at one instant; see `gpcorrect.sim.live_sensors.Reading`."""
+    """What is measured at one instant; see `gpcorrect.sim.live_robot.Reading`."""
 
     @property
     def position(self) -> FloatArray:

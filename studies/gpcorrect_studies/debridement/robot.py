@@ -9,8 +9,8 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.planning.paths import reach
 from gpcorrect.sim.live import LiveArm
-from gpcorrect.sim.live_sensors import LiveTracker
 from gpcorrect.sim.reaching import Pace, working_posture
+from gpcorrect.sim.sensors import Sensors
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.debridement.scene import Station
 
@@ -39,7 +39,7 @@ class SimulatedRobot:
         self._arm = station.arm
         self._q = working_posture(self._arm)
         self._live = LiveArm(station.machine, self._q, start=start, block=BLOCK)
-        self._tracker = LiveTracker(station.machine, rng)
+        self._sensors = Sensors(station.machine, rng)
         self._start = start
         self._seen: list[FloatArray] = []
 
@@ -87,7 +87,10 @@ class SimulatedRobot:
 
     def look(self) -> FloatArray:
         """Return the tool's pose as the tracker sees it, (4, 4), tracker frame."""
-        return self._tracker.see(self._live.moment)
+        here = self._live.moment
+        assert here.T_base_tip is not None
+        seen: FloatArray = self._sensors.track(here.motion.time, here.T_base_tip[None, None])[0, 0]
+        return seen
 
     def _drive(self, desired: FloatArray) -> None:
         for first in range(0, len(desired), BLOCK):
