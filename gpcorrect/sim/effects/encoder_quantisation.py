@@ -77,6 +77,6 @@ class EncoderQuantisation(ReadingEffect):
         counts = np.round(readings.measured_jp[..., j] / self.step)
         steps = np.diff(counts, axis=0, prepend=memory.get("counts", counts[:1]))
         missed = np.sign(steps) * rng.binomial(np.abs(steps).astype(np.int64), self.lost)
-        total: FloatArray = memory.get("missed", 0.0) + np.cumsum(missed, axis=0)  # up ones less down ones
+        total: FloatArray = memory.get("missed", np.zeros(1)) + missed.cumsum(axis=0)  # up ones less down ones
         memory["counts"], memory["missed"] = counts[-1:], total[-1:]
         return replace(readings, measured_jp=with_column(readings.measured_jp, j, self.step * (counts - total)))
