@@ -73,7 +73,7 @@ def write_tracking_page(result: TrackResult, cameras: Sequence[Camera], target: 
     GpCorrectError
         The folder cannot be written.
     """
-    figures, shares = result.to_dict(), result.track.shares()
+    figures, shares = result.to_dict(), result.track.fractions()
     facts = [
         ("recordings", result.log.name),
         ("frames", f"{figures['frames']}, {float(np.ptp(result.track.time)):.1f} s"),

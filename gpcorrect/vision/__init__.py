@@ -1,25 +1,29 @@
-"""Where the tool is, seen by ordinary cameras: calibration, balls, pose over time. The only room that knows OpenCV."""
+"""Where the tool is, seen by ordinary cameras: calibration, balls, pose over time. The only user of OpenCV."""
 
 from gpcorrect.vision.annotate import AnnotatedVideo, annotated
-from gpcorrect.vision.bundle import adjust
+from gpcorrect.vision.boards import Chessboard, calibrate_lens, find_corners, find_markers
 from gpcorrect.vision.calibrate import CalibrationReport, CameraReport, calibrate_rig
 from gpcorrect.vision.camera import Camera, Intrinsics
-from gpcorrect.vision.camera_file import read_cameras, write_cameras
-from gpcorrect.vision.chessboard import Chessboard, find_corners
-from gpcorrect.vision.colour import COLOURS, Colour, colour_of
-from gpcorrect.vision.filtering import Filtered, FilterSettings, PoseFilter
-from gpcorrect.vision.lens import calibrate_lens
-from gpcorrect.vision.place import Placement, poses_from_board, poses_from_points, refine_pose
-from gpcorrect.vision.pose import Sightings, pose_closed_form, pose_from_sightings, pose_nelder_mead
-from gpcorrect.vision.recording import STATUSES, Track
-from gpcorrect.vision.rig_file import Rig, read_rig
+from gpcorrect.vision.checks import check_fit
+from gpcorrect.vision.files import Rig, read_cameras, read_rig, read_target, target_from_dict, write_cameras
+from gpcorrect.vision.filtering import STATUSES, Filtered, PoseFilter, Status
+from gpcorrect.vision.place import Placement, adjust, poses_from_board, poses_from_points, refine_pose
 from gpcorrect.vision.rim import Outline, outline
+from gpcorrect.vision.search import REASONS, Reason
+from gpcorrect.vision.settings import VisionSettings
 from gpcorrect.vision.sources import Source, open_source
-from gpcorrect.vision.target import END_EFFECTOR, BallSpec, Target, read_target, single_ball, target_from_dict
-from gpcorrect.vision.track import TrackResult, TrackSettings, track
-from gpcorrect.vision.tracker import Frame, Tracker
-from gpcorrect.vision.triangulate import common_perpendicular, mean_midpoint, triangulate
-from gpcorrect.vision.views import REASONS, FrameRules
+from gpcorrect.vision.space import (
+    Observations,
+    common_perpendicular,
+    mean_midpoint,
+    pose_closed_form,
+    pose_from_observations,
+    pose_nelder_mead,
+    triangulate,
+)
+from gpcorrect.vision.target import COLOURS, END_EFFECTOR, BallSpec, Colour, Target, colour_of, single_ball
+from gpcorrect.vision.track import Track, TrackResult, TrackSettings, track
+from gpcorrect.vision.tracker import Frame, Tracker, View
 
 __all__ = [
     "COLOURS",
@@ -33,34 +37,38 @@ __all__ = [
     "CameraReport",
     "Chessboard",
     "Colour",
-    "FilterSettings",
     "Filtered",
     "Frame",
-    "FrameRules",
     "Intrinsics",
+    "Observations",
     "Outline",
     "Placement",
     "PoseFilter",
+    "Reason",
     "Rig",
-    "Sightings",
     "Source",
+    "Status",
     "Target",
     "Track",
     "TrackResult",
     "TrackSettings",
     "Tracker",
+    "View",
+    "VisionSettings",
     "adjust",
     "annotated",
     "calibrate_lens",
     "calibrate_rig",
+    "check_fit",
     "colour_of",
     "common_perpendicular",
     "find_corners",
+    "find_markers",
     "mean_midpoint",
     "open_source",
     "outline",
     "pose_closed_form",
-    "pose_from_sightings",
+    "pose_from_observations",
     "pose_nelder_mead",
     "poses_from_board",
     "poses_from_points",

@@ -12,15 +12,11 @@ from gpcorrect.errors import DegenerateError
 from gpcorrect.types import FloatArray
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.rim import Outline
+from gpcorrect.vision.settings import DEFAULT, AgreementSettings
+from gpcorrect.vision.space import common_perpendicular, triangulate
 from gpcorrect.vision.target import Target
-from gpcorrect.vision.triangulate import common_perpendicular, triangulate
 
 __all__ = ["Hypothesis", "acquire", "hypotheses"]
-
-REPROJECTION_PX = 3.0  # within which another camera agrees, at first sight
-SIZE = 0.3  # share by which two cameras' radii of one ball may differ
-FEW = 4  # hypotheses a ball that are tried together
-SHAPE = 0.004  # m by which distances between balls may miss
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +30,7 @@ class Hypothesis:
     views : mapping of camera index to Outline
         That agree.
     radius : float
-        As they tell it, m.
+        Mean over the views, m.
     error_px : float
         RMS reprojection error.
     """
@@ -44,16 +40,14 @@ class Hypothesis:
     radius: float
     error_px: float
 
-    @property
-    def rank(self) -> tuple[int, float]:
-        """More cameras first, then less error."""
-        return (-len(self.views), self.error_px)
-
 
 def hypotheses(
-    cameras: Sequence[Camera], candidates: Sequence[Sequence[Outline]], radius: float | None
+    cameras: Sequence[Camera],
+    candidates: Sequence[Sequence[Outline]],
+    radius: float | None,
+    settings: AgreementSettings = DEFAULT.agreement,
 ) -> list[Hypothesis]:
-    """Return places at which at least two cameras agree on a ball of one size, the best first.
+    """Return places at which at least two cameras agree on a ball of one size: more cameras first, then less error.
 
     Parameters
     ----------
@@ -63,23 +57,29 @@ def hypotheses(
         What each may see of the ball.
     radius : float or None
         Of the ball, m, when known.
+    settings : AgreementSettings
+        What agrees.
     """
     found = []
     for i, j in itertools.combinations(range(len(cameras)), 2):
         for a, b in itertools.product(candidates[i], candidates[j]):
-            hypothesis = _grown(cameras, candidates, {i: a, j: b}, radius)
+            hypothesis = _grown(cameras, candidates, {i: a, j: b}, radius, settings)
             if hypothesis is not None:
                 found.append(hypothesis)
-    found.sort(key=lambda h: h.rank)
+    found.sort(key=lambda h: (-len(h.views), h.error_px))
     distinct: list[Hypothesis] = []
     for h in found:
-        if all(float(np.linalg.norm(h.position - d.position)) > 0.003 for d in distinct):
+        if all(float(np.linalg.norm(h.position - d.position)) > settings.distinct for d in distinct):
             distinct.append(h)
     return distinct
 
 
 def _grown(
-    cameras: Sequence[Camera], candidates: Sequence[Sequence[Outline]], pair: dict[int, Outline], radius: float | None
+    cameras: Sequence[Camera],
+    candidates: Sequence[Sequence[Outline]],
+    pair: dict[int, Outline],
+    radius: float | None,
+    settings: AgreementSettings,
 ) -> Hypothesis | None:
     """Start from two views and add every other camera's that agrees."""
     i, j = pair
@@ -88,25 +88,22 @@ def _grown(
         point, _ = common_perpendicular(cameras[i].position, rays[0], cameras[j].position, rays[1])
     except DegenerateError:
         return None
+
+    def alike(a: float, b: float) -> bool:
+        return abs(a - b) < settings.size * max(a, b)
+
     sizes = [_size(cameras[k], o, point) for k, o in pair.items()]
-    if min(_depth(cameras[k], point) for k in pair) <= 0 or not _same(sizes[0], sizes[1]):
+    if not alike(*sizes) or (radius is not None and not all(alike(size, radius) for size in sizes)):
         return None
-    if radius is not None and not all(_same(size, radius) for size in sizes):
+    if max(_miss(cameras[k], o, point) for k, o in pair.items()) > settings.reprojection_px:
         return None
-    if max(_miss(cameras[k], o, point) for k, o in pair.items()) > REPROJECTION_PX:
-        return None
-    views = dict(pair)
+    views, size = dict(pair), radius or float(np.mean(sizes))
     for k, options in enumerate(candidates):
-        agreeing = [
-            o
-            for o in options
-            if k not in views
-            and _depth(cameras[k], point) > 0
-            and _miss(cameras[k], o, point) < REPROJECTION_PX
-            and _same(_size(cameras[k], o, point), radius or float(np.mean(sizes)))
-        ]
-        if agreeing:
-            views[k] = min(agreeing, key=lambda o: _miss(cameras[k], o, point))
+        if k not in pair:
+            near = [(_miss(cameras[k], o, point), o) for o in options if alike(_size(cameras[k], o, point), size)]
+            miss, best = min(near, key=lambda option: option[0], default=(np.inf, None))
+            if best is not None and miss < settings.reprojection_px:
+                views[k] = best
     located = triangulate(
         [cameras[k] for k in views],
         np.array([o.ray for o in views.values()]),
@@ -117,28 +114,24 @@ def _grown(
     return Hypothesis(located.position, views, size, error)
 
 
-def _depth(camera: Camera, point: FloatArray) -> float:
-    return float(camera.local(point)[0, 2])
-
-
 def _size(camera: Camera, found: Outline, point: FloatArray) -> float:
     """Radius (m) of a ball at `point` with this outline."""
     return float(np.linalg.norm(point - camera.position) * np.sin(found.half_angle))
 
 
-def _same(a: float, b: float) -> bool:
-    return abs(a - b) < SIZE * max(a, b)
-
-
 def _miss(camera: Camera, found: Outline, point: FloatArray) -> float:
-    local = camera.local(point)[0]
-    return float(camera.intrinsics.focal * np.linalg.norm(local[:2] / local[2] - found.ray))
+    """Undistorted distance (px) between an outline's centre and a point; infinite for a point behind the camera."""
+    x, y, z = camera.local(point)[0]
+    return float(camera.intrinsics.focal * np.hypot(x / z - found.ray[0], y / z - found.ray[1])) if z > 0 else np.inf
 
 
 def acquire(
-    cameras: Sequence[Camera], target: Target, candidates: Sequence[Sequence[Sequence[Outline]]]
+    cameras: Sequence[Camera],
+    target: Target,
+    candidates: Sequence[Sequence[Sequence[Outline]]],
+    settings: AgreementSettings = DEFAULT.agreement,
 ) -> list[Hypothesis | None]:
-    """Return the best place of each ball, or None: those sets first whose distances are the target's.
+    """Return the best place of each ball, or None, such that the distances between the balls are the target's.
 
     Parameters
     ----------
@@ -148,31 +141,29 @@ def acquire(
         The balls.
     candidates : sequence (cameras) of sequence (balls) of sequence of Outline
         What may be each ball in each camera.
+    settings : AgreementSettings
+        What agrees.
     """
     options: list[list[Hypothesis | None]] = []
     for b, ball in enumerate(target.balls):
-        found = hypotheses(cameras, [camera[b] for camera in candidates], ball.radius)
-        options.append([*found[:FEW], None])
-    if len(target.balls) == 1:
-        return [options[0][0]]
+        found = hypotheses(cameras, [camera[b] for camera in candidates], ball.radius, settings)
+        options.append([*found[: settings.places], None])
     best: list[Hypothesis | None] = [None] * len(target.balls)
     best_score = (0, 0, 0.0)
     for chosen in itertools.product(*options):
-        if not _shape_fits(chosen, target.places):
-            continue
         balls = [h for h in chosen if h is not None]
         score = (len(balls), sum(len(h.views) for h in balls), -sum(h.error_px for h in balls))
-        if score > best_score:
+        if score > best_score and _shape_fits(chosen, target.places, settings):
             best, best_score = list(chosen), score
     return best
 
 
-def _shape_fits(chosen: Sequence[Hypothesis | None], places: FloatArray) -> bool:
+def _shape_fits(chosen: Sequence[Hypothesis | None], places: FloatArray, settings: AgreementSettings) -> bool:
     """Whether the distances between the chosen balls are those on the tool."""
-    for (i, a), (j, b) in itertools.combinations(enumerate(chosen), 2):
-        if a is None or b is None:
-            continue
-        known = float(np.linalg.norm(places[i] - places[j]))
-        if abs(float(np.linalg.norm(a.position - b.position)) - known) > SHAPE + 0.05 * known:
-            return False
+    for (a, place_a), (b, place_b) in itertools.combinations(zip(chosen, places, strict=True), 2):
+        if a is not None and b is not None:
+            known = float(np.linalg.norm(place_a - place_b))
+            apart = float(np.linalg.norm(a.position - b.position))
+            if abs(apart - known) > settings.shape + settings.shape_fraction * known:
+                return False
     return True

@@ -13,31 +13,56 @@ import numpy as np
 from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.vision.camera import Camera
+from gpcorrect.vision.filtering import Status
 from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.target import Target
 from gpcorrect.vision.tracker import Frame
 
 __all__ = ["AnnotatedVideo", "annotated"]
 
-INK = {"effective": (255, 255, 255), "suspended": (150, 150, 150), "back": (40, 40, 40)}
-STATUS_INK = {"measured": (80, 200, 80), "coasting": (0, 190, 255), "lost": (60, 60, 230)}
-AXIS_INK = ((60, 60, 230), (80, 200, 80), (230, 130, 50))  # x red, y green, z blue, as blue green red
-FONT = 0  # OpenCV's plain sans serif
+WHITE, GREY, BLACK = (255, 255, 255), (150, 150, 150), (40, 40, 40)  # effective, suspended, shadow; blue green red
+STATUS_INK = {Status.MEASURED: (80, 200, 80), Status.COASTING: (0, 190, 255), Status.LOST: (60, 60, 230)}
+AXIS_INK = ((60, 60, 230), (80, 200, 80), (230, 130, 50))  # x red, y green, z blue
+AXIS_LENGTH = 0.03  # m: about that of the fixture's arms
+CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
 
 
 def annotated(frame: Frame, images: Sequence[Image | None], cameras: Sequence[Camera], target: Target) -> Image:
-    """Return all pictures of a frame side by side, with outlines, axes and words on them."""
+    """Return all pictures of a frame side by side, with outlines, axes and words on them.
+
+    Parameters
+    ----------
+    frame : Frame
+        What the tracker found.
+    images : sequence of (height, width, 3) uint8 arrays
+        One a camera; None where there is none.
+    cameras : sequence of Camera
+        That took them.
+    target : Target
+        What is tracked.
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+        A grid as square as it gets; smaller pictures are padded.
+    """
     tiles = []
     for k, (camera, image) in enumerate(zip(cameras, images, strict=True)):
         lens = camera.intrinsics
         tile = np.zeros((lens.height, lens.width, 3), np.uint8) if image is None else np.array(image)
         _draw_views(tile, frame, k, target)
-        if frame.pose.status != "lost" and target.has_pose:
+        if frame.pose.status != Status.LOST and target.has_pose:
             _draw_axes(tile, frame, camera)
-        said = f"{camera.name}  {frame.time:.2f} s  {frame.pose.status}"
-        _write(tile, said if image is not None else f"{said}  no picture", (8, 20), STATUS_INK[frame.pose.status])
+        title = f"{camera.name}  {frame.time:.2f} s  {frame.pose.status}" + ("  no picture" if image is None else "")
+        _write(tile, title, (8, 20), STATUS_INK[frame.pose.status])
         tiles.append(tile)
-    return _side_by_side(tiles)
+    columns = math.ceil(math.sqrt(len(tiles)))
+    height, width = (max(tile.shape[i] for tile in tiles) for i in (0, 1))
+    sheet = np.zeros((math.ceil(len(tiles) / columns) * height, columns * width, 3), np.uint8)
+    for k, tile in enumerate(tiles):
+        top, left = (k // columns) * height, (k % columns) * width
+        sheet[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
+    return sheet
 
 
 def _draw_views(tile: Image, frame: Frame, camera: int, target: Target) -> None:
@@ -45,18 +70,17 @@ def _draw_views(tile: Image, frame: Frame, camera: int, target: Target) -> None:
     for ball, view in zip(target.names, frame.views[camera], strict=True):
         if view.outline is not None:
             at = tuple(round(float(v) * 8) for v in view.outline.pixel)
-            ink = INK["effective" if view.effective else "suspended"]
+            ink = WHITE if view.effective else GREY
             cv2.circle(tile, at, round(view.outline.radius * 8), ink, 1, cv2.LINE_AA, 3)
             cv2.drawMarker(tile, (at[0] // 8, at[1] // 8), ink, cv2.MARKER_CROSS, 7, 1)
         if not view.effective:
-            _write(tile, f"{ball}: {view.reason}", (8, row), INK["effective"])
+            _write(tile, f"{ball}: {view.reason}", (8, row), WHITE)
             row -= 18
 
 
 def _draw_axes(tile: Image, frame: Frame, camera: Camera) -> None:
     T = frame.pose.T_tracker_tool
-    ends = T[:3, 3] + 0.03 * np.vstack([np.zeros(3), T[:3, :3].T])
-    pixels = camera.project(ends)
+    pixels = camera.project(T[:3, 3] + AXIS_LENGTH * np.vstack([np.zeros(3), T[:3, :3].T]))
     if not np.isfinite(pixels).all() or np.abs(pixels).max() > 1e5:
         return
     start, *others = [tuple(round(float(v)) for v in p) for p in pixels]
@@ -65,20 +89,8 @@ def _draw_axes(tile: Image, frame: Frame, camera: Camera) -> None:
 
 
 def _write(tile: Image, words: str, at: tuple[int, int], ink: tuple[int, int, int]) -> None:
-    cv2.putText(tile, words, (at[0] + 1, at[1] + 1), FONT, 0.5, INK["back"], 1, cv2.LINE_AA)
-    cv2.putText(tile, words, at, FONT, 0.5, ink, 1, cv2.LINE_AA)
-
-
-def _side_by_side(tiles: Sequence[Image]) -> Image:
-    """Put tiles into a grid as square as it gets; smaller ones are padded."""
-    columns = math.ceil(math.sqrt(len(tiles)))
-    height, width = (max(tile.shape[i] for tile in tiles) for i in (0, 1))
-    rows = math.ceil(len(tiles) / columns)
-    sheet = np.zeros((rows * height, columns * width, 3), np.uint8)
-    for k, tile in enumerate(tiles):
-        top, left = (k // columns) * height, (k % columns) * width
-        sheet[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
-    return sheet
+    for place, colour in (((at[0] + 1, at[1] + 1), BLACK), (at, ink)):
+        cv2.putText(tile, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
 
 
 class AnnotatedVideo:
@@ -94,14 +106,17 @@ class AnnotatedVideo:
         For the drawing.
     fps : float
         Frames a second.
-    """
 
-    CODECS = {".mp4": "mp4v", ".avi": "MJPG"}  # noqa: RUF012 - never changed
+    Raises
+    ------
+    GpCorrectError
+        The name has another ending, or its folder is not there.
+    """
 
     def __init__(self, path: str | Path, cameras: Sequence[Camera], target: Target, fps: float) -> None:
         self._path, self._cameras, self._target, self._fps = Path(path), cameras, target, fps
         self._writer: Any = None
-        if self._path.suffix not in self.CODECS:
+        if self._path.suffix not in CODECS:
             raise GpCorrectError(f"an annotated video ends in .mp4 or .avi; got {self._path.name}.")
         require_folder(self._path)
 
@@ -111,10 +126,21 @@ class AnnotatedVideo:
         return self
 
     def add(self, frame: Frame, images: Sequence[Image | None]) -> None:
-        """Draw a frame and write it."""
+        """Draw a frame and write it.
+
+        Parameters
+        ----------
+        frame, images
+            As :func:`annotated`.
+
+        Raises
+        ------
+        GpCorrectError
+            This build of OpenCV cannot write such a video.
+        """
         sheet = annotated(frame, images, self._cameras, self._target)
         if self._writer is None:
-            code = cv2.VideoWriter_fourcc(*self.CODECS[self._path.suffix])
+            code = cv2.VideoWriter_fourcc(*CODECS[self._path.suffix])
             self._writer = cv2.VideoWriter(str(self._temporary), code, self._fps, (sheet.shape[1], sheet.shape[0]))
             if not self._writer.isOpened():
                 raise GpCorrectError(f"this build of OpenCV cannot write {self._path.name}.", hint="Try .avi.")

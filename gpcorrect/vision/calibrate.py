@@ -1,4 +1,4 @@
-"""The recipe of a calibration: lens, rough place, refined place, both together, and a report of what is left."""
+"""The recipe of a calibration: lens, rough pose, refined pose, both together, and a report of what is left."""
 
 from __future__ import annotations
 
@@ -11,23 +11,17 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError, GpCorrectError, LogError
 from gpcorrect.types import FloatArray, Progress
-from gpcorrect.vision.bundle import adjust
+from gpcorrect.vision.boards import Chessboard, LensCalibration, calibrate_lens, find_corners, find_markers
 from gpcorrect.vision.camera import Camera, Intrinsics
-from gpcorrect.vision.chessboard import Chessboard, find_corners
-from gpcorrect.vision.lens import LensCalibration, calibrate_lens
-from gpcorrect.vision.markers import find_markers
+from gpcorrect.vision.files import Rig, RigCamera
 from gpcorrect.vision.opencv import Image
-from gpcorrect.vision.place import FEWEST_POINTS, Placement, poses_from_board, poses_from_points, refine_pose
-from gpcorrect.vision.rig_file import Rig, RigCamera
+from gpcorrect.vision.place import Placement, adjust, poses_from_board, poses_from_points, refine_pose
+from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
 from gpcorrect.vision.sources import read_image
 
 __all__ = ["CalibrationReport", "CameraReport", "calibrate_rig"]
 
-FAR = 0.15  # m by which the refined place may differ from the rough one
-TURNED = np.deg2rad(25.0)
-BAD_RMS = 5.0  # px: markers that are seen this far from where they should be are not these markers
-SAME = 0.01  # m between two places that are one
-ROUNDS = 3  # of looking for markers and refining
+ROUNDS = 3  # of finding markers and refining: the second finds those that the rough pose missed, the third changes none
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +43,7 @@ class CameraReport:
     outliers : tuple of str
         Markers that contradict the others, left out.
     moved : float or None
-        Distance between rough and refined place, m.
+        Distance between rough and refined position, m.
     """
 
     camera: Camera
@@ -61,20 +55,14 @@ class CameraReport:
     outliers: tuple[str, ...]
     moved: float | None
 
-    @property
-    def position_std(self) -> float | None:
-        """Standard deviation of the camera's position (length of the three), m."""
-        covariance = self.camera.covariance
-        return None if covariance is None else float(np.sqrt(np.trace(covariance[:3, :3])))
-
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values."""
-        std = self.position_std
+        """Return plain values; the position's standard deviation is the length of its three."""
+        covariance = self.camera.covariance
         return {
             "name": self.camera.name,
             "focal_px": self.camera.intrinsics.focal,
             "position_m": self.camera.position.tolist(),
-            "position_std_mm": None if std is None else 1e3 * std,
+            "position_std_mm": None if covariance is None else 1e3 * float(np.sqrt(np.trace(covariance[:3, :3]))),
             "boards_used": self.boards_used,
             "boards_given": self.boards_given,
             "without_board": list(self.without_board),
@@ -88,7 +76,15 @@ class CameraReport:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationReport:
-    """All cameras of a rig."""
+    """All cameras of a rig.
+
+    Parameters
+    ----------
+    cameras : tuple of CameraReport
+        One a camera.
+    board : Chessboard
+        The chessboard.
+    """
 
     cameras: tuple[CameraReport, ...]
     board: Chessboard
@@ -98,8 +94,23 @@ class CalibrationReport:
         return {"cameras": [camera.to_dict() for camera in self.cameras]}
 
 
-def calibrate_rig(rig: Rig, progress: Progress | None = None) -> CalibrationReport:
+class _MisplacedError(GpCorrectError):
+    """Markers that contradict where the board says that the camera stands."""
+
+
+def calibrate_rig(
+    rig: Rig, progress: Progress | None = None, settings: CalibrationSettings = DEFAULT.calibration
+) -> CalibrationReport:
     """Calibrate every camera of a rig.
+
+    Parameters
+    ----------
+    rig : Rig
+        Pictures, chessboard and markers.
+    progress : Progress, optional
+        Called with the cameras done.
+    settings : CalibrationSettings
+        Which boards, points and poses are believed.
 
     Raises
     ------
@@ -108,33 +119,50 @@ def calibrate_rig(rig: Rig, progress: Progress | None = None) -> CalibrationRepo
         the camera. Cameras whose markers would fit each other's places are called swapped.
     """
     progress = progress or Progress()
-    reports, failed = [], []
+    reports: list[CameraReport] = []
+    failed: list[tuple[RigCamera, _MisplacedError]] = []
     for k, row in enumerate(rig.cameras):
         progress.step("cameras", k / len(rig.cameras))
         try:
-            reports.append(_calibrated(row, rig))
+            reports.append(_calibrated(row, rig, settings))
         except DegenerateError as error:
             raise DegenerateError(f"camera {row.name}: {error.message}", hint=error.hint) from error
         except _MisplacedError as error:
             failed.append((row, error))
     progress.step("cameras", 1.0)
-    if failed:
-        _refuse(failed, rig)
-    return CalibrationReport(tuple(reports), rig.board)
+    if not failed:
+        return CalibrationReport(tuple(reports), rig.board)
+    swapped = [
+        f"the markers of {other.name} fit where {row.name} stands"
+        for row, _ in failed
+        for other, _ in failed
+        if other is not row and _fits(replace(row, seen=other.seen, markers_in=other.markers_in), rig, settings)
+    ]
+    if swapped:
+        raise DataError(f"cameras are swapped: {'; '.join(swapped)}.", hint="Exchange their files in the rig file.")
+    raise DataError(
+        f"the markers do not fit: {'; '.join(f'camera {row.name}: {error.message}' for row, error in failed)}",
+        hint="Check the markers' names and places (metres, tracker frame), and the board's place.",
+    )
 
 
-class _MisplacedError(GpCorrectError):
-    """Markers that contradict where the board says that the camera stands."""
+def _fits(row: RigCamera, rig: Rig, settings: CalibrationSettings) -> bool:
+    try:
+        _calibrated(row, rig, settings)
+    except GpCorrectError:
+        return False
+    return True
 
 
-def _calibrated(row: RigCamera, rig: Rig) -> CameraReport:
-    lens, given, without = _lens(row, rig.board)
-    intrinsics = row.lens if lens is None else lens.intrinsics
-    assert intrinsics is not None
+def _calibrated(row: RigCamera, rig: Rig, settings: CalibrationSettings) -> CameraReport:
+    if row.lens is None:
+        lens, without = _lens(row, rig.board, settings)
+        intrinsics, corner_rms, used = lens.intrinsics, lens.rms_px, len(lens.corners)
+    else:
+        intrinsics, without, corner_rms, used = row.lens, (), None, 0
+    given = 0 if row.lens is not None else len(row.boards)
     rough = _rough(row, rig.board, intrinsics)
-    seen = _markers(row, rig, intrinsics, rough)
-    corner_rms = None if lens is None else lens.rms_px
-    used = 0 if lens is None else len(lens.corners)
+    seen = _markers(row, rig, intrinsics, rough, settings)
     if not seen:
         if not rough:
             raise LogError(
@@ -144,9 +172,9 @@ def _calibrated(row: RigCamera, rig: Rig) -> CameraReport:
         camera = Camera(row.name, intrinsics, rough[0])
         return CameraReport(camera, used, given, without, corner_rms, {}, (), None)
     points, pixels = np.array([rig.markers[name] for name in seen]), np.array(list(seen.values()))
-    placement = _placed(row, points, pixels, intrinsics, rough)
-    if lens is not None:
-        bundle = adjust(lens, rig.board, points, pixels, placement)
+    placement = _placed(points, pixels, intrinsics, rough, settings)
+    if row.lens is None:
+        bundle = adjust(lens, rig.board, points, pixels, placement, settings)
         intrinsics, placement, corner_rms = bundle.intrinsics, bundle.placement, bundle.corner_rms_px
     camera = Camera(row.name, intrinsics, placement.T_camera_tracker, placement.covariance, placement.rms_px)
     moved = min((_apart(T, placement.T_camera_tracker)[0] for T in rough), default=None)
@@ -155,32 +183,25 @@ def _calibrated(row: RigCamera, rig: Rig) -> CameraReport:
     return CameraReport(camera, used, given, without, corner_rms, residuals, outliers, moved)
 
 
-def _lens(row: RigCamera, board: Chessboard) -> tuple[LensCalibration | None, int, tuple[str, ...]]:
-    """Return the lens from the boards, how many pictures there were, and those without a board."""
-    if row.lens is not None:
-        return None, 0, ()
-    corners, without, size = [], [], None
+def _lens(row: RigCamera, board: Chessboard, settings: CalibrationSettings) -> tuple[LensCalibration, tuple[str, ...]]:
+    """Return the lens from the boards, and the pictures without a board."""
+    corners, without, sizes = [], [], set()
     for path in row.boards:
         image = read_image(path)
-        if size is not None and size != (image.shape[1], image.shape[0]):
+        sizes.add((image.shape[1], image.shape[0]))
+        if len(sizes) > 1:
             raise LogError(f"camera {row.name}: its pictures have different sizes.", path=str(path))
-        size = (image.shape[1], image.shape[0])
         found = find_corners(image, board)
         if found is None:
             without.append(path.name)
         else:
             corners.append(found)
-    assert size is not None
-    try:
-        lens = calibrate_lens(corners, board, size)
-    except DegenerateError as error:
-        if corners:
-            raise
+    if not corners:
         raise DegenerateError(
             f"no chessboard of {board.columns} x {board.rows} inner corners in any of {len(row.boards)} pictures.",
             hint="Check columns and rows in the rig file: inner corners, not squares.",
-        ) from error
-    return lens, len(row.boards), tuple(without)
+        )
+    return calibrate_lens(corners, board, sizes.pop(), settings), tuple(without)
 
 
 def _rough(row: RigCamera, board: Chessboard, lens: Intrinsics) -> list[FloatArray]:
@@ -198,8 +219,10 @@ def _rough(row: RigCamera, board: Chessboard, lens: Intrinsics) -> list[FloatArr
     return poses_from_board(corners, board, row.T_tracker_board, lens)
 
 
-def _markers(row: RigCamera, rig: Rig, lens: Intrinsics, rough: Sequence[FloatArray]) -> dict[str, FloatArray]:
-    """Where the markers are seen: as told, or found in a picture, looking again after each refinement."""
+def _markers(
+    row: RigCamera, rig: Rig, lens: Intrinsics, rough: Sequence[FloatArray], settings: CalibrationSettings
+) -> dict[str, FloatArray]:
+    """Where the markers are seen: as given, or found in a picture from each rough pose."""
     if row.markers_in is None:
         return dict(row.seen)
     if not rough:
@@ -208,58 +231,59 @@ def _markers(row: RigCamera, rig: Rig, lens: Intrinsics, rough: Sequence[FloatAr
             hint="Give board_at in the rig file.",
         )
     image = read_image(row.markers_in)
-    found = [one for one in (_looked_up(image, rig, Camera(row.name, lens, T)) for T in rough) if one is not None]
-    found.sort(key=lambda one: (-int(one[0].used.sum()), one[0].rms_px))
+    tried = [_found_from(image, rig, Camera(row.name, lens, T), settings) for T in rough]
+    found = sorted((one for one in tried if one), key=lambda one: (-int(one[0].used.sum()), one[0].rms_px))
     if not found:
         raise LogError(
             f"camera {row.name}: the markers are not where its rough place puts them.",
             path=str(row.markers_in),
             hint="Check the places of board and markers (metres, tracker frame), or give the markers' pixels.",
         )
-    rivals = [p for p, _ in found[1:] if _apart(p.T_camera_tracker, found[0][0].T_camera_tracker)[0] > SAME]
-    if rivals and _as_good(rivals[0], found[0][0]):
-        raise LogError(
-            f"camera {row.name}: its markers look the same from two sides; two places of the camera fit.",
-            path=str(row.markers_in),
-            hint="Give the markers' pixels in the rig file, or place one marker differently from the others.",
-        )
-    return found[0][1]
+    best, seen = found[0]
+    for rival, _ in found[1:]:
+        if _apart(rival.T_camera_tracker, best.T_camera_tracker)[0] > settings.same:
+            if rival.used.sum() >= best.used.sum() - 1 and rival.rms_px < 2.0 * best.rms_px + 0.5:
+                raise LogError(
+                    f"camera {row.name}: its markers look the same from two sides; two places of the camera fit.",
+                    path=str(row.markers_in),
+                    hint="Give the markers' pixels in the rig file, or place one marker differently from the others.",
+                )
+            break
+    return seen
 
 
-def _looked_up(image: Image, rig: Rig, camera: Camera) -> tuple[Placement, dict[str, FloatArray]] | None:
-    """Look for the markers and refine the place in turns; None when they do not settle."""
+def _found_from(
+    image: Image, rig: Rig, camera: Camera, settings: CalibrationSettings
+) -> tuple[Placement, dict[str, FloatArray]] | None:
+    """Find the markers and refine the pose in turns; None when too few agree."""
     points = np.array(list(rig.markers.values()))
-    placed, found = None, {}
     for _ in range(ROUNDS):
-        found = find_markers(image, dict(zip(rig.markers, camera.project(points), strict=True)))
-        if len(found) < FEWEST_POINTS:
+        found = find_markers(image, dict(zip(rig.markers, camera.project(points), strict=True)), settings)
+        if len(found) < settings.fewest_points:
             return None
-        known = np.array([rig.markers[name] for name in found])
+        known, pixels = np.array([rig.markers[name] for name in found]), np.array(list(found.values()))
         try:
-            placed = refine_pose(known, np.array(list(found.values())), camera.intrinsics, [camera.T_camera_tracker])
+            placed = refine_pose(known, pixels, camera.intrinsics, [camera.T_camera_tracker], settings)
         except DegenerateError:
             return None
         camera = replace(camera, T_camera_tracker=placed.T_camera_tracker)
-    return None if placed is None else (placed, found)
-
-
-def _as_good(rival: Placement, best: Placement) -> bool:
-    return rival.used.sum() >= best.used.sum() - 1 and rival.rms_px < 2.0 * best.rms_px + 0.5
+    return placed, found
 
 
 def _placed(
-    row: RigCamera, points: FloatArray, pixels: FloatArray, lens: Intrinsics, rough: Sequence[FloatArray]
+    points: FloatArray, pixels: FloatArray, lens: Intrinsics, rough: Sequence[FloatArray], settings: CalibrationSettings
 ) -> Placement:
-    starts = [*rough, *(poses_from_points(points, pixels, lens) if len(points) >= FEWEST_POINTS else [])]
+    """Second phase: the pose from the markers, refused when it contradicts the rough one."""
+    alone = poses_from_points(points, pixels, lens) if len(points) >= settings.fewest_points else []
     try:
-        placement = refine_pose(points, pixels, lens, starts)
+        placement = refine_pose(points, pixels, lens, [*rough, *alone], settings)
     except DegenerateError as error:
         raise _MisplacedError(error.message, hint=error.hint) from error
-    if placement.rms_px > BAD_RMS:
+    if placement.rms_px > settings.bad_rms_px:
         raise _MisplacedError(f"its markers miss their places by {placement.rms_px:.1f} px.")
     if rough:
         away, turned = min(_apart(T, placement.T_camera_tracker) for T in rough)
-        if away > FAR or turned > TURNED:
+        if away > settings.far or turned > settings.turned:
             raise _MisplacedError(
                 f"its markers say that it stands {1e3 * away:.0f} mm and {np.rad2deg(turned):.0f} degrees from where "
                 "its board says."
@@ -268,30 +292,6 @@ def _placed(
 
 
 def _apart(A: FloatArray, B: FloatArray) -> tuple[float, float]:
-    """Distance (m) and angle (rad) between two camera places."""
+    """Distance (m) and angle (rad) between two camera poses."""
     away = np.linalg.norm(se3.invert(A)[:3, 3] - se3.invert(B)[:3, 3])
     return float(away), float(se3.angle(A[:3, :3] @ B[:3, :3].T))
-
-
-def _refuse(failed: Sequence[tuple[RigCamera, _MisplacedError]], rig: Rig) -> None:
-    """Say which cameras' markers do not fit, and whether they fit another's place."""
-    swapped = []
-    for row, _ in failed:
-        for other, _ in failed:
-            if other is not row and _fits(replace(row, seen=other.seen, markers_in=other.markers_in), rig):
-                swapped.append(f"the markers of {other.name} fit where {row.name} stands")
-    names = "; ".join(f"camera {row.name}: {error.message}" for row, error in failed)
-    if swapped:
-        raise DataError(f"cameras are swapped: {'; '.join(swapped)}.", hint="Exchange their files in the rig file.")
-    raise DataError(
-        f"the markers do not fit: {names}",
-        hint="Check the markers' names and places (metres, tracker frame), and the board's place.",
-    )
-
-
-def _fits(row: RigCamera, rig: Rig) -> bool:
-    try:
-        _calibrated(row, rig)
-    except GpCorrectError:
-        return False
-    return True

@@ -13,6 +13,8 @@ from gpcorrect.vision.opencv import cv2
 
 __all__ = ["Camera", "Intrinsics"]
 
+IN_FRONT = 1e-6  # m: a point nearer to the plane of the lens has no pixel
+
 
 @dataclass(frozen=True, eq=False)
 class Intrinsics:
@@ -25,7 +27,7 @@ class Intrinsics:
     matrix : (3, 3) array
         [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], px.
     distortion : (5,) array
-        k1, k2, p1, p2, k3.
+        k1, k2, p1, p2, k3; four are enough, and none means zeros.
     """
 
     width: int
@@ -35,14 +37,12 @@ class Intrinsics:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "matrix", frozen_array(self.matrix))
-        distortion = np.zeros(5)
         given = np.ravel(self.distortion)
         if self.matrix.shape != (3, 3) or given.size not in (0, 4, 5):
             raise DataError(
                 f"a camera has a 3 x 3 matrix and 4 or 5 distortion numbers; got {self.matrix.shape} and {given.size}."
             )
-        distortion[: given.size] = given
-        object.__setattr__(self, "distortion", frozen_array(distortion))
+        object.__setattr__(self, "distortion", frozen_array(np.pad(given, (0, 5 - given.size))))
 
     @property
     def focal(self) -> float:
@@ -50,7 +50,17 @@ class Intrinsics:
         return float(0.5 * (self.matrix[0, 0] + self.matrix[1, 1]))
 
     def normalised(self, pixels: FloatArray) -> FloatArray:
-        """Undistorted places `(n, 2)` of pixels `(n, 2)` on the plane one unit before the lens."""
+        """Undistort pixels onto the plane one unit before the lens.
+
+        Parameters
+        ----------
+        pixels : (n, 2) array
+            px.
+
+        Returns
+        -------
+        (n, 2) array
+        """
         flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         if not flat.size:
             return np.zeros((0, 2))
@@ -59,16 +69,23 @@ class Intrinsics:
         return done.reshape(-1, 2)
 
     def pixels(self, local: FloatArray) -> FloatArray:
-        """Pixels `(n, 2)` of points `(n, 3)` in the camera frame (x right, y down, z forward), m."""
-        points = np.asarray(local, dtype=np.float64).reshape(-1, 3)
-        x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
-        k1, k2, p1, p2, k3 = self.distortion
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        u = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-        K = self.matrix
-        return np.stack([K[0, 0] * u + K[0, 1] * v + K[0, 2], K[1, 1] * v + K[1, 2]], axis=1)
+        """Project points of the camera frame.
+
+        Parameters
+        ----------
+        local : (n, 3) array
+            x right, y down, z forward, m.
+
+        Returns
+        -------
+        (n, 2) array
+            px.
+        """
+        points = np.ascontiguousarray(local, dtype=np.float64).reshape(-1, 1, 3)
+        if not points.size:
+            return np.zeros((0, 2))
+        seen: FloatArray = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self.matrix, self.distortion)[0]
+        return seen.reshape(-1, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,25 +128,51 @@ class Camera:
         return centre
 
     def local(self, points: FloatArray) -> FloatArray:
-        """Points `(n, 3)` of the tracker frame in the camera frame, m."""
+        """Transform points of the tracker frame into the camera frame.
+
+        Parameters
+        ----------
+        points : (n, 3) array
+            m.
+
+        Returns
+        -------
+        (n, 3) array
+            m.
+        """
         T = self.T_camera_tracker
         moved: FloatArray = np.asarray(points).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
         return moved
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Pixels `(n, 2)` of points `(n, 3)` of the tracker frame; NaN for what is behind the camera."""
+        """Project points of the tracker frame.
+
+        Parameters
+        ----------
+        points : (n, 3) array
+            m.
+
+        Returns
+        -------
+        (n, 2) array
+            px; NaN for what is behind the camera.
+        """
         local = self.local(points)
-        behind = local[:, 2] <= 1e-6
-        safe = np.where(behind[:, None], np.array([0.0, 0.0, 1.0]), local)
-        return np.where(behind[:, None], np.nan, self.intrinsics.pixels(safe))
+        return np.where(local[:, 2:] > IN_FRONT, self.intrinsics.pixels(local), np.nan)
 
     def directions(self, local: FloatArray) -> FloatArray:
-        """Return unit directions `(n, 3)` in the tracker frame of directions `(n, 3)` in the camera frame."""
+        """Rotate directions of the camera frame into the tracker frame.
+
+        Parameters
+        ----------
+        local : (n, 3) array
+            Of any length.
+
+        Returns
+        -------
+        (n, 3) array
+            Of unit length.
+        """
         d: FloatArray = np.asarray(local).reshape(-1, 3) @ self.T_camera_tracker[:3, :3]
         unit: FloatArray = d / np.linalg.norm(d, axis=1, keepdims=True)
         return unit
-
-    def sees(self, pixel: FloatArray, margin: float = 0.0) -> bool:
-        """Whether a pixel `(2,)` is inside the picture, by `margin` px."""
-        size = (self.intrinsics.width, self.intrinsics.height)
-        return bool(np.all(np.asarray(pixel) >= margin) and np.all(np.asarray(pixel) < np.array(size) - margin))

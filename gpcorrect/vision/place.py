@@ -1,4 +1,4 @@
-"""Where a camera stands: roughly from one chessboard, then by Levenberg-Marquardt on points at known places.
+"""Where a camera stands: roughly from one chessboard, then from points at known places, then together with its lens.
 
 Peng et al. 2020, Eqs. 1-3: the pose that brings the projections of the known points nearest to where they are seen.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -15,29 +15,26 @@ from scipy.optimize import least_squares
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.types import BoolArray, FloatArray
+from gpcorrect.vision.boards import Chessboard, LensCalibration
 from gpcorrect.vision.camera import Intrinsics
-from gpcorrect.vision.chessboard import Chessboard
 from gpcorrect.vision.opencv import cv2
+from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
 
-__all__ = ["Placement", "pose_covariance", "poses_from_board", "poses_from_points", "refine_pose"]
+__all__ = ["Bundle", "Placement", "adjust", "poses_from_board", "poses_from_points", "refine_pose"]
 
-Loss = Literal["linear", "soft_l1"]
-FEWEST_POINTS = 6
-OUTLIER = 4.0  # standard deviations, by the median
-WORST = 0.015  # of the picture's width: what is farther off is one whatever the others are
-LEAST_OUTLIER = 1.0  # px: nothing nearer is ever called an outlier
+LENS, POSE = 9, 6  # numbers of a lens (fx, fy, cx, cy, k1, k2, p1, p2, k3) and of a pose (rotation vector, translation)
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A camera's place as known points tell it.
+    """A camera's pose from known points.
 
     Parameters
     ----------
     T_camera_tracker : (4, 4) array
         Maps tracker coordinates into the camera frame, m.
     covariance : (6, 6) array
-        Of the camera's position (m) and rotation vector (rad), tracker axes, the lens taken as exact.
+        Of the camera's position (m) and rotation vector (rad), tracker axes.
     residuals : (n, 2) array
         Seen minus projected, px.
     used : (n,) mask
@@ -58,41 +55,78 @@ class Placement:
 def poses_from_board(
     corners: FloatArray, board: Chessboard, T_tracker_board: FloatArray, lens: Intrinsics
 ) -> list[FloatArray]:
-    """First phase: poses `T_camera_tracker` of a camera that sees one board of which the place is roughly known.
+    """Return the poses that a camera may have which sees one board at a roughly known place.
 
-    Four of them: a board looks the same turned by half, and its place may be told with z towards the camera or away
-    from it. The first is the usual one (x to the right, y down, z away from who looks at it); known points tell.
+    A board looks the same turned by half, and its place may be given with z towards the camera or away from it.
+
+    Parameters
+    ----------
+    corners : (n, 2) array
+        Of the board, px.
+    board : Chessboard
+        The board.
+    T_tracker_board : (4, 4) array
+        Its place, m.
+    lens : Intrinsics
+        The lens.
+
+    Returns
+    -------
+    list of (4, 4) arrays
+        Up to four `T_camera_tracker`; first the usual one (x to the right, y down, z away from who looks at it).
     """
-    poses = []
     grid = corners.reshape(board.rows, board.columns, 2)
-    for seen in (grid, grid[::-1, ::-1], grid[:, ::-1], grid[::-1]):
-        found, rotvec, shift = cv2.solvePnP(
-            board.points,
-            np.ascontiguousarray(seen.reshape(-1, 2)),
-            lens.matrix,
-            lens.distortion,
-            flags=cv2.SOLVEPNP_IPPE,
-        )
-        if found:
-            T_camera_board = se3.pose(se3.matrix_from_rotvec(np.ravel(rotvec)), np.ravel(shift))
-            poses.append(se3.compose(T_camera_board, se3.invert(T_tracker_board)))
-    return poses
+    orders = (grid, grid[::-1, ::-1], grid[:, ::-1], grid[::-1])
+    T_board_tracker = se3.invert(T_tracker_board)
+    seen = [_solve_pnp(board.points, order.reshape(-1, 2), lens, cv2.SOLVEPNP_IPPE) for order in orders]
+    return [se3.compose(T_camera_board, T_board_tracker) for poses in seen for T_camera_board in poses]
 
 
 def poses_from_points(points: FloatArray, pixels: FloatArray, lens: Intrinsics) -> list[FloatArray]:
-    """Poses of a camera from points at known places alone: a start where no board is at hand."""
-    found, rotvec, shift = cv2.solvePnP(
-        np.ascontiguousarray(points),
-        np.ascontiguousarray(pixels),
-        lens.matrix,
-        lens.distortion,
-        flags=cv2.SOLVEPNP_SQPNP,
-    )
-    return [se3.pose(se3.matrix_from_rotvec(np.ravel(rotvec)), np.ravel(shift))] if found else []
+    """Return the pose of a camera from points at known places alone, a start where no board is at hand.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Known places, tracker frame, m.
+    pixels : (n, 2) array
+        Where each is seen.
+    lens : Intrinsics
+        The lens.
+
+    Returns
+    -------
+    list of (4, 4) arrays
+        One `T_camera_tracker`, or none.
+    """
+    return _solve_pnp(points, pixels, lens, cv2.SOLVEPNP_SQPNP)
 
 
-def refine_pose(points: FloatArray, pixels: FloatArray, lens: Intrinsics, starts: Sequence[FloatArray]) -> Placement:
-    """Second phase: the pose that explains where the known points are seen, outliers left out.
+def _solve_pnp(points: FloatArray, pixels: FloatArray, lens: Intrinsics, method: int) -> list[FloatArray]:
+    points, pixels = np.ascontiguousarray(points), np.ascontiguousarray(pixels)
+    found, rotvec, shift = cv2.solvePnP(points, pixels, lens.matrix, lens.distortion, flags=method)
+    return [_pose(np.concatenate([np.ravel(rotvec), np.ravel(shift)]))] if found else []
+
+
+def _pose(x: FloatArray) -> FloatArray:
+    """Pose `(4, 4)` of a rotation vector and a translation."""
+    return se3.pose(se3.matrix_from_rotvec(x[:3]), x[3:])
+
+
+def _project(points: FloatArray, x: FloatArray, lens: Intrinsics) -> tuple[FloatArray, FloatArray]:
+    """Pixels `(n, 2)` of points, and their Jacobian `(2n, 15)` in the pose and the lens."""
+    seen, J = cv2.projectPoints(points, x[:3], x[3:], lens.matrix, lens.distortion)
+    return np.asarray(seen, dtype=np.float64).reshape(-1, 2), np.asarray(J)
+
+
+def refine_pose(
+    points: FloatArray,
+    pixels: FloatArray,
+    lens: Intrinsics,
+    starts: Sequence[FloatArray],
+    settings: CalibrationSettings = DEFAULT.calibration,
+) -> Placement:
+    """Find the pose that explains where the known points are seen, outliers left out (Levenberg-Marquardt).
 
     Parameters
     ----------
@@ -101,9 +135,11 @@ def refine_pose(points: FloatArray, pixels: FloatArray, lens: Intrinsics, starts
     pixels : (n, 2) array
         Where each is seen.
     lens : Intrinsics
-        The lens.
+        The lens, taken as exact.
     starts : sequence of (4, 4) arrays
-        Rough poses; the one that ends best is kept.
+        Rough poses; the one that ends best counts.
+    settings : CalibrationSettings
+        What an outlier is.
 
     Raises
     ------
@@ -112,73 +148,141 @@ def refine_pose(points: FloatArray, pixels: FloatArray, lens: Intrinsics, starts
     DegenerateError
         The points do not determine the pose.
     """
-    if len(points) < FEWEST_POINTS or not len(starts):
-        raise DataError(f"a camera's place needs at least {FEWEST_POINTS} known points and a start; got {len(points)}.")
-    fits = [_fit(points, pixels, lens, start, loss="soft_l1") for start in starts]
+    fewest = settings.fewest_points
+    if len(points) < fewest or not len(starts):
+        raise DataError(f"a camera's place needs at least {fewest} known points and a start; got {len(points)}.")
+    vectors = [np.concatenate([se3.rotvec_from_matrix(T[:3, :3]), T[:3, 3]]) for T in starts]
+    fits = [_fit(points, pixels, lens, x, method="trf", loss="soft_l1") for x in vectors]
     best = min(fits, key=lambda fit: float(fit.cost))
-    residuals = best.fun.reshape(-1, 2)
-    length = np.linalg.norm(residuals, axis=1)
-    scale = min(OUTLIER * 1.4826 * float(np.median(length)), WORST * lens.width)
-    used = length <= max(LEAST_OUTLIER, scale)
-    if used.sum() < max(FEWEST_POINTS, len(points) / 2):
+    length = np.linalg.norm(best.fun.reshape(-1, 2), axis=1)
+    scale = min(settings.outlier * 1.4826 * float(np.median(length)), settings.outlier_width * lens.width)
+    used = length <= max(settings.outlier_px, scale)
+    if used.sum() < max(fewest, len(points) / 2):
         raise DegenerateError(
             f"only {used.sum()} of {len(points)} known points agree with one place of the camera.",
             hint="Check that each is named right, and that their places are in metres.",
         )
-    last = _fit(points[used], pixels[used], lens, _matrix(best.x), loss="linear")
-    left = pixels - _project(points, last.x, lens)
-    return Placement(_matrix(last.x), _covariance(last), left, used)
+    last = _fit(points[used], pixels[used], lens, best.x, method="lm")
+    spread = float(last.fun @ last.fun) / max(len(last.fun) - POSE, 1)
+    covariance = _pose_covariance(spread * np.linalg.inv(last.jac.T @ last.jac), last.x)
+    return Placement(_pose(last.x), covariance, pixels - _project(points, last.x, lens)[0], used)
 
 
-def _fit(points: FloatArray, pixels: FloatArray, lens: Intrinsics, start: FloatArray, loss: Loss) -> Any:
-    """Levenberg-Marquardt, damped further against outliers when `loss` is not "linear"."""
-
-    def residuals(x: FloatArray) -> FloatArray:
-        return (_project(points, x, lens) - pixels).ravel()
-
-    def jacobian(x: FloatArray) -> FloatArray:
-        _, J = cv2.projectPoints(points, x[:3], x[3:], lens.matrix, lens.distortion)
-        return np.asarray(J[:, :6])
-
-    x0 = np.concatenate([se3.rotvec_from_matrix(start[:3, :3]), start[:3, 3]])
-    if not np.isfinite(residuals(x0)).all():
+def _fit(points: FloatArray, pixels: FloatArray, lens: Intrinsics, start: FloatArray, **options: str) -> Any:
+    if not np.isfinite(_project(points, start, lens)[0]).all():
         raise DegenerateError("a known point lies in the plane of the lens; the rough place cannot be right.")
-    if loss == "linear":
-        return least_squares(residuals, x0, jacobian, method="lm", x_scale="jac")
-    return least_squares(residuals, x0, jacobian, method="trf", loss="soft_l1", x_scale="jac")
+    return least_squares(
+        lambda x: (_project(points, x, lens)[0] - pixels).ravel(),
+        start,
+        lambda x: _project(points, x, lens)[1][:, :POSE],
+        x_scale="jac",
+        **options,
+    )
 
 
-def _project(points: FloatArray, x: FloatArray, lens: Intrinsics) -> FloatArray:
-    seen, _ = cv2.projectPoints(points, x[:3], x[3:], lens.matrix, lens.distortion)
-    return np.asarray(seen, dtype=np.float64).reshape(-1, 2)
-
-
-def _matrix(x: FloatArray) -> FloatArray:
-    return se3.pose(se3.matrix_from_rotvec(x[:3]), x[3:])
-
-
-def _covariance(fit: Any) -> FloatArray:
-    J, r = fit.jac, fit.fun
-    spread = float(r @ r) / max(len(r) - 6, 1)
-    return pose_covariance(spread * np.linalg.inv(J.T @ J), fit.x)
-
-
-def pose_covariance(covariance: FloatArray, x: FloatArray) -> FloatArray:
-    """Covariance `(6, 6)` of the camera's position and rotation vector, tracker axes, from that of rvec and tvec.
-
-    Parameters
-    ----------
-    covariance : (6, 6) array
-        Of x.
-    x : (6,) array
-        Rotation vector and translation of T_camera_tracker, as OpenCV has them.
-    """
+def _pose_covariance(covariance: FloatArray, x: FloatArray) -> FloatArray:
+    """Covariance `(6, 6)` of the camera's position and rotation vector, tracker axes, from that of `x`: rvec, tvec."""
     J_left = np.linalg.inv(se3.left_jacobian_inverse(x[:3]))
-    t = x[3:]
-    hat = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])
     R_tracker_camera = se3.matrix_from_rotvec(x[:3]).T
     # T' = exp(xi) T: the turn is J dr, the shift dt - turn x t; in tracker axes the camera moves by the opposite.
-    change = np.block([[hat @ J_left, np.eye(3)], [J_left, np.zeros((3, 3))]])
+    change = np.block([[np.cross(x[3:, None], J_left, axis=0), np.eye(3)], [J_left, np.zeros((3, 3))]])
     A = -np.kron(np.eye(2), R_tracker_camera) @ change
     done: FloatArray = A @ covariance @ A.T
     return done
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """A camera after lens and pose were solved together.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        The lens.
+    placement : Placement
+        The pose; its covariance now holds what the lens leaves open.
+    corner_rms_px : float
+        Reprojection error of the boards.
+    """
+
+    intrinsics: Intrinsics
+    placement: Placement
+    corner_rms_px: float
+
+
+def adjust(
+    calibration: LensCalibration,
+    board: Chessboard,
+    points: FloatArray,
+    pixels: FloatArray,
+    placement: Placement,
+    settings: CalibrationSettings = DEFAULT.calibration,
+) -> Bundle:
+    """Solve for lens, board poses and camera pose together (bundle adjustment).
+
+    An error of the focal length of a thousandth moves a camera by half a millimetre; known points, which have depth,
+    determine the focal length better than flat boards do.
+
+    Parameters
+    ----------
+    calibration : LensCalibration
+        The lens from the boards alone, and their corners.
+    board : Chessboard
+        The board.
+    points, pixels : (n, 3) and (n, 2) arrays
+        Known points (m) and where they are seen.
+    placement : Placement
+        The pose with the lens held; its outliers stay out.
+    settings : CalibrationSettings
+        Least noise of a corner.
+    """
+    lens, T, used = calibration.intrinsics, placement.T_camera_tracker, placement.used
+    noise = [max(rms / np.sqrt(2.0), settings.least_noise_px) for rms in (placement.rms_px, calibration.rms_px)]
+    sets = [(points[used], pixels[used], noise[0])]
+    sets += [(board.points, corners, noise[1]) for corners in calibration.corners]
+    K = lens.matrix
+    own = [[K[0, 0], K[1, 1], K[0, 2], K[1, 2]], lens.distortion, se3.rotvec_from_matrix(T[:3, :3]), T[:3, 3]]
+    start = np.concatenate([*own, *(pose.ravel() for pose in calibration.poses)])
+    free = np.ones(len(start), dtype=bool)
+    free[LENS - 1] = lens.distortion[4] != 0.0  # k3 stays out where the boards did not ask for it
+    problem = _Problem(lens, tuple(sets), free)
+    fit: Any = least_squares(problem.residuals, start, problem.jacobian, method="lm", x_scale="jac")
+    spread = max(float(fit.fun @ fit.fun) / max(fit.fun.size - free.sum(), 1), 1e-6)
+    covariance = np.zeros((len(free), len(free)))
+    covariance[np.ix_(free, free)] = spread * np.linalg.pinv(fit.jac[:, free].T @ fit.jac[:, free], hermitian=True)
+    own_pose = slice(LENS, LENS + POSE)
+    adjusted, x = problem.lens_of(fit.x), fit.x[own_pose]
+    residuals = pixels - _project(points, x, adjusted)[0]
+    placed = Placement(_pose(x), _pose_covariance(covariance[own_pose, own_pose], x), residuals, used)
+    corners = fit.fun[2 * int(used.sum()) :] * noise[1]
+    return Bundle(adjusted, placed, float(np.sqrt(2.0 * np.mean(corners**2))))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Least squares over the lens, the camera's pose, then each board's pose."""
+
+    start: Intrinsics
+    sets: tuple[tuple[FloatArray, FloatArray, float], ...]  # points, pixels and noise (px), the known points first
+    free: BoolArray
+
+    def lens_of(self, x: FloatArray) -> Intrinsics:
+        K = np.array([[x[0], 0.0, x[2]], [0.0, x[1], x[3]], [0.0, 0.0, 1.0]])
+        distortion = np.where(self.free[4:LENS], x[4:LENS], self.start.distortion)
+        return Intrinsics(self.start.width, self.start.height, K, distortion)
+
+    def residuals(self, x: FloatArray) -> FloatArray:
+        lens, poses = self.lens_of(x), x[LENS:].reshape(-1, POSE)
+        parts = zip(self.sets, poses, strict=True)
+        return np.concatenate([(_project(p, pose, lens)[0] - seen).ravel() / s for (p, seen, s), pose in parts])
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        lens, poses = self.lens_of(x), x[LENS:].reshape(-1, POSE)
+        whole, row = np.zeros((sum(seen.size for _, seen, _ in self.sets), len(x))), 0
+        for k, ((points, seen, noise), pose) in enumerate(zip(self.sets, poses, strict=True)):
+            J = _project(points, pose, lens)[1] / noise
+            rows, at = slice(row, row + seen.size), LENS + POSE * k
+            whole[rows, :LENS] = J[:, POSE : POSE + LENS] * self.free[:LENS]
+            whole[rows, at : at + POSE] = J[:, :POSE]
+            row += seen.size
+        return whole

@@ -1,4 +1,4 @@
-"""Where pictures come from: videos, or folders of images; each read once, in order, and never trusted to be whole."""
+"""Where pictures come from: videos or folders of images, each read once and in order."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from gpcorrect.errors import LogError
 from gpcorrect.types import FloatArray
 from gpcorrect.vision.opencv import Image, cv2
 
-__all__ = ["Source", "image_files", "open_source", "read_image"]
+__all__ = ["IMAGES", "Source", "frame_times", "open_source", "read_image"]
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm"}
 STAMP = re.compile(r"\d+\.\d+")  # a file name that is a time in seconds, as recorders of ROS write them
+USUAL_FPS = 30.0  # frames a second where nothing says it: what webcams do
 
 
 @dataclass(eq=False)
@@ -36,6 +37,10 @@ class Source:
         Seconds, where the names of the images are times.
     files : tuple of Path
         The images; empty for a video.
+    read_so_far : int
+        Pictures that were read, or tried.
+    unreadable : list of int
+        Those that could not be read.
     """
 
     path: Path
@@ -44,38 +49,37 @@ class Source:
     times: FloatArray | None = None
     files: tuple[Path, ...] = ()
     _video: Any = field(default=None, repr=False)
-    _next: int = 0
+    read_so_far: int = 0
     unreadable: list[int] = field(default_factory=list)
-
-    @property
-    def read_so_far(self) -> int:
-        """Pictures that were read, or tried."""
-        return self._next
 
     @property
     def ended(self) -> bool:
         """Whether no picture is left."""
-        return self._next >= self.count
+        return self.read_so_far >= self.count
 
     def read(self) -> Image | None:
         """Return the next picture, or None when it cannot be read or none is left."""
         if self.ended:
             return None
-        image = self._read_video() if self._video is not None else cv2.imread(str(self.files[self._next]))
+        if self._video is None:
+            image = cv2.imread(str(self.files[self.read_so_far]))
+        else:
+            good, image = self._video.read()
+            if not good:  # a video cannot be read beyond a break: the rest of what its header says is not there
+                image, self.count = None, self.read_so_far + 1
         if image is None:
-            self.unreadable.append(self._next)
-        self._next += 1
-        return image
-
-    def _read_video(self) -> Image | None:
-        good, image = self._video.read()
-        if not good:  # a video cannot be read beyond a break: what it promised and does not hold is not there
-            self.count = self._next + 1
-            return None
+            self.unreadable.append(self.read_so_far)
+        self.read_so_far += 1
         return image
 
     def peek(self, index: int) -> Image | None:
-        """Return one picture out of order, for a first look; reading in order goes on as before."""
+        """Return one picture out of order; reading in order goes on as before.
+
+        Parameters
+        ----------
+        index : int
+            From 0.
+        """
         if self._video is None:
             return cv2.imread(str(self.files[index])) if index < len(self.files) else None
         other = cv2.VideoCapture(str(self.path))
@@ -87,6 +91,11 @@ class Source:
 
 def open_source(path: str | Path) -> Source:
     """Open a video file or a folder of images.
+
+    Parameters
+    ----------
+    path : str or Path
+        Images are taken in the order of the times or numbers in their names.
 
     Raises
     ------
@@ -111,27 +120,25 @@ def open_source(path: str | Path) -> Source:
 
 
 def _folder(path: Path) -> Source:
-    files = image_files(path)
+    files = [file for file in path.iterdir() if file.suffix.lower() in IMAGES and not file.name.startswith(".")]
     if not files:
         raise LogError(
             "the folder holds no images.", path=str(path), hint=f"Known endings: {', '.join(sorted(IMAGES))}."
         )
-    times = None
     if all(STAMP.fullmatch(file.stem) for file in files):
-        times = np.array([float(file.stem) for file in files])
-        order = np.argsort(times, kind="stable")
-        files, times = [files[i] for i in order], times[order]
-    return Source(path, len(files), None, times, tuple(files))
-
-
-def image_files(path: Path) -> list[Path]:
-    """Images of a folder in their natural order: 2 before 10."""
-    files = [file for file in path.iterdir() if file.suffix.lower() in IMAGES and not file.name.startswith(".")]
-    return sorted(files, key=lambda file: [int(p) if p.isdigit() else p for p in re.split(r"(\d+)", file.name)])
+        files.sort(key=lambda file: (float(file.stem), file.name))
+        return Source(path, len(files), None, np.array([float(file.stem) for file in files]), tuple(files))
+    files.sort(key=lambda file: [int(p) if p.isdigit() else p for p in re.split(r"(\d+)", file.name)])  # 2 before 10
+    return Source(path, len(files), files=tuple(files))
 
 
 def read_image(path: Path) -> Image:
     """Read one image.
+
+    Parameters
+    ----------
+    path : Path
+        Of the image.
 
     Raises
     ------
@@ -145,13 +152,25 @@ def read_image(path: Path) -> Image:
 
 
 def frame_times(sources: Sequence[Source], fps: float | None, count: int) -> FloatArray:
-    """Return times `(count,)` of the frames, s: the images' own names where they are times, else frames at a rate.
+    """Return the times of the frames, from the images' names where these are times, else from a rate.
 
-    The rate is `fps`, or the videos' own, or 30.
+    Parameters
+    ----------
+    sources : sequence of Source
+        The recordings.
+    fps : float or None
+        Frames a second; the videos' own, or 30, when None.
+    count : int
+        Frames.
+
+    Returns
+    -------
+    (count,) array
+        s.
     """
     if fps is None:
         stamped = next((s.times for s in sources if s.times is not None and len(s.times) == count), None)
         if stamped is not None and bool((np.diff(stamped) > 0).all()):
             return stamped
-        fps = next((s.fps for s in sources if s.fps), 30.0)
+        fps = next((s.fps for s in sources if s.fps), USUAL_FPS)
     return np.arange(count) / fps

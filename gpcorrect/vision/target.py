@@ -1,25 +1,128 @@
-"""What is tracked: coloured balls and where they sit on the tool."""
+"""What is tracked: colours, and balls of a colour at known places on the tool."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import colorsys
+import itertools
+import re
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
-from gpcorrect.vision.camera_file import problems, read_table
-from gpcorrect.vision.colour import COLOURS, Colour, colour_of
+from gpcorrect.vision.opencv import Image, cv2
 
-__all__ = ["END_EFFECTOR", "BallSpec", "Target", "read_target", "single_ball", "target_from_dict"]
+__all__ = ["COLOURS", "END_EFFECTOR", "BallSpec", "Colour", "Target", "colour_of", "hue_name", "single_ball"]
 
+TURN = 360.0  # degrees
+LEAST_SATURATION, LEAST_VALUE = 0.30, 0.12  # docs/vision.md: below, the hue of a pixel is mostly noise
+HUE_TOLERANCE = 22.0  # degrees to either side of a hue given as a number: about what red and yellow have
+LEAST_GAP = 1.0  # degrees by which two balls' ranges may overlap: half a step of OpenCV's hue
+THIN = 0.05  # second over first singular value of the places: a flatter triangle leaves the turn about its axis open
 ARM = 0.033  # m from the holder's centre to each ball's: the fixture of Peng et al. 2020
-HINT = "docs/vision.md shows a target file."
-STRAIGHT = 0.05  # of a triangle's longest side: flatter ones determine no pose
+
+
+@dataclass(frozen=True)
+class Colour:
+    """A range of hues, strong enough and bright enough to have one.
+
+    Parameters
+    ----------
+    hue : float
+        Middle of the range, degrees: red 0, yellow 60, green 120, blue 240.
+    tolerance : float
+        Degrees to either side.
+    saturation, value : float
+        Least of each, 0 to 1.
+    """
+
+    hue: float
+    tolerance: float
+    saturation: float = LEAST_SATURATION
+    value: float = LEAST_VALUE
+
+    def mask(self, hsv: Image) -> Image:
+        """Mark the pixels that are of the colour.
+
+        Parameters
+        ----------
+        hsv : (height, width, 3) uint8 array
+            Hue, saturation and value as OpenCV has them.
+
+        Returns
+        -------
+        (height, width) uint8 array
+            255 where the colour is, 0 elsewhere.
+        """
+        floor = (255 * self.saturation, 255 * self.value)
+        mask = None
+        for shift in (-TURN, 0.0, TURN):  # a range may cross hue zero
+            first = max(self.hue - self.tolerance + shift, 0.0) / 2
+            last = min(self.hue + self.tolerance + shift, TURN - 1e-9) / 2
+            if first <= last:
+                part = cv2.inRange(hsv, (first, *floor), (last, 255, 255))
+                mask = part if mask is None else cv2.bitwise_or(mask, part)
+        return mask
+
+
+# The ranges meet where people stop calling a colour by its name; orange lies between red and yellow.
+COLOURS = {
+    "red": Colour(350.0, 28.0),
+    "orange": Colour(32.0, 12.0),
+    "yellow": Colour(54.0, 17.0),
+    "green": Colour(125.0, 52.0),
+    "cyan": Colour(185.0, 18.0),
+    "blue": Colour(225.0, 30.0),
+    "purple": Colour(275.0, 20.0),
+    "pink": Colour(320.0, 22.0),
+}
+
+
+def _hue_apart(a: float, b: float) -> float:
+    """Degrees between two hues, 0 to 180."""
+    return abs((a - b + TURN / 2) % TURN - TURN / 2)
+
+
+def hue_name(hue: float) -> str:
+    """Name the colour range that a hue is nearest to.
+
+    Parameters
+    ----------
+    hue : float
+        Degrees.
+    """
+    return min(COLOURS, key=lambda name: _hue_apart(hue, COLOURS[name].hue) / COLOURS[name].tolerance)
+
+
+def colour_of(given: str | float | tuple[int, int, int]) -> Colour:
+    """Return the range of a colour.
+
+    Parameters
+    ----------
+    given : str, float or tuple
+        A name, a hue in degrees, "#rrggbb", or (red, green, blue) of 0 to 255.
+
+    Raises
+    ------
+    DataError
+        The name is unknown, or the colour is grey.
+    """
+    if isinstance(given, str):
+        if re.fullmatch("#[0-9a-fA-F]{6}", given):
+            return colour_of((int(given[1:3], 16), int(given[3:5], 16), int(given[5:7], 16)))
+        if given.lower() not in COLOURS:
+            raise DataError(
+                f"the colour {given!r} has no name here.",
+                hint=f'Say one of {", ".join(COLOURS)}, a "hue" in degrees, or "#rrggbb".',
+            )
+        return COLOURS[given.lower()]
+    if isinstance(given, tuple | list):
+        hue, saturation, _ = colorsys.rgb_to_hsv(*(np.clip(given, 0, 255) / 255.0))
+        if saturation < LEAST_SATURATION / 2:
+            raise DataError(f"the colour {tuple(given)} is nearly grey: it cannot be told from the background.")
+        return Colour(TURN * hue, HUE_TOLERANCE, min(LEAST_SATURATION, 0.5 * saturation))
+    return Colour(float(given) % TURN, HUE_TOLERANCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,26 +149,36 @@ class BallSpec:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """The balls of a tool; three give its pose, one or two only positions."""
+    """The balls of a tool; three give its pose, one or two only positions.
+
+    Parameters
+    ----------
+    balls : tuple of BallSpec
+        With different names and colours; three or more not on a line.
+
+    Raises
+    ------
+    DataError
+        They are not so.
+    """
 
     balls: tuple[BallSpec, ...]
 
     def __post_init__(self) -> None:
-        names = [ball.name for ball in self.balls]
-        if not names or len(set(names)) < len(names):
-            raise DataError(f"a target has balls with different names; got {', '.join(names) or 'none'}.")
-        clash = [
-            (a.name, b.name) for i, a in enumerate(self.balls) for b in self.balls[i + 1 :] if a.colour.meets(b.colour)
-        ]
-        if clash:
-            raise DataError(
-                f"balls {clash[0][0]} and {clash[0][1]} have colours that cannot be told apart.",
-                hint="Give each ball its own hue, 20 degrees or more from the others', or narrower tolerances.",
-            )
-        if len(self.balls) >= 3 and _thinness(self.places) < STRAIGHT:
-            raise DataError(
-                "the balls lie on a line, which determines no orientation.", hint="Place them in a triangle."
-            )
+        if not self.names or len(set(self.names)) < len(self.names):
+            raise DataError(f"a target has balls with different names; got {', '.join(self.names) or 'none'}.")
+        for a, b in itertools.combinations(self.balls, 2):
+            if _hue_apart(a.colour.hue, b.colour.hue) < a.colour.tolerance + b.colour.tolerance - LEAST_GAP:
+                raise DataError(
+                    f"balls {a.name} and {b.name} have colours that cannot be told apart.",
+                    hint="Give each ball its own hue, 20 degrees or more from the others', or narrower tolerances.",
+                )
+        if self.has_pose:
+            first, second, _ = np.linalg.svd(self.places - self.places.mean(axis=0), compute_uv=False)
+            if second <= THIN * first:
+                raise DataError(
+                    "the balls lie on a line, which determines no orientation.", hint="Place them in a triangle."
+                )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -83,12 +196,6 @@ class Target:
         return len(self.balls) >= 3
 
 
-def _thinness(places: FloatArray) -> float:
-    """Second singular value of the centred places over the first."""
-    values = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-    return float(values[1] / values[0]) if values[0] > 0 else 0.0
-
-
 END_EFFECTOR = Target(
     (
         BallSpec("green", COLOURS["green"], (0.0, -ARM, 0.0)),
@@ -99,56 +206,18 @@ END_EFFECTOR = Target(
 
 
 def single_ball(colour: str = "red", radius: float | None = None) -> Target:
-    """Return a target of one ball at the tool's origin."""
+    """Return a target of one ball at the tool's origin.
+
+    Parameters
+    ----------
+    colour : str
+        As in :func:`colour_of`.
+    radius : float, optional
+        m.
+
+    Raises
+    ------
+    DataError
+        The colour is unknown.
+    """
     return Target((BallSpec(colour, colour_of(colour), (0.0, 0.0, 0.0), radius),))
-
-
-class _Ball(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-    name: str = Field(min_length=1, pattern=r"^\w+$")
-    color: str | tuple[int, int, int] | None = None
-    hue: float | None = None
-    hue_tolerance: Annotated[float, Field(gt=0, le=90)] | None = None
-    least_saturation: Annotated[float, Field(ge=0, lt=1)] | None = None
-    least_value: Annotated[float, Field(ge=0, lt=1)] | None = None
-    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    radius: Annotated[float, Field(gt=0)] | None = None
-
-    def spec(self) -> BallSpec:
-        colour = colour_of(
-            self.hue if self.hue is not None else self.color if self.color is not None else self.name,
-            tolerance=self.hue_tolerance,
-            saturation=self.least_saturation,
-            value=self.least_value,
-        )
-        return BallSpec(self.name, colour, self.place, self.radius)
-
-
-class _File(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-    ball: Annotated[tuple[_Ball, ...], Field(min_length=1)]
-
-
-def target_from_dict(values: Mapping[str, object] | Sequence[object], source: str = "target") -> Target:
-    """Check plain values and return the target.
-
-    Raises
-    ------
-    DataError
-        A key is unknown or missing, a value has the wrong type or range, or the balls determine nothing.
-    """
-    try:
-        return Target(tuple(ball.spec() for ball in _File.model_validate(values).ball))
-    except ValidationError as error:
-        raise DataError(f"{source} is no target file: {problems(error)}.", hint=HINT) from error
-
-
-def read_target(path: str | Path) -> Target:
-    """Read a target file (TOML or JSON): a `[[ball]]` table for each ball.
-
-    Raises
-    ------
-    DataError
-        As :func:`target_from_dict`, or the file cannot be read.
-    """
-    return target_from_dict(read_table(path, "target file", HINT), str(path))

@@ -1,32 +1,29 @@
-"""The recipe: pictures of several cameras into a track, with everything that went wrong named."""
+"""The recipe: recordings of several cameras into a track and its log, with everything that went wrong named."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from gpcorrect import se3
 from gpcorrect.errors import LogError
-from gpcorrect.types import CalibrationLog, PoseSignal, Progress
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal, Progress
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.checks import check_fit
-from gpcorrect.vision.filtering import FilterSettings
+from gpcorrect.vision.filtering import STATUSES, Status
 from gpcorrect.vision.opencv import Image
-from gpcorrect.vision.recording import Recording, Track
+from gpcorrect.vision.search import REASONS, Reason
+from gpcorrect.vision.settings import DEFAULT, VisionSettings
 from gpcorrect.vision.sources import Source, frame_times
 from gpcorrect.vision.target import Target
 from gpcorrect.vision.tracker import Frame, Tracker
-from gpcorrect.vision.views import REASONS, FrameRules
 
-__all__ = ["TrackResult", "TrackSettings", "track"]
-
-PROBES = 7  # frames of the first look
-OFTEN = 0.3  # of its frames in which a camera contradicts the others: it is named
-Pictures = list[Image | None]
+__all__ = ["Track", "TrackResult", "TrackSettings", "track"]
 
 
 @dataclass(frozen=True)
@@ -41,22 +38,103 @@ class TrackSettings:
         Check before tracking that pictures, calibration and target belong together.
     workers : int
         Pictures that are searched at the same time.
-    rules : FrameRules
-        When a view is trusted.
-    motion : FilterSettings
-        How the tool may move.
+    vision : VisionSettings
+        Every number that decides.
     """
 
     fps: float | None = None
     first_look: bool = True
     workers: int = 2
-    rules: FrameRules = field(default_factory=FrameRules)
-    motion: FilterSettings = field(default_factory=FilterSettings)
+    vision: VisionSettings = DEFAULT
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A whole recording, tracked.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    status : (n,) int array
+        Index into `STATUSES`.
+    T_tracker_tool : (n, 4, 4) array
+        m; NaN where lost.
+    std : (n, 6) array
+        Of position (m) and rotation vector (rad); NaN where lost.
+    balls : (n, b, 3) array
+        Each ball's centre, m; NaN where fewer than two cameras saw it.
+    views : (n, c, b) int array
+        0: effective; otherwise the reason, an index into `REASONS`.
+    pixels : (n, c, b, 2) array
+        Where each ball was seen, px; NaN where it was not.
+    reprojection_px : (n,) array
+        RMS over the observations used; NaN without.
+    """
+
+    time: FloatArray
+    status: IntArray
+    T_tracker_tool: FloatArray
+    std: FloatArray
+    balls: FloatArray
+    views: IntArray
+    pixels: FloatArray
+    reprojection_px: FloatArray
+
+    def fractions(self) -> dict[str, float]:
+        """Return the fraction of the frames in each status."""
+        n = max(len(self.status), 1)
+        return {name.value: float(np.count_nonzero(self.status == k)) / n for k, name in enumerate(STATUSES)}
+
+    def log(self, target: Target, remarks: Sequence[str] = (), name: str = "") -> CalibrationLog:
+        """Return the native log: `tracker_cp`, empty where lost, and what is known of every sample in extra columns.
+
+        Parameters
+        ----------
+        target : Target
+            What was tracked.
+        remarks : sequence of str
+            Of the recording, for the log's notes.
+        name : str
+            Of the log.
+        """
+        position = self.T_tracker_tool[:, :3, 3]
+        quaternion = se3.quaternion_from_matrix(self.T_tracker_tool[:, :3, :3]) if target.has_pose else None
+        effective = (self.views == 0).sum(axis=1).astype(np.float64)
+        axes = ("x", "y", "z", "rx", "ry", "rz")[: 6 if target.has_pose else 3]
+        extra = {"tracking_status": self.status.astype(np.float64), "reprojection_px": self.reprojection_px}
+        extra |= {f"tracker_std_{axis}": self.std[:, i] for i, axis in enumerate(axes)}
+        for b, ball in enumerate(target.names):
+            extra |= {f"ball_{ball}_{axis}": self.balls[:, b, i] for i, axis in enumerate(("x", "y", "z"))}
+            extra[f"ball_{ball}_cameras"] = effective[:, b]
+        n = len(self.time)
+        return CalibrationLog(
+            time=self.time,
+            trajectory=np.zeros(n, dtype=np.int64),
+            session=np.zeros(n, dtype=np.int64),
+            tracker_cp=PoseSignal(position, quaternion),
+            extra=extra,
+            meta=LogMeta(tracker="cameras and coloured balls", notes=" ".join(remarks)),
+            name=name,
+            remarks=tuple(remarks),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class TrackResult:
-    """What came of it: the track, its log, remarks in words, and how long it took."""
+    """A track with its log.
+
+    Parameters
+    ----------
+    track : Track
+        The numbers.
+    log : CalibrationLog
+        The same as a log.
+    remarks : tuple of str
+        What went wrong, in words.
+    seconds : float
+        That it took, reading included.
+    """
 
     track: Track
     log: CalibrationLog
@@ -71,11 +149,11 @@ class TrackResult:
     def log_without_predictions(self) -> CalibrationLog:
         """Return the log with `tracker_cp` only where it was measured: coasting rows are empty too."""
         assert self.log.tracker_cp is not None
-        kept = (self.track.status == 0)[:, None]
+        measured = (self.track.status == 0)[:, None]
         quaternion = self.log.tracker_cp.quaternion
         signal = PoseSignal(
-            np.where(kept, self.log.tracker_cp.position, np.nan),
-            None if quaternion is None else np.where(kept, quaternion, np.nan),
+            np.where(measured, self.log.tracker_cp.position, np.nan),
+            None if quaternion is None else np.where(measured, quaternion, np.nan),
         )
         return replace(self.log, tracker_cp=signal)
 
@@ -84,7 +162,7 @@ class TrackResult:
         errors = self.track.reprojection_px[np.isfinite(self.track.reprojection_px)]
         return {
             "frames": len(self.track.time),
-            **{f"{name}_share": share for name, share in self.track.shares().items()},
+            **{f"{name}_share": fraction for name, fraction in self.track.fractions().items()},
             "reprojection_px": float(np.sqrt(np.mean(errors**2))) if errors.size else None,
             "seconds": self.seconds,
             "frames_a_second": self.frames_a_second,
@@ -113,7 +191,7 @@ def track(
     settings : TrackSettings, optional
         How.
     progress : Progress, optional
-        Told of the frames done.
+        Called with the frames done.
     on_frame : callable, optional
         Called with every frame and its pictures: for drawing.
 
@@ -131,54 +209,64 @@ def track(
             hint="Give one video or folder for each camera, in this order.",
         )
     begun = time.perf_counter()
-    count = max(source.count for source in sources)
-    names = [source.path.name for source in sources]
+    count, names = max(source.count for source in sources), [source.path.name for source in sources]
     if settings.first_look:
-        probes = np.unique(np.linspace(0, min(s.count for s in sources) - 1, PROBES).astype(int))
-        check_fit([[s.peek(int(i)) for s in sources] for i in probes], cameras, target, names)
-    times, recording = frame_times(sources, settings.fps, count), Recording()
-    with (
-        Tracker(cameras, target, settings.rules, settings.motion, settings.workers) as tracker,
-        ThreadPoolExecutor(1) as reader,
-    ):
-        coming: Future[Pictures] = reader.submit(_read, sources)
+        last = min(source.count for source in sources) - 1
+        some = np.unique(np.linspace(0, last, settings.vision.check.frames).astype(int))
+        pictures = [[source.peek(int(i)) for source in sources] for i in some]
+        check_fit(pictures, cameras, target, names, settings.vision)
+    times, rows = frame_times(sources, settings.fps, count), []
+    with Tracker(cameras, target, settings.vision, settings.workers) as tracker, ThreadPoolExecutor(1) as reader:
+
+        def next_pictures() -> Future[list[Image | None]]:
+            return reader.submit(lambda: [source.read() for source in sources])
+
+        coming = next_pictures()
         for i in range(count):
             images = coming.result()
-            coming = reader.submit(_read, sources)
+            coming = next_pictures()
             if all(image is None for image in images) and all(source.ended for source in sources):
                 break
             frame = tracker.step(images, float(times[i]))
-            recording.add(frame)
+            rows.append(_row(frame))
             if on_frame is not None:
                 on_frame(frame, images)
             progress.step("frames", (i + 1) / count)
-    return _result(recording, sources, cameras, target, time.perf_counter() - begun)
-
-
-def _read(sources: Sequence[Source]) -> Pictures:
-    return [source.read() for source in sources]
-
-
-def _result(
-    recording: Recording, sources: Sequence[Source], cameras: Sequence[Camera], target: Target, seconds: float
-) -> TrackResult:
-    whole = recording.track()
-    remarks = (*_breaks(sources, len(whole.time)), *_doubts(whole, cameras, target))
+    whole = Track(*(np.array(column) for column in zip(*rows, strict=True)))
+    remarks = (
+        *_interruptions(sources, len(whole.time)),
+        *_doubts(whole, cameras, target, settings.vision.check.often),
+    )
     if not (whole.status == 0).any():
         raise LogError(
             f"the tool was found in none of {len(whole.time)} frames. {' '.join(remarks)}",
             hint="Look at the pictures: every ball must be seen by two cameras at the same time.",
         )
-    name = ", ".join(source.path.name for source in sources)
-    return TrackResult(whole, whole.log(target, remarks, name), remarks, seconds)
+    log = whole.log(target, remarks, ", ".join(names))
+    return TrackResult(whole, log, remarks, time.perf_counter() - begun)
 
 
-def _breaks(sources: Sequence[Source], frames: int) -> list[str]:
+def _row(frame: Frame) -> tuple[object, ...]:
+    """Return what a `Track` holds of a frame, in the order of its fields."""
+    lost, none = frame.pose.status == Status.LOST, np.full(2, np.nan)
+    return (
+        frame.time,
+        STATUSES.index(frame.pose.status),
+        np.full((4, 4), np.nan) if lost else frame.pose.T_tracker_tool,
+        np.full(6, np.nan) if lost else frame.pose.std,
+        frame.balls,
+        [[REASONS.index(view.reason) for view in views] for views in frame.views],
+        [[none if view.outline is None else view.outline.pixel for view in views] for views in frame.views],
+        frame.reprojection_px,
+    )
+
+
+def _interruptions(sources: Sequence[Source], frames: int) -> list[str]:
     """Name recordings that ended early, and pictures that could not be read."""
     remarks = []
     for source in sources:
         bad = [i for i in source.unreadable if i < source.count - 1 or source.files]
-        readable = source.count - len([i for i in source.unreadable if i >= source.count - 1 and not source.files])
+        readable = source.count - (len(source.unreadable) - len(bad))
         if readable < frames:
             remarks.append(f"{source.path.name} ends after {readable} of {frames} frames; the others go on without it.")
         if bad:
@@ -186,21 +274,20 @@ def _breaks(sources: Sequence[Source], frames: int) -> list[str]:
     return remarks
 
 
-def _doubts(whole: Track, cameras: Sequence[Camera], target: Target) -> list[str]:
-    """Cameras that contradict the others, and balls that were hardly seen."""
+def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: float) -> list[str]:
+    """Name cameras that contradict the others, and balls that were hardly seen."""
     remarks = []
-    against = whole.views == REASONS.index("against the other cameras")
-    for c, camera in enumerate(cameras):
-        share = float(against[:, c].mean())
-        if share > OFTEN:
+    against = (whole.views == REASONS.index(Reason.AGAINST_OTHERS)).mean(axis=(0, 2))
+    for camera, part in zip(cameras, against, strict=True):
+        if part > often:
             remarks.append(
-                f"Camera {camera.name} contradicts the others in {100 * share:.0f} % of its views: was it moved?"
+                f"Camera {camera.name} contradicts the others in {100 * part:.0f} % of its views: was it moved?"
             )
-    for b, ball in enumerate(target.names):
-        never = float(((whole.views[:, :, b] == 0).sum(axis=1) < 2).mean())
-        if never > OFTEN:
-            remarks.append(f"Ball {ball} is seen by fewer than two cameras in {100 * never:.0f} % of the frames.")
-    lost = int(np.count_nonzero(whole.status == 2))
+    hidden = ((whole.views == 0).sum(axis=1) < 2).mean(axis=0)
+    for ball, part in zip(target.names, hidden, strict=True):
+        if part > often:
+            remarks.append(f"Ball {ball} is seen by fewer than two cameras in {100 * part:.0f} % of the frames.")
+    lost = int(np.count_nonzero(whole.status == STATUSES.index(Status.LOST)))
     if lost:
         remarks.append(f"The tool is lost in {lost} of {len(whole.time)} frames; these rows are empty.")
     return remarks

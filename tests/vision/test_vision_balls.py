@@ -9,10 +9,9 @@ from vision_support import cameras_of, intrinsics_of, path_of
 from gpcorrect.errors import DataError
 from gpcorrect.sim.scene import Card, Lens, Stage, looking_at
 from gpcorrect.vision import END_EFFECTOR, BallSpec, Target, colour_of, outline, target_from_dict
-from gpcorrect.vision.circles import Window, find_circles
 from gpcorrect.vision.opencv import cv2
 from gpcorrect.vision.rim import fit_cone
-from gpcorrect.vision.search import look_everywhere
+from gpcorrect.vision.search import Window, detect_everywhere, find_circles
 
 SEED = 402
 
@@ -98,7 +97,7 @@ def test_two_merged_balls_of_one_colour_are_told_apart() -> None:
     pose = path_of(SEED, 1)[0]
     for lens, image, camera in zip(stage.lenses, stage.frame(pose), cameras_of(stage), strict=True):
         true = [lens.pixels(ball.centre) for ball in stage.balls(pose)]
-        for found in look_everywhere(image, camera, END_EFFECTOR.balls[2]):
+        for found in detect_everywhere(image, camera, END_EFFECTOR.balls[2]):
             assert min(float(np.linalg.norm(found.pixel - t)) for t in true) < 2.0
 
 

@@ -12,16 +12,16 @@ from gpcorrect.sim.scene import Stage
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import (
     END_EFFECTOR,
-    FilterSettings,
+    Observations,
     PoseFilter,
-    Sightings,
     common_perpendicular,
     mean_midpoint,
     pose_closed_form,
-    pose_from_sightings,
+    pose_from_observations,
     pose_nelder_mead,
     triangulate,
 )
+from gpcorrect.vision.settings import MotionSettings
 
 SEED = 403
 CAMERAS = cameras_of(Stage.standard(SEED, pieces=0))
@@ -74,8 +74,8 @@ def test_weighted_reprojection_beats_the_midpoint_and_knows_its_error() -> None:
     assert 2.4 < np.mean(squares) < 3.7
 
 
-def test_nelder_mead_closed_form_and_sightings_agree_on_exact_balls() -> None:
-    """Eq. 7 from the paper's guess, the closed form, and all sightings at once find the pose itself."""
+def test_nelder_mead_closed_form_and_observations_agree_on_exact_balls() -> None:
+    """Eq. 7 from the paper's guess, the closed form, and all observations at once find the pose itself."""
     places = END_EFFECTOR.places
     for T in path_of(SEED, 3, 1.0):
         points = places @ T[:3, :3].T + T[:3, 3]
@@ -84,9 +84,9 @@ def test_nelder_mead_closed_form_and_sightings_agree_on_exact_balls() -> None:
         assert np.allclose(closed, T, atol=1e-12)
         rays = np.array([_rays(point) for point in points])
         ball, camera = (index.ravel() for index in np.indices((3, 4)))
-        sightings = Sightings(camera, ball, rays.reshape(-1, 2), np.tile(np.eye(2) * 1e-8, (12, 1, 1)))
+        observations = Observations(camera, ball, rays.reshape(-1, 2), np.tile(np.eye(2) * 1e-8, (12, 1, 1)))
         start = se3.compose(T, se3.exp(np.array([0.01, -0.01, 0.005, 0.1, -0.1, 0.2])))
-        assert np.allclose(pose_from_sightings(CAMERAS, places, sightings, start).T_tracker_tool, T, atol=1e-9)
+        assert np.allclose(pose_from_observations(CAMERAS, places, observations, start).T_tracker_tool, T, atol=1e-9)
 
 
 def test_a_ball_that_one_camera_sees_still_counts() -> None:
@@ -94,9 +94,9 @@ def test_a_ball_that_one_camera_sees_still_counts() -> None:
     places, T = END_EFFECTOR.places, path_of(SEED, 1)[0]
     rays = np.array([_rays(point) for point in places @ T[:3, :3].T + T[:3, 3]])
     ball, camera = np.array([0] * 4 + [1] * 4 + [2]), np.array([0, 1, 2, 3, 0, 1, 2, 3, 2])
-    sightings = Sightings(camera, ball, rays[ball, camera], np.tile(np.eye(2) * 1e-8, (9, 1, 1)))
+    observations = Observations(camera, ball, rays[ball, camera], np.tile(np.eye(2) * 1e-8, (9, 1, 1)))
     start = se3.compose(T, se3.exp(np.array([0.0, 0.0, 0.0, 0.05, 0.05, 0.0])))
-    assert np.allclose(pose_from_sightings(CAMERAS, places, sightings, start).T_tracker_tool, T, atol=1e-9)
+    assert np.allclose(pose_from_observations(CAMERAS, places, observations, start).T_tracker_tool, T, atol=1e-9)
 
 
 def test_the_covariance_of_a_pose_is_that_of_its_errors() -> None:
@@ -107,8 +107,8 @@ def test_the_covariance_of_a_pose_is_that_of_its_errors() -> None:
     noise, squares = 0.1 / FOCAL, []
     for _ in range(150):
         rays = exact + noise * rng.standard_normal(exact.shape)
-        sightings = Sightings(camera, ball, rays, np.tile(np.eye(2) * noise**2, (12, 1, 1)))
-        fit = pose_from_sightings(CAMERAS, places, sightings, T)
+        observations = Observations(camera, ball, rays, np.tile(np.eye(2) * noise**2, (12, 1, 1)))
+        fit = pose_from_observations(CAMERAS, places, observations, T)
         turn = se3.rotvec_from_matrix(fit.T_tracker_tool[:3, :3] @ T[:3, :3].T)
         error = np.concatenate([fit.T_tracker_tool[:3, 3] - T[:3, 3], turn])
         squares.append(error @ np.linalg.solve(fit.covariance, error))
@@ -133,7 +133,7 @@ def _moving(t: float) -> FloatArray:
 
 def test_the_filter_coasts_then_says_lost_and_is_never_nan() -> None:
     """Through a gap it follows the motion with growing doubt; after half a second it is lost, and finite throughout."""
-    tracked, said = PoseFilter(FilterSettings(coast=0.5)), []
+    tracked, said = PoseFilter(MotionSettings(coast=0.5)), []
     assert tracked.step(-1.0).status == "lost"
     for i in range(60):
         t = i / 30.0

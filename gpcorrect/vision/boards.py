@@ -1,0 +1,242 @@
+"""What calibration pictures show, chessboards and markers, and the lens that follows from the chessboards."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.errors import DataError, DegenerateError
+from gpcorrect.types import FloatArray
+from gpcorrect.vision.camera import Intrinsics
+from gpcorrect.vision.opencv import Image, cv2
+from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
+
+__all__ = ["Chessboard", "LensCalibration", "calibrate_lens", "find_corners", "find_markers"]
+
+
+@dataclass(frozen=True)
+class Chessboard:
+    """A chessboard.
+
+    Parameters
+    ----------
+    columns, rows : int
+        Inner corners: a usual board of 8 x 8 squares has 7 x 7.
+    square : float
+        Side of a square, m.
+    """
+
+    columns: int
+    rows: int
+    square: float
+
+    def __post_init__(self) -> None:
+        if self.columns < 3 or self.rows < 3 or not self.square > 0:
+            raise DataError(
+                f"a chessboard has at least 3 x 3 inner corners and squares of some size; got {self.columns} x "
+                f"{self.rows}, {self.square} m."
+            )
+
+    @property
+    def points(self) -> FloatArray:
+        """Corners `(n, 3)` on the board, m: x along the columns, y along the rows, z = x cross y."""
+        j, i = np.mgrid[: self.rows, : self.columns]
+        flat: FloatArray = self.square * np.stack([i, j, np.zeros_like(i)], axis=-1).reshape(-1, 3).astype(np.float64)
+        return flat
+
+
+def find_corners(image: Image, board: Chessboard) -> FloatArray | None:
+    """Find the corners of a chessboard to a fraction of a pixel.
+
+    Parameters
+    ----------
+    image : (height, width, 3) or (height, width) uint8 array
+        The picture.
+    board : Chessboard
+        The board.
+
+    Returns
+    -------
+    (n, 2) array or None
+        px, in the order of `board.points` or from its other end, which looks the same; None when it is not there.
+    """
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+    size = (board.columns, board.rows)
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+    found, corners = cv2.findChessboardCorners(grey, size, flags=flags)
+    if not found:  # slower, and sees boards that are dim, blurred or slanted
+        found, corners = cv2.findChessboardCornersSB(grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+    if not found:
+        return None
+    grid = np.asarray(corners, dtype=np.float64).reshape(board.rows, board.columns, 2)
+    nearest = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min()) for axis in (0, 1))
+    half = int(np.clip(0.35 * nearest, 2, 7))  # a window that holds no other corner
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
+    flat = grid.reshape(-1, 1, 2).astype(np.float32)
+    refined = cv2.cornerSubPix(grey, flat, (half, half), (-1, -1), criteria)
+    return np.asarray(refined, dtype=np.float64).reshape(-1, 2)
+
+
+def find_markers(
+    image: Image, expected: Mapping[str, FloatArray], settings: CalibrationSettings = DEFAULT.calibration
+) -> dict[str, FloatArray]:
+    """Find markers, dots or small balls, near where they are expected.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        The picture.
+    expected : mapping of marker to (2,) array
+        Where each should be, px, to within half the way to the next one; NaN when it is out of sight.
+    settings : CalibrationSettings
+        How far to search, and what a marker is.
+
+    Returns
+    -------
+    dict of marker to (2,) array
+        Middles, px; markers that were not found are left out.
+    """
+    names = [name for name, pixel in expected.items() if np.isfinite(pixel).all()]
+    places = np.array([expected[name] for name in names]).reshape(-1, 2)
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    found = {}
+    for i, name in enumerate(names):
+        apart = float(np.linalg.norm(np.delete(places, i, axis=0) - places[i], axis=1).min(initial=np.inf))
+        reach = min(settings.marker_reach_px, max(settings.marker_reach * apart, 6.0))
+        middle = _dot(grey, places[i], reach, settings)
+        if middle is not None:
+            found[name] = middle
+    return found
+
+
+def _dot(grey: FloatArray, place: FloatArray, reach: float, settings: CalibrationSettings) -> FloatArray | None:
+    """Middle of the most compact patch that stands out of its surroundings, weighted by how much it does."""
+    height, width = grey.shape
+    left, top = (int(max(c - reach, 0)) for c in place)
+    right, bottom = int(min(place[0] + reach + 1, width)), int(min(place[1] + reach + 1, height))
+    if right - left < 5 or bottom - top < 5:
+        return None
+    part, corner = grey[top:bottom, left:right], np.array([left, top])
+    ground = float(np.median(part))
+    best, best_score = None, 0.0
+    for signed in (part - ground, ground - part):
+        level = float(signed.max())
+        if level < settings.marker_contrast:
+            continue
+        count, labels, stats, middles = cv2.connectedComponentsWithStats((signed > 0.5 * level).astype(np.uint8))
+        for k in range(1, count):
+            x, y, wide, high, area = (int(v) for v in stats[k])
+            whole = x > 0 and y > 0 and x + wide < part.shape[1] and y + high < part.shape[0]
+            if not whole or not settings.marker_area_px <= area <= settings.marker_fraction * part.size:
+                continue
+            roundness = min(area / (np.pi / 4 * max(wide, high) ** 2), 1.0)
+            off = float(np.linalg.norm(middles[k] + corner - place)) / reach
+            score = level * roundness * np.exp(-(off**2))
+            if score > best_score:
+                best, best_score = _weighted_middle(signed, labels == k), score
+    return None if best is None else best + corner
+
+
+def _weighted_middle(signed: FloatArray, patch: FloatArray) -> FloatArray:
+    """Centre of gravity of the patch and its soft border."""
+    around = cv2.dilate(patch.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    level = float(signed[patch].mean())
+    weight = np.where(around, np.clip(signed, 0.0, level), 0.0)
+    v, u = np.nonzero(weight)
+    w = weight[v, u]
+    return np.array([float(u @ w), float(v @ w)]) / float(w.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class LensCalibration:
+    """A lens, and what it was learned from.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        The lens.
+    corners : tuple of (n, 2) arrays
+        Of the boards that were used, px.
+    poses : tuple of (2, 3) arrays
+        Rotation vector (rad) and translation (m) of each board in the camera frame.
+    rms_px : float
+        Reprojection error over all corners used.
+    board_rms_px : (k,) array
+        The same for each board.
+    """
+
+    intrinsics: Intrinsics
+    corners: tuple[FloatArray, ...]
+    poses: tuple[FloatArray, ...]
+    rms_px: float
+    board_rms_px: FloatArray
+
+
+def calibrate_lens(
+    corners: Sequence[FloatArray],
+    board: Chessboard,
+    size: tuple[int, int],
+    settings: CalibrationSettings = DEFAULT.calibration,
+) -> LensCalibration:
+    """Learn a lens from the corners of a board in several pictures, boards that do not fit left out.
+
+    Parameters
+    ----------
+    corners : sequence of (n, 2) arrays
+        In the order of `board.points`, px; at least three pictures, slanted differently.
+    board : Chessboard
+        The board.
+    size : (2,) tuple
+        Width and height of the pictures, px.
+    settings : CalibrationSettings
+        Which boards are believed.
+
+    Raises
+    ------
+    DegenerateError
+        Fewer than three pictures, or all of them from the same side.
+    """
+    if len(corners) < settings.fewest_boards:
+        raise DegenerateError(
+            f"a lens needs the chessboard in at least {settings.fewest_boards} pictures, it was found in "
+            f"{len(corners)}.",
+            hint="Take 10 to 20, slanted differently, all over the picture; check columns, rows (inner corners).",
+        )
+    result = _solve(corners, board, size, settings)
+    errors = result.board_rms_px
+    good = errors <= max(settings.bad_board * float(np.median(errors)), settings.bad_board_px)
+    if settings.fewest_boards <= good.sum() < len(corners):
+        result = _solve([c for c, g in zip(corners, good, strict=True) if g], board, size, settings)
+    focal, middle = result.intrinsics.focal, result.intrinsics.matrix[:2, 2]
+    off = np.abs(middle - np.array(size) / 2)
+    if not 0.2 * max(size) < focal < 20 * max(size) or not (off < 0.4 * np.array(size)).all():
+        raise DegenerateError(
+            f"the pictures do not determine the lens: focal length {focal:.0f} px, middle {np.round(middle)}.",
+            hint="Slant the board differently from picture to picture: 20 to 40 degrees, about both axes.",
+        )
+    return result
+
+
+def _solve(
+    corners: Sequence[FloatArray], board: Chessboard, size: tuple[int, int], settings: CalibrationSettings
+) -> LensCalibration:
+    """Calibrate without k3, and with it where enough boards ask for it."""
+    plain = _opencv(corners, board, size, cv2.CALIB_FIX_K3)
+    if len(corners) < 2 * settings.fewest_boards:
+        return plain
+    richer = _opencv(corners, board, size, 0)
+    gain = 4.0 * sum(map(len, corners)) * np.log(max(plain.rms_px, 1e-12) / max(richer.rms_px, 1e-12))
+    return richer if gain > settings.k3_gain and np.isfinite(richer.rms_px) else plain
+
+
+def _opencv(corners: Sequence[FloatArray], board: Chessboard, size: tuple[int, int], flags: int) -> LensCalibration:
+    points = [board.points.astype(np.float32)] * len(corners)
+    pixels = [np.asarray(c, dtype=np.float32).reshape(-1, 1, 2) for c in corners]
+    rms, K, distortion, rotations, shifts, _, _, each = cv2.calibrateCameraExtended(
+        points, pixels, size, None, None, flags=flags
+    )
+    poses = tuple(np.stack([np.ravel(r), np.ravel(t)]) for r, t in zip(rotations, shifts, strict=True))
+    lens = Intrinsics(size[0], size[1], K, np.ravel(distortion)[:5])
+    return LensCalibration(lens, tuple(corners), poses, float(rms), np.ravel(each))
