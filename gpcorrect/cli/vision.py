@@ -14,17 +14,9 @@ from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
 from gpcorrect.cli.options import Columns, Json, Logs, read_logs
 from gpcorrect.errors import DataError
-from gpcorrect.estimator import (
-    ESTIMATOR_METHODS,
-    EstimatorMethod,
-    EstimatorSettings,
-    evaluate_estimator,
-    fit_estimator,
-)
-from gpcorrect.estimator_artifact import load_estimator, save_estimator
-from gpcorrect.logs import write_log
 
-if TYPE_CHECKING:  # OpenCV is an extra: it is imported only when a command needs it
+if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are imported when a command needs them
+    from gpcorrect.estimator import EstimatorMethod
     from gpcorrect.vision import AnnotatedVideo, Camera, Source, Target
 
 __all__ = ["vision_app"]
@@ -116,6 +108,7 @@ def track(
 
     gpcorrect vision track cam0/ cam1/ --ball red --fps 25 --annotated look.mp4 --page quality.html
     """
+    from gpcorrect.logs import write_log
     from gpcorrect.vision import TrackSettings, open_source, read_cameras
     from gpcorrect.vision import track as track_sources
 
@@ -149,8 +142,8 @@ def fit(
     output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.", show_default=False)] = Path(
         "estimator.gpc"
     ),
-    method: Annotated[str, typer.Option(help=f"One of {', '.join(ESTIMATOR_METHODS)}.")] = "gp",
-    holdout: Annotated[float, typer.Option(help="Share of whole trajectories, the last ones, to measure on.")] = 0.2,
+    method: Annotated[str, typer.Option(help="linear, network or gp.")] = "gp",
+    holdout: Annotated[float, typer.Option(help="Fraction of whole trajectories, the last ones, to measure on.")] = 0.2,
     extra: Annotated[
         str | None, typer.Option(help="Extra columns of the log that belong to the state.", show_default=False)
     ] = None,
@@ -162,6 +155,9 @@ def fit(
 
     Example: gpcorrect vision fit monday.parquet --method gp --output estimator.gpc
     """
+    from gpcorrect.estimator import EstimatorSettings, fit_estimator
+    from gpcorrect.estimator_artifact import save_estimator
+
     require_folder(output)
     settings = EstimatorSettings(_method(method), holdout, extra=split_names(extra or ""), seed=seed)
     with progress_bar(quiet=json) as progress:
@@ -186,6 +182,9 @@ def evaluate(
 
     Example: gpcorrect vision evaluate estimator.gpc tuesday.parquet
     """
+    from gpcorrect.estimator import evaluate_estimator
+    from gpcorrect.estimator_artifact import load_estimator
+
     figures = evaluate_estimator(load_estimator(model), read_logs(logs, columns))
     if json:
         print_json(figures)
@@ -194,6 +193,8 @@ def evaluate(
 
 
 def _method(name: str) -> EstimatorMethod:
+    from gpcorrect.estimator import ESTIMATOR_METHODS
+
     for method in ESTIMATOR_METHODS:
         if method == name:
             return method
@@ -268,8 +269,8 @@ def _number(value: float | None) -> str:
 
 
 def _show_track(figures: dict[str, Any]) -> None:
-    shares = ", ".join(f"{100 * figures[f'{name}_share']:.1f} % {name}" for name in ("measured", "coasting", "lost"))
-    out.print(f"{figures['frames']} frames: {shares}; reprojection {_number(figures['reprojection_px'])} px")
+    parts = ", ".join(f"{100 * figures[f'{name}_share']:.1f} % {name}" for name in ("measured", "coasting", "lost"))
+    out.print(f"{figures['frames']} frames: {parts}; reprojection {_number(figures['reprojection_px'])} px")
     for remark in figures["remarks"]:
         err.print(f"[yellow]note:[/] {remark}")
     out.print(f"{figures['seconds']:.1f} s, {figures['frames_a_second']:.1f} frames a second")

@@ -325,7 +325,7 @@ def _ring_colour(mask: Image, circle: FloatArray) -> float:
     u = np.rint(circle[0] + radii * np.cos(angles)).astype(int)
     v = np.rint(circle[1] + radii * np.sin(angles)).astype(int)
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    return float(np.count_nonzero(mask[v[inside], u[inside]])) / inside.size
+    return float(np.count_nonzero(mask[v[inside], u[inside]]) / inside.size)
 
 
 def _colour_regions(

@@ -34,6 +34,7 @@ STEPS, CONVERGED = (
     1e-9,
 )  # Gauss-Newton ends after so many steps, or at such a step (m and rad): it takes three or four
 THIN = 1e-3  # height of a triangle over its spread, below which three balls are on a line
+WORST_CONDITION = 1e14  # of an information matrix in m and rad: beyond it, rounding decides
 LEAST_DEPTH = 1e-9  # m: keeps the projection of a point behind a camera finite
 
 
@@ -193,17 +194,16 @@ def triangulate(cameras: Sequence[Camera], rays: FloatArray, covariances: FloatA
     R_tracker_camera = np.swapaxes(T[:, :3, :3], 1, 2)
     origins = -(R_tracker_camera @ T[:, :3, 3, None])[..., 0]
     point = mean_midpoint(origins, (R_tracker_camera @ local[..., None])[..., 0])
-    weights: FloatArray = np.linalg.inv(covariances)
+    weights = np.asarray(np.linalg.inv(covariances), dtype=np.float64)
     for _ in range(STEPS):
         residual, J = _reprojection(T, point, rays)
         information, right = _normal_equations(residual, J, weights)
-        step: FloatArray = np.linalg.solve(information, right)
+        step = np.linalg.solve(information, right)
         point = point + step
         if float(np.abs(step).max()) < CONVERGED:
             break
     residual, _ = _reprojection(T, point, rays)
-    covariance: FloatArray = np.linalg.inv(information)
-    return Located(point, covariance, residual * focal[:, None])
+    return Located(point, np.linalg.inv(information), residual * focal[:, None])
 
 
 def _reprojection(T: FloatArray, points: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -214,7 +214,7 @@ def _reprojection(T: FloatArray, points: FloatArray, rays: FloatArray) -> tuple[
     return rays - projected, (T[:, :2, :3] - projected[:, :, None] * T[:, 2:3, :3]) / z[:, :, None]
 
 
-def _normal_equations(residual: FloatArray, J: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _normal_equations(residual: FloatArray, J: FloatArray, weights: FloatArray) -> tuple[Any, Any]:
     """Information matrix and right side of a Gauss-Newton step with a weight matrix `(2, 2)` a row."""
     JW = np.einsum("kij,kil->kjl", J, weights)
     return np.einsum("kjl,klm->jm", JW, J), np.einsum("kjl,kl->j", JW, residual)
@@ -331,7 +331,7 @@ def pose_from_observations(
     """
     stack = np.stack([camera.T_camera_tracker for camera in cameras])[observations.camera]
     focal = np.array([camera.intrinsics.focal for camera in cameras])[observations.camera]
-    weights: FloatArray = np.linalg.inv(observations.covariances)
+    weights = np.asarray(np.linalg.inv(observations.covariances), dtype=np.float64)
     T = np.array(start)
     for _ in range(STEPS):
         arms = places[observations.ball] @ T[:3, :3].T
@@ -339,13 +339,12 @@ def pose_from_observations(
         # A turn w moves a ball by w x arm, so the row of the projection g gives g . (w x arm) = (arm x g) . w.
         J = np.concatenate([to_point, np.cross(arms[:, None, :], to_point)], axis=2)
         information, right = _normal_equations(residual, J, weights)
-        if np.linalg.cond(information) > 1e14:
+        if np.linalg.cond(information) > WORST_CONDITION:
             raise DegenerateError(f"{len(residual)} observations do not determine the tool's pose.")
-        step: FloatArray = np.linalg.solve(information, right)
+        step = np.linalg.solve(information, right)
         T = se3.pose(se3.matrix_from_rotvec(step[3:]) @ T[:3, :3], T[:3, 3] + step[:3])
         if float(np.abs(step).max()) < CONVERGED:
             break
     points = places[observations.ball] @ T[:3, :3].T + T[:3, 3]
     residual, _ = _reprojection(stack, points, observations.rays)
-    covariance: FloatArray = np.linalg.inv(information)
-    return PoseFit(T, covariance, residual * focal[:, None])
+    return PoseFit(T, np.linalg.inv(information), residual * focal[:, None])
