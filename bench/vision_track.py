@@ -2,9 +2,9 @@
 
     python bench/vision_track.py [--seeds 3] [--frames 90]
 
-Pictures come from `gpcorrect.sim.scene`, which shares no maths with the tracker. Speed is measured on pictures in
-memory and on pictures read from files; the time of the first search is left in. On a busy machine look at the frames
-a second of processor time: how many one core of its own would do.
+Pictures come from `gpcorrect_studies.rendering`, which shares no maths with the tracker. Speed is measured on
+pictures in memory and on pictures read from files; the time of the first search is left in. On a busy machine look at
+the frames a second of processor time: how many one core of its own would do.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import numpy as np
 from support import print_table, save_results
 
 from gpcorrect import se3
-from gpcorrect.sim.scene import Card, Lens, Light, Stage, single_ball, wander
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import (
     END_EFFECTOR,
@@ -37,6 +36,7 @@ from gpcorrect.vision import (
 from gpcorrect.vision import single_ball as one_ball
 from gpcorrect.vision.opencv import cv2
 from gpcorrect_studies.peng2020 import calibrated_cameras
+from gpcorrect_studies.rendering import Card, Lens, Light, Stage, single_ball, wander
 
 RATE = 30.0
 COVER = Card((0, 0, 640, 480))

@@ -19,9 +19,9 @@ from gpcorrect.estimator import (
     fit_estimator,
 )
 from gpcorrect.sim import Noise, preset, random_reaches_log
-from gpcorrect.sim.scene import Card, Lens, Stage, looking_at, marker_points, wander
-from gpcorrect.sim.scene import single_ball as one_ball
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
+from gpcorrect_studies.rendering import Card, Lens, Stage, looking_at, marker_points, wander
+from gpcorrect_studies.rendering import single_ball as one_ball
 
 if TYPE_CHECKING:  # OpenCV is an extra: other studies are done again without it
     from gpcorrect.vision import Camera, Target

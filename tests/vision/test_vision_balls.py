@@ -7,11 +7,11 @@ import pytest
 from vision_support import cameras_of, intrinsics_of, path_of
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.scene import Card, Lens, Stage, looking_at
 from gpcorrect.vision import END_EFFECTOR, BallSpec, Target, colour_of, outline, target_from_dict
 from gpcorrect.vision.opencv import cv2
 from gpcorrect.vision.rim import fit_cone
 from gpcorrect.vision.search import Window, detect_everywhere, find_circles
+from gpcorrect_studies.rendering import Card, Lens, Stage, looking_at
 
 SEED = 402
 

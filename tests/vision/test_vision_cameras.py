@@ -11,7 +11,6 @@ from vision_support import board_before, cameras_of, intrinsics_of, place_of, tu
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
-from gpcorrect.sim.scene import Stage, Studio, backdrop, board_picture, four_cameras, marker_points
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import (
     Camera,
@@ -25,6 +24,7 @@ from gpcorrect.vision import (
     write_cameras,
 )
 from gpcorrect.vision.opencv import cv2
+from gpcorrect_studies.rendering import Stage, Studio, backdrop, board_picture, four_cameras, marker_points
 
 SEED = 401
 BOARD = Chessboard(9, 6, 0.015)

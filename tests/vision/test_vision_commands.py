@@ -17,10 +17,10 @@ from vision_support import COVER, board_before, cameras_of, path_of, place_of, r
 from gpcorrect import se3
 from gpcorrect.cli import main
 from gpcorrect.logs import read_log
-from gpcorrect.sim.scene import Ball, Board, Stage, Studio, backdrop, board_picture, four_cameras, marker_points
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import read_cameras, write_cameras
 from gpcorrect.vision.opencv import cv2
+from gpcorrect_studies.rendering import Ball, Board, Stage, Studio, backdrop, board_picture, four_cameras, marker_points
 
 SEED = 405
 FRAMES = 8

@@ -8,7 +8,6 @@ from vision_support import cameras_of, path_of
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
-from gpcorrect.sim.scene import Stage
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import (
     END_EFFECTOR,
@@ -22,6 +21,7 @@ from gpcorrect.vision import (
     triangulate,
 )
 from gpcorrect.vision.settings import MotionSettings
+from gpcorrect_studies.rendering import Stage
 
 SEED = 403
 CAMERAS = cameras_of(Stage.standard(SEED, pieces=0))

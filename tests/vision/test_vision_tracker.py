@@ -10,10 +10,10 @@ from vision_support import COVER, Cards, cameras_of, path_of
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect.sim.scene import Card, Stage, single_ball
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import END_EFFECTOR, Frame, Target, Tracker
 from gpcorrect.vision import single_ball as single_target
+from gpcorrect_studies.rendering import Card, Stage, single_ball
 
 SEED = 404
 RATE = 30.0

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gpcorrect.sim.scene import Board, Card, Lens, Stage, wander
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import Camera, Intrinsics, write_cameras
 from gpcorrect.vision.opencv import cv2
+from gpcorrect_studies.rendering import Board, Card, Lens, Stage, wander
 
 COVER = Card((0, 0, 640, 480))
 Cards = Callable[[int], Mapping[int, Sequence[Card]]]

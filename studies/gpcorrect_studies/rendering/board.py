@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.sim.scene.lens import Lens
-from gpcorrect.sim.scene.picture import Studio
 from gpcorrect.types import FloatArray
+from gpcorrect_studies.rendering.lens import Lens
+from gpcorrect_studies.rendering.picture import Studio
 
 __all__ = ["Board", "board_picture"]
 

@@ -3,10 +3,17 @@
 Independent of `gpcorrect.vision` on purpose: own lens model, own inversion of the distortion, NumPy and SciPy only.
 """
 
-from gpcorrect.sim.scene.board import Board, board_picture
-from gpcorrect.sim.scene.lens import Lens, looking_at
-from gpcorrect.sim.scene.picture import Ball, Card, Light, Studio, backdrop
-from gpcorrect.sim.scene.stage import END_EFFECTOR_BALLS, Stage, four_cameras, marker_points, single_ball, wander
+from gpcorrect_studies.rendering.board import Board, board_picture
+from gpcorrect_studies.rendering.lens import Lens, looking_at
+from gpcorrect_studies.rendering.picture import Ball, Card, Light, Studio, backdrop
+from gpcorrect_studies.rendering.stage import (
+    END_EFFECTOR_BALLS,
+    Stage,
+    four_cameras,
+    marker_points,
+    single_ball,
+    wander,
+)
 
 __all__ = [
     "END_EFFECTOR_BALLS",

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.sim.scene.lens import Lens, looking_at
-from gpcorrect.sim.scene.picture import Ball, Card, Light, Studio, backdrop
 from gpcorrect.types import FloatArray
+from gpcorrect_studies.rendering.lens import Lens, looking_at
+from gpcorrect_studies.rendering.picture import Ball, Card, Light, Studio, backdrop
 
 __all__ = ["END_EFFECTOR_BALLS", "Stage", "four_cameras", "marker_points", "single_ball", "wander"]
 

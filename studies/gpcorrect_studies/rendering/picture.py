@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from gpcorrect.sim.scene.lens import Lens
 from gpcorrect.types import FloatArray
+from gpcorrect_studies.rendering.lens import Lens
 
 __all__ = ["Ball", "Card", "Light", "Studio", "backdrop"]
 
