@@ -14,7 +14,7 @@ from support import print_table, save_results
 from gpcorrect.joint import joint_data
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.peng2024 import RavenStudy
-from gpcorrect_studies.peng2024.published import PENG_2024
+from gpcorrect_studies.published import PENG_2024
 
 UNITS = np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1e3])
 

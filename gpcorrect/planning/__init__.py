@@ -1,9 +1,8 @@
-"""Planning with a learned correction: corrected paths, confidence margins, replanning, and the debridement task."""
+"""Planning with a learned correction: corrected paths, confidence margins and replanning."""
 
+from gpcorrect.planning.confidence import Doubt, Margins, Planned, first_trusted
 from gpcorrect.planning.correction import CommandPath, Corrects, Mode, corrected
-from gpcorrect.planning.margins import Doubt, Margins
 from gpcorrect.planning.paths import DesiredPath, circle, reach
-from gpcorrect.planning.replanning import Planned, first_trusted
 
 __all__ = [
     "CommandPath",

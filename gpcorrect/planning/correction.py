@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
@@ -19,10 +19,11 @@ from gpcorrect.types import BoolArray, FloatArray
 __all__ = ["CommandPath", "Corrects", "Mode", "PathAnswer", "corrected"]
 
 Mode = Literal["full", "endpoints"]
+REST = 1e4  # s between two poses: so slow that both are at rest for any model
 
 
 class PathAnswer(Protocol):
-    """What is said of n poses: `gpcorrect.corrector.PathCorrection`, or the service's `PathReply`."""
+    """The answer for n poses: `gpcorrect.corrector.PathCorrection`, or the service's `PathReply`."""
 
     @property
     def positions(self) -> FloatArray:
@@ -49,12 +50,20 @@ class Corrects(Protocol):
     """A correction, served or in process."""
 
     def correct_path(self, poses: FloatArray, times: FloatArray) -> PathAnswer:
-        """Return what to command instead of poses `(n, 7)` at `times` `(n,)`."""
+        """Return what to command instead of a path.
+
+        Parameters
+        ----------
+        poses : (n, 7) array
+            Positions (m) and quaternions wxyz.
+        times : (n,) array
+            Seconds.
+        """
 
 
 @dataclass(frozen=True, eq=False)
 class CommandPath:
-    """What to command, and how sure that is.
+    """A path to command, and how sure its correction is.
 
     Parameters
     ----------
@@ -65,7 +74,9 @@ class CommandPath:
     interval95 : (m, 6) array
         Half widths at the poses that were asked for: all of them, or the two ends; m then rad.
     in_domain : (m,) array
+        Whether each lies near training data.
     status : tuple of m str
+        Of each, as `Correction` has it.
     """
 
     times: FloatArray
@@ -92,43 +103,25 @@ def corrected(corrector: Corrects, path: DesiredPath, mode: Mode = "full") -> Co
     DataError
         The model does not correct orientations, or there is no such mode.
     """
-    match mode:
-        case "full":
-            answer = corrector.correct_path(path.poses, path.times)
-            return _command(path.times, _poses(answer), answer)
-        case "endpoints":
-            ends = [0, len(path.times) - 1]
-            # Two poses a long time apart are two poses at rest.
-            answer = corrector.correct_path(path.poses[ends], np.array([0.0, REST]))
-            return _command(path.times, _between(path, _poses(answer)), answer)
-        case _:
-            raise DataError(f"a path is corrected in full or at its endpoints, got {mode!r}.")
-
-
-REST = 1e4  # s
-
-
-def _command(times: FloatArray, T: FloatArray, answer: PathAnswer) -> CommandPath:
-    return CommandPath(times, T, answer.interval95, answer.in_domain, tuple(answer.status))
-
-
-def _poses(answer: PathAnswer) -> FloatArray:
+    if mode not in get_args(Mode):
+        raise DataError(f"a path is corrected in full or at its endpoints, got {mode!r}.")
+    ends = [0, len(path.times) - 1]
+    if mode == "full":
+        answer = corrector.correct_path(path.poses, path.times)
+    else:
+        answer = corrector.correct_path(path.poses[ends], np.array([0.0, REST]))
     if answer.quaternions is None:
         raise DataError("this model corrects positions only.", hint="Plan with a model that was fitted to full poses.")
-    return se3.from_parts(answer.positions, answer.quaternions)
+    T = se3.from_parts(answer.positions, answer.quaternions)
+    command = T if mode == "full" else _between(path, T)
+    return CommandPath(path.times, command, answer.interval95, answer.in_domain, tuple(answer.status))
 
 
 def _between(path: DesiredPath, ends: FloatArray) -> FloatArray:
-    """Move the path rigidly with its first pose, and bring its last one home little by little."""
+    """Move the path rigidly with its first pose, and remove the miss of its last one in proportion to the way gone."""
     moved = se3.compose(ends[0], se3.invert(path.T[0]), path.T)
     miss = se3.compose(se3.invert(moved[-1]), ends[1])
-    return se3.compose(moved, se3.exp(_progress(path)[:, None] * se3.log(miss)))
-
-
-def _progress(path: DesiredPath) -> FloatArray:
-    """Return `(n,)` from 0 to 1 along the way; along time where nothing moves."""
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.T[:, :3, 3], axis=0), axis=1))])
-    if way[-1] < 1e-9:
-        way = path.times - path.times[0]
-    share: FloatArray = way / max(float(way[-1]), 1e-12)
-    return share
+    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.T[:, :3, 3], axis=0), axis=1))])
+    if gone[-1] < 1e-9:  # nothing moves: in proportion to time
+        gone = path.times - path.times[0]
+    return se3.compose(moved, se3.exp((gone / max(float(gone[-1]), 1e-12))[:, None] * se3.log(miss)))

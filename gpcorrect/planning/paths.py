@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -12,9 +11,9 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.reaching import Pace, tour
 from gpcorrect.types import FloatArray, frozen_array
 
-__all__ = ["PATH_RATE_HZ", "DesiredPath", "circle", "reach"]
+__all__ = ["DesiredPath", "circle", "reach"]
 
-PATH_RATE_HZ = 50.0
+PATH_RATE_HZ = 50.0  # chosen by hand: a pose a millimetre at 5 cm/s
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,22 +53,9 @@ class DesiredPath:
         last: FloatArray = self.T[-1]
         return last
 
-    @classmethod
-    def joined(cls, parts: list[Self]) -> Self:
-        """Return paths one after the other, each of which begins where and when the one before ends."""
-        times: list[FloatArray] = []
-        T: list[FloatArray] = []
-        end = 0.0
-        for part in parts:
-            keep = slice(None) if not times else slice(1, None)
-            times.append(end + (part.times - part.times[0])[keep])
-            T.append(part.T[keep])
-            end = float(times[-1][-1]) if len(times[-1]) else end
-        return cls(np.concatenate(times), np.concatenate(T))
-
 
 def reach(stops: FloatArray, pace: Pace, rate_hz: float = PATH_RATE_HZ) -> DesiredPath:
-    """Go through poses `(k + 1, 4, 4)` in straight lines, at rest in each, turning evenly.
+    """Go from pose to pose in straight lines, at rest in each, turning evenly.
 
     Parameters
     ----------
@@ -88,7 +74,7 @@ def reach(stops: FloatArray, pace: Pace, rate_hz: float = PATH_RATE_HZ) -> Desir
 def circle(
     T_centre: FloatArray, radius: float, speed: float, rounds: float = 1.0, rate_hz: float = PATH_RATE_HZ
 ) -> DesiredPath:
-    """Go round a centre in its x-y plane with a steady hand, beginning and ending at the centre's right.
+    """Go round a centre in its x-y plane at constant speed, from the point on its x axis.
 
     Parameters
     ----------
@@ -99,6 +85,7 @@ def circle(
     speed : float
         m/s.
     rounds : float
+        Circles.
     rate_hz : float
         Poses a second.
 

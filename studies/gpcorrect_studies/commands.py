@@ -52,9 +52,9 @@ def mahler2014(
     from gpcorrect_studies.mahler2014.page import write_mahler_report  # the report's libraries are an extra
 
     make_folder(output)
-    scope = Scope.quick(reaches) if quick else Scope(reaches)
+    scope = Scope(reaches)
     with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
-        result = reproduce_mahler2014(scope, seed, progress)
+        result = reproduce_mahler2014(Scope.quick() if quick else scope, seed, progress)
     write_mahler_report(result, output / "report.html")
     figures = json_ready(result.to_dict())
     _write_json(figures, output)

@@ -1,4 +1,4 @@
-"""Ground truth from four webcams and a position estimator (Peng et al. 2020), on rendered and simulated recordings."""
+"""Peng et al. 2020: ground truth from four webcams on rendered pictures, and a position estimator learned from it."""
 
 from __future__ import annotations
 
@@ -10,36 +10,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.estimator import (
-    EstimatorExperiment,
-    EstimatorMethod,
-    EstimatorSettings,
-    EstimatorStream,
-    RobotState,
-    fit_estimator,
-)
+from gpcorrect.estimator import EstimatorExperiment, EstimatorMethod, EstimatorSettings, RobotState, fit_estimator
 from gpcorrect.sim import Noise, preset, random_reaches_log
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
+from gpcorrect_studies.published import PENG_2020, PENG_2020_MISSING
 from gpcorrect_studies.rendering import Card, Lens, Stage, looking_at, marker_points, wander
 from gpcorrect_studies.rendering import single_ball as one_ball
 
 if TYPE_CHECKING:  # OpenCV is an extra: other studies are done again without it
     from gpcorrect.vision import Camera, Target
 
-__all__ = ["PENG_2020", "PENG_2020_MISSING", "Peng2020Scope", "calibrated_cameras", "reproduce_peng2020"]
+__all__ = ["Peng2020Scope", "calibrated_cameras", "reproduce_peng2020"]
 
-# The paper's figures where this project's issue gives them.
-PENG_2020: dict[str, float] = {
-    "single_ball_rms_mm": 0.99,
-    "end_effector_rms_mm": 0.53,
-    "rms_reduction_percent": 83.6,
-    "sd_reduction_percent": 59.4,
-}
-PENG_2020_MISSING = "Table I axis by axis, and the errors in mm behind the two reductions"
-RATE_HZ = 30.0
-COVER = Card((0, 0, 640, 480))
-CORNER_NOISE_PX, MARKER_NOISE_PX, BOARDS, SQUARE = 0.05, 0.05, 20, 0.015
-STREAM_SAMPLES = 2000
+RATE_HZ = 30.0  # that of a common webcam
+COVER = Card((0, 0, 640, 480))  # hides a whole picture
+CORNER_NOISE_PX = MARKER_NOISE_PX = 0.05  # SD; chosen by hand
+BOARDS, SQUARE = 20, 0.015  # pictures of the board, and the side of its squares, m; chosen by hand
+STREAM_SAMPLES = 2000  # over which one estimate is timed; chosen by hand
 
 
 @dataclass(frozen=True)
@@ -75,6 +62,15 @@ class Peng2020Scope:
 def reproduce_peng2020(scope: Peng2020Scope, seed: int = 0, progress: Progress | None = None) -> dict[str, Any]:
     """Do both halves of the study again: the cameras' accuracy, and what an estimator makes of their labels.
 
+    Parameters
+    ----------
+    scope : Peng2020Scope
+        How much is done.
+    seed : int
+        Of scene, motion and noise.
+    progress : Progress, optional
+        Receives how far each part is.
+
     Returns
     -------
     dict
@@ -84,7 +80,17 @@ def reproduce_peng2020(scope: Peng2020Scope, seed: int = 0, progress: Progress |
     """
     begun, progress = time.perf_counter(), progress or Progress()
     table, placed = _table1(scope, seed, progress)
-    estimators = _estimators(scope, seed, table["end effector"]["rms_mm"], progress)
+    log = _recording(scope, seed, table["end effector"]["rms_mm"])
+    methods: tuple[EstimatorMethod, ...] = ("linear", "network", "gp")
+    estimators = {}
+    for k, method in enumerate(methods):
+        progress.step("estimators", k / len(methods))
+        settings = EstimatorSettings(
+            method, layers=scope.layers, epochs=scope.epochs, inducing=scope.inducing, seed=seed
+        )
+        experiment = fit_estimator(log, settings)
+        estimators[method] = {**experiment.to_dict(), "microseconds_a_sample": _microseconds(experiment, log)}
+    progress.step("estimators", 1.0)
     return {
         "table1": table,
         "cameras_mm": placed,
@@ -119,14 +125,29 @@ def _table1(scope: Peng2020Scope, seed: int, progress: Progress) -> tuple[dict[s
 
 
 def calibrated_cameras(lenses: Sequence[Lens], rng: np.random.Generator) -> tuple[list[Camera], list[float]]:
-    """Return rendered lenses calibrated as a user would, and by how much each position misses, mm."""
+    """Calibrate rendered cameras as a user would.
+
+    Parameters
+    ----------
+    lenses : sequence of Lens
+        The true cameras.
+    rng : numpy.random.Generator
+        Of boards and noise.
+
+    Returns
+    -------
+    list of Camera
+        As calibrated.
+    list of float
+        Distance of each from where it truly is, mm.
+    """
     cameras = [_calibrated(f"cam{k}", lens, rng) for k, lens in enumerate(lenses)]
     misses = [float(np.linalg.norm(c.position - x.position)) for c, x in zip(cameras, lenses, strict=True)]
     return cameras, [1e3 * miss for miss in misses]
 
 
 def _calibrated(name: str, lens: Lens, rng: np.random.Generator) -> Camera:
-    """Calibrate a rendered lens as a user would: boards for the lens, sixteen markers for its place, all a bit off."""
+    """Calibrate from boards for the intrinsics and sixteen markers for the pose, all seen with a little noise."""
     from gpcorrect.vision import Camera, Chessboard, adjust, calibrate_lens, refine_pose
 
     board = Chessboard(9, 6, SQUARE)
@@ -143,7 +164,7 @@ def _calibrated(name: str, lens: Lens, rng: np.random.Generator) -> Camera:
 
 
 def _board(lens: Lens, corners: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Corners of a board held before the lens, slanted by chance, wholly in the picture."""
+    """Corners of a board held before the camera at a random slant, wholly in the picture."""
     while True:
         axes = lens.axes @ se3.matrix_from_rotvec(rng.uniform(-0.6, 0.6, 3))
         u, v = (np.array(float(p)) for p in rng.uniform([120, 100], [520, 380]))
@@ -161,6 +182,7 @@ def _tracked(
     poses: FloatArray,
     cards: Mapping[int, Mapping[int, Sequence[Card]]],
 ) -> dict[str, Any]:
+    """Track the target along these poses, and compare with them; cards hide it from cameras in some frames."""
     from gpcorrect.vision import Tracker
 
     errors, turns, measured = [], [], 0
@@ -182,22 +204,6 @@ def _tracked(
     return {**row, "rotation_rms_deg": float(np.sqrt(np.mean(np.square(turns))))} if target.has_pose else row
 
 
-def _estimators(scope: Peng2020Scope, seed: int, label_noise_mm: float, progress: Progress) -> dict[str, Any]:
-    """Fit each method to labels as good as the cameras' were, and measure on the held-out reaches."""
-    log = _recording(scope, seed, label_noise_mm)
-    methods: tuple[EstimatorMethod, ...] = ("linear", "network", "gp")
-    rows: dict[str, Any] = {}
-    for k, method in enumerate(methods):
-        progress.step("estimators", k / len(methods))
-        settings = EstimatorSettings(
-            method, layers=scope.layers, epochs=scope.epochs, inducing=scope.inducing, seed=seed
-        )
-        experiment = fit_estimator(log, settings)
-        rows[method] = {**experiment.to_dict(), "microseconds_a_sample": _speed(experiment, log)}
-    progress.step("estimators", 1.0)
-    return rows
-
-
 def _recording(scope: Peng2020Scope, seed: int, label_noise_mm: float) -> CalibrationLog:
     """Random reaches of a RAVEN-II whose tool is seen by cameras of that accuracy, in a frame known by construction."""
     model = preset("raven2_left")
@@ -210,9 +216,9 @@ def _recording(scope: Peng2020Scope, seed: int, label_noise_mm: float) -> Calibr
     return replace(log, meta=replace(log.meta, tracker_base=(*frame.translation, *frame.rotvec)))
 
 
-def _speed(experiment: EstimatorExperiment, log: CalibrationLog) -> float:
-    """Median time of one sample in a stream, microseconds."""
-    stream: EstimatorStream = experiment.estimator.stream()
+def _microseconds(experiment: EstimatorExperiment, log: CalibrationLog) -> float:
+    """Median time of one sample in a stream."""
+    stream = experiment.estimator.stream()
     assert log.measured_jp is not None
     assert log.measured_cp is not None
     assert log.setpoint_cp is not None

@@ -57,14 +57,6 @@ def test_another_mode_is_refused():
         corrected(Moves(SHIFT), path(), "middle")  # type: ignore[arg-type]
 
 
-def test_joined_paths_go_on_where_they_end():
-    """Parts follow each other in time, and no moment comes twice."""
-    first, second = path(1), path(2)
-    joined = DesiredPath.joined([first, second])
-    assert joined.duration == pytest.approx(first.duration + second.duration)
-    assert (np.diff(joined.times) > 0).all()
-
-
 @pytest.mark.parametrize(
     ("corrector", "margins", "cause"),
     [
@@ -96,5 +88,5 @@ def test_replanning_takes_the_first_way_that_is_sure():
     assert (chosen.number, chosen.trusted, len(chosen.doubts)) == (1, True, 1)
     none = first_trusted(Moves(SHIFT, domain=0.05), [far, far], Margins())
     assert (none.number, none.trusted, len(none.doubts)) == (1, False, 2)
-    with pytest.raises(DataError, match="no way"):
+    with pytest.raises(DataError, match="no path"):
         first_trusted(Moves(SHIFT), [], Margins())

@@ -10,7 +10,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.planning import Margins
 from gpcorrect_studies.debridement import LookAndMove, Mission, OpenLoop, debride, rehearsal_log, stations
 from gpcorrect_studies.debridement.mission import MIDDLE
-from gpcorrect_studies.debridement.skills import Gripper
+from gpcorrect_studies.debridement.scene import Gripper
 
 
 def mission(arms: int, fragments: int, seed: int, *, perfect: bool = True) -> Mission:

@@ -13,8 +13,8 @@ from gpcorrect.types import Progress
 from gpcorrect_studies.peng2024 import Peng2024, PengScope, RavenStudy, reproduce_peng2024
 from gpcorrect_studies.peng2024.fits import METHODS
 from gpcorrect_studies.peng2024.page import write_peng_report
-from gpcorrect_studies.peng2024.published import PENG_2024, PENG_MISSING
-from gpcorrect_studies.peng2024.state import whole_state
+from gpcorrect_studies.peng2024.recordings import whole_state
+from gpcorrect_studies.published import PENG_2024, PENG_MISSING
 
 SEED = 23
 SCOPE = PengScope(
@@ -29,8 +29,8 @@ SCOPE = PengScope(
 )
 
 
-class Heard(Progress):
-    """Remembers which parts were begun."""
+class Recorder(Progress):
+    """Records how far each part came."""
 
     def __init__(self) -> None:
         self.stages: dict[str, float] = {}
@@ -40,20 +40,20 @@ class Heard(Progress):
 
 
 @pytest.fixture(scope="module")
-def heard() -> Heard:
-    return Heard()
+def recorder() -> Recorder:
+    return Recorder()
 
 
 @pytest.fixture(scope="module")
-def study(heard: Heard) -> Peng2024:
-    return reproduce_peng2024(SCOPE, SEED, heard)
+def study(recorder: Recorder) -> Peng2024:
+    return reproduce_peng2024(SCOPE, SEED, recorder)
 
 
-def test_every_part_is_done_and_told(study: Peng2024, heard: Heard) -> None:
+def test_every_part_is_done_and_told(study: Peng2024, recorder: Recorder) -> None:
     """All parts hold every method with means, deviations and repeats, and progress names each to its end."""
     names = ("Table I", "Fig. 5", "Fig. 6", "Fig. 8", "Fig. 9", "Table II", "Tables III and IV", "Table V")
-    assert tuple(heard.stages) == names
-    assert set(heard.stages.values()) == {1.0}
+    assert tuple(recorder.stages) == names
+    assert set(recorder.stages.values()) == {1.0}
     row = study.table1["J1-J2-J3"]
     assert tuple(row) == ("raw", "fixed_offset", *METHODS)
     for name, cell in row.items():

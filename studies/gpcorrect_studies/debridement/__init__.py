@@ -1,14 +1,13 @@
 """Debridement on two simulated arms: fragments are found, grasped, lifted, carried and dropped."""
 
-from gpcorrect_studies.debridement.campaign import PAPER, Condition, compare
-from gpcorrect_studies.debridement.mission import ArmRecord, Mission, Outcome, debride
-from gpcorrect_studies.debridement.rehearsal import rehearsal_log, rehearsal_seconds
+from gpcorrect_studies.debridement.comparison import PAPER, Condition, compare
+from gpcorrect_studies.debridement.mission import Mission, Outcome, debride
+from gpcorrect_studies.debridement.rehearsal import rehearsal_log
 from gpcorrect_studies.debridement.scene import Scene, Station, stations
 from gpcorrect_studies.debridement.strategies import LookAndMove, OpenLoop
 
 __all__ = [
     "PAPER",
-    "ArmRecord",
     "Condition",
     "LookAndMove",
     "Mission",
@@ -19,6 +18,5 @@ __all__ = [
     "compare",
     "debride",
     "rehearsal_log",
-    "rehearsal_seconds",
     "stations",
 ]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any, get_args
@@ -31,7 +30,6 @@ from gpcorrect_studies.debridement import (
     Station,
     compare,
     rehearsal_log,
-    rehearsal_seconds,
     stations,
 )
 
@@ -40,18 +38,10 @@ if TYPE_CHECKING:
 
 __all__ = ["debride"]
 
+# Chosen by hand.
 INDUCING = 400  # of the models: enough for one task in a box of a few centimetres
-AFTER_REHEARSAL = 60.0  # s
-CONNECT = 120.0  # s for a service to load its model
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """What the models are learned from."""
-
-    rehearsals: int
-    speed: float
-    seed: int
+AFTER_REHEARSAL = 60.0  # s between the end of the rehearsals and the task
+CONNECT = 120.0  # s for a service to load its model, on a busy machine
 
 
 def debride(
@@ -90,62 +80,53 @@ def debride(
     for path in (picture, animation, report):
         if path is not None:
             require_folder(path)
-    chosen = _mode(mode)
+    chosen = next((known for known in get_args(Mode) if known == mode), None)
+    if chosen is None:
+        raise DataError(f"a path is corrected in full or at its endpoints; got {mode!r}.")
     scene, places = stations(arms)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(TemporaryDirectory())) if models is None else models
         make_folder(folder)
         progress = stack.enter_context(progress_bar(quiet=json))
         progress.step("rehearsal and fit", 0.0)
-        ends = _learned(scene, places, folder, _Asked(rehearsals, speed / 100, seed))
+        ends = Parallel(n_jobs=arms)(
+            delayed(_learn)(scene, place, folder, rehearsals, speed / 100, seed) for place in places
+        )
         progress.step("rehearsal and fit", 1.0)
         clients = stack.enter_context(_clients(places, folder, connect or []))
-        mission = Mission(
-            scene, places, scene.fragments(fragments, np.random.default_rng([seed, 3])), start=ends + AFTER_REHEARSAL
-        )
-        margins = Margins(position=margin / 1e3)
+        lying = scene.fragments(fragments, np.random.default_rng([seed, 3]))
         conditions = compare(
-            mission, clients, seed, fast=speed / 100, slow=slow / 100, margins=margins, mode=chosen, progress=progress
+            Mission(scene, places, lying, start=max(ends) + AFTER_REHEARSAL),
+            clients,
+            seed,
+            fast=speed / 100,
+            slow=slow / 100,
+            margins=Margins(position=margin / 1e3),
+            mode=chosen,
+            progress=progress,
         )
         served = [client.model() for client in clients]
     facts = _facts(conditions, [f"{m.id} {m.hash[:12]} by {m.replica}" for m in served], chosen)
-    _draw(scene, places, conditions, picture, animation)
-    if report is not None:
-        from gpcorrect_studies.debridement.page import write_debride_page  # the report's libraries are an extra
-
-        write_debride_page(scene, places, conditions, facts, report)
+    _draw(scene, places, conditions, facts, picture, animation, report)
     if json:
         print_json(facts)
     else:
         _show(conditions, facts)
 
 
-def _mode(name: str) -> Mode:
-    for mode in get_args(Mode):
-        if name == mode:
-            chosen: Mode = mode
-            return chosen
-    raise DataError(f"a path is corrected in full or at its endpoints; got {name!r}.")
-
-
-def _learned(scene: Scene, places: Sequence[Station], folder: Path, asked: _Asked) -> float:
-    """See to it that every arm has its model in the folder; return when the longest rehearsal ended, s."""
-    ends = Parallel(n_jobs=len(places))(delayed(_learn)(scene, place, folder, asked) for place in places)
-    return float(max(ends))
-
-
-def _learn(scene: Scene, place: Station, folder: Path, asked: _Asked) -> float:
-    """Rehearse, and fit a model unless there is one of this very rehearsal."""
+def _learn(scene: Scene, place: Station, folder: Path, rehearsals: int, speed: float, seed: int) -> float:
+    """Rehearse, and fit a model unless there is one of this very rehearsal; return when the rehearsal ended, s."""
     salt = int(place.name.removeprefix("arm"))
-    rng = np.random.default_rng([asked.seed, salt])
-    log = rehearsal_log(scene, place, asked.rehearsals, asked.speed, rng, 1000 * asked.seed + 10 * salt)
+    rng = np.random.default_rng([seed, salt])
+    log = rehearsal_log(scene, place, rehearsals, speed, rng, 1000 * seed + 10 * salt)
     model, note = folder / f"{place.name}.gpc", folder / f"{place.name}.rehearsal"
-    digest = hashlib.sha256(repr((asked, log.signals)).encode() + np.asarray(log.setpoint_jp).tobytes()).hexdigest()
+    made_from = repr((rehearsals, speed, seed, log.signals)).encode() + np.asarray(log.setpoint_jp).tobytes()
+    digest = hashlib.sha256(made_from).hexdigest()
     if not (model.exists() and note.exists() and note.read_text() == digest):
-        artifact.save(fit_corrector(log, FitSettings(inducing=INDUCING, marker="none", seed=asked.seed)), model)
+        artifact.save(fit_corrector(log, FitSettings(inducing=INDUCING, marker="none", seed=seed)), model)
         with atomic_path(note) as temporary:
             temporary.write_text(digest)
-    return rehearsal_seconds(log)
+    return float(log.time[-1])
 
 
 @contextmanager
@@ -183,17 +164,7 @@ def _facts(conditions: Sequence[Condition], served: list[str], mode: Mode) -> di
 def _show(conditions: Sequence[Condition], facts: dict[str, Any]) -> None:
     table = Table(title="Debridement, simulated", title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("", no_wrap=True)
-    for column in (
-        "cm/s",
-        "done",
-        "at\nonce",
-        "retries",
-        "re-\nplans",
-        "looks",
-        "miss\nmm",
-        "s\neach",
-        "s in\nall",
-    ):
+    for column in ["cm/s", "done", "at\nonce", "retries", "re-\nplans", "looks", "miss\nmm", "s\neach", "s in\nall"]:
         table.add_column(column, justify="right", no_wrap=True)
     for condition in conditions:
         table.add_row(*condition.to_words())
@@ -211,13 +182,15 @@ def _draw(
     scene: Scene,
     places: Sequence[Station],
     conditions: Sequence[Condition],
+    facts: dict[str, Any],
     picture: Path | None,
     animation: Path | None,
+    report: Path | None,
 ) -> None:
-    if picture is None and animation is None:
+    if picture is None and animation is None and report is None:
         return
     from gpcorrect.plots.style import png  # drawing is an extra
-    from gpcorrect_studies.debridement.plots import debridement_gif, debridement_paths
+    from gpcorrect_studies.debridement.page import debridement_gif, debridement_paths, write_debride_page
 
     if picture is not None:
         with atomic_path(picture) as temporary:
@@ -225,3 +198,5 @@ def _draw(
     if animation is not None:
         with atomic_path(animation) as temporary:
             debridement_gif(scene, places, conditions[:2], temporary)
+    if report is not None:
+        write_debride_page(scene, places, conditions, facts, report)

@@ -1,4 +1,4 @@
-"""The whole task: two arms take turns in time, share the middle, and keep what became of every fragment."""
+"""The whole task: two arms that may not be in the middle together, and what became of every fragment."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ import numpy as np
 
 from gpcorrect.types import FloatArray, Progress
 from gpcorrect_studies.debridement.robot import SimulatedRobot
-from gpcorrect_studies.debridement.scene import Scene, Station
-from gpcorrect_studies.debridement.skills import Gripper, Times, errands
+from gpcorrect_studies.debridement.scene import Gripper, Scene, Station, Times, grasps
 from gpcorrect_studies.debridement.strategies import Approach, Strategy
 
 __all__ = ["ArmRecord", "Fetched", "Mission", "Outcome", "debride"]
 
-MIDDLE = 0.015  # m to either side of the dividing plane: one arm at a time
+MIDDLE = 0.015  # m to either side of the dividing plane, where one arm may be at a time; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,20 +25,23 @@ class Fetched:
     Parameters
     ----------
     arm : str
+        Its name.
     fragment : (3,) array
         Where it lay, tracker frame.
     removed : bool
     attempts : int
     seconds : float
         From finding it to having dropped it, or given it up.
+    clock : float
+        Task time at that end, s.
     misses_mm : tuple of float
         How far the tool was from the fragment at each closing of the jaws.
     looks : int
         Pictures of the tool.
     replanned : int
-        Ways that were left because their correction was not sure enough.
+        Grasps that were left because their correction was not sure enough.
     careful : bool
-        Whether the arm looked its way there for want of a sure correction.
+        Whether the arm went by pictures for want of a sure correction.
     """
 
     arm: str
@@ -84,7 +86,7 @@ class Outcome:
 
     @property
     def success_rate(self) -> float:
-        """Share of fragments removed."""
+        """Fraction of fragments removed."""
         return float(np.mean([f.removed for f in self.fetched]))
 
     @property
@@ -146,18 +148,33 @@ class Mission:
     sight: float = 0.0005
     start: float = 0.0
 
-    def share(self, station: Station) -> list[int]:
-        """Numbers of the fragments on this arm's side."""
+    def fragments_of(self, station: Station) -> list[int]:
+        """Return the numbers of the fragments on this arm's side.
+
+        Parameters
+        ----------
+        station : Station
+        """
         x = self.scene.along(self.fragments)[:, 0]
         return [i for i in range(len(x)) if station.side == 0.0 or (x[i] >= 0) == (station.side > 0)]
 
     def in_the_middle(self, number: int) -> bool:
-        """Tell whether a fragment lies where both arms could meet."""
+        """Return whether a fragment lies where both arms could meet.
+
+        Parameters
+        ----------
+        number : int
+            Of the fragment.
+        """
         return len(self.stations) > 1 and abs(float(self.scene.along(self.fragments[number])[0])) < MIDDLE
 
 
 def debride(
-    mission: Mission, strategies: Sequence[Strategy], rng: np.random.Generator, progress: Progress | None = None
+    mission: Mission,
+    strategies: Sequence[Strategy],
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+    stage: str = "fragments",
 ) -> Outcome:
     """Let every arm fetch the fragments of its side.
 
@@ -169,6 +186,9 @@ def debride(
     rng : numpy.random.Generator
         Of the camera's noise.
     progress : Progress, optional
+        Receives a step after each fragment.
+    stage : str
+        Name of the work for `progress`.
     """
     workers = [
         _Worker(mission, station, strategy, child)
@@ -184,17 +204,17 @@ def debride(
         if mission.in_the_middle(number):
             middle_free = worker.robot.clock
         if progress is not None:
-            progress.step("fragments", len(fetched) / len(mission.fragments))
+            progress.step(stage, len(fetched) / len(mission.fragments))
     return Outcome(tuple(fetched), tuple(worker.record() for worker in workers))
 
 
 @dataclass(frozen=True, eq=False)
 class _Try:
-    """One attempt: how it went, how far off the tool was, whether the jaws held, whether the bowl got it."""
+    """One attempt: how it went, how far off the tool was, whether the jaws caught, whether the bowl got it."""
 
     approach: Approach
     miss_mm: float
-    held: bool
+    caught: bool
     removed: bool
 
 
@@ -204,7 +224,7 @@ class _Worker:
     def __init__(self, mission: Mission, station: Station, strategy: Strategy, rng: np.random.Generator) -> None:
         self._mission, self._strategy, self._rng = mission, strategy, rng
         self.robot = SimulatedRobot(station, rng, mission.start)
-        self.left = mission.share(station)
+        self.left = mission.fragments_of(station)
         self._waited = 0.0
         strategy.begin(self.robot)
 
@@ -225,7 +245,7 @@ class _Worker:
         """Fetch one fragment, or give it up."""
         fragment, begin = self._mission.fragments[number], self.robot.clock
         tries: list[_Try] = []
-        while len(tries) < self._mission.attempts and not (tries and tries[-1].held):
+        while len(tries) < self._mission.attempts and not (tries and tries[-1].caught):
             tries.append(self._attempt(fragment))
         return Fetched(
             arm=self.robot.station.name,
@@ -245,16 +265,16 @@ class _Worker:
         mission, robot, up = self._mission, self.robot, self._mission.scene.up
         robot.wait(mission.times.find)
         seen = fragment + mission.sight * self._rng.standard_normal(3)
-        approach = self._strategy.approach(robot, errands(mission.scene, robot.station, seen))
+        approach = self._strategy.approach(robot, grasps(mission.scene, robot.station, seen))
         robot.wait(mission.times.grasp)
         miss_mm = 1e3 * float(np.linalg.norm(robot.tool_pose[:3, 3] - fragment))
-        if not mission.gripper.catches(robot.tool_pose, approach.errand.T_grasp, fragment, up):
-            self._strategy.retreat(robot, approach)
-            return _Try(approach, miss_mm, held=False, removed=False)
-        self._strategy.bring(robot, approach)
+        caught = mission.gripper.catches(robot.tool_pose, approach.grasp.T_grasp, fragment, up)
+        self._strategy.carry(robot, approach, to_bowl=caught)
+        if not caught:
+            return _Try(approach, miss_mm, caught=False, removed=False)
         robot.wait(mission.times.release)
         removed = mission.gripper.drops_in(robot.tool_pose, mission.scene.bowl(robot.station), up)
-        return _Try(approach, miss_mm, held=True, removed=removed)
+        return _Try(approach, miss_mm, caught=True, removed=removed)
 
     def record(self) -> ArmRecord:
         """Return where the tool went."""

@@ -16,12 +16,12 @@ from gpcorrect.rigid import RigidModel, fit_pose
 from gpcorrect.sim import Plan, Segment, TrackerFaults, plan_of, simulate
 from gpcorrect.sim.reaching import Pace, joint_tour, tour
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
-from gpcorrect_studies.debridement.scene import Scene, Station
-from gpcorrect_studies.debridement.skills import Errand, errands
+from gpcorrect_studies.debridement.scene import Scene, Station, grasps
 from gpcorrect_studies.debridement.strategies import ACCELERATION, TURN_RATE
 
-__all__ = ["rehearsal_log", "rehearsal_seconds"]
+__all__ = ["rehearsal_log"]
 
+# Chosen by hand on simulated recordings.
 ROOM = np.array([0.02, 0.02, 0.014])  # m by which rehearsed places go beyond the fragments' box: what still misses
 REGISTERING = 4  # fragments of the motions that register the frames
 CYCLES_PER_RUN = 8  # fragments; then the arm starts anew
@@ -37,7 +37,8 @@ def rehearsal_log(
 
     Parameters
     ----------
-    scene, station : Scene, Station
+    scene : Scene
+    station : Station
     fragments : int
         Rehearsed places; each is one trajectory, with a random one of the grasps.
     speed : float
@@ -46,71 +47,56 @@ def rehearsal_log(
         Of places and grasps.
     seed : int
         Of the tracker's noise and faults.
+
+    Raises
+    ------
+    DataError
+        The arm reaches hardly any place.
     """
-    blind = replace(station.machine, faults=TrackerFaults())
-    first = _Rehearsal(scene, station, speed, None).plan(REGISTERING, rng)
-    seen = simulate(blind, first, seed)
+    without_faults = replace(station.machine, faults=TrackerFaults())
+    seen = simulate(without_faults, _plan(scene, station, REGISTERING, speed, rng, None), seed)
     assert seen.tracker_cp is not None
     assert seen.setpoint_cp is not None
     registered = fit_pose(seen.tracker_cp, seen.setpoint_cp)
-    plan = _Rehearsal(scene, station, speed, registered).plan(fragments, rng)
-    return simulate(station.machine, plan, seed + 1)
+    return simulate(station.machine, _plan(scene, station, fragments, speed, rng, registered), seed + 1)
 
 
-def rehearsal_seconds(log: CalibrationLog) -> float:
-    """Session time at which the recording ended, s."""
-    return float(log.time[-1])
-
-
-class _Rehearsal:
-    """Motions of the task to random places.
-
-    Parameters
-    ----------
-    scene, station, speed
-        See :func:`rehearsal_log`.
-    registered : RigidModel or None
-        From the tracker's frame to the arm's base; as registered by hand without it.
-    """
-
-    def __init__(self, scene: Scene, station: Station, speed: float, registered: RigidModel | None) -> None:
-        self._scene, self._station, self._registered = scene, station, registered
-        self._wide = replace(scene, size=scene.size + ROOM)
-        self._going = Pace(speed, ACCELERATION, TURN_RATE, pause=0.1)
-
-    def plan(self, fragments: int, rng: np.random.Generator) -> Plan:
-        """Return runs of a few fragments each, one run after the other."""
-        rate = self._station.machine.log_rate_hz
-        segments, start = [], 0.0
-        for first in range(0, fragments, CYCLES_PER_RUN):
-            numbers = range(first, min(first + CYCLES_PER_RUN, fragments))
-            path = tour(*self._stops(list(numbers), rng), rate)
-            segments.append(Segment(joint_tour(self._station.arm, path), path.trajectory, start=start))
-            start += len(path.trajectory) / rate + REST_BETWEEN_RUNS
-        return plan_of(segments, rate)
-
-    def _stops(self, numbers: list[int], rng: np.random.Generator) -> tuple[FloatArray, list[int], list[Pace]]:
-        """Poses to command, base frame, the trajectory of each reach, and its pace."""
-        going, parts = self._going, []
-        for _ in numbers:
-            parts.append(self._reachable(rng))
-        stops = np.concatenate([parts[-1][-1:], *parts])
+def _plan(
+    scene: Scene,
+    station: Station,
+    fragments: int,
+    speed: float,
+    rng: np.random.Generator,
+    registered: RigidModel | None,
+) -> Plan:
+    """Runs of a few fragments each, one run after the other; without `registered` the frames are those by hand."""
+    wide = replace(scene, size=scene.size + ROOM)
+    going = Pace(speed, ACCELERATION, TURN_RATE, pause=0.1)
+    rate = station.machine.log_rate_hz
+    segments, start = [], 0.0
+    for first in range(0, fragments, CYCLES_PER_RUN):
+        numbers = range(first, min(first + CYCLES_PER_RUN, fragments))
+        cycles = [_cycle(wide, station, rng, registered) for _ in numbers]
+        stops = np.concatenate([cycles[-1][-1:], *cycles])
         paces = [going, replace(going, pause=GRASP_REST), going, going] * len(numbers)
-        return stops, [number for number in numbers for _ in range(4)], paces
+        path = tour(stops, [number for number in numbers for _ in range(4)], paces, rate)
+        segments.append(Segment(joint_tour(station.arm, path), path.trajectory, start=start))
+        start += len(path.trajectory) / rate + REST_BETWEEN_RUNS
+    return plan_of(segments, rate)
 
-    def _reachable(self, rng: np.random.Generator) -> FloatArray:
-        """Commands `(4, 4, 4)` over, at and again over a random place, and over the bowl."""
-        for _ in range(DRAWS):
-            ways = errands(self._scene, self._station, self._wide.fragments(1, rng)[0])
-            T = self._commands(ways[int(rng.integers(len(ways)))])
-            if self._station.arm.solutions(T).within_limits.any(axis=-1).all():
-                return T
-        raise DataError(f"{self._station.name} reaches hardly any place of the scene.")
 
-    def _commands(self, errand: Errand) -> FloatArray:
-        T = np.stack([errand.T_above, errand.T_grasp, errand.T_above, errand.T_bowl])
-        if self._registered is None:
-            return se3.compose(se3.invert(self._station.T_tracker_base), T)
-        command = self._registered.apply(PoseSignal(*se3.to_parts(T)))
-        assert command.quaternion is not None
-        return se3.from_parts(command.position, command.quaternion)
+def _cycle(scene: Scene, station: Station, rng: np.random.Generator, registered: RigidModel | None) -> FloatArray:
+    """Commands `(4, 4, 4)` over, at and again over a random place within reach, and over the bowl."""
+    for _ in range(DRAWS):
+        ways = grasps(scene, station, scene.fragments(1, rng)[0])
+        way = ways[int(rng.integers(len(ways)))]
+        T = np.stack([way.T_above, way.T_grasp, way.T_above, way.T_bowl])
+        if registered is None:
+            T = se3.compose(se3.invert(station.T_tracker_base), T)
+        else:
+            command = registered.apply(PoseSignal(*se3.to_parts(T)))
+            assert command.quaternion is not None
+            T = se3.from_parts(command.position, command.quaternion)
+        if station.arm.solutions(T).within_limits.any(axis=-1).all():
+            return T
+    raise DataError(f"{station.name} reaches hardly any place of the scene.")

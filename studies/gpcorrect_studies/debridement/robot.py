@@ -1,4 +1,4 @@
-"""The robot as the task uses it: follow tool poses, wait, be looked at. Here it is simulated, in its own time."""
+"""The robot as the task uses it: follow tool poses, wait, be seen. Here it is simulated, in its own time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect.planning.paths import reach
+from gpcorrect.planning import reach
 from gpcorrect.sim.live import LiveArm
 from gpcorrect.sim.reaching import Pace, working_posture
 from gpcorrect.sim.sensors import Sensors
@@ -16,8 +16,8 @@ from gpcorrect_studies.debridement.scene import Station
 
 __all__ = ["SimulatedRobot"]
 
-BLOCK = 20  # servo steps between two looks at where the tool is: paths are recorded at 50 Hz
-JOINING = Pace(speed=0.03, turn_rate=0.5)
+BLOCK = 20  # servo steps between two samples of the tool's true pose: paths are recorded at 50 Hz
+JOINING = Pace(speed=0.03, turn_rate=0.5)  # to where a path begins, a millimetre away as a rule; chosen by hand
 CONTINUOUS = 0.5  # rad or m; a larger step between samples is another branch, not motion
 
 
@@ -66,7 +66,14 @@ class SimulatedRobot:
         return np.array(self._seen).reshape(-1, 4)
 
     def follow(self, times: FloatArray, T: FloatArray) -> None:
-        """Follow tool poses `(n, 4, 4)` in the base frame; first go to where they begin.
+        """Follow tool poses; first go to where they begin.
+
+        Parameters
+        ----------
+        times : (n,) array
+            Seconds.
+        T : (n, 4, 4) array
+            Base frame.
 
         Raises
         ------
@@ -82,7 +89,12 @@ class SimulatedRobot:
             self._q = q[-1]
 
     def wait(self, seconds: float) -> None:
-        """Stand."""
+        """Stay where the arm was commanded to.
+
+        Parameters
+        ----------
+        seconds : float
+        """
         self._drive(np.repeat(self._q[None], round(seconds / self._live.step), axis=0))
 
     def look(self) -> FloatArray:

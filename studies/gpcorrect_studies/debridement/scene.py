@@ -1,7 +1,7 @@
-"""Where the work is done: fragments in a box between two arms, a bowl on each side, one camera frame for all.
+"""Where the debridement is done and what counts as done: a box of fragments between two arms, a bowl on each side.
 
 Mahler 2014, Sec. V: fragments lie anywhere in 8 x 8 x 2 cm. The box's first axis points from the middle to the first
-arm's side, its third one up. What is not in the paper (bowls, tolerances, times) is ours and stands here.
+arm's side, its third one up. What is not in the paper (bowls, tolerances, times) was chosen by hand and stands here.
 """
 
 from __future__ import annotations
@@ -14,17 +14,93 @@ from gpcorrect import se3
 from gpcorrect.arms import Arm, arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Machine, machine_of, preset
+from gpcorrect.sim.debridement import PRESET
 from gpcorrect.sim.reaching import upright, working_posture
 from gpcorrect.types import FloatArray, frozen_array
 
-__all__ = ["SIZE", "Scene", "Station", "stations"]
+__all__ = ["Grasp", "Gripper", "Scene", "Station", "Times", "grasps", "stations"]
 
-SIZE = np.array([0.08, 0.08, 0.02])  # m
+SIZE = np.array([0.08, 0.08, 0.02])  # m, Mahler 2014, Sec. V
 BOWL = np.array([0.045, -0.03, 0.0])  # m from the box's centre, on the arm's own side
-PRESET = "raven2_debridement"
 SIDES = ("raven2_left", "raven2_right")
+CLEARANCE = 0.02  # m above a fragment, and above the bowl; chosen by hand
+TILTS = np.deg2rad([0.0, 12.0, -12.0, 20.0, -20.0])  # of the tool about each horizontal axis in turn, best first
 # How far each arm's base is from where it was registered by hand: 1 cm and 4 degrees, each another way.
 MISREGISTERED = (None, (np.array([-0.004, 0.007, -0.005]), np.array([-0.03, 0.05, 0.02])))
+
+
+@dataclass(frozen=True)
+class Times:
+    """Seconds that the jaws and the camera take; the same for every strategy, chosen by hand.
+
+    Parameters
+    ----------
+    find : float
+        To find a fragment in the camera's picture.
+    settle : float
+        For the arm to come to rest.
+    look : float
+        To take and evaluate a picture of the tool.
+    grasp, release : float
+        To close and to open the jaws.
+    """
+
+    find: float = 0.5
+    settle: float = 0.3
+    look: float = 0.7
+    grasp: float = 0.5
+    release: float = 0.3
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """When a fragment is caught, and when it falls into the bowl; chosen by hand.
+
+    Parameters
+    ----------
+    sideways, height : float
+        Largest distance between the jaws' middle and the fragment's, along the floor and up, m.
+    turn : float
+        Largest turn away from the planned orientation, rad.
+    bowl : float
+        Radius of the bowl, m.
+    """
+
+    sideways: float = 0.005
+    height: float = 0.004
+    turn: float = np.deg2rad(25.0)
+    bowl: float = 0.015
+
+    def catches(self, T_tool: FloatArray, T_grasp: FloatArray, fragment: FloatArray, up: FloatArray) -> bool:
+        """Return whether a tool holds a fragment when its jaws close.
+
+        Parameters
+        ----------
+        T_tool : (4, 4) array
+            True tool pose.
+        T_grasp : (4, 4) array
+            Planned one, same frame.
+        fragment, up : (3,) arrays
+            Its place (m), and the direction away from the floor, same frame.
+        """
+        miss = T_tool[:3, 3] - fragment
+        height = float(miss @ up)
+        sideways = float(np.linalg.norm(miss - height * up))
+        turn = float(se3.angle(T_tool[:3, :3] @ T_grasp[:3, :3].T))
+        return sideways <= self.sideways and abs(height) <= self.height and turn <= self.turn
+
+    def drops_in(self, T_tool: FloatArray, bowl: FloatArray, up: FloatArray) -> bool:
+        """Return whether a fragment falls into the bowl when the jaws open.
+
+        Parameters
+        ----------
+        T_tool : (4, 4) array
+            True tool pose.
+        bowl, up : (3,) arrays
+            The bowl's centre (m), and the direction away from the floor, same frame.
+        """
+        miss = T_tool[:3, 3] - bowl
+        return float(np.linalg.norm(miss - (miss @ up) * up)) <= self.bowl
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,21 +149,44 @@ class Scene:
     size: FloatArray
 
     def fragments(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Positions `(count, 3)` drawn evenly in the box, tracker frame."""
+        """Draw positions `(count, 3)` evenly in the box, tracker frame.
+
+        Parameters
+        ----------
+        count : int
+        rng : numpy.random.Generator
+        """
         return self.at((rng.random((count, 3)) - 0.5) * self.size)
 
     def at(self, box: FloatArray) -> FloatArray:
-        """Tracker positions `(..., 3)` of positions given along the box's axes."""
+        """Return tracker positions of positions along the box's axes.
+
+        Parameters
+        ----------
+        box : (..., 3) array
+            m.
+        """
         position: FloatArray = box @ self.T_tracker_box[:3, :3].T + self.T_tracker_box[:3, 3]
         return position
 
     def along(self, position: FloatArray) -> FloatArray:
-        """Positions `(..., 3)` along the box's axes of tracker positions."""
+        """Return positions along the box's axes of tracker positions.
+
+        Parameters
+        ----------
+        position : (..., 3) array
+            m.
+        """
         box: FloatArray = (position - self.T_tracker_box[:3, 3]) @ self.T_tracker_box[:3, :3]
         return box
 
     def bowl(self, station: Station) -> FloatArray:
-        """(3,) centre of the station's bowl, at the height of its rim, tracker frame."""
+        """Return the centre `(3,)` of the station's bowl, at the height of its rim, tracker frame.
+
+        Parameters
+        ----------
+        station : Station
+        """
         return self.at(BOWL * np.array([station.side or 1.0, 1.0, 1.0]))
 
     @property
@@ -97,8 +196,47 @@ class Scene:
         return upwards
 
 
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """One way to fetch one fragment: tool poses in the tracker's frame.
+
+    Parameters
+    ----------
+    T_above, T_grasp, T_bowl : (4, 4) arrays
+        Over the fragment, at it, and over the bowl.
+    """
+
+    T_above: FloatArray
+    T_grasp: FloatArray
+    T_bowl: FloatArray
+
+
+def grasps(scene: Scene, station: Station, fragment: FloatArray) -> tuple[Grasp, ...]:
+    """Return the ways to fetch a fragment, the most upright grasp first, then tilted ones.
+
+    Parameters
+    ----------
+    scene : Scene
+    station : Station
+    fragment : (3,) array
+        m, tracker frame.
+    """
+    bowl = scene.bowl(station) + CLEARANCE * scene.up
+    ways = []
+    for tilt in TILTS:
+        for axis in (0, 1) if tilt else (0,):
+            R = se3.matrix_from_rotvec(tilt * scene.T_tracker_box[:3, axis]) @ station.R_tool
+            above = fragment + CLEARANCE * scene.up
+            ways.append(Grasp(*(se3.pose(R, place) for place in (above, fragment, bowl))))
+    return tuple(ways)
+
+
 def stations(arms: int = 2) -> tuple[Scene, tuple[Station, ...]]:
     """Set up the scene with one or two arms; with two, their shafts lean towards each other from either side.
+
+    Parameters
+    ----------
+    arms : int
 
     Raises
     ------
@@ -117,10 +255,8 @@ def _station(number: int, T_tracker_box: FloatArray, *, alone: bool) -> Station:
     arm = arm_named(name)
     nominal = se3.compose(T_tracker_box, se3.invert(_box(arm, np.pi * number)))
     machine = machine_of(preset(PRESET).model_copy(update={"arm": name}))
-    error = machine.T_tracker_base
     wrong = MISREGISTERED[number]
-    if wrong is not None:
-        error = se3.pose(se3.matrix_from_rotvec(wrong[1]), wrong[0])
+    error = machine.T_tracker_base if wrong is None else se3.pose(se3.matrix_from_rotvec(wrong[1]), wrong[0])
     R_tool = nominal[:3, :3] @ arm.forward(working_posture(arm))[:3, :3]
     machine = replace(machine, T_tracker_base=frozen_array(se3.compose(error, nominal)))
     side = 0.0 if alone else 1.0 - 2.0 * number
@@ -133,5 +269,4 @@ def _box(arm: Arm, yaw: float) -> FloatArray:
     axes = upright(arm.gravity)
     towards = axes.T @ -T[:3, 3]
     angle = np.arctan2(towards[1], towards[0]) + yaw
-    turn = se3.matrix_from_rotvec(np.array([0.0, 0.0, angle]))
-    return se3.pose(axes @ turn, T[:3, 3])
+    return se3.pose(axes @ se3.matrix_from_rotvec(np.array([0.0, 0.0, angle])), T[:3, 3])

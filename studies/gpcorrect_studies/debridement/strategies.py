@@ -1,4 +1,7 @@
-"""Two ways to be where one wants to be: look often and go slowly, or know how the arm misses and go at once."""
+"""Two ways to bring a tool to a fragment: slowly with many pictures, or at once with a correction.
+
+`LookAndMove` is static look-and-move visual servoing; `OpenLoop` takes no picture where the correction is sure enough.
+"""
 
 from __future__ import annotations
 
@@ -9,73 +12,86 @@ from typing import Protocol
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.planning.correction import Corrects, Mode, corrected
-from gpcorrect.planning.margins import Doubt, Margins
-from gpcorrect.planning.paths import DesiredPath, reach
-from gpcorrect.planning.replanning import first_trusted
+from gpcorrect.planning import Corrects, DesiredPath, Doubt, Margins, Mode, corrected, first_trusted, reach
 from gpcorrect.sim.reaching import Pace
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.debridement.robot import SimulatedRobot
-from gpcorrect_studies.debridement.skills import Errand, Times
+from gpcorrect_studies.debridement.scene import Grasp, Times
 
-__all__ = ["Approach", "LookAndMove", "OpenLoop", "Strategy"]
+__all__ = ["ACCELERATION", "TURN_RATE", "Approach", "LookAndMove", "OpenLoop", "Strategy"]
 
-ACCELERATION = 0.5  # m/s^2
-TURN_RATE = 1.5  # rad/s
+ACCELERATION = 0.5  # m/s^2, as in the simulated recordings
+TURN_RATE = 1.5  # rad/s, as in the simulated recordings
 
 
 @dataclass(frozen=True)
 class Approach:
-    """How a fragment was gone to.
+    """How a fragment was approached.
 
     Parameters
     ----------
-    errand : Errand
-        The way that was chosen.
+    grasp : Grasp
+        The one that was chosen.
     looks : int
         Pictures of the tool that were taken.
     doubts : tuple of Doubt
-        Why other ways were not chosen.
+        Why others were not chosen.
     careful : bool
-        Whether no correction was sure enough, so that the arm looked its way there.
+        Whether no correction was sure enough, so that the arm went by pictures.
     """
 
-    errand: Errand
+    grasp: Grasp
     looks: int = 0
     doubts: tuple[Doubt, ...] = ()
     careful: bool = False
 
 
 class Strategy(Protocol):
-    """Moves one robot through an errand."""
+    """Moves one robot to a fragment and to the bowl."""
 
     def begin(self, robot: SimulatedRobot) -> None:
-        """Take over a robot at home."""
+        """Take over a robot at home.
 
-    def approach(self, robot: SimulatedRobot, ways: Sequence[Errand]) -> Approach:
-        """Bring the tool to the fragment, at rest."""
+        Parameters
+        ----------
+        robot : SimulatedRobot
+        """
 
-    def bring(self, robot: SimulatedRobot, approach: Approach) -> None:
-        """Lift and carry to the bowl, at rest."""
+    def approach(self, robot: SimulatedRobot, ways: Sequence[Grasp]) -> Approach:
+        """Bring the tool to the fragment, at rest.
 
-    def retreat(self, robot: SimulatedRobot, approach: Approach) -> None:
-        """Go back over the fragment after a failed grasp."""
+        Parameters
+        ----------
+        robot : SimulatedRobot
+        ways : sequence of Grasp
+            Best first.
+        """
+
+    def carry(self, robot: SimulatedRobot, approach: Approach, *, to_bowl: bool) -> None:
+        """Lift, and go to the bowl with a fragment, or stay over its place after a failed grasp; at rest.
+
+        Parameters
+        ----------
+        robot : SimulatedRobot
+        approach : Approach
+        to_bowl : bool
+        """
 
 
 @dataclass
 class LookAndMove:
-    """No correction: go a little, stop, look, and take the miss off what is commanded next.
+    """No correction: go a little, stop, take a picture, and subtract the miss from what is commanded next.
 
     Parameters
     ----------
     speed : float
         m/s.
     leg : float
-        Longest way between two looks, m.
+        Longest way between two pictures, m; chosen by hand, like the others below.
     tolerance : float
         Miss that is good enough where it matters, m.
     most_looks : int
-        Looks at one place before it is left at that.
+        Pictures at one place before the arm stops improving.
     times : Times
     """
 
@@ -90,30 +106,24 @@ class LookAndMove:
     _looks: int = field(default=0, init=False)
 
     def begin(self, robot: SimulatedRobot) -> None:
-        """Look once, where the arm stands."""
         self._shift, self._turn = np.zeros(3), np.eye(3)
         self._at = se3.compose(robot.station.T_tracker_base, robot.command_pose)
-        self._look(robot, self._at)
+        self._look(robot)
 
-    def approach(self, robot: SimulatedRobot, ways: Sequence[Errand]) -> Approach:
-        """Take the first way, look by look, and correct the last miss until it is small."""
-        self._looks, errand = 0, ways[0]
-        self._go(robot, errand.T_above)
-        self._go(robot, errand.T_grasp)
+    def approach(self, robot: SimulatedRobot, ways: Sequence[Grasp]) -> Approach:
+        self._looks, grasp = 0, ways[0]
+        self._go(robot, grasp.T_above)
+        self._go(robot, grasp.T_grasp)
         for _ in range(self.most_looks):
             if float(np.linalg.norm(self._miss)) <= self.tolerance:
                 break
-            self._step(robot, errand.T_grasp)
-        return Approach(errand, self._looks)
+            self._step(robot, grasp.T_grasp)
+        return Approach(grasp, self._looks)
 
-    def bring(self, robot: SimulatedRobot, approach: Approach) -> None:
-        """Lift and carry, look by look."""
-        self._go(robot, approach.errand.T_above)
-        self._go(robot, approach.errand.T_bowl)
-
-    def retreat(self, robot: SimulatedRobot, approach: Approach) -> None:
-        """Go back up."""
-        self._go(robot, approach.errand.T_above)
+    def carry(self, robot: SimulatedRobot, approach: Approach, *, to_bowl: bool) -> None:
+        self._go(robot, approach.grasp.T_above)
+        if to_bowl:
+            self._go(robot, approach.grasp.T_bowl)
 
     def _go(self, robot: SimulatedRobot, goal: FloatArray) -> None:
         legs = max(1, int(np.ceil(np.linalg.norm(goal[:3, 3] - self._at[:3, 3]) / self.leg)))
@@ -123,19 +133,17 @@ class LookAndMove:
             self._step(robot, se3.compose(se3.exp(way * leg / legs), begin))
 
     def _step(self, robot: SimulatedRobot, goal: FloatArray) -> None:
-        start, stop = robot.command_pose, self._commanded(robot, goal)
-        path = reach(np.stack([start, stop]), Pace(self.speed, ACCELERATION, TURN_RATE))
+        moved = se3.pose(self._turn @ goal[:3, :3], goal[:3, 3] + self._shift)
+        command = se3.compose(se3.invert(robot.station.T_tracker_base), moved)
+        path = reach(np.stack([robot.command_pose, command]), Pace(self.speed, ACCELERATION, TURN_RATE))
         robot.follow(path.times, path.T)
         self._at = goal
-        self._look(robot, goal)
+        self._look(robot)
 
-    def _commanded(self, robot: SimulatedRobot, goal: FloatArray) -> FloatArray:
-        moved = se3.pose(self._turn @ goal[:3, :3], goal[:3, 3] + self._shift)
-        return se3.compose(se3.invert(robot.station.T_tracker_base), moved)
-
-    def _look(self, robot: SimulatedRobot, goal: FloatArray) -> None:
+    def _look(self, robot: SimulatedRobot) -> None:
+        """Take a picture, and learn by how much the tool misses where it should be."""
         robot.wait(self.times.settle + self.times.look)
-        seen = robot.look()
+        seen, goal = robot.look(), self._at
         self._looks += 1
         self._miss = goal[:3, 3] - seen[:3, 3]
         self._shift = self._shift + self._miss
@@ -144,7 +152,7 @@ class LookAndMove:
 
 @dataclass
 class OpenLoop:
-    """With correction: plan all the way to the fragment, ask what to command, and go without looking.
+    """With correction: plan all the way to the fragment, ask what to command, and go without a picture.
 
     Parameters
     ----------
@@ -153,11 +161,11 @@ class OpenLoop:
     speed : float
         m/s.
     margins : Margins
-        How sure the correction must be at the fragment; a way that is not is replanned with another tilt.
+        How sure the correction must be at the fragment; otherwise another tilt is planned.
     mode : "full" or "endpoints"
     times : Times
     careful : LookAndMove or None
-        What to do where no way is sure enough; without it the last way is taken all the same.
+        What to do where no grasp is sure enough; without it the last one is taken all the same.
     """
 
     corrector: Corrects
@@ -169,39 +177,30 @@ class OpenLoop:
     _at: FloatArray = field(default_factory=lambda: np.eye(4), init=False)
 
     def begin(self, robot: SimulatedRobot) -> None:
-        """Take the pose at home as registered by hand; the first path ends elsewhere anyway."""
+        # As registered by hand: the first path ends elsewhere anyway.
         self._at = se3.compose(robot.station.T_tracker_base, robot.command_pose)
 
-    def approach(self, robot: SimulatedRobot, ways: Sequence[Errand]) -> Approach:
-        """Go the first way that is sure enough."""
-        chosen = first_trusted(self.corrector, (self._to(way) for way in ways), self.margins, self.mode)
+    def approach(self, robot: SimulatedRobot, ways: Sequence[Grasp]) -> Approach:
+        paths = (self._path(way.T_above, way.T_grasp) for way in ways)
+        chosen = first_trusted(self.corrector, paths, self.margins, self.mode)
         if not chosen.trusted and self.careful is not None:
             self.careful.begin(robot)
             there = self.careful.approach(robot, ways)
-            self._at = there.errand.T_grasp
-            return Approach(there.errand, there.looks, chosen.doubts, careful=True)
-        robot.follow(chosen.command.times, chosen.command.T)
-        robot.wait(self.times.settle)
-        self._at = chosen.path.goal
+            self._at = there.grasp.T_grasp
+            return Approach(there.grasp, there.looks, chosen.doubts, careful=True)
+        self._follow(robot, chosen.path, chosen.command.T)
         return Approach(ways[chosen.number], 0, chosen.doubts)
 
-    def bring(self, robot: SimulatedRobot, approach: Approach) -> None:
-        """Lift and carry; the bowl is wide, so no margin is asked for."""
-        self._go(robot, approach.errand.T_above, approach.errand.T_bowl)
-
-    def retreat(self, robot: SimulatedRobot, approach: Approach) -> None:
-        """Go back up."""
-        self._go(robot, approach.errand.T_above)
-
-    def _to(self, errand: Errand) -> DesiredPath:
-        return self._path(errand.T_above, errand.T_grasp)
-
-    def _go(self, robot: SimulatedRobot, *stops: FloatArray) -> None:
-        path = self._path(*stops)
-        command = corrected(self.corrector, path, self.mode)
-        robot.follow(command.times, command.T)
-        robot.wait(self.times.settle)
-        self._at = path.goal
+    def carry(self, robot: SimulatedRobot, approach: Approach, *, to_bowl: bool) -> None:
+        # The bowl is wide, so no margin is asked for.
+        grasp = approach.grasp
+        path = self._path(grasp.T_above, grasp.T_bowl) if to_bowl else self._path(grasp.T_above)
+        self._follow(robot, path, corrected(self.corrector, path, self.mode).T)
 
     def _path(self, *stops: FloatArray) -> DesiredPath:
         return reach(np.stack([self._at, *stops]), Pace(self.speed, ACCELERATION, TURN_RATE))
+
+    def _follow(self, robot: SimulatedRobot, path: DesiredPath, command: FloatArray) -> None:
+        robot.follow(path.times, command)
+        robot.wait(self.times.settle)
+        self._at = path.goal

@@ -1,4 +1,4 @@
-"""Table II: the robot is sent to places again and again, and where its tool really comes to stand is compared.
+"""Table II: the robot is sent to places again and again, and where its tool really comes to rest is compared.
 
 Every repetition visits all places in an order of its own, so that the arm comes from elsewhere each time and its play
 and friction stand elsewhere. Three commands for the same desired poses, in the tracker's frame: the desired path
@@ -15,26 +15,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.arms import Arm, arm_named
+from gpcorrect.arms import arm_named
 from gpcorrect.corrector import CommandCorrector
 from gpcorrect.errors import LogError
 from gpcorrect.experiment import Experiment
 from gpcorrect.rigid import pose_residual
-from gpcorrect.sim import Machine, Outcome, Plan, Segment, plan_of, run
+from gpcorrect.sim import Machine, Segment, plan_of, run
 from gpcorrect.sim.debridement import PACE
 from gpcorrect.sim.reaching import Tour, joint_tour, tour
-from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
+from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
-__all__ = ["COMMANDS", "Landing", "Reached", "closed_loop", "places_to_visit"]
+__all__ = ["Landing", "Reached", "closed_loop", "places_to_visit"]
 
-SETTLING = 0.5  # s of rest after each reach: the arm comes to a stand
-AFTER_TRAINING = 60.0  # s between the recording's end and the first repetition, and between repetitions
-COMMANDS = ("none", "full trajectory", "endpoint")
+SETTLING = 0.5  # s of rest after each reach; chosen by hand: the simulated arm has come to rest by then
+AFTER_TRAINING = 60.0  # s between the recording's end and the first repetition, and between repetitions; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """How far from a desired pose the tool stood: position and rotation errors of every visit.
+    """How far from a desired pose the tool came to rest.
 
     Parameters
     ----------
@@ -61,21 +60,40 @@ class Reached:
 
 @dataclass(frozen=True, eq=False)
 class Landing:
-    """Where the tool was with one kind of command: at rest half a second after arrival, and on arrival."""
+    """Where the tool was with one kind of command: on arrival, and at rest half a second later."""
 
-    at_rest: Reached
     on_arrival: Reached
+    at_rest: Reached
 
 
 def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator) -> FloatArray:
-    """End poses `(count + 1, 4, 4)` of held-out reaches as the tracker saw them; the first is where each run starts."""
+    """Draw end poses of held-out reaches as the tracker saw them.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With held-out reaches.
+    count : int
+        Places.
+    rng : numpy.random.Generator
+        Of which reaches.
+
+    Returns
+    -------
+    (count + 1, 4, 4) array
+        Tracker frame; the first is where each run starts.
+
+    Raises
+    ------
+    LogError
+        Too few reaches are held out.
+    """
     assert experiment.test is not None
     assert experiment.evaluation is not None
     log, kept = experiment.test, np.flatnonzero(experiment.evaluation.cleaning.keep)
     assert log.tracker_cp is not None
     assert log.tracker_cp.quaternion is not None
-    number = log.trajectory[kept]
-    ends = kept[np.flatnonzero(np.diff(number, append=-1) != 0)]
+    ends = kept[np.flatnonzero(np.diff(log.trajectory[kept], append=-1) != 0)]
     if len(ends) <= count:
         raise LogError(
             f"{count} places need {count + 1} held-out reaches, there are {len(ends)}.", hint="Simulate more reaches."
@@ -108,45 +126,43 @@ def closed_loop(
         Session time of the recording's end, s: the robot has drifted since.
     rng : numpy.random.Generator
         Orders of the visits.
+
+    Returns
+    -------
+    dict
+        A Landing for each of "none", "full trajectory" and "endpoint".
     """
-    arm = arm_named(machine.arm)
     orders = [rng.permutation(len(places) - 1) for _ in range(repetitions)]
-    commanding: Mapping[str, Callable[[FloatArray], Tour]] = {
+    tours: Mapping[str, Callable[[FloatArray], Tour]] = {
         "none": lambda stops: _tour(stops, machine),
-        "full trajectory": lambda stops: _corrected(corrector, _tour(stops, machine), machine),
+        "full trajectory": lambda stops: _corrected_path(corrector, _tour(stops, machine), machine),
         "endpoint": lambda stops: _tour(_corrected_stops(corrector, stops), machine),
     }
-    tours = {
-        name: [command(places[np.concatenate([[0], 1 + order])]) for order in orders]
-        for name, command in commanding.items()
+    return {
+        name: _landing(
+            machine, [tour_of(places[np.concatenate([[0], 1 + order])]) for order in orders], orders, places[1:], begin
+        )
+        for name, tour_of in tours.items()
     }
-    return {name: _landing(machine, arm, paths, orders, places[1:], begin) for name, paths in tours.items()}
 
 
-def _landing(
-    machine: Machine, arm: Arm, tours: list[Tour], orders: list[IntArray], places: FloatArray, begin: float
-) -> Landing:
+def _landing(machine: Machine, tours: list[Tour], orders: list[IntArray], places: FloatArray, begin: float) -> Landing:
+    """Drive the tours one after the other; errors are those at the end of each visit."""
+    arm = arm_named(machine.arm)
     starts = begin + AFTER_TRAINING * (1 + np.arange(len(tours)))
     segments = [
         Segment(joint_tour(arm, path), path.trajectory, start=start) for path, start in zip(tours, starts, strict=True)
     ]
     plan = plan_of(segments, machine.log_rate_hz)
     outcome = run(machine, plan)
-    rest = round(SETTLING * machine.log_rate_hz)
-    return Landing(*(Reached(_errors(machine, plan, outcome, orders, places, back)) for back in (0, rest)))
-
-
-def _errors(
-    machine: Machine, plan: Plan, outcome: Outcome, orders: list[IntArray], places: FloatArray, back: int
-) -> FloatArray:
-    """Errors `(repetitions, places, 6)`, `back` samples before the end of each visit."""
     assert outcome.T_base_tip is not None
-    errors = np.empty((len(orders), len(places), 6))
+    arrival, rest = np.empty((2, len(orders), len(places), 6))
     for i, order in enumerate(orders):
-        ends = np.flatnonzero(np.diff(plan.trajectory[:, i], append=-1) != 0)[: len(order)] - back
-        T = se3.compose(machine.T_tracker_base, outcome.T_base_tip[ends, i], machine.T_tip_marker)
-        errors[i, order] = pose_residual(_signal(T), _signal(places[order]))
-    return errors
+        ends = np.flatnonzero(np.diff(plan.trajectory[:, i], append=-1) != 0)[: len(order)]
+        for errors, back in ((rest, 0), (arrival, round(SETTLING * machine.log_rate_hz))):  # a visit ends with its rest
+            T = se3.compose(machine.T_tracker_base, outcome.T_base_tip[ends - back, i], machine.T_tip_marker)
+            errors[i, order] = pose_residual(PoseSignal(*se3.to_parts(T)), PoseSignal(*se3.to_parts(places[order])))
+    return Landing(Reached(arrival), Reached(rest))
 
 
 def _tour(stops: FloatArray, machine: Machine) -> Tour:
@@ -154,27 +170,14 @@ def _tour(stops: FloatArray, machine: Machine) -> Tour:
     return tour(stops, range(count), [replace(PACE, pause=SETTLING)] * count, machine.log_rate_hz)
 
 
-def _corrected(corrector: CommandCorrector, path: Tour, machine: Machine) -> Tour:
+def _corrected_path(corrector: CommandCorrector, path: Tour, machine: Machine) -> Tour:
     times = np.arange(len(path.T_base_tip)) / machine.log_rate_hz
-    answer = corrector.correct_path(_poses(path.T_base_tip), times)
+    answer = corrector.correct_path(np.hstack(se3.to_parts(path.T_base_tip)), times)
     assert answer.quaternions is not None
     return Tour(se3.from_parts(answer.positions, answer.quaternions), path.trajectory)
 
 
 def _corrected_stops(corrector: CommandCorrector, stops: FloatArray) -> FloatArray:
-    answers = [corrector.correct(pose) for pose in _poses(stops)]
+    answers = [corrector.correct(pose) for pose in np.hstack(se3.to_parts(stops))]
     quaternions = [answer.quaternion for answer in answers if answer.quaternion is not None]
     return se3.from_parts(np.array([answer.position for answer in answers]), np.array(quaternions))
-
-
-def _poses(T: FloatArray) -> FloatArray:
-    return np.hstack(se3.to_parts(T))
-
-
-def _signal(T: FloatArray) -> PoseSignal:
-    return PoseSignal(*se3.to_parts(T))
-
-
-def session_end(log: CalibrationLog) -> float:
-    """Session time, s, at which a recording of one session ends."""
-    return float(log.time[-1])

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+from matplotlib.figure import Figure
+
 from gpcorrect.plots import trajectory_errors, trajectory_paths, typical_trajectory
-from gpcorrect.plots.style import png
+from gpcorrect.plots.style import COLOURS, new_figure, png
 from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
-from gpcorrect_studies.mahler2014.plots import training_curves, visits
-from gpcorrect_studies.mahler2014.published import MAHLER_2014, MISSING
+from gpcorrect.types import FloatArray
+from gpcorrect_studies.mahler2014.regressions import TrainingSize
 from gpcorrect_studies.mahler2014.study import COMPARABLE, NOT_COMPARABLE, Mahler2014
 from gpcorrect_studies.mahler2014.table1 import COMPONENTS, FULL, METHODS, NORMS
+from gpcorrect_studies.published import MAHLER_2014, MAHLER_MISSING
 
 __all__ = ["write_mahler_report"]
 
@@ -26,18 +30,35 @@ TITLES = {
     "rotation_gain_of_cleaning_on_sd": "spread of the rotation error that cleaning takes away",
 }
 HEADS = {name: name.replace("_", " [") + "]" for name in (*COMPONENTS, *NORMS)}
-NOT_AT_HAND = "-"
-FIG_5_SECONDS = ("fit_seconds_460_states", "fit_seconds_all_states")
 
 
 def write_mahler_report(result: Mahler2014, path: Path) -> None:
     """Write the self-contained page.
+
+    Parameters
+    ----------
+    result : Mahler2014
+        The whole study.
+    path : Path
+        HTML file.
 
     Raises
     ------
     GpCorrectError
         The folder cannot be written.
     """
+    percent, met = result.table1.percent_of_raw("dirty"), [target["met"] for target in result.targets().values()]
+    verdict = (
+        f"Full correction leaves {percent['position_mm']:.1f} % of the position error and "
+        f"{percent['rotation_deg']:.1f} % of the rotation error on the dirty set; the paper left "
+        f"{_value('position_percent_of_raw_dirty')} % and {_value('rotation_percent_of_raw_dirty')} %. "
+        f"{sum(met)} of {len(met)} targets are met."
+    )
+    facts = [
+        ("recording", f"simulated: {result.scope.reaches} reaches, {result.samples} samples, seed {result.seed}"),
+        ("held out", "the last fifth of the reaches, whole"),
+        ("time", f"{result.seconds:.0f} s for everything on this page"),
+    ]
     sections = [
         _comparison(result),
         _table1(result),
@@ -48,26 +69,11 @@ def write_mahler_report(result: Mahler2014, path: Path) -> None:
         Section("What is comparable", COMPARABLE),
         Section("What is not", NOT_COMPARABLE),
     ]
-    write_page(Page("gpcorrect reproduce mahler2014", _verdict(result), _facts(result), sections), path)
+    write_page(Page("gpcorrect reproduce mahler2014", verdict, facts, sections), path)
 
 
-def _verdict(result: Mahler2014) -> str:
-    percent, raw = result.table1.percent_of_raw("dirty"), MAHLER_2014
-    met = [target["met"] for target in result.targets().values()]
-    return (
-        f"Full correction leaves {percent['position_mm']:.1f} % of the position error and "
-        f"{percent['rotation_deg']:.1f} % of the rotation error on the dirty set; the paper left "
-        f"{raw['position_percent_of_raw_dirty'].value} % and {raw['rotation_percent_of_raw_dirty'].value} %. "
-        f"{sum(met)} of {len(met)} targets are met."
-    )
-
-
-def _facts(result: Mahler2014) -> list[tuple[str, str]]:
-    return [
-        ("recording", f"simulated: {result.scope.reaches} reaches, {result.samples} samples, seed {result.seed}"),
-        ("held out", "the last fifth of the reaches, whole"),
-        ("time", f"{result.seconds:.0f} s for everything on this page"),
-    ]
+def _value(name: str) -> float:
+    return MAHLER_2014[name].values[0]
 
 
 def _comparison(result: Mahler2014) -> Section:
@@ -93,13 +99,13 @@ def _comparison(result: Mahler2014) -> Section:
         + "; ".join(f"{TITLES[n]}: {MAHLER_2014[n].source}" for n in TITLES if n in MAHLER_2014)
         + ". The paper's gains by velocity are of its own, unnamed set.",
     )
-    return Section("Beside the paper", [f"Not at hand, and so not compared: {'; '.join(MISSING)}."], (table,))
+    return Section("Beside the paper", [f"Not at hand, and so not compared: {'; '.join(MAHLER_MISSING)}."], (table,))
 
 
 def _published(name: str) -> str:
     if name.endswith("memory"):
         return "none"
-    return f"{MAHLER_2014[name].value:g} {MAHLER_2014[name].unit}" if name in MAHLER_2014 else NOT_AT_HAND
+    return f"{_value(name):g} {MAHLER_2014[name].unit}" if name in MAHLER_2014 else "-"
 
 
 def _bound(name: str, target: float) -> str:
@@ -109,13 +115,20 @@ def _bound(name: str, target: float) -> str:
 
 
 def _table1(result: Mahler2014) -> Section:
+    def rows(which: str, names: Sequence[str]) -> list[list[str]]:
+        errors = result.table1.errors[which]
+        return [
+            [method, *(f"{errors[method][n]['mean']:.2f} ± {errors[method][n]['sd']:.2f}" for n in names)]
+            for method in METHODS
+        ]
+
     tables = [
-        TableData([f"{which} set", *(HEADS[n] for n in names)], _rows(result, which, names), f"Mean ± SD over {whole}.")
+        TableData([f"{which} set", *(HEADS[n] for n in names)], rows(which, names), f"Mean ± SD over {whole}.")
         for which, whole in (("clean", "samples that pass cleaning"), ("dirty", "all samples as they came"))
         for names in (NORMS, COMPONENTS)
     ]
     quoted = [
-        [method, *(f"{MAHLER_2014[f'{part}_{when}'].value:g}" for part in ("position", "rotation"))]
+        [method, *(f"{_value(f'{part}_{when}'):g}" for part in ("position", "rotation"))]
         for method, when in (("no correction", "raw"), (FULL, "corrected"))
     ]
     note = "The paper's abstract: norm of the mean position error and of the mean angular error, held-out trajectories."
@@ -126,14 +139,6 @@ def _table1(result: Mahler2014) -> Section:
         "All methods but the last learn from the recording as it came, faults included.",
     ]
     return Section("Table I: six methods", words, tables)
-
-
-def _rows(result: Mahler2014, which: str, names: Sequence[str]) -> list[list[str]]:
-    errors = getattr(result.table1, which)
-    return [
-        [method, *(f"{errors[method][n]['mean']:.2f} ± {errors[method][n]['sd']:.2f}" for n in names)]
-        for method in METHODS
-    ]
 
 
 def _fig4(result: Mahler2014) -> Section:
@@ -159,17 +164,17 @@ def _fig5(result: Mahler2014) -> Section:
         [str(p.states), p.method, f"{p.position_mm:.2f}", f"{p.rotation_deg:.2f}", f"{p.seconds:.2f}"]
         for p in result.fig5
     ]
-    few, everything = (MAHLER_2014[name].value for name in FIG_5_SECONDS)
+    few, everything = _value("fit_seconds_460_states"), _value("fit_seconds_all_states")
     most = max(point.states for point in result.fig5)
-    rows += [["460", "the paper's", NOT_AT_HAND, NOT_AT_HAND, f"{few:g}"]]
-    rows += [["all", "the paper's", NOT_AT_HAND, NOT_AT_HAND, f"{everything:g}"]]
+    rows += [["460", "the paper's", "-", "-", f"{few:g}"]]
+    rows += [["all", "the paper's", "-", "-", f"{everything:g}"]]
     table = TableData(
         ["training states", "method", "position [mm]", "rotation [deg]", "fit [s]"],
         rows,
         "Held-out reaches, samples that pass cleaning. Times: regression alone, hyperparameters included, one thread.",
     )
     figure = FigureImage(
-        png(training_curves(result.fig5, {460: few, most: everything})),
+        png(_training_curves(result.fig5, {460: few, most: everything})),
         "Error and fitting time by number of training states; the paper's second time is drawn at our full number.",
     )
     return Section("Fig. 5: how many training states", (), (table,), (figure,))
@@ -181,9 +186,11 @@ def _table2(result: Mahler2014) -> Section:
         for when, reached in (("at rest", landing.at_rest), ("on arrival", landing.on_arrival)):
             f = reached.to_dict()
             cells = [
-                f"{f[f'{part}_mean']:.2f} ± {f[f'{part}_sd']:.2f}|{f[f'{part}_repeatability']:.2f}" for part in NORMS
+                cell
+                for part in NORMS
+                for cell in (f"{f[f'{part}_mean']:.2f} ± {f[f'{part}_sd']:.2f}", f"{f[f'{part}_repeatability']:.2f}")
             ]
-            rows.append([f"{name}, {when}", *(cell for pair in cells for cell in pair.split("|"))])
+            rows.append([f"{name}, {when}", *cells])
     table = TableData(
         ["correction", "position [mm]", "repeatability", "rotation [deg]", "repeatability"],
         rows,
@@ -196,7 +203,7 @@ def _table2(result: Mahler2014) -> Section:
         "and the tool's true pose is compared with the desired one: no tracker noise is in these figures.",
     ]
     figure = FigureImage(
-        png(visits({name: landing.at_rest.error for name, landing in result.table2.items()})),
+        png(_visits({name: landing.at_rest.error for name, landing in result.table2.items()})),
         "Errors at rest, a dot a visit.",
     )
     return Section("Table II: the corrected command really sent", words, (table,), (figure,))
@@ -223,3 +230,42 @@ def _limits(result: Mahler2014) -> Section:
         "asked for, and the memory of the transmission: play and dry friction leave the arm where its past put it.",
     ]
     return Section("What limits it", words, (table,))
+
+
+def _training_curves(points: Sequence[TrainingSize], published_seconds: Mapping[int, float]) -> Figure:
+    """Position error, rotation error and fitting time; the paper's times (by number of states, s) as crosses."""
+    styles = {"exact": ("raw", "o", "exact posterior"), "sparse": ("corrected", "s", "inducing points (default)")}
+    figure, axes = new_figure(9.5, 3.2, 1, 3)
+    quantities = (
+        ("position_mm", "position error [mm]"),
+        ("rotation_deg", "rotation error [deg]"),
+        ("seconds", "fitting time [s]"),
+    )
+    for ax, (name, label) in zip(axes, quantities, strict=True):
+        for method, (colour, marker, title) in styles.items():
+            chosen = [point for point in points if point.method == method]
+            states, values = [point.states for point in chosen], [getattr(point, name) for point in chosen]
+            ax.plot(states, values, color=COLOURS[colour], marker=marker, markersize=4, linewidth=1.4, label=title)
+        ax.set(xscale="log", xlabel="training states", ylabel=label)
+        if name != "seconds":
+            ax.set_ylim(0, 1.15 * max(getattr(point, name) for point in points))
+    axes[2].plot(
+        list(published_seconds), list(published_seconds.values()), "x", color=COLOURS["ink"], label="the paper's"
+    )
+    axes[2].set_yscale("log")
+    axes[2].legend(frameon=False, fontsize=7)
+    return figure
+
+
+def _visits(errors: Mapping[str, FloatArray]) -> Figure:
+    """Lengths of the errors `(repetitions, places, 6)` of each kind of command, on a logarithmic scale."""
+    figure, axes = new_figure(9.5, 3.4, 1, 2)
+    quantities = ((slice(0, 3), 1e3, "position error [mm]"), (slice(3, 6), 180 / np.pi, "rotation error [deg]"))
+    for ax, (columns, scale, label) in zip(axes, quantities, strict=True):
+        for i, ((name, error), shade) in enumerate(zip(errors.items(), ("raw", "corrected", "rigid"), strict=True)):
+            size = scale * np.linalg.norm(error[..., columns], axis=-1)
+            x = np.broadcast_to(1 + np.arange(size.shape[1]) + 0.22 * (i - 1), size.shape)
+            ax.plot(x.ravel(), size.ravel(), ".", color=COLOURS[shade], markersize=5, alpha=0.75, label=name)
+        ax.set(xlabel="place", ylabel=label, yscale="log", xticks=range(1, size.shape[1] + 1))
+    axes[0].legend(frameon=False, fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
+    return figure

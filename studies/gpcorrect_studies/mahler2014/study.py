@@ -1,4 +1,4 @@
-"""`gpcorrect reproduce mahler2014`: the paper's tables and figures on the simulated debridement recording."""
+"""Mahler et al. 2014 on the simulated debridement recording: scope, result, and the run of all its parts."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim import debridement_log, machine_of, preset
 from gpcorrect.sim.debridement import PRESET
 from gpcorrect.types import Progress
-from gpcorrect_studies.mahler2014.closed_loop import Landing, closed_loop, places_to_visit, session_end
-from gpcorrect_studies.mahler2014.limits import Limit, what_limits
-from gpcorrect_studies.mahler2014.published import MAHLER_2014, MISSING
-from gpcorrect_studies.mahler2014.table1 import MEMORY, TableOne, table_one
-from gpcorrect_studies.mahler2014.training_size import TrainingSize, training_sizes
+from gpcorrect_studies.mahler2014.closed_loop import Landing, closed_loop, places_to_visit
+from gpcorrect_studies.mahler2014.regressions import Limit, TrainingSize, limits, training_sizes
+from gpcorrect_studies.mahler2014.table1 import FULL, MEMORY, TableOne, table_one
+from gpcorrect_studies.published import MAHLER_2014, MAHLER_MISSING
 
 __all__ = ["COMPARABLE", "NOT_COMPARABLE", "TARGETS", "Mahler2014", "Scope", "reproduce_mahler2014"]
 
 FEWEST_REACHES = 30  # a fifth is held out, and the places to visit are taken from it
-PAPERS_SHARE = 460 / 19200  # the training states of the paper's smaller fit
+PAPERS_FRACTION = 460 / 19200  # the training states of the paper's smaller fit, Fig. 5
 
 # Set before the first full run: at least as good, relative to the raw error, as the paper on its dirty set.
 TARGETS = {
@@ -47,7 +46,7 @@ NOT_COMPARABLE = (
     "Memory of what was commanded: the paper had none; the row is ours.",
     "Ratios only with care: what cannot be corrected (memory, tracker noise) is our choice of parameters too.",
     "Seconds: another computer, eleven years younger, and another method (all data through inducing points).",
-    "The dirty set: its error hangs on whether the one long block of a lost fiducial falls into the held-out fifth; "
+    "The dirty set: its error depends on whether the one long block of a lost fiducial falls into the held-out fifth; "
     "there the desired pose itself is false, and no corrector can know.",
     "Table II: the paper moved a real arm; here the simulator that made the training data is the robot.",
 )
@@ -63,8 +62,8 @@ class Scope:
         Reaches of the recording; the paper had 303.
     places, repetitions : int
         Of Table II.
-    shares : tuple of float
-        Parts of the training states for Fig. 5.
+    fractions : tuple of float
+        Fractions of the training states for Fig. 5.
     settings : FitSettings
         What all fits have in common.
     """
@@ -72,7 +71,7 @@ class Scope:
     reaches: int = 303
     places: int = 10
     repetitions: int = 10
-    shares: tuple[float, ...] = (0.006, 0.012, PAPERS_SHARE, 0.05, 0.1, 0.25, 0.5, 1.0)
+    fractions: tuple[float, ...] = (0.006, 0.012, PAPERS_FRACTION, 0.05, 0.1, 0.25, 0.5, 1.0)
     settings: FitSettings = field(default_factory=FitSettings)
 
     def __post_init__(self) -> None:
@@ -83,10 +82,10 @@ class Scope:
             )
 
     @classmethod
-    def quick(cls, reaches: int) -> Scope:
-        """Return a small scope that shows every part: few reaches and inducing points, no search for a marker."""
+    def quick(cls) -> Scope:
+        """Return a small scope that has every part: few reaches and inducing points, no search for a marker."""
         settings = FitSettings(marker="none", inducing=200)
-        return cls(min(reaches, FEWEST_REACHES), places=4, repetitions=3, shares=(0.05, 1.0), settings=settings)
+        return cls(FEWEST_REACHES, places=4, repetitions=3, fractions=(0.05, 1.0), settings=settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +101,13 @@ class Mahler2014:
     samples : int
         Of the recording.
     table1 : TableOne
-        Errors of six methods.
+        Errors of the methods.
     fig5 : tuple of TrainingSize
         Error and fitting time by number of training states.
     table2 : mapping from command to Landing
-        Where the robot really came to stand.
+        Where the robot really came to rest.
     limits : tuple of Limit
-        What is left under each oracle.
+        What is left under each assumption.
     seconds : float
         Of the whole run.
     """
@@ -122,23 +121,19 @@ class Mahler2014:
     limits: tuple[Limit, ...]
     seconds: float
 
-    def measured_targets(self) -> dict[str, float]:
-        """Return what was measured of each of :data:`TARGETS`, on the dirty set."""
-        percent, cleaning = self.table1.percent_of_raw("dirty"), self.table1.gain_of_cleaning("dirty")
-        memory = self.table1.percent_of_raw("dirty", MEMORY)
-        return {
+    def targets(self) -> dict[str, dict[str, Any]]:
+        """Return each target with what was measured on the dirty set, and whether it is met."""
+        percent, memory = (self.table1.percent_of_raw("dirty", method) for method in (FULL, MEMORY))
+        velocity, cleaning = self.table1.gain_of_velocity("dirty"), self.table1.gain_of_cleaning("dirty")
+        measured = {
             "position_percent_of_raw_dirty": percent["position_mm"],
             "rotation_percent_of_raw_dirty": percent["rotation_deg"],
-            "position_gain_of_velocity": self.table1.gain_of_velocity("dirty")["position_mm"],
+            "position_gain_of_velocity": velocity["position_mm"],
             "position_gain_of_cleaning_on_sd": cleaning["position_mm"],
             "rotation_gain_of_cleaning_on_sd": cleaning["rotation_deg"],
             "position_percent_of_raw_dirty_memory": memory["position_mm"],
             "rotation_percent_of_raw_dirty_memory": memory["rotation_deg"],
         }
-
-    def targets(self) -> dict[str, dict[str, Any]]:
-        """Return each target with what was measured, and whether it is met."""
-        measured = self.measured_targets()
         return {
             name: {
                 "target": target,
@@ -150,14 +145,19 @@ class Mahler2014:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as JSON-able data."""
-        table, sets = self.table1, ("clean", "dirty")
+        table, sets, scope = self.table1, ("clean", "dirty"), self.scope
         return {
             "study": "mahler2014",
             "seed": self.seed,
-            "scope": {name: value for name, value in asdict(self.scope).items() if name != "settings"},
+            "scope": {
+                "reaches": scope.reaches,
+                "places": scope.places,
+                "repetitions": scope.repetitions,
+                "shares": scope.fractions,
+            },
             "samples": self.samples,
             "seconds": self.seconds,
-            "table1": {which: dict(getattr(table, which)) for which in sets},
+            "table1": {which: dict(table.errors[which]) for which in sets},
             "table1_seconds": dict(table.seconds),
             "percent_of_raw": {which: table.percent_of_raw(which) for which in sets},
             "gain_of_velocity": {which: table.gain_of_velocity(which) for which in sets},
@@ -169,8 +169,11 @@ class Mahler2014:
             },
             "limits": [asdict(limit) for limit in self.limits],
             "targets": self.targets(),
-            "published": {name: asdict(figure) for name, figure in MAHLER_2014.items()},
-            "published_but_not_at_hand": list(MISSING),
+            "published": {
+                name: {"value": figure.values[0], "unit": figure.unit, "source": figure.source}
+                for name, figure in MAHLER_2014.items()
+            },
+            "published_but_not_at_hand": list(MAHLER_MISSING),
             "comparable": list(COMPARABLE),
             "not_comparable": list(NOT_COMPARABLE),
         }
@@ -186,7 +189,7 @@ def reproduce_mahler2014(scope: Scope, seed: int = 0, progress: Progress | None 
     seed : int
         Of the recording and of everything random.
     progress : Progress, optional
-        Told how far each part is.
+        Receives how far each part is.
 
     Raises
     ------
@@ -197,12 +200,12 @@ def reproduce_mahler2014(scope: Scope, seed: int = 0, progress: Progress | None 
     settings = replace(scope.settings, seed=seed)
     log = debridement_log(seed, reaches=scope.reaches)
     table1 = table_one(log, settings, progress)
-    fig5 = training_sizes(table1.full, scope.shares, settings, progress)
+    fig5 = training_sizes(table1.full, scope.fractions, settings, progress)
     progress.step("Table II", 0.0)
     rng = np.random.default_rng([seed, 6])
     places = places_to_visit(table1.full, scope.places, rng)
-    corrector, machine = table1.full.corrector, machine_of(preset(PRESET))
-    table2 = closed_loop(corrector, machine, places, scope.repetitions, session_end(log), rng)
+    machine, recording_end = machine_of(preset(PRESET)), float(log.time[-1])
+    table2 = closed_loop(table1.full.corrector, machine, places, scope.repetitions, recording_end, rng)
     progress.step("Table II", 1.0)
-    limits = what_limits(scope.reaches, settings, progress)
-    return Mahler2014(scope, seed, len(log), table1, fig5, table2, limits, time.perf_counter() - start)
+    left = limits(scope.reaches, settings, progress)
+    return Mahler2014(scope, seed, len(log), table1, fig5, table2, left, time.perf_counter() - start)

@@ -1,4 +1,4 @@
-"""Table I: six methods, and ours with memory, on held-out reaches: samples that pass cleaning, and all of them."""
+"""Table I: errors of six methods, and of ours with memory, on held-out reaches: clean samples, and all of them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,6 @@ FITS: dict[str, dict[str, Any]] = {
 METHODS = ("no correction", "offset", *FITS)
 COMPONENTS = ("x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg")
 NORMS = ("position_mm", "rotation_deg")
-TURN = 2 * np.pi
 
 Errors = dict[str, dict[str, float]]
 
@@ -43,50 +42,89 @@ class TableOne:
 
     Parameters
     ----------
-    clean, dirty : mappings from method to errors
-        Mean and SD of the absolute error of each component, of the length of the position error (`position_mm`) and of
-        the angle of the rotation error (`rotation_deg`).
+    errors : mapping
+        By set ("clean": samples that pass cleaning, "dirty": all), then by method: mean and SD of the absolute error of
+        each component, of the position error's length (`position_mm`) and the rotation error's angle (`rotation_deg`).
     seconds : mapping from method to s
         Of the whole experiment: cleaning, fit, intervals, measurement.
     full : Experiment
         The experiment of the paper's last column, for further figures.
     """
 
-    clean: Mapping[str, Errors]
-    dirty: Mapping[str, Errors]
+    errors: Mapping[str, Mapping[str, Errors]]
     seconds: Mapping[str, float]
     full: Experiment
 
     def percent_of_raw(self, which: str, method: str = FULL) -> dict[str, float]:
-        """Mean length of a method's error, per cent of the uncorrected one, of the set `which` ("clean", "dirty")."""
-        errors: Mapping[str, Errors] = getattr(self, which)
+        """Mean length of a method's error as a percentage of the uncorrected one.
+
+        Parameters
+        ----------
+        which : "clean" or "dirty"
+            Samples that pass cleaning, or all.
+        method : str
+            One of :data:`METHODS`.
+
+        Returns
+        -------
+        dict
+            %, of `position_mm` and `rotation_deg`.
+        """
+        errors = self.errors[which]
         return {norm: 100 * errors[method][norm]["mean"] / errors["no correction"][norm]["mean"] for norm in NORMS}
 
     def gain_of_velocity(self, which: str) -> dict[str, float]:
-        """Per cent by which velocity features lessen the mean length of the error."""
-        errors: Mapping[str, Errors] = getattr(self, which)
+        """Percentage by which velocity features reduce the mean length of the error.
+
+        Parameters
+        ----------
+        which : "clean" or "dirty"
+            Samples that pass cleaning, or all.
+        """
+        errors = self.errors[which]
         without, with_it = errors["offset + GPR"], errors["offset + GPR + velocity"]
         return {norm: 100 * (1 - with_it[norm]["mean"] / without[norm]["mean"]) for norm in NORMS}
 
     def gain_of_cleaning(self, which: str) -> dict[str, float]:
-        """Per cent by which cleaning the training data lessens the SD of the error's length."""
-        errors: Mapping[str, Errors] = getattr(self, which)
+        """Percentage by which cleaning the training data reduces the SD of the error's length.
+
+        Parameters
+        ----------
+        which : "clean" or "dirty"
+            Samples that pass cleaning, or all.
+        """
+        errors = self.errors[which]
         without, with_it = errors["offset + GPR + velocity"], errors[FULL]
         return {norm: 100 * (1 - with_it[norm]["sd"] / without[norm]["sd"]) for norm in NORMS}
 
 
 def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress) -> TableOne:
-    """Fit the regressions on the first 80 % of the reaches and measure all methods on the others."""
+    """Fit the regressions on the first 80 % of the reaches and measure all methods on the others.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        The simulated recording.
+    settings : FitSettings
+        What all fits have in common.
+    progress : Progress
+        Receives a step after each fit.
+
+    Raises
+    ------
+    LogError
+        Nothing was held out.
+    """
     tasks = [replace(settings, **changes) for changes in FITS.values()]
     done = each(partial(run_experiment, log), tasks, progress, "Table I")
-    experiments: dict[str, Experiment] = dict(zip(FITS, done, strict=True))
+    experiments = dict(zip(FITS, done, strict=True))
     measured = {"no correction": ("offset + GPR", "raw"), "offset": ("offset + GPR", "rigid")}
     measured |= {name: (name, "corrected") for name in FITS}
-    clean, dirty = (
-        {name: _errors(experiments[fit], which, kind) for name, (fit, kind) in measured.items()}
+    errors = {
+        which: {name: _errors(experiments[fit], which, kind) for name, (fit, kind) in measured.items()}
         for which in ("clean", "dirty")
-    )
-    return TableOne(clean, dirty, {name: done.seconds for name, done in experiments.items()}, experiments[FULL])
+    }
+    return TableOne(errors, {name: done.seconds for name, done in experiments.items()}, experiments[FULL])
 
 
 def _errors(experiment: Experiment, which: str, kind: str) -> Errors:
@@ -104,17 +142,14 @@ def _errors(experiment: Experiment, which: str, kind: str) -> Errors:
 
 
 def _euler_errors(turn: FloatArray, test: CalibrationLog, measured: Measured) -> FloatArray:
-    """Differences `(n, 3)` of roll, pitch and yaw between what was commanded and what a method gives, within +-pi."""
+    """Differences `(n, 3)` of roll, pitch and yaw between what was commanded and what a method gives, within +-pi.
+
+    Angles about fixed x, y and z, as docs/conventions.md has them.
+    """
     assert test.setpoint_cp is not None
     assert test.setpoint_cp.quaternion is not None
     R_command = se3.matrix_from_quaternion(test.setpoint_cp.quaternion[measured.rows])
     R_given = np.swapaxes(se3.matrix_from_rotvec(turn), -1, -2) @ R_command
-    difference = _roll_pitch_yaw(R_command) - _roll_pitch_yaw(R_given)
-    wrapped: FloatArray = difference - TURN * np.round(difference / TURN)
-    return wrapped
-
-
-def _roll_pitch_yaw(R: FloatArray) -> FloatArray:
-    """Angles `(n, 3)` about fixed x, y and z, as docs/conventions.md has them."""
-    angles: FloatArray = Rotation.from_matrix(R).as_euler("xyz")
-    return angles
+    commanded, given = (Rotation.from_matrix(R).as_euler("xyz") for R in (R_command, R_given))
+    difference: FloatArray = commanded - given
+    return difference - 2 * np.pi * np.round(difference / (2 * np.pi))

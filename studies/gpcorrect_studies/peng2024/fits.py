@@ -1,4 +1,4 @@
-"""The workbench of the joint-level study: recordings and fits made once, errors as means and deviations of repeats."""
+"""Recordings and fits of the joint-level study, each made once; errors as means and deviations over repeats."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from gpcorrect.errors import DataError
 from gpcorrect.joint import DIRECTIONS
 from gpcorrect.joint_corrector import JointCorrector, JointSettings, Method, evaluate_joint, fit_joint
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
-from gpcorrect_studies.peng2024.recordings import RavenStudy
-from gpcorrect_studies.peng2024.state import whole_state
+from gpcorrect_studies.peng2024.recordings import RavenStudy, whole_state
 
-__all__ = ["METHODS", "Cell", "PengScope", "Run", "Workbench"]
+__all__ = ["METHODS", "Cell", "PengScope", "Run", "StudyFits", "cell", "rmse"]
 
 METHODS: tuple[Method, ...] = ("linear", "quadratic", "network", "ukf", "gp")
 Cell = dict[str, Any]
@@ -28,7 +27,7 @@ class PengScope:
     Parameters
     ----------
     directions : tuple of str
-        Zig-zags of Table I.
+        Zig-zags of Table I; the last one, along all joints, is that of the other parts.
     sparsities : tuple of int
         n of the sparsities 1/n of Fig. 5, rising; Table I has the one in the middle.
     minutes : float
@@ -61,14 +60,15 @@ class PengScope:
         """Return a study of a few minutes: every part, fewer directions, sparsities and repeats."""
         return cls(("J1", "J2-J3", "J1-J2-J3"), (2, 4), 2.0, (0.0, 3.0, 6.0), 2, 2, 2, 150)
 
-    def repeats_of(self, method: Method) -> int:
-        """Repeats of a method."""
-        return self.network_repeats if method == "network" else self.repeats
+    @property
+    def middle(self) -> Run:
+        """The zig-zag along all joints of the sparsity in the middle."""
+        return Run(self.directions[-1], self.sparsities[len(self.sparsities) // 2])
 
     @property
-    def middle(self) -> int:
-        """Return n of the sparsity 1/n of Table I."""
-        return self.sparsities[len(self.sparsities) // 2]
+    def longest(self) -> Run:
+        """The longest zig-zag along all joints."""
+        return Run(self.directions[-1], self.sparsities[-1])
 
 
 @dataclass(frozen=True)
@@ -95,17 +95,34 @@ class Run:
 
 
 @dataclass(eq=False)
-class Workbench:
-    """Makes each recording and each fit once, and tells how far the study is."""
+class StudyFits:
+    """Makes each recording and each fit of the study once.
+
+    Parameters
+    ----------
+    study : RavenStudy
+        The simulated arm.
+    scope : PengScope
+        How much is done.
+    progress : Progress
+        Receives how far each part is.
+    """
 
     study: RavenStudy
     scope: PengScope
     progress: Progress
-    _logs: dict[Any, CalibrationLog] = field(default_factory=dict)
-    _models: dict[Any, JointCorrector] = field(default_factory=dict)
+    _logs: dict[Any, CalibrationLog] = field(default_factory=dict, init=False)
+    _models: dict[Any, JointCorrector] = field(default_factory=dict, init=False)
 
     def training(self, run: Run, repeat: int) -> CalibrationLog:
-        """Return the zig-zags of a run, a trajectory each."""
+        """Return the zig-zags of a run, a trajectory each.
+
+        Parameters
+        ----------
+        run : Run
+        repeat : int
+            Of its noise.
+        """
         key = run.direction, run.sparsity, run.homings_seen, repeat
         if key not in self._logs:
             self._logs[key] = self.study.zigzags(
@@ -114,8 +131,18 @@ class Workbench:
         log = self._logs[key]
         return whole_state(log, repeat) if run.state else log
 
-    def model(self, run: Run, method: Method, repeat: int = 0) -> JointCorrector:
-        """Return what a method learns of a run; the repeat is its seed too."""
+    def models(self, run: Run, method: Method) -> list[JointCorrector]:
+        """Return what a method learns of a run, a model for each repeat; the repeat is its seed too.
+
+        Parameters
+        ----------
+        run : Run
+        method : str
+        """
+        repeats = self.scope.network_repeats if method == "network" else self.scope.repeats
+        return [self._model(run, method, repeat) for repeat in range(repeats)]
+
+    def _model(self, run: Run, method: Method, repeat: int) -> JointCorrector:
         key = run, method, repeat
         if key not in self._models:
             settings = JointSettings(
@@ -130,20 +157,41 @@ class Workbench:
             self._models[key] = fit_joint(self.training(run, repeat), settings).corrector
         return self._models[key]
 
-    def models(self, run: Run, method: Method) -> list[JointCorrector]:
-        """Return the models of all repeats."""
-        return [self.model(run, method, repeat) for repeat in range(self.scope.repeats_of(method))]
+    def rmse(self, run: Run, method: Method, test: CalibrationLog) -> Cell:
+        """Return the RMSE of a method's estimates on a test run, deg, deg and mm.
 
-    def row(self, run: Run, test: CalibrationLog) -> dict[str, Cell]:
-        """Raw, fixed offset and every method on a test run: RMSE, deg, deg and mm."""
+        Parameters
+        ----------
+        run : Run
+            That it learns from.
+        method : str
+        test : CalibrationLog
+        """
+        return cell(rmse(model, test) for model in self.models(run, method))
+
+    def all_rmse(self, run: Run, test: CalibrationLog) -> dict[str, Cell]:
+        """Return the RMSE of raw positions, of the fixed offset and of every method, deg, deg and mm.
+
+        Parameters
+        ----------
+        run : Run
+            That they learn from.
+        test : CalibrationLog
+        """
         linear = self.models(run, "linear")
         row = {name: cell(rmse(model, test, name) for model in linear) for name in ("raw", "fixed_offset")}
-        for method in METHODS:
-            row[method] = cell(rmse(model, test) for model in self.models(run, method))
-        return row
+        return row | {method: self.rmse(run, method, test) for method in METHODS}
 
-    def parts(self, stage: str, items: Iterable[Any], make: Callable[[Any], Any]) -> list[Any]:
-        """Return what `make` makes of each item, telling how far it is."""
+    def each(self, stage: str, items: Iterable[Any], make: Callable[[Any], Any]) -> list[Any]:
+        """Return what `make` makes of each item, and report how far it is.
+
+        Parameters
+        ----------
+        stage : str
+            Name of the part.
+        items : iterable
+        make : callable
+        """
         waiting, done = list(items), list[Any]()
         for item in waiting:
             self.progress.step(stage, len(done) / len(waiting))
@@ -153,11 +201,26 @@ class Workbench:
 
 
 def rmse(model: JointCorrector, log: CalibrationLog, name: str = "corrected") -> list[float]:
-    """RMSE of the joints, deg, deg and mm; of `raw`, `fixed_offset` or `corrected` positions."""
+    """Return the RMSE of the joints, deg, deg and mm.
+
+    Parameters
+    ----------
+    model : JointCorrector
+    log : CalibrationLog
+        With external joints.
+    name : str
+        Of `raw`, `fixed_offset` or `corrected` positions.
+    """
     return [float(row["rmse"]) for row in evaluate_joint(model, log, "none")["errors"][name]]
 
 
 def cell(repeats: Iterable[list[float] | FloatArray | float]) -> Cell:
-    """Mean and standard deviation over repeats, and their number."""
+    """Return mean and standard deviation over repeats, and their number.
+
+    Parameters
+    ----------
+    repeats : iterable
+        A number or a list of numbers a repeat.
+    """
     values = np.array(list(repeats))
     return {"mean": values.mean(axis=0).tolist(), "sd": values.std(axis=0).tolist(), "repeats": len(values)}

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gpcorrect.plots.style import png
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gpcorrect.plots.style import COLOURS, new_figure, png
 from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
-from gpcorrect_studies.peng2024.plots import accuracy_over_homings, accuracy_over_hours, accuracy_over_minutes
-from gpcorrect_studies.peng2024.published import PENG_2024, PENG_MISSING
 from gpcorrect_studies.peng2024.study import PENG_COMPARABLE, PENG_NOT_COMPARABLE, Peng2024
+from gpcorrect_studies.published import PENG_2024, PENG_MISSING
 
 __all__ = ["write_peng_report"]
 
@@ -23,7 +26,8 @@ NAMES = {
     "ukf": "UKF",
     "gp": "ours (gp)",
 }
-DRAWN = ("network", "gp")
+DRAWN = {"network": ("raw", "o"), "gp": ("corrected", "s")}  # colour and marker of a method
+ALL_DRAWN = {"linear": ("rigid", "^"), "quadratic": ("dropped", "v"), **DRAWN, "ukf": ("quiet", "D")}
 JOINTS = ("J1 [deg]", "J2 [deg]", "J3 [mm]")
 NOT_PUBLISHED = "not published to us"
 RMSE = "RMSE on the test run, mean ± SD over repeats (training recordings with other noise, and other seeds)."
@@ -32,11 +36,31 @@ RMSE = "RMSE on the test run, mean ± SD over repeats (training recordings with 
 def write_peng_report(result: Peng2024, path: Path) -> None:
     """Write the self-contained page.
 
+    Parameters
+    ----------
+    result : Peng2024
+        The whole study.
+    path : Path
+        HTML file.
+
     Raises
     ------
     GpCorrectError
         The folder cannot be written.
     """
+    ours, network = result.percent_of_offset("gp"), result.percent_of_offset("network")
+    verdict = (
+        f"After the longest zig-zag ours leaves {_list(ours, '.1f')} % of the fixed offset's error of joints 1, 2 and "
+        f"3, the study's network {_list(network, '.1f')} % on the same simulated robot; the paper's left "
+        f"{_list(PENG_2024['network_share'].values, 'g')} % on the real one."
+    )
+    scope = result.scope
+    facts = [
+        ("robot", f"simulated RAVEN-II, joints 1 to 3, seed {result.seed}"),
+        ("test", f"{scope.minutes:g} minutes of random sweeps, each joint for itself"),
+        ("repeats", f"{scope.repeats}, of the network {scope.network_repeats}"),
+        ("time", f"{result.seconds:.0f} s for everything on this page"),
+    ]
     sections = [
         _beside(result),
         _targets(result),
@@ -51,39 +75,20 @@ def write_peng_report(result: Peng2024, path: Path) -> None:
         Section("What is comparable", PENG_COMPARABLE),
         Section("What is not", PENG_NOT_COMPARABLE),
     ]
-    write_page(Page("gpcorrect reproduce peng2024", _verdict(result), _facts(result), sections), path)
-
-
-def _verdict(result: Peng2024) -> str:
-    ours, network = result.share("gp"), result.share("network")
-    paper = PENG_2024["network_share"].values
-    return (
-        f"After the longest zig-zag ours leaves {_list(ours, '.1f')} % of the fixed offset's error of joints 1, 2 and "
-        f"3, the study's network {_list(network, '.1f')} % on the same simulated robot; the paper's left "
-        f"{_list(paper, 'g')} % on the real one."
-    )
-
-
-def _facts(result: Peng2024) -> list[tuple[str, str]]:
-    scope = result.scope
-    return [
-        ("robot", f"simulated RAVEN-II, joints 1 to 3, seed {result.seed}"),
-        ("test", f"{scope.minutes:g} minutes of random sweeps, each joint for itself"),
-        ("repeats", f"{scope.repeats}, of the network {scope.network_repeats}"),
-        ("time", f"{result.seconds:.0f} s for everything on this page"),
-    ]
+    write_page(Page("gpcorrect reproduce peng2024", verdict, facts, sections), path)
 
 
 def _beside(result: Peng2024) -> Section:
     last = result.fig5[-1]
+    joint_1 = {use: [cell["mean"][0] for cell in part["mean"]["gp"]] for use, part in result.fig6.items()}
     here = {
         "raw": _list(last["rmse"]["raw"]["mean"]),
         "fixed_offset": _list(last["rmse"]["fixed_offset"]["mean"]),
         "network": _list(last["rmse"]["network"]["mean"]),
-        "network_share": _list(result.share("network"), ".1f"),
-        "reduction": f"{100 - max(result.share('network')):.0f}",
+        "network_share": _list(result.percent_of_offset("network"), ".1f"),
+        "reduction": f"{100 - max(result.percent_of_offset('network')):.0f}",
         "minutes": f"{result.fig5[0]['minutes']:.1f} to {last['minutes']:.1f}, the zig-zag alone",
-        "drift": _list([_drift(result, use) for use in ("unloaded", "loaded 500 g")]),
+        "drift": _list([abs(joint_1[use][-1] - joint_1[use][0]) for use in ("unloaded", "loaded 500 g")]),
         "inference": _list([result.table5[method]["stream_ms"] for method in ("network", "linear")]),
         "speedup": f"{result.table5['network']['stream_ms'] / result.table5['linear']['stream_ms']:.1f}",
     }
@@ -100,26 +105,17 @@ def _beside(result: Peng2024) -> Section:
     )
 
 
-def _drift(result: Peng2024, use: str) -> float:
-    means = result.fig6[use]["mean"]["gp"]
-    return float(abs(means[-1]["mean"][0] - means[0]["mean"][0]))
-
-
 def _targets(result: Peng2024) -> Section:
     titles = {
-        "share_longest": ("ours after the longest zig-zag, % of the fixed offset's error", ".1f", "below"),
-        "shortest_against_network": (
-            "ours after the shortest zig-zag, against the network's (deg, deg, mm)",
-            ".3f",
-            "below",
-        ),
-        "stream_ms": ("one estimate of ours in process, ms", ".3f", "below"),
+        "share_longest": ("ours after the longest zig-zag, % of the fixed offset's error", ".1f"),
+        "shortest_against_network": ("ours after the shortest zig-zag, against the network's (deg, deg, mm)", ".3f"),
+        "stream_ms": ("one estimate of ours in process, ms", ".3f"),
     }
     rows = []
-    for name, (title, form, word) in titles.items():
-        target = result.targets()[name]
+    for name, target in result.targets().items():
+        title, form = titles[name]
         met = ", ".join("yes" if one else "no" for one in target["met"])
-        rows.append([title, f"{word} {_list(target['target'], form)}", _list(target["measured"], form), met])
+        rows.append([title, f"below {_list(target['target'], form)}", _list(target["measured"], form), met])
     return Section("Targets", (), (TableData(["", "target", "here", "met"], rows, text=(1, 2, 3)),))
 
 
@@ -144,7 +140,7 @@ def _fig5(result: Peng2024) -> Section:
         rows.append([f"1/{point['sparsity']}", f"{point['minutes']:.1f}", *(_list(cell["mean"]) for cell in cells)])
     table = TableData(["sparsity", "minutes", "linear", "network", "ours (gp)"], rows, "Deg, deg, mm.")
     figure = FigureImage(
-        png(accuracy_over_minutes(result.fig5, PENG_2024["network"].values)),
+        png(_accuracy_over_minutes(result.fig5)),
         f"RMSE by minutes of the zig-zag along {result.scope.directions[-1]}; bands are one SD of the repeats.",
     )
     return Section("Fig. 5: sparsity and time", (), (table,), (figure,))
@@ -157,9 +153,7 @@ def _fig6(result: Peng2024) -> Section:
             rows.append([f"{use}, {NAMES[method]}", _list(cells[0]["mean"]), _list(cells[-1]["mean"])])
     hours = result.scope.hours
     table = TableData(["", f"after {hours[0]:g} h", f"after {hours[-1]:g} h"], rows, "RMSE, deg, deg, mm.")
-    figure = FigureImage(
-        png(accuracy_over_hours(result.fig6, DRAWN)), "Errors of models of the fresh robot, hours later."
-    )
+    figure = FigureImage(png(_accuracy_over_hours(result.fig6)), "Errors of models of the fresh robot, hours later.")
     words = [
         "Published to us: joint 1 drifts by about 0.4 deg unloaded and 0.75 deg under 500 g. No model was trained "
         "under load: what it does at once is seen at 0 h.",
@@ -190,7 +184,7 @@ def _fig9(result: Peng2024) -> Section:
     heads = list(next(iter(result.fig9[0]["rmse"].values())))
     table = TableData(["homings", *(f"{head} (deg, deg, mm)" for head in heads)], rows)
     figure = FigureImage(
-        png(accuracy_over_homings(result.fig9, DRAWN)),
+        png(_accuracy_over_homings(result.fig9)),
         "Errors after homings; the zeros were set anew from one minute of the same session.",
     )
     words = ["Published to us: each homing shifts joint 2 by a few tenths of a degree. The new zero is ours."]
@@ -249,3 +243,63 @@ def _scalar(cell: Mapping[str, Any], digits: int = 3) -> str:
 
 def _list(values: Sequence[float], form: str = ".3f") -> str:
     return ", ".join(format(value, form) for value in values)
+
+
+def _accuracy_over_minutes(points: Sequence[Mapping[str, Any]]) -> Figure:
+    """RMSE of each joint by minutes of zig-zag, mean and SD of the repeats; the paper's network as a dotted line."""
+    minutes = [point["minutes"] for point in points]
+
+    def draw(ax: Axes, joint: int) -> None:
+        for method, (colour, marker) in ALL_DRAWN.items():
+            cells = [point["rmse"][method] for point in points]
+            _line(ax, minutes, cells, joint, color=COLOURS[colour], marker=marker, label=NAMES[method])
+        published = PENG_2024["network"].values[joint]
+        ax.axhline(published, color=COLOURS["ink"], linestyle=":", linewidth=1.0, label="the paper's network")
+
+    return _by_joint(draw, "zig-zag [min]")
+
+
+def _accuracy_over_hours(uses: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """RMSE of each joint after hours of each use, of models of the fresh robot."""
+
+    def draw(ax: Axes, joint: int) -> None:
+        for use, line in {"idle": ":", "unloaded": "--", "loaded 500 g": "-"}.items():
+            for method, (colour, _) in DRAWN.items():
+                look = {"color": COLOURS[colour], "linestyle": line, "label": f"{NAMES[method]}, {use}"}
+                _line(ax, uses[use]["hours"], uses[use]["rmse"][method], joint, **look)
+
+    return _by_joint(draw, "hours of use")
+
+
+def _accuracy_over_homings(points: Sequence[Mapping[str, Any]]) -> Figure:
+    """RMSE of each joint after each homing: none or one seen in training, and with a new zero."""
+    homings = [point["homings"] for point in points]
+
+    def draw(ax: Axes, joint: int) -> None:
+        for seen, line in {"none seen": "-", "one seen": "--", "new zero": ":"}.items():
+            for method, (colour, marker) in DRAWN.items():
+                cells = [point["rmse"][method][seen] for point in points]
+                look = {"linestyle": line, "marker": marker, "label": f"{NAMES[method]}, {seen}"}
+                _line(ax, homings, cells, joint, color=COLOURS[colour], **look)
+        ax.set_xticks(homings)
+
+    return _by_joint(draw, "homings after the training")
+
+
+def _by_joint(draw: Callable[[Axes, int], None], label: str) -> Figure:
+    """Draw an axes for each of the three joints, its origin at zero, and one legend for all."""
+    figure, axes = new_figure(9.5, 3.3, 1, 3)
+    for joint, ax in enumerate(axes):
+        draw(ax, joint)
+        top = max(float(np.max(np.asarray(line.get_ydata(), dtype=np.float64))) for line in ax.get_lines())
+        ax.set(xlabel=label, ylabel=f"joint {joint + 1}: RMSE [{('deg', 'deg', 'mm')[joint]}]", ylim=(0, 1.1 * top))
+    handles, labels = axes[0].get_legend_handles_labels()
+    columns = 3 if len(labels) > 6 else 6
+    figure.legend(handles, labels, frameon=False, fontsize=8, ncols=columns, loc="outside upper left")
+    return figure
+
+
+def _line(ax: Axes, x: Sequence[float], cells: Sequence[Mapping[str, Any]], joint: int, **look: Any) -> None:
+    mean, sd = (np.array([cell[leaf][joint] for cell in cells]) for leaf in ("mean", "sd"))
+    ax.plot(x, mean, markersize=4, linewidth=1.4, **look)
+    ax.fill_between(x, mean - sd, mean + sd, color=look["color"], alpha=0.15, linewidth=0)

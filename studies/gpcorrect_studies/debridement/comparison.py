@@ -1,4 +1,4 @@
-"""The comparison of Mahler 2014, Sec. V-D: the same fragments, once by looking, once by knowing."""
+"""The comparison of Mahler 2014, Sec. V-D: the same fragments with pictures, and with a correction in open loop."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.planning.correction import Corrects, Mode
-from gpcorrect.planning.margins import Margins
+from gpcorrect.planning import Corrects, Margins, Mode
 from gpcorrect.types import BoolArray, FloatArray, Progress
 from gpcorrect_studies.debridement.mission import Mission, Outcome, debride
 from gpcorrect_studies.debridement.scene import Station
@@ -19,7 +18,6 @@ from gpcorrect_studies.debridement.strategies import LookAndMove, OpenLoop, Stra
 __all__ = ["PAPER", "Condition", "compare"]
 
 PAPER = {"seconds_per_fragment": 15.8, "times_faster": 3.8}  # Mahler 2014, with correction, and against replanning
-LOOKING, KNOWING, BLIND = "no correction, replanning", "corrected, open loop", "no correction, open loop"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +78,11 @@ def compare(
     seed : int
         Of the camera's noise; the same for every condition.
     fast, slow : float
-        Speeds of the open loop and of looking, m/s.
+        Speeds of the open loop and with pictures, m/s.
     margins, mode
         See :class:`OpenLoop`.
     progress : Progress, optional
+        Receives how far each condition is.
 
     Returns
     -------
@@ -91,26 +90,28 @@ def compare(
         Replanning without correction; correction in open loop; and, to see what the correction does, the same open loop
         without it.
     """
-    trusted = margins or Margins()
-    careful = [LookAndMove(slow, times=mission.times) for _ in correctors]
-    knowing = [
-        OpenLoop(corrector, fast, trusted, mode, mission.times, look)
-        for corrector, look in zip(correctors, careful, strict=True)
-    ]
-    blind = [OpenLoop(_ByHand(station), fast, EVERYTHING, mode, mission.times) for station in mission.stations]
-    looking = [LookAndMove(slow, times=mission.times) for _ in correctors]
+
+    def looking() -> LookAndMove:
+        return LookAndMove(slow, times=mission.times)
+
+    anything = Margins(np.inf, np.inf, 1.0)
     ways: list[tuple[str, float, Sequence[Strategy]]] = [
-        (LOOKING, slow, looking),
-        (KNOWING, fast, knowing),
-        (BLIND, fast, blind),
+        ("no correction, replanning", slow, [looking() for _ in correctors]),
+        (
+            "corrected, open loop",
+            fast,
+            [OpenLoop(each, fast, margins or Margins(), mode, mission.times, looking()) for each in correctors],
+        ),
+        (
+            "no correction, open loop",
+            fast,
+            [OpenLoop(_ByHand(station), fast, anything, mode, mission.times) for station in mission.stations],
+        ),
     ]
     return tuple(
-        Condition(name, speed, debride(mission, strategies, np.random.default_rng(seed), _Named(progress, name)))
+        Condition(name, speed, debride(mission, strategies, np.random.default_rng(seed), progress, name))
         for name, speed, strategies in ways
     )
-
-
-EVERYTHING = Margins(float("inf"), float("inf"), 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,18 +131,5 @@ class _ByHand:
 
     def correct_path(self, poses: FloatArray, times: FloatArray) -> _Answer:
         n = len(times)
-        position, quaternion = se3.to_parts(
-            se3.compose(self._T_base_tracker, se3.from_parts(poses[:, :3], poses[:, 3:]))
-        )
-        return _Answer(position, quaternion, np.full((n, 6), np.nan), np.ones(n, dtype=bool), ("OK",) * n)
-
-
-class _Named(Progress):
-    """Progress under the name of a condition."""
-
-    def __init__(self, progress: Progress | None, name: str) -> None:
-        self._progress, self._name = progress, name
-
-    def step(self, stage: str, done: float) -> None:
-        if self._progress is not None:
-            self._progress.step(self._name, done)
+        T = se3.compose(self._T_base_tracker, se3.from_parts(poses[:, :3], poses[:, 3:]))
+        return _Answer(*se3.to_parts(T), np.full((n, 6), np.nan), np.ones(n, dtype=bool), ("OK",) * n)

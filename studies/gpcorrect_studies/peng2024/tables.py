@@ -1,0 +1,232 @@
+"""Tables and figures of the joint-level study: how accurate, how fast, and how a calibration lasts."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.arms import arm_named
+from gpcorrect.joint_corrector import JointCorrector, JointStream, Method
+from gpcorrect.metrics import spread
+from gpcorrect.types import CalibrationLog, FloatArray
+from gpcorrect_studies.peng2024.fits import METHODS, Cell, Run, StudyFits, cell, rmse
+from gpcorrect_studies.peng2024.recordings import ARM, all_joints, whole_state
+
+__all__ = ["LOAD", "figure_5", "figure_6", "figure_8", "figure_9", "table_1", "table_2", "table_5", "tables_3_and_4"]
+
+LEARNERS: tuple[Method, ...] = ("linear", "quadratic", "network")
+LASTING: tuple[Method, ...] = ("linear", "network", "gp")
+LOAD = 0.5  # kg, as in the study
+USES: dict[str, tuple[float | None, bool]] = {
+    "idle": (None, True),
+    "unloaded": (None, False),
+    "loaded 500 g": (LOAD, False),
+}
+STREAMED = 2000  # samples over which an estimate is timed; chosen by hand
+REZERO_MINUTES = 1.0  # of motion for a new zero after a homing; chosen by hand as little effort for a user
+
+
+def table_1(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]:
+    """Return the RMSE by training direction and method.
+
+    Parameters
+    ----------
+    fits : StudyFits
+    test : CalibrationLog
+        Random run of the fresh robot.
+    """
+    directions, sparsity = fits.scope.directions, fits.scope.middle.sparsity
+    rows = fits.each("Table I", directions, lambda direction: fits.all_rmse(Run(direction, sparsity), test))
+    return dict(zip(directions, rows, strict=True))
+
+
+def figure_5(fits: StudyFits, test: CalibrationLog) -> list[dict[str, Any]]:
+    """Return the RMSE by sparsity of the zig-zag along all joints, and the minutes it takes.
+
+    Parameters
+    ----------
+    fits : StudyFits
+    test : CalibrationLog
+        Random run of the fresh robot.
+    """
+
+    def point(sparsity: int) -> dict[str, Any]:
+        run = Run(fits.scope.directions[-1], sparsity)
+        minutes = float(np.ptp(fits.training(run, 0).time)) / 60.0
+        return {"sparsity": sparsity, "minutes": minutes, "rmse": fits.all_rmse(run, test)}
+
+    return fits.each("Fig. 5", fits.scope.sparsities, point)
+
+
+def figure_6(fits: StudyFits) -> dict[str, dict[str, Any]]:
+    """Return errors after hours of use of models of the fresh robot: RMSE and, with its sign, the mean.
+
+    Parameters
+    ----------
+    fits : StudyFits
+    """
+    run, hours = fits.scope.longest, fits.scope.hours
+
+    def use(name: str) -> dict[str, Any]:
+        load, idle = USES[name]
+        log = fits.study.after_hours(hours, fits.scope.minutes, load, idle=idle)
+        tests = [log.select(rows) for _, rows in log.trajectories()]
+        return {
+            "hours": list(hours),
+            "rmse": {m: [fits.rmse(run, m, test) for test in tests] for m in LASTING},
+            "mean": {m: [cell(_mean(model, test) for model in fits.models(run, m)) for test in tests] for m in LASTING},
+        }
+
+    return dict(zip(USES, fits.each("Fig. 6", USES, use), strict=True))
+
+
+def figure_8(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
+    """Return the RMSE with positions and efforts alone, and with the whole state, and the number of features.
+
+    Parameters
+    ----------
+    fits : StudyFits
+    test : CalibrationLog
+        Random run of the fresh robot.
+    """
+    few = fits.scope.middle
+    whole = Run(few.direction, few.sparsity, state=True)
+    everything = whole_state(test)
+
+    def pair(method: Method) -> dict[str, Cell]:
+        return {"few": fits.rmse(few, method, test), "whole": fits.rmse(whole, method, everything)}
+
+    methods: tuple[Method, ...] = ("linear", "network")
+    pairs = fits.each("Fig. 8", methods, pair)
+    state = fits.training(whole, 0)
+    signals = (state.setpoint_jp, state.measured_jp, state.measured_jv, state.measured_jf)
+    count = len(state.extra) + sum(signal.shape[1] for signal in signals if signal is not None)
+    return {"few": 6, "whole": count, "rmse": dict(zip(methods, pairs, strict=True))}
+
+
+def figure_9(fits: StudyFits) -> list[dict[str, Any]]:
+    """Return the RMSE after each homing: none or one seen in training, and with a new zero from one minute.
+
+    Parameters
+    ----------
+    fits : StudyFits
+    """
+    unseen, minutes = fits.scope.middle, fits.scope.minutes
+    seen = Run(unseen.direction, unseen.sparsity, homings_seen=1)
+
+    def after(session: int) -> dict[str, Any]:
+        test = fits.study.random_run(minutes, session=session, salt=80 + session)
+        minute = fits.study.random_run(REZERO_MINUTES, session=session, salt=60 + session)
+        cells = {
+            method: {
+                "none seen": fits.rmse(unseen, method, test),
+                "one seen": fits.rmse(seen, method, test),
+                "new zero": cell(rmse(model.rezeroed(minute), test) for model in fits.models(unseen, method)),
+            }
+            for method in LASTING
+        }
+        return {"homings": session, "rmse": cells}
+
+    return fits.each("Fig. 9", range(fits.scope.homings + 1), after)
+
+
+def table_2(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]:
+    """Return the RMSE of learning the error, and of learning the position itself.
+
+    Parameters
+    ----------
+    fits : StudyFits
+    test : CalibrationLog
+        Random run of the fresh robot.
+    """
+    error = fits.scope.middle
+    whole = Run(error.direction, error.sparsity, end_to_end=True)
+
+    def pair(method: Method) -> dict[str, Cell]:
+        return {"error": fits.rmse(error, method, test), "end to end": fits.rmse(whole, method, test)}
+
+    return dict(zip(LEARNERS, fits.each("Table II", LEARNERS, pair), strict=True))
+
+
+def tables_3_and_4(fits: StudyFits, tests: dict[str, CalibrationLog]) -> dict[str, dict[str, Cell]]:
+    """Return the RMSE of the distance from the estimated to the true tip through the kinematics, mm.
+
+    Parameters
+    ----------
+    fits : StudyFits
+    tests : dict
+        Test runs by name.
+    """
+    run = fits.scope.longest
+
+    def row(name: str) -> dict[str, Cell]:
+        test = tests[name]
+        linear = fits.models(run, "linear")[0]
+        fixed = {kind: cell([_tip_rmse(linear, test, kind)]) for kind in ("raw", "fixed_offset")}
+        return fixed | {
+            method: cell(_tip_rmse(model, test, "corrected") for model in fits.models(run, method))
+            for method in METHODS
+        }
+
+    return dict(zip(tests, fits.each("Tables III and IV", tests, row), strict=True))
+
+
+def table_5(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Any]]:
+    """Return seconds to fit to the longest zig-zag, and milliseconds for a sample of a stream and of a whole path.
+
+    Parameters
+    ----------
+    fits : StudyFits
+    test : CalibrationLog
+        Whose samples are estimated.
+    """
+
+    def row(method: Method) -> dict[str, Any]:
+        models = fits.models(fits.scope.longest, method)
+        data = models[0].data(test)
+        start = time.perf_counter()
+        models[0].estimate(data)
+        path = time.perf_counter() - start
+        return {
+            "fit_s": cell(float(model.summary["fit_seconds"]) for model in models),
+            "stream_ms": _streamed_ms(models[0], test),
+            "path_ms": 1e3 * path / len(data),
+        }
+
+    return dict(zip(METHODS, fits.each("Table V", METHODS, row), strict=True))
+
+
+def _mean(model: JointCorrector, log: CalibrationLog) -> list[float]:
+    """Mean of truth minus estimate of the joints, deg, deg and mm."""
+    data = model.data(log, needs_truth=True)
+    assert data.truth is not None
+    left = data.truth - model.estimate(data).q
+    mean: list[float] = (np.nanmean(left, axis=0) * np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1e3])).tolist()
+    return mean
+
+
+def _tip_rmse(model: JointCorrector, log: CalibrationLog, kind: str) -> float:
+    """RMSE of the tip, mm; the tool's own joints rest."""
+    data = model.data(log, needs_truth=True)
+    assert data.truth is not None
+    estimates = {"raw": data.q, "fixed_offset": data.q + model.offset, "corrected": model.estimate(data).q}
+    estimated, true = (_tip(q) for q in (estimates[kind], data.truth))
+    return spread(np.linalg.norm(1e3 * (estimated - true), axis=1))["rmse"]
+
+
+def _tip(q: FloatArray) -> FloatArray:
+    position: FloatArray = arm_named(ARM).forward(all_joints(q))[:, :3, 3]
+    return position
+
+
+def _streamed_ms(model: JointCorrector, log: CalibrationLog) -> float:
+    """Median time of one estimate in a stream, which other work of the machine hardly moves."""
+    data, stream, spent = model.data(log), JointStream(model), []
+    assert data.effort is not None
+    for t, q, effort in zip(data.time[:STREAMED].tolist(), data.q, data.effort, strict=False):
+        start = time.perf_counter()
+        stream.estimate(t, q, effort)
+        spent.append(time.perf_counter() - start)
+    return 1e3 * float(np.median(spent))
