@@ -69,7 +69,7 @@ def _plan(
     rng: np.random.Generator,
     registered: RigidModel | None,
 ) -> Plan:
-    """Runs of a few fragments each, one run after the other; without `registered` the frames are those by hand."""
+    """Return runs of a few fragments each; without `registered` the frames are those by hand."""
     wide = replace(scene, size=scene.size + ROOM)
     going = Pace(speed, ACCELERATION, TURN_RATE, pause=0.1)
     rate = station.machine.log_rate_hz

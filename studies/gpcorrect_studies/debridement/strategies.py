@@ -106,11 +106,13 @@ class LookAndMove:
     _looks: int = field(default=0, init=False)
 
     def begin(self, robot: SimulatedRobot) -> None:
+        """Take a picture where the arm stands."""
         self._shift, self._turn = np.zeros(3), np.eye(3)
         self._at = se3.compose(robot.station.T_tracker_base, robot.command_pose)
         self._look(robot)
 
     def approach(self, robot: SimulatedRobot, ways: Sequence[Grasp]) -> Approach:
+        """Take the first grasp, leg by leg, and correct the last miss until it is small."""
         self._looks, grasp = 0, ways[0]
         self._go(robot, grasp.T_above)
         self._go(robot, grasp.T_grasp)
@@ -121,6 +123,7 @@ class LookAndMove:
         return Approach(grasp, self._looks)
 
     def carry(self, robot: SimulatedRobot, approach: Approach, *, to_bowl: bool) -> None:
+        """Lift and carry, leg by leg."""
         self._go(robot, approach.grasp.T_above)
         if to_bowl:
             self._go(robot, approach.grasp.T_bowl)
@@ -177,10 +180,11 @@ class OpenLoop:
     _at: FloatArray = field(default_factory=lambda: np.eye(4), init=False)
 
     def begin(self, robot: SimulatedRobot) -> None:
-        # As registered by hand: the first path ends elsewhere anyway.
+        """Start at the pose at home as registered by hand; the first path ends elsewhere anyway."""
         self._at = se3.compose(robot.station.T_tracker_base, robot.command_pose)
 
     def approach(self, robot: SimulatedRobot, ways: Sequence[Grasp]) -> Approach:
+        """Take the first grasp whose correction is sure enough."""
         paths = (self._path(way.T_above, way.T_grasp) for way in ways)
         chosen = first_trusted(self.corrector, paths, self.margins, self.mode)
         if not chosen.trusted and self.careful is not None:
@@ -192,7 +196,7 @@ class OpenLoop:
         return Approach(ways[chosen.number], 0, chosen.doubts)
 
     def carry(self, robot: SimulatedRobot, approach: Approach, *, to_bowl: bool) -> None:
-        # The bowl is wide, so no margin is asked for.
+        """Lift and carry; the bowl is wide, so no margin is asked for."""
         grasp = approach.grasp
         path = self._path(grasp.T_above, grasp.T_bowl) if to_bowl else self._path(grasp.T_above)
         self._follow(robot, path, corrected(self.corrector, path, self.mode).T)
