@@ -15,12 +15,13 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 __all__ = ["marker_residuals", "tracked_path", "tracking_quality", "view_states"]
 
 
+# Blank, effective, not found, moved too far, wrong size, against the others, coming back; blue is the usual "good" here.
 VIEW_COLOURS = ("#ffffff", "#0072b2", "#c3c7cd", "#e69f00", "#cc79a7", "#d55e00", "#56b4e9")
 AXES = ("x", "y", "z")
 
 
 def marker_residuals(residuals: Mapping[str, FloatArray], used: Mapping[str, BoolArray]) -> Figure:
-    """Where each camera sees the markers, less where they should be (px); crosses were left out.
+    """Draw where each camera sees the markers, less where they should be (px); crosses were left out.
 
     Parameters
     ----------
@@ -46,8 +47,22 @@ def marker_residuals(residuals: Mapping[str, FloatArray], used: Mapping[str, Boo
 
 
 def tracked_path(time: FloatArray, position: FloatArray, std: FloatArray, status: IntArray) -> Figure:
-    """Position over time (mm, about its mean) with three standard deviations; coasting marked, lost left open."""
+    """Draw the position over time (mm, about its mean) with three standard deviations; coasting marked, lost left open.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    position : (n, 3) array
+        m; NaN where lost.
+    std : (n, 3) array or wider
+        Its standard deviation, m.
+    status : (n,) int array
+        0 measured, 1 coasting, 2 lost.
+    """
     figure, axes = new_figure(8.0, 4.6, rows=3, share_x=True)
+    gaps = np.flatnonzero(np.diff(np.concatenate([[False], status == 2, [False]]).astype(int)))
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     for i, ax in enumerate(axes):
         x = 1e3 * (position[:, i] - np.nanmean(position[:, i]))
         ax.plot(time, x, color=COLOURS["corrected"], linewidth=1.0, label="measured")
@@ -56,24 +71,27 @@ def tracked_path(time: FloatArray, position: FloatArray, std: FloatArray, status
         )
         coasting = status == 1
         ax.plot(time[coasting], x[coasting], ".", color=COLOURS["rigid"], markersize=5, label="coasting")
-        _shade(ax, time, status == 2, COLOURS["raw"], "lost")
+        for k, (first, last) in enumerate(gaps.reshape(-1, 2)):
+            span = (time[first] - step / 2, time[last - 1] + step / 2)
+            ax.axvspan(*span, color=COLOURS["raw"], alpha=0.2, linewidth=0, label="lost" if k == 0 else None)
         ax.set_ylabel(f"{AXES[i]} [mm]")
     axes[-1].set_xlabel("time [s]")
     axes[0].legend(frameon=False, fontsize=8, ncols=3, loc="upper left", bbox_to_anchor=(0.0, 1.3))
     return figure
 
 
-def _shade(ax: object, time: FloatArray, where: BoolArray, colour: str, label: str) -> None:
-    """Shade the stretches of time in which something holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(int)))
-    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    for k, (first, last) in enumerate(edges.reshape(-1, 2)):
-        span = (time[first] - step / 2, time[last - 1] + step / 2)
-        ax.axvspan(*span, color=colour, alpha=0.2, linewidth=0, label=label if k == 0 else None)  # type: ignore[attr-defined]
-
-
 def tracking_quality(time: FloatArray, std: FloatArray, reprojection_px: FloatArray) -> Figure:
-    """Uncertainty of the position (mm) above, reprojection error (px) below, frame by frame."""
+    """Draw the uncertainty of the position (mm) above, the reprojection error (px) below, frame by frame.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    std : (n, 3) array or wider
+        Standard deviation of the position, m.
+    reprojection_px : (n,) array
+        RMS, px.
+    """
     figure, (above, below) = new_figure(8.0, 3.6, rows=2, share_x=True)
     spread = 1e3 * np.sqrt((std[:, :3] ** 2).sum(axis=1))
     above.semilogy(time, spread, color=COLOURS["corrected"], linewidth=1.0)
@@ -86,7 +104,7 @@ def tracking_quality(time: FloatArray, std: FloatArray, reprojection_px: FloatAr
 def view_states(
     time: FloatArray, views: IntArray, cameras: Sequence[str], balls: Sequence[str], reasons: Sequence[str]
 ) -> Figure:
-    """Which camera was trusted with which ball, frame by frame, and why not.
+    """Draw which camera was trusted with which ball, frame by frame, and why not.
 
     Parameters
     ----------

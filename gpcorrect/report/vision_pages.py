@@ -20,6 +20,13 @@ __all__ = ["write_calibration_page", "write_tracking_page"]
 def write_calibration_page(report: CalibrationReport, path: Path) -> None:
     """Write the page of a calibration.
 
+    Parameters
+    ----------
+    report : CalibrationReport
+        The calibration.
+    path : Path
+        HTML file to write.
+
     Raises
     ------
     GpCorrectError
@@ -68,12 +75,23 @@ def write_calibration_page(report: CalibrationReport, path: Path) -> None:
 def write_tracking_page(result: TrackResult, cameras: Sequence[Camera], target: Target, path: Path) -> None:
     """Write the page of a tracked recording.
 
+    Parameters
+    ----------
+    result : TrackResult
+        The track and its log.
+    cameras : sequence of Camera
+        In the order of the recordings.
+    target : Target
+        What was tracked.
+    path : Path
+        HTML file to write.
+
     Raises
     ------
     GpCorrectError
         The folder cannot be written.
     """
-    figures, shares = result.to_dict(), result.track.fractions()
+    figures, fractions = result.to_dict(), result.track.fractions()
     facts = [
         ("recordings", result.log.name),
         ("frames", f"{figures['frames']}, {float(np.ptp(result.track.time)):.1f} s"),
@@ -81,8 +99,8 @@ def write_tracking_page(result: TrackResult, cameras: Sequence[Camera], target: 
         ("balls", ", ".join(target.names)),
     ]
     verdict = (
-        f"{100 * shares['measured']:.1f} % of the frames measured, {100 * shares['coasting']:.1f} % bridged, "
-        f"{100 * shares['lost']:.1f} % lost; reprojection {_number(figures['reprojection_px'], 2)} px."
+        f"{100 * fractions['measured']:.1f} % of the frames measured, {100 * fractions['coasting']:.1f} % bridged, "
+        f"{100 * fractions['lost']:.1f} % lost; reprojection {_number(figures['reprojection_px'], 2)} px."
     )
     sections = [
         Section("What was noticed", result.remarks or ("Nothing.",)),
@@ -119,25 +137,19 @@ def _trust(result: TrackResult, cameras: Sequence[Camera], target: Target) -> Se
         [
             camera.name,
             *(f"{100 * float((views[:, c, b] == 0).mean()):.1f} %" for b in range(len(target.names))),
-            _most_frequent(views[:, c], REASONS),
+            REASONS[int(np.bincount(codes).argmax())] if (codes := views[:, c][views[:, c] > 0]).size else "-",
         ]
         for c, camera in enumerate(cameras)
     ]
     table = TableData(
         ["camera", *target.names, "when not, mostly"],
         rows,
-        "Share of the frames in which a camera was trusted with a ball.",
+        "Fraction of the frames in which a camera was trusted with a ball.",
         text=(len(target.names) + 1,),
     )
     names = [camera.name for camera in cameras]
     figure = plots.view_states(result.track.time, views, names, target.names, REASONS)
     return Section("Which camera saw what", (), (table,), (FigureImage(plots.png(figure), "Trust, frame by frame."),))
-
-
-def _most_frequent(views: object, reasons: Sequence[str]) -> str:
-    codes = np.asarray(views).ravel()
-    codes = codes[codes > 0]
-    return reasons[int(np.bincount(codes).argmax())] if codes.size else "-"
 
 
 def _number(value: float | None, digits: int) -> str:

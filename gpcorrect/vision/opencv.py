@@ -12,11 +12,7 @@ __all__ = ["Image", "cv2"]
 Image = Any  # (height, width, 3) uint8, blue green red, as OpenCV reads it
 
 
-def _opencv() -> Any:
-    try:
-        return importlib.import_module("cv2")
-    except ImportError as error:
-        raise MissingExtraError("OpenCV", extra="vision", purpose="Tracking by cameras") from error
-
-
-cv2: Any = _opencv()
+try:
+    cv2: Any = importlib.import_module("cv2")
+except ImportError as error:
+    raise MissingExtraError("OpenCV", extra="vision", purpose="Tracking by cameras") from error

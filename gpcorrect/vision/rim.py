@@ -7,7 +7,6 @@ centre of a ball's outline is not the image of its centre, and a distorted outli
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,20 +87,14 @@ def outline(
     return found
 
 
-@functools.cache
-def _around(rays: int) -> tuple[FloatArray, FloatArray]:
-    """Cosines and sines `(rays, 1)` of evenly spread angles."""
-    angles = np.linspace(0.0, 2.0 * np.pi, rays, endpoint=False)[:, None]
-    return np.cos(angles), np.sin(angles)
-
-
 def _rim_points(image: Image, circle: FloatArray, reach: float, settings: BallSettings) -> FloatArray:
     """Points `(n, 2)` at which the colour changes fastest from the ball's to the background's, along rays.
 
     `reach` is how far inside and outside the circle to sample, as a fraction of its radius.
     """
     u, v, radius = circle
-    cos, sin = _around(settings.rays)
+    angles = np.linspace(0.0, 2.0 * np.pi, settings.rays, endpoint=False)[:, None]
+    cos, sin = np.cos(angles), np.sin(angles)
     half = max(reach * radius, 2.5)
     r = np.arange(max(radius - half - 1.0, 0.5), radius + half + 1.0, settings.step_px)
     where = (u + r * cos).astype(np.float32), (v + r * sin).astype(np.float32)

@@ -6,7 +6,7 @@ which k circles are found and k + 1 just not; where the count jumps over k, the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from gpcorrect.vision.rim import Outline, outline
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
 from gpcorrect.vision.target import BallSpec, Colour
 
-__all__ = ["REASONS", "Expected", "Found", "Reason", "Window", "detect_everywhere", "detect_near", "find_circles"]
+__all__ = ["REASONS", "Found", "Reason", "Window", "detect_everywhere", "detect_near", "find_circles"]
 
 
 class Reason(StrEnum):
@@ -80,25 +80,6 @@ class Window(NamedTuple):
         return min(self.right - self.left, self.bottom - self.top) < LEAST_WINDOW
 
 
-@dataclass(frozen=True, eq=False)
-class Expected:
-    """Where a ball should appear.
-
-    Parameters
-    ----------
-    pixel : (2,) array
-        px.
-    radius : float
-        px.
-    tolerance : float
-        Factor on how far from there to search.
-    """
-
-    pixel: FloatArray
-    radius: float
-    tolerance: float = 1.0
-
-
 class Found(NamedTuple):
     """What a search found: an outline, or the reason why not."""
 
@@ -107,7 +88,12 @@ class Found(NamedTuple):
 
 
 def detect_near(
-    image: Image, camera: Camera, ball: BallSpec, expected: Expected, settings: VisionSettings = DEFAULT
+    image: Image,
+    camera: Camera,
+    ball: BallSpec,
+    expected: FloatArray,
+    tolerance: float = 1.0,
+    settings: VisionSettings = DEFAULT,
 ) -> Found:
     """Find a ball where it should be, of the size that it should have.
 
@@ -119,28 +105,31 @@ def detect_near(
         That took it.
     ball : BallSpec
         Its colour.
-    expected : Expected
-        Where it should be.
+    expected : (3,) array
+        Where it should be: u, v, radius, px.
+    tolerance : float
+        Factor on how far from there to search.
     settings : VisionSettings
         Those of balls and of views.
     """
     balls, views = settings.balls, settings.views
-    found = outline(image, np.array([*expected.pixel, expected.radius]), camera.intrinsics, balls)
+    centre, radius = expected[:2], float(expected[2])
+    found = outline(image, expected, camera.intrinsics, balls)
     if found is not None and found.arc >= balls.sure_arc:  # a whole rim around the prediction needs no search
-        alike = abs(found.radius - expected.radius) <= balls.sure_size * expected.radius + 0.3
+        alike = abs(found.radius - radius) <= balls.sure_size * radius + 0.3
         if alike and _colour_fraction(image, found, ball) > balls.sure_colour:
             return Found(found)
-    reach = views.motion_px * expected.tolerance
-    window = Window.around(expected.pixel, reach + balls.margin * expected.radius + 3.0, image)
-    spread = min(views.radius * max(expected.tolerance, 1.0), 0.6)
-    radii = (max((1 - spread) * expected.radius - 1.0, 2.0), (1 + spread) * expected.radius + 1.0)
+    reach = views.motion_px * tolerance
+    window = Window.around(centre, reach + balls.margin * radius + 3.0, image)
+    spread = min(views.radius * max(tolerance, 1.0), 0.6)
+    radii = (max((1 - spread) * radius - 1.0, 2.0), (1 + spread) * radius + 1.0)
     circles = find_circles(image, ball.colour, window, radii, settings=settings)
     found = outline(image, circles[0], camera.intrinsics, balls) if circles else None
     if found is None or _colour_fraction(image, found, ball) < balls.disc_colour:
         return Found(None, Reason.NOT_FOUND)
     if not radii[0] <= found.radius <= radii[1]:
         return Found(None, Reason.WRONG_SIZE)
-    if float(np.linalg.norm(found.pixel - expected.pixel)) > reach:
+    if float(np.linalg.norm(found.pixel - centre)) > reach:
         return Found(None, Reason.MOVED_TOO_FAR)
     return Found(found)
 

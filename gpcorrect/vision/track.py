@@ -66,8 +66,6 @@ class Track:
         Each ball's centre, m; NaN where fewer than two cameras saw it.
     views : (n, c, b) int array
         0: effective; otherwise the reason, an index into `REASONS`.
-    pixels : (n, c, b, 2) array
-        Where each ball was seen, px; NaN where it was not.
     reprojection_px : (n,) array
         RMS over the observations used; NaN without.
     """
@@ -78,7 +76,6 @@ class Track:
     std: FloatArray
     balls: FloatArray
     views: IntArray
-    pixels: FloatArray
     reprojection_px: FloatArray
 
     def fractions(self) -> dict[str, float]:
@@ -248,7 +245,7 @@ def track(
 
 def _row(frame: Frame) -> tuple[object, ...]:
     """Return what a `Track` holds of a frame, in the order of its fields."""
-    lost, none = frame.pose.status == Status.LOST, np.full(2, np.nan)
+    lost = frame.pose.status == Status.LOST
     return (
         frame.time,
         STATUSES.index(frame.pose.status),
@@ -256,7 +253,6 @@ def _row(frame: Frame) -> tuple[object, ...]:
         np.full(6, np.nan) if lost else frame.pose.std,
         frame.balls,
         [[REASONS.index(view.reason) for view in views] for views in frame.views],
-        [[none if view.outline is None else view.outline.pixel for view in views] for views in frame.views],
         frame.reprojection_px,
     )
 

@@ -22,8 +22,8 @@ from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.filtering import Filtered, PoseFilter, Status
 from gpcorrect.vision.opencv import Image
 from gpcorrect.vision.rim import Outline
-from gpcorrect.vision.search import Expected, Found, Reason, detect_everywhere, detect_near
-from gpcorrect.vision.settings import DEFAULT, ViewSettings, VisionSettings
+from gpcorrect.vision.search import Found, Reason, detect_everywhere, detect_near
+from gpcorrect.vision.settings import DEFAULT, VisionSettings
 from gpcorrect.vision.space import (
     Located,
     Observations,
@@ -78,19 +78,11 @@ class View:
 
 @dataclass
 class _BallMemory:
-    """What is known of a ball from earlier frames: its size (m), and how wide to search."""
+    """What is known of a ball from earlier frames: its size (m), how wide to search, and the last sizes."""
 
     radius: float | None
     tolerance: float = 1.0
     sizes: list[float] = field(default_factory=list)
-
-    def learn_size(self, radius: float, settings: ViewSettings) -> None:
-        self.sizes = [*self.sizes[-settings.size_memory :], radius]
-        self.radius = float(np.median(self.sizes))
-
-    def adapt_tolerance(self, cameras: int, settings: ViewSettings) -> None:
-        factor = settings.widen if cameras < 2 else 1.0 / settings.widen
-        self.tolerance = float(np.clip(self.tolerance * factor, 1.0, settings.widest))
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,8 +192,10 @@ class Tracker:
         # A jump that three cameras agree on for every ball is one.
         measured = (None, None) if fit is None else (fit.T_tracker_tool, fit.covariance)
         pose = self._filter.step(time, *measured, found_anew=anew or min(trusted) >= 3)
-        for memory, cameras in zip(self._memory, trusted, strict=True):
-            memory.adapt_tolerance(cameras, self.settings.views)
+        views = self.settings.views
+        for memory, seeing in zip(self._memory, trusted, strict=True):
+            factor = views.widen if seeing < 2 else 1.0 / views.widen
+            memory.tolerance = float(np.clip(memory.tolerance * factor, 1.0, views.widest))
         none = np.full(3, np.nan)
         return Frame(
             time,
@@ -241,7 +235,7 @@ class Tracker:
                 found.append(
                     Found(None, Reason.NOT_FOUND)
                     if expected is None
-                    else detect_near(images[k], self.cameras[k], ball, expected, self.settings)
+                    else detect_near(images[k], self.cameras[k], ball, expected, memory.tolerance, self.settings)
                 )
             return found
 
@@ -333,7 +327,9 @@ class Tracker:
                 if view.good >= settings.good_frames:
                     view.admit()
         if sizes and self.target.balls[ball].radius is None:
-            self._memory[ball].learn_size(float(np.mean(sizes)), settings)
+            memory = self._memory[ball]
+            memory.sizes = [*memory.sizes[-settings.size_memory :], float(np.mean(sizes))]
+            memory.radius = float(np.median(memory.sizes))
 
     def _fitted(self, located: list[Located | None], predicted: FloatArray | None) -> PoseFit | None:
         """Fit the tool's pose to everything that is trusted in this frame; None when that is too little."""
@@ -371,8 +367,8 @@ class Tracker:
         return Observations(np.array(cameras), np.array(balls), rays, covariances)
 
 
-def _expected(camera: Camera, memory: _BallMemory, point: FloatArray) -> Expected | None:
-    """Where a camera should see a ball; None when it is out of sight, or of unknown size."""
+def _expected(camera: Camera, memory: _BallMemory, point: FloatArray) -> FloatArray | None:
+    """Circle (u, v, radius; px) that a camera should see; None when it is out of sight, or of unknown size."""
     pixel = camera.project(point)[0]
     if memory.radius is None or not np.isfinite(pixel).all():
         return None
@@ -381,7 +377,7 @@ def _expected(camera: Camera, memory: _BallMemory, point: FloatArray) -> Expecte
     limits = np.array([camera.intrinsics.width, camera.intrinsics.height])
     if (pixel < -size).any() or (pixel >= limits + size).any():
         return None
-    return Expected(pixel, size, memory.tolerance)
+    return np.array([*pixel, size])
 
 
 def _mean_position(located: Sequence[Located | None]) -> PoseFit | None:

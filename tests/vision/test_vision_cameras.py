@@ -1,4 +1,4 @@
-"""Calibrated cameras: lenses and places are recovered, outliers are named, and the covariance is honest."""
+"""Calibrated cameras: lenses and places are recovered, outliers are named, and the covariance is that of the errors."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _nearby(T: FloatArray) -> FloatArray:
     return moved
 
 
-def test_corners_are_found_to_a_twentieth_of_a_pixel() -> None:
+def test_corners_are_found_within_a_tenth_of_a_pixel() -> None:
     """In a rendered, blurred and noisy picture, up to the board's half turn; where there is no board, none is found."""
     rng = np.random.default_rng(SEED)
     lens = four_cameras(rng)[0]
@@ -86,7 +86,7 @@ def test_the_covariance_of_a_place_is_that_of_its_errors() -> None:
     assert 4.5 < np.mean(squares) < 8.5
 
 
-def test_a_board_turned_by_half_is_told_by_the_markers() -> None:
+def test_markers_resolve_a_board_turned_by_half() -> None:
     """One of the two rough places of a single board is the camera's, whichever end its corners begin at."""
     rng = np.random.default_rng(SEED)
     lens = four_cameras(rng)[2]

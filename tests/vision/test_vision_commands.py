@@ -49,11 +49,11 @@ class _Shell:
         self._capture.readouterr()
         with pytest.raises(SystemExit) as stopped:
             main()
-        said = self._capture.readouterr()
-        return _Outcome(int(stopped.value.code or 0), said.out, " ".join(said.err.split()))
+        captured = self._capture.readouterr()
+        return _Outcome(int(stopped.value.code or 0), captured.out, " ".join(captured.err.split()))
 
     def refused(self, *words: object, saying: Sequence[str]) -> None:
-        """Exit status 2, the words said, no traceback."""
+        """Exit status 2, the words expected, no traceback."""
         outcome = self(*words)
         assert outcome.code == 2, outcome
         assert "Traceback" not in outcome.err
@@ -143,7 +143,7 @@ def test_wrong_colours_and_wrong_sizes_are_named(vision: _Shell, recorded: _Reco
 
 
 def test_a_recording_that_breaks_off_is_named_and_kept(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
-    """One camera ends early and one picture is unreadable: both said, every frame kept, none invented."""
+    """One camera ends early and one picture is unreadable: both reported, every frame in the log, none invented."""
     views = [shutil.copytree(view, tmp_path / view.name) for view in recorded.views]
     for i in range(5, FRAMES):
         (views[3] / f"{i:04d}.png").unlink()
@@ -302,13 +302,13 @@ def test_pictures_become_a_calibration(vision: _Shell, rig: Path, tmp_path: Path
     output, page = tmp_path / "cameras.json", tmp_path / "page.html"
     outcome = vision("calibrate", rig, "--output", output, "--page", page, "--json")
     assert outcome.code == 0, outcome.err
-    for k, (camera, said) in enumerate(zip(read_cameras(output), json.loads(outcome.out)["cameras"], strict=True)):
+    for k, (camera, row) in enumerate(zip(read_cameras(output), json.loads(outcome.out)["cameras"], strict=True)):
         true = se3.invert(np.loadtxt(rig.parent / f"truth{k}.txt"))[:3, 3]
         assert np.linalg.norm(camera.position - true) < 1.5e-3
-        assert said["boards_used"] == 6
-        assert said["markers"] >= 12
-        assert said["moved_from_rough_mm"] > 1.0
-        assert np.linalg.norm(camera.position - true) < 4e-3 * said["position_std_mm"]
+        assert row["boards_used"] == 6
+        assert row["markers"] >= 12
+        assert row["moved_from_rough_mm"] > 1.0
+        assert np.linalg.norm(camera.position - true) < 4e-3 * row["position_std_mm"]
     assert "Where each marker is seen" in page.read_text()
 
 

@@ -1,4 +1,4 @@
-"""From rays to points and poses: exact where the data are, weighted where they are not, and honest about both."""
+"""From rays to points and poses: exact where the data are, weighted where they are not, with covariances that hold."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_exact_rays_meet_in_the_point() -> None:
 
 
 def test_weighted_reprojection_beats_the_midpoint_and_knows_its_error() -> None:
-    """With one camera ten times worse than the others, errors are smaller, and their covariance is the one said."""
+    """With one camera ten times worse than the others, errors are smaller, and their covariance is the one reported."""
     rng, point = np.random.default_rng(SEED), np.array([0.0, 0.02, 0.2])
     noise = np.array([0.05, 0.05, 0.05, 0.5]) / FOCAL
     covariances = noise[:, None, None] ** 2 * np.eye(2)
@@ -133,22 +133,22 @@ def _moving(t: float) -> FloatArray:
 
 def test_the_filter_coasts_then_says_lost_and_is_never_nan() -> None:
     """Through a gap it follows the motion with growing doubt; after half a second it is lost, and finite throughout."""
-    tracked, said = PoseFilter(MotionSettings(coast=0.5)), []
+    tracked, estimates = PoseFilter(MotionSettings(coast=0.5)), []
     assert tracked.step(-1.0).status == "lost"
     for i in range(60):
         t = i / 30.0
-        said.append(tracked.step(t, _moving(t) if i < 30 or i >= 55 else None))
-    assert [s.status for s in said[:30]] == ["measured"] * 30
-    assert [s.status for s in said[30:44]] == ["coasting"] * 14
-    assert {s.status for s in said[46:55]} == {"lost"}
-    assert said[55].status == "measured"
-    assert all(np.isfinite(s.T_tracker_tool).all() and np.isfinite(s.std).all() for s in said)
-    assert np.linalg.norm(said[35].T_tracker_tool[:3, 3] - _moving(35 / 30)[:3, 3]) < 1e-3
-    assert (np.diff([s.std[0] for s in said[30:44]]) > 0).all()
+        estimates.append(tracked.step(t, _moving(t) if i < 30 or i >= 55 else None))
+    assert [s.status for s in estimates[:30]] == ["measured"] * 30
+    assert [s.status for s in estimates[30:44]] == ["coasting"] * 14
+    assert {s.status for s in estimates[46:55]} == {"lost"}
+    assert estimates[55].status == "measured"
+    assert all(np.isfinite(s.T_tracker_tool).all() and np.isfinite(s.std).all() for s in estimates)
+    assert np.linalg.norm(estimates[35].T_tracker_tool[:3, 3] - _moving(35 / 30)[:3, 3]) < 1e-3
+    assert (np.diff([s.std[0] for s in estimates[30:44]]) > 0).all()
 
 
 def test_the_filter_disbelieves_one_jump_and_takes_a_repeated_one() -> None:
-    """A single pose a decimetre off is bridged; when it stays there, or was found anew, it is believed."""
+    """A single pose a decimetre off is bridged; when it stays there, or was found anew, it is taken."""
     tracked = PoseFilter()
     for i in range(20):
         tracked.step(i / 30.0, _moving(i / 30.0))

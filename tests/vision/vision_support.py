@@ -1,4 +1,4 @@
-"""What the vision tests share: rendered cameras as the tracker knows them, boards before them, recordings on disk."""
+"""Support of the vision tests: rendered cameras as the tracker knows them, boards before them, recordings on disk."""
 
 from __future__ import annotations
 
