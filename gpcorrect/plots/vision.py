@@ -15,7 +15,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 __all__ = ["marker_residuals", "tracked_path", "tracking_quality", "view_states"]
 
 
-# Blank, effective, not found, moved too far, wrong size, against the others, coming back; blue is the usual "good" here.
+# Blank, effective, not found, moved too far, wrong size, against the others, coming back; blue is good.
 VIEW_COLOURS = ("#ffffff", "#0072b2", "#c3c7cd", "#e69f00", "#cc79a7", "#d55e00", "#56b4e9")
 AXES = ("x", "y", "z")
 
