@@ -1,16 +1,14 @@
 """A cable-driven arm that misses: arm, transmission, controller and sensors simulated into a calibration log."""
 
 from gpcorrect.sim.debridement import debridement_log
-from gpcorrect.sim.driven_paths import DrivenPath, driven_log
 from gpcorrect.sim.effects import EFFECTS, Effect, effect_from_dict
 from gpcorrect.sim.faults import Fault
 from gpcorrect.sim.joint_motion import joint_motion_log
 from gpcorrect.sim.live import LiveArm, Moment
 from gpcorrect.sim.machine import Machine
-from gpcorrect.sim.model import Model, model_from_dict, read_model, write_model
+from gpcorrect.sim.model import Model, model_from_dict, preset, preset_names, read_model, write_model
 from gpcorrect.sim.plan import Plan, Segment, plan_of
 from gpcorrect.sim.plant import Outcome, run
-from gpcorrect.sim.presets import preset, preset_names
 from gpcorrect.sim.reaches import random_reaches_log
 from gpcorrect.sim.record import simulate
 from gpcorrect.sim.resolve import machine_of
@@ -18,7 +16,6 @@ from gpcorrect.sim.settings import Noise, TrackerFaults
 
 __all__ = [
     "EFFECTS",
-    "DrivenPath",
     "Effect",
     "Fault",
     "LiveArm",
@@ -31,7 +28,6 @@ __all__ = [
     "Segment",
     "TrackerFaults",
     "debridement_log",
-    "driven_log",
     "effect_from_dict",
     "joint_motion_log",
     "machine_of",

@@ -8,9 +8,8 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.arms import Arm, arm_named
-from gpcorrect.sim.model import Model
+from gpcorrect.sim.model import Model, preset
 from gpcorrect.sim.plan import Plan, Segment, plan_of
-from gpcorrect.sim.presets import preset
 from gpcorrect.sim.reaching import Pace, Workspace, joint_tour, tour, upright, working_posture
 from gpcorrect.sim.record import simulate
 from gpcorrect.sim.resolve import machine_of

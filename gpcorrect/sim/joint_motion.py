@@ -9,11 +9,9 @@ import numpy as np
 from gpcorrect.arms import arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.sim.model import Model
-from gpcorrect.sim.plan import Plan, Segment, plan_of
+from gpcorrect.sim.plan import Plan, Segment, minimum_jerk, plan_of
 from gpcorrect.sim.record import simulate
-from gpcorrect.sim.resolve import BARE_JOINTS, machine_of
-from gpcorrect.sim.sessions import rehomed
-from gpcorrect.sim.time_laws import minimum_jerk
+from gpcorrect.sim.resolve import BARE_JOINTS, machine_of, rehomed
 from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["joint_motion_log", "joint_motion_plan", "joint_ranges"]

@@ -14,10 +14,10 @@ from gpcorrect.arms import Arm, arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.sim.live import LiveArm
 from gpcorrect.sim.machine import Machine
+from gpcorrect.sim.plan import minimum_jerk
 from gpcorrect.sim.reaching import Pace, tour, working_posture
 from gpcorrect.sim.resolve import BARE_JOINTS
 from gpcorrect.sim.sensors import Sensors
-from gpcorrect.sim.time_laws import minimum_jerk
 from gpcorrect.types import FloatArray
 
 __all__ = ["LiveRobot", "Reading", "RobotState"]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +15,6 @@ from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Effect, effect_from_dict, in_order
 from gpcorrect.sim.settings import Noise, NonNegative, Number, Positive, Settings, TrackerFaults
-from gpcorrect.sim.toml_text import toml_text
 
 __all__ = [
     "Controller",
@@ -22,10 +23,14 @@ __all__ = [
     "Pose",
     "TransmissionTable",
     "model_from_dict",
+    "preset",
+    "preset_names",
     "read_model",
+    "toml_text",
     "write_model",
 ]
 
+PRESETS = resources.files("gpcorrect.sim") / "presets"
 Vector = tuple[Number, Number, Number]
 Moments = tuple[NonNegative, NonNegative, NonNegative]
 JointNumber = Annotated[int, Field(strict=True, ge=1)]
@@ -167,6 +172,26 @@ def write_model(model: Model, path: str | Path) -> None:
         temporary.write_text(model_text(model), encoding="utf-8")
 
 
+def preset_names() -> tuple[str, ...]:
+    """Names that :func:`preset` knows."""
+    files = PRESETS.iterdir()
+    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+
+
+def preset(name: str) -> Model:
+    """Return a packaged model.
+
+    Raises
+    ------
+    DataError
+        No preset has that name.
+    """
+    if name not in preset_names():
+        raise DataError(f"no preset is called {name!r}.", hint=f"Known presets: {', '.join(preset_names())}.")
+    text = PRESETS.joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    return model_from_dict(tomllib.loads(text), source=f"preset {name}")
+
+
 def _problem(location: tuple[int | str, ...], kind: str, message: str) -> str:
     key = ".".join(map(str, location))
     match kind:
@@ -176,3 +201,56 @@ def _problem(location: tuple[int | str, ...], kind: str, message: str) -> str:
             return f"{key} is missing"
         case _:
             return f"{key}: {message.removeprefix('Value error, ')}"
+
+
+def toml_text(document: Mapping[str, Any]) -> str:
+    """Return TOML that `tomllib` reads back to the same values.
+
+    Parameters
+    ----------
+    document : mapping
+        Text, numbers, truth values, lists of these, tables, and lists of tables. Tables inside a table of the first
+        level, or inside a list, are written inline.
+    """
+    plain = {k: v for k, v in document.items() if not (_is_table(v) or _is_table_list(v))}
+    blocks = ["\n".join(_line(k, v) for k, v in plain.items())]
+    for key, value in document.items():
+        if _is_table(value):
+            blocks.append("\n".join([f"[{_key(key)}]", *(_line(k, v) for k, v in value.items())]))
+        elif _is_table_list(value):
+            blocks += ["\n".join([f"[[{_key(key)}]]", *(_line(k, v) for k, v in table.items())]) for table in value]
+    return "\n\n".join(block for block in blocks if block) + "\n"
+
+
+def _line(key: str, value: Any) -> str:
+    return f"{_key(key)} = {_value(value)}"
+
+
+def _key(key: str) -> str:
+    bare = key.replace("_", "").replace("-", "").isalnum() and key.isascii()
+    return key if bare else _text(key)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(_line(k, v) for k, v in value.items()) + " }" if value else "{}"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    return repr(value)  # int and float: Python's shortest exact form, also inf and nan, is TOML's
+
+
+def _text(value: str) -> str:
+    """Quote text: JSON's escapes are TOML's, but for DEL, which TOML does not take as it is."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, Mapping)
+
+
+def _is_table_list(value: Any) -> bool:
+    return isinstance(value, Sequence) and bool(value) and all(isinstance(v, Mapping) for v in value)

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["NOT_LOGGED", "Plan", "Segment", "plan_of"]
+__all__ = ["NOT_LOGGED", "Plan", "Segment", "minimum_jerk", "plan_of", "trapezoid"]
 
 NOT_LOGGED = -1
 
@@ -108,3 +108,53 @@ def plan_of(segments: Sequence[Segment], rate_hz: float) -> Plan:
         start=np.array([s.start for s in segments], dtype=np.float64),
         payload=np.array([np.nan if s.payload is None else s.payload for s in segments]),
     )
+
+
+def minimum_jerk(duration: float, rate_hz: float) -> FloatArray:
+    """Progress `(n,)` of the smoothest motion of that duration: 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985).
+
+    Its peak speed is 1.875 times its mean.
+    """
+    n = max(2, round(duration * rate_hz) + 1)
+    s = np.linspace(0.0, 1.0, n)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
+
+def trapezoid(distance: float, speed: float, acceleration: float, rate_hz: float) -> FloatArray:
+    """Progress `(n,)` over `distance` at a cruising speed, with constant acceleration at both ends.
+
+    A distance too short to reach the speed gives a triangle. The duration is rounded up to whole samples.
+
+    Parameters
+    ----------
+    distance : float
+        m or rad, >= 0.
+    speed, acceleration : float
+        In units of the distance per s and s^2, > 0.
+    rate_hz : float
+        Samples a second.
+
+    Raises
+    ------
+    DataError
+        Speed or acceleration is not above 0, or the distance is negative.
+    """
+    if not (speed > 0 and acceleration > 0 and distance >= 0):
+        raise DataError(
+            f"a trapezoid needs distance >= 0, speed > 0 and acceleration > 0, got {distance}, {speed} and "
+            f"{acceleration}."
+        )
+    if distance == 0:
+        return np.array([0.0, 1.0])
+    top = min(speed, np.sqrt(distance * acceleration))
+    ramp = top / acceleration
+    duration = distance / top + ramp
+    n = max(2, int(np.ceil(duration * rate_hz - 1e-9)) + 1)
+    t = np.linspace(0.0, duration, n)
+    rising = 0.5 * acceleration * np.minimum(t, ramp) ** 2
+    cruising = top * (np.clip(t, ramp, duration - ramp) - ramp)
+    left = np.minimum(duration - t, ramp)
+    falling = 0.5 * acceleration * (ramp**2 - left**2)
+    progress: FloatArray = np.clip((rising + cruising + falling) / distance, 0.0, 1.0)
+    progress[0], progress[-1] = 0.0, 1.0
+    return progress

@@ -10,13 +10,11 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms import Arm, arm_named
 from gpcorrect.errors import DataError
-from gpcorrect.sim.model import Model
+from gpcorrect.sim.model import Model, preset
 from gpcorrect.sim.plan import Plan, Segment, plan_of
-from gpcorrect.sim.presets import preset
 from gpcorrect.sim.reaching import Pace, Workspace, joint_tour, tour, upright, working_posture
 from gpcorrect.sim.record import simulate
-from gpcorrect.sim.resolve import machine_of
-from gpcorrect.sim.sessions import rehomed
+from gpcorrect.sim.resolve import machine_of, rehomed
 from gpcorrect.sim.settings import TrackerFaults
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 

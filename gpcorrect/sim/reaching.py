@@ -11,8 +11,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms import Arm
 from gpcorrect.errors import DataError
-from gpcorrect.sim.plan import NOT_LOGGED
-from gpcorrect.sim.time_laws import minimum_jerk, trapezoid
+from gpcorrect.sim.plan import NOT_LOGGED, minimum_jerk, trapezoid
 from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["Pace", "Tour", "Workspace", "joint_tour", "tour", "upright", "working_posture"]

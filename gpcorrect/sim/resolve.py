@@ -10,20 +10,32 @@ from gpcorrect import se3
 from gpcorrect.arms import Arm, Chain, arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body, Links
-from gpcorrect.sim.defaults import default_controller, motor_inertia
 from gpcorrect.sim.effects import ChainEffect, LoadEffect, TipEffect
+from gpcorrect.sim.effects.homing_offset import HomingOffset
 from gpcorrect.sim.machine import Drive, Machine
-from gpcorrect.sim.model import LinkTable, Model, Pose
+from gpcorrect.sim.model import Controller, Model, Pose
 from gpcorrect.sim.settings import Noise, TrackerFaults
 from gpcorrect.types import FloatArray
 
-__all__ = ["BARE_JOINTS", "machine_of"]
+__all__ = ["BARE_JOINTS", "machine_of", "rehomed"]
 
-BARE_JOINTS = "joints"
+BARE_JOINTS = "joints"  # the `arm` of a model without kinematics
+
+SPREAD = {"R": np.deg2rad(0.3), "P": 5e-4}  # of a joint's zero from one homing to the next (RAVEN-II calibration paper)
+BANDWIDTH_HZ = 10.0  # undamped natural frequency of the closed loop, a common choice for cable-driven arms
+DAMPING_RATIO = 1.0  # critical: the fastest loop that does not overshoot
+ROTOR_RE40 = 1.42e-5  # kg m^2, catalogue of maxon motors, RE 40 (joints 1 to 3 of RAVEN-II)
+ROTOR_RE30 = 3.35e-6  # kg m^2, the same, RE 30 (its tool joints)
+TYPICAL = {"R": 0.05, "P": 5.0}  # kg m^2 and kg; chosen by hand where no motor is published, as of a surgical arm
 
 
 def machine_of(model: Model) -> Machine:
     """Return the machine that a model describes.
+
+    Parameters
+    ----------
+    model : Model
+        As read from a file, or packaged.
 
     Raises
     ------
@@ -31,48 +43,79 @@ def machine_of(model: Model) -> Machine:
         A list has not one number a joint, or a name is unknown.
     """
     body = _bare_body(model) if model.arm == BARE_JOINTS else _arm_body(model, arm_named(model.arm))
-    dof = len(body.joints)
-    if model.noise is not None:
-        for name in ("external_jp_white", "external_jp_ar_std", "encoder_step"):
-            _check_length(f"noise.{name}", getattr(model.noise, name), dof, optional=True)
-    if body.chain is None:
-        _check_no_arm_effects(model)
+    noise = model.noise or Noise()
+    for name in ("external_jp_white", "external_jp_ar_std", "encoder_step"):
+        if getattr(noise, name):
+            _check_length(f"noise.{name}", getattr(noise, name), len(body.joints))
+    for effect in model.effects:
+        if body.chain is None and isinstance(effect, LoadEffect | ChainEffect | TipEffect):
+            raise DataError(
+                f"effect {effect.about.name} needs an arm, the model has bare joints.",
+                hint="Name the arm, or leave the effect out.",
+            )
     return Machine(
         arm=model.arm,
         body=body,
         drive=_drive(model, body),
         log_rate_hz=model.log_rate_hz,
         effects=model.effects,
-        noise=model.noise or Noise(),
+        noise=noise,
         faults=model.faults or TrackerFaults(),
         T_tracker_base=_matrix(model.T_tracker_base),
         T_tip_marker=_matrix(model.T_tip_marker),
     )
 
 
-def _check_no_arm_effects(model: Model) -> None:
-    for effect in model.effects:
-        if isinstance(effect, LoadEffect | ChainEffect | TipEffect):
-            raise DataError(
-                f"effect {effect.about.name} needs an arm, the model has bare joints.",
-                hint="Name the arm, or leave the effect out.",
-            )
+def rehomed(model: Model, sessions: int, rng: np.random.Generator) -> Model:
+    """Return the model with one homing offset a session on every joint: its own offset plus a new chance each time.
+
+    Parameters
+    ----------
+    model : Model
+        The machine.
+    sessions : int
+        Homings; one leaves the model as it is.
+    rng : numpy.random.Generator
+        Chance.
+    """
+    if sessions == 1:
+        return model
+    known = {e.joint: np.atleast_1d(e.offset)[0] for e in model.effects if isinstance(e, HomingOffset)}
+    others = [e for e in model.effects if not isinstance(e, HomingOffset)]
+    homed = []
+    for number, kind in zip(model.joints, machine_of(model.with_effects()).body.types, strict=True):
+        offsets = known.get(number, 0.0) + SPREAD[kind] * rng.standard_normal(sessions)
+        homed.append(HomingOffset(number, tuple(offsets.tolist())))
+    return model.with_effects(*homed, *others)
 
 
 def _drive(model: Model, body: Body) -> Drive:
-    inertia = (
-        motor_inertia(model.arm, body)
-        if model.transmission is None
-        else _check_length("transmission.motor_inertia", model.transmission.motor_inertia, len(body.joints))
+    dof = len(body.joints)
+    if model.transmission is None:
+        inertia = _motor_inertia(model.arm, body)
+    else:
+        inertia = _check_length("transmission.motor_inertia", model.transmission.motor_inertia, dof)
+    omega = 2 * np.pi * BANDWIDTH_HZ
+    controller = model.controller or Controller(
+        kp=tuple((inertia * omega**2).tolist()), kd=tuple((2 * DAMPING_RATIO * omega * inertia).tolist())
     )
-    controller = model.controller or default_controller(inertia)
     return Drive(
-        kp=_check_length("controller.kp", controller.kp, len(inertia)),
-        kd=_check_length("controller.kd", controller.kd, len(inertia)),
+        kp=_check_length("controller.kp", controller.kp, dof),
+        kd=_check_length("controller.kd", controller.kd, dof),
         motor_inertia=inertia,
         rate_hz=controller.rate_hz,
         feedforward=controller.feedforward,
     )
+
+
+def _motor_inertia(arm: str, body: Body) -> FloatArray:
+    """Rotor inertia reflected to each moving joint `(dof,)`, kg m^2 or kg."""
+    if not arm.startswith("raven2"):
+        return np.array([TYPICAL[kind] for kind in body.types])
+    transmission = arm_named(arm).transmission
+    assert transmission is not None
+    reflected: FloatArray = np.array([ROTOR_RE40] * 3 + [ROTOR_RE30] * 3) * transmission.ratios**2
+    return reflected[body.columns]
 
 
 def _bare_body(model: Model) -> Body:
@@ -86,19 +129,14 @@ def _arm_body(model: Model, arm: Arm) -> Body:
     if max(model.joints) > arm.dof or len(set(model.joints)) != len(model.joints):
         raise DataError(f"joints must be different numbers from 1 to {arm.dof}, got {list(model.joints)}.")
     others = [i for i in range(arm.dof) if i + 1 not in model.joints]
-    held = arm.home[others] if model.wrist is None else _held(model.wrist, others)
+    held = arm.home[others]
+    if model.wrist is not None and others:  # where no joint is left for it, it says nothing
+        held = _check_length("wrist", model.wrist, len(others))
     types = "".join(arm.joint_types[number - 1] for number in model.joints)
     if model.joint_types not in (None, types):
         raise DataError(f"joint_types {model.joint_types} contradicts {model.arm}, whose joints are {types}.")
     gravity = arm.gravity if model.gravity is None else np.array(model.gravity)
     return Body(model.joints, types, _chain(model, arm), held, _links(model, arm), gravity)
-
-
-def _held(wrist: tuple[float, ...], others: list[int]) -> FloatArray:
-    """Values of the other joints; a `wrist` that no joint is left for says nothing."""
-    if not others:
-        return np.zeros(0)
-    return _check_length("wrist", wrist, len(others))
 
 
 def _chain(model: Model, arm: Arm) -> Chain:
@@ -111,17 +149,12 @@ def _chain(model: Model, arm: Arm) -> Chain:
 
 
 def _links(model: Model, arm: Arm) -> Links:
-    payload = np.array([model.payload])
-    if model.links is not None:
-        return _links_of_table(model.links, payload, arm.dof)
-    mass = np.array([link.mass for link in arm.links])
-    com = np.array([link.com for link in arm.links]).reshape(-1, 3)
-    return Links(mass, com, np.zeros(com.shape), payload)
-
-
-def _links_of_table(table: LinkTable, payload: FloatArray, dof: int) -> Links:
-    if len(table.mass) > dof:
-        raise DataError(f"links.mass has {len(table.mass)} numbers, the arm has {dof} links.")
+    table, payload = model.links, np.array([model.payload])
+    if table is None:
+        com = np.array([link.com for link in arm.links]).reshape(-1, 3)
+        return Links(np.array([link.mass for link in arm.links]), com, np.zeros(com.shape), payload)
+    if len(table.mass) > arm.dof:
+        raise DataError(f"links.mass has {len(table.mass)} numbers, the arm has {arm.dof} links.")
     com = np.array(table.com).reshape(-1, 3)
     moments = np.zeros(com.shape) if table.inertia_diagonal is None else np.array(table.inertia_diagonal).reshape(-1, 3)
     return Links(np.array(table.mass), com, moments, payload)
@@ -133,7 +166,7 @@ def _matrix(pose: Pose | None) -> FloatArray:
     return se3.pose(se3.matrix_from_rotvec(np.array(pose.rotvec)), np.array(pose.translation))
 
 
-def _check_length(name: str, values: tuple[float, ...], wanted: int, *, optional: bool = False) -> FloatArray:
-    if len(values) != wanted and not (optional and not values):
+def _check_length(name: str, values: tuple[float, ...], wanted: int) -> FloatArray:
+    if len(values) != wanted:
         raise DataError(f"{name} must have {wanted} numbers, one a joint, got {len(values)}.")
     return np.array(values, dtype=np.float64)

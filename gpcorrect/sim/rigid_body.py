@@ -2,21 +2,24 @@
 
 Twists and wrenches are taken about the base origin, so that one recursion serves every Denavit-Hartenberg convention: a
 joint is a screw, the twist of a link is the sum of the screws before it, and a joint's load is its screw times the
-wrenches behind it (Featherstone 2008, Rigid Body Dynamics Algorithms, Sec. 5.3, in a fixed frame).
+wrenches behind it (Featherstone 2008, Rigid Body Dynamics Algorithms, Sec. 5.3, in a fixed frame). Vectors are tuples:
+no array is made for any of them.
 """
 
 from __future__ import annotations
 
+from math import cos, sin
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from gpcorrect.sim.vectors import Frame, Vector, add, cross, dot, scaled, screw_x, screw_z
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["Tables", "rigid_inertias", "rigid_loads"]
 
+Vector = tuple[float, float, float]
+Frame = tuple[Vector, Vector, Vector, Vector]  # x, y and z axis, origin
 Twist = tuple[Vector, Vector, Vector, Vector]  # omega, v, alpha, a of what rides on a link, at the base origin
 GRAVITY, INERTIAL = 0, 1
 
@@ -183,7 +186,7 @@ def _column(matrix: FloatArray, j: int) -> Vector:
 @njit(cache=True)
 def _at(frame: Frame, x: float, y: float, z: float) -> Vector:
     """Point of a frame in base coordinates."""
-    return add(add(frame[3], scaled(x, frame[0])), add(scaled(y, frame[1]), scaled(z, frame[2])))
+    return _add(_add(frame[3], _scaled(x, frame[0])), _add(_scaled(y, frame[1]), _scaled(z, frame[2])))
 
 
 @njit(cache=True)
@@ -196,26 +199,26 @@ def _link(tables: Tables, i: int, value: float, frame: Frame) -> tuple[Frame, Fr
     else:
         theta += value
     if tables.modified:
-        moved = screw_z(screw_x(frame, cosine, sine, a), theta, d)
+        moved = _screw_z(_screw_x(frame, cosine, sine, a), theta, d)
         return moved, moved
-    return frame, screw_x(screw_z(frame, theta, d), cosine, sine, a)
+    return frame, _screw_x(_screw_z(frame, theta, d), cosine, sine, a)
 
 
 @njit(cache=True)
 def _screw(axis: Frame, prismatic: bool) -> tuple[Vector, Vector]:
     if prismatic:
         return (0.0, 0.0, 0.0), axis[2]
-    return axis[2], cross(axis[3], axis[2])
+    return axis[2], _cross(axis[3], axis[2])
 
 
 @njit(cache=True)
 def _ridden(twist: Twist, w: Vector, v: Vector, rate: float, change: float) -> Twist:
     """Twist behind a joint: its screw moves with the links before it."""
     omega, velocity, alpha, a = twist
-    alpha = add(alpha, add(scaled(change, w), scaled(rate, cross(omega, w))))
-    drag = add(cross(omega, v), cross(velocity, w))
-    a = add(a, add(scaled(change, v), scaled(rate, drag)))
-    return add(omega, scaled(rate, w)), add(velocity, scaled(rate, v)), alpha, a
+    alpha = _add(alpha, _add(_scaled(change, w), _scaled(rate, _cross(omega, w))))
+    drag = _add(_cross(omega, v), _cross(velocity, w))
+    a = _add(a, _add(_scaled(change, v), _scaled(rate, drag)))
+    return _add(omega, _scaled(rate, w)), _add(velocity, _scaled(rate, v)), alpha, a
 
 
 @njit(cache=True)
@@ -232,10 +235,10 @@ def _carry(
     """Add the wrenches that a body's weight and its motion ask for."""
     omega, v, alpha, a = twist
     weight = (-mass * tables.gravity[0], -mass * tables.gravity[1], -mass * tables.gravity[2])
-    v_centre = add(v, cross(omega, centre))
-    force = scaled(mass, add(add(a, cross(alpha, centre)), cross(omega, v_centre)))
-    spin = add(_times(frame, moments, alpha), cross(omega, _times(frame, moments, omega)))
-    moment, lever = add(cross(centre, force), spin), cross(centre, weight)
+    v_centre = _add(v, _cross(omega, centre))
+    force = _scaled(mass, _add(_add(a, _cross(alpha, centre)), _cross(omega, v_centre)))
+    spin = _add(_times(frame, moments, alpha), _cross(omega, _times(frame, moments, omega)))
+    moment, lever = _add(_cross(centre, force), spin), _cross(centre, weight)
     for c in range(3):
         wrenches[i, c] += lever[c]
         wrenches[i, 3 + c] += weight[c]
@@ -261,13 +264,53 @@ def _move(
         if j < 0:
             continue
         w, v = (screws[j, 0], screws[j, 1], screws[j, 2]), (screws[j, 3], screws[j, 4], screws[j, 5])
-        unit = add(v, cross(w, centre))
-        out[r, j] += mass * dot(unit, unit) + dot(w, _times(frame, moments, w))
+        unit = _add(v, _cross(w, centre))
+        out[r, j] += mass * _dot(unit, unit) + _dot(w, _times(frame, moments, w))
 
 
 @njit(cache=True)
 def _times(frame: Frame, moments: Vector, vector: Vector) -> Vector:
     """Inertia, principal along the frame's axes, times a vector in base axes."""
     x, y, z, _ = frame
-    along = scaled(moments[0] * dot(x, vector), x)
-    return add(along, add(scaled(moments[1] * dot(y, vector), y), scaled(moments[2] * dot(z, vector), z)))
+    along = _scaled(moments[0] * _dot(x, vector), x)
+    return _add(along, _add(_scaled(moments[1] * _dot(y, vector), y), _scaled(moments[2] * _dot(z, vector), z)))
+
+
+@njit(cache=True)
+def _add(a: Vector, b: Vector) -> Vector:
+    """Sum."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@njit(cache=True)
+def _scaled(s: float, a: Vector) -> Vector:
+    """Multiple."""
+    return s * a[0], s * a[1], s * a[2]
+
+
+@njit(cache=True)
+def _dot(a: Vector, b: Vector) -> float:
+    """Inner product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True)
+def _cross(a: Vector, b: Vector) -> Vector:
+    """Vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True)
+def _screw_z(frame: Frame, angle: float, shift: float) -> Frame:
+    """Frame turned about and moved along its own z axis."""
+    x, y, z, origin = frame
+    c, s = cos(angle), sin(angle)
+    return _add(_scaled(c, x), _scaled(s, y)), _add(_scaled(c, y), _scaled(-s, x)), z, _add(origin, _scaled(shift, z))
+
+
+@njit(cache=True)
+def _screw_x(frame: Frame, cosine: float, sine: float, shift: float) -> Frame:
+    """Frame turned about its own x axis by an angle of this cosine and sine, and moved along it."""
+    x, y, z, origin = frame
+    turned = _add(_scaled(cosine, y), _scaled(sine, z)), _add(_scaled(cosine, z), _scaled(-sine, y))
+    return x, turned[0], turned[1], _add(origin, _scaled(shift, x))

@@ -10,7 +10,7 @@ from gpcorrect.sim.body import Body, Links
 from gpcorrect.sim.effects import Effect
 from gpcorrect.sim.machine import Drive, Feedforward
 from gpcorrect.sim.motion import Motion
-from gpcorrect.sim.time_laws import minimum_jerk
+from gpcorrect.sim.plan import minimum_jerk
 from gpcorrect.types import FloatArray
 
 RATE_HZ = 100.0

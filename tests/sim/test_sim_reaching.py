@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from gpcorrect import se3
 from gpcorrect.arms import arm_named
 from gpcorrect.errors import DataError
+from gpcorrect.sim.plan import minimum_jerk, trapezoid
 from gpcorrect.sim.reaching import Pace, Workspace, joint_tour, tour, upright, working_posture
-from gpcorrect.sim.time_laws import minimum_jerk, trapezoid
 
 ARMS = ["raven2_left", "raven2_right", "dvrk_psm"]
 positive = st.floats(0.01, 10)

@@ -7,8 +7,8 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim import Segment, plan_of, run
 from gpcorrect.sim.effects import CableStretch, CoulombFriction, ViscousFriction
 from gpcorrect.sim.machine import Drive
+from gpcorrect.sim.plan import minimum_jerk
 from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
-from gpcorrect.sim.time_laws import minimum_jerk
 
 SPEED = np.array([0.1, -0.2, 0.01])
 ALL = (1, 2, 3)

@@ -3,9 +3,8 @@ import pytest
 from sim_machines import moves, raven
 
 from gpcorrect.sim import run, threads
-from gpcorrect.sim.command import Command
 from gpcorrect.sim.effects import CableStretch, CoulombFriction, Payload
-from gpcorrect.sim.plant import follow_command
+from gpcorrect.sim.plant import Command, follow_command
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 50])

@@ -10,7 +10,7 @@ from gpcorrect.sim import Machine, Segment, plan_of, run
 from gpcorrect.sim.body import Body, Links
 from gpcorrect.sim.effects import CableStretch
 from gpcorrect.sim.machine import Drive
-from gpcorrect.sim.time_laws import minimum_jerk
+from gpcorrect.sim.plan import minimum_jerk
 
 MASS, LENGTH, MOTOR, GRAVITY = 0.8, 0.2, 0.3, 9.81
 LINK = MASS * LENGTH**2

@@ -9,8 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from gpcorrect.sim.effects import Run
-from gpcorrect.sim.plan import Plan, Segment, plan_of
-from gpcorrect.sim.time_laws import minimum_jerk
+from gpcorrect.sim.plan import Plan, Segment, minimum_jerk, plan_of
 from gpcorrect.types import FloatArray
 
 __all__ = ["Future", "Site", "futures"]

@@ -21,7 +21,7 @@ from gpcorrect.parallel import each
 from gpcorrect.sim import Model, effect_from_dict, machine_of, read_model, simulate
 from gpcorrect.sim.effects import Effect, in_order
 from gpcorrect.sim.joint_motion import joint_motion_plan, joint_ranges
-from gpcorrect.sim.sessions import rehomed
+from gpcorrect.sim.resolve import rehomed
 from gpcorrect.sim.settings import NonNegative, Positive, Settings
 from gpcorrect.types import CalibrationLog, Progress
 

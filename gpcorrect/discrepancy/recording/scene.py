@@ -25,14 +25,13 @@ from gpcorrect.discrepancy.recording.slack import (
     rotation_onto,
 )
 from gpcorrect.sim.body import Body
-from gpcorrect.sim.command import Command
 from gpcorrect.sim.dynamics import posture_at
 from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, Stage, in_order, of_kind
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.sim.plan import Plan
-from gpcorrect.sim.plant import Driven, follow_command, tip_path
+from gpcorrect.sim.plant import Command, Driven, follow_command, tip_path
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["Scene", "Signal"]

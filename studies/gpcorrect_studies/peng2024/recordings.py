@@ -9,9 +9,10 @@ import numpy as np
 
 from gpcorrect.arms import arm_named
 from gpcorrect.joint import direction_named, random_sweeps, timed, zigzag
-from gpcorrect.sim import DrivenPath, Model, driven_log, preset
+from gpcorrect.sim import Model, Segment, machine_of, plan_of, preset, simulate
 from gpcorrect.sim.effects.drift import Drift
 from gpcorrect.sim.effects.homing_offset import HomingOffset
+from gpcorrect.sim.plan import NOT_LOGGED
 from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["ARM", "RavenStudy", "all_joints", "whole_state"]
@@ -104,20 +105,22 @@ class RavenStudy:
         starts = [SETTLED + (0.0 if idle else 3600.0 * h) for h in hours]
         return self._log([self._from_home(motion, 0, start, payload) for start in starts], 40)
 
-    def _from_home(
-        self, q: FloatArray, session: int = 0, start: float = 0.0, payload: float | None = None
-    ) -> DrivenPath:
+    def _from_home(self, q: FloatArray, session: int = 0, start: float = 0.0, payload: float | None = None) -> Segment:
         """Drive there from where every homing ends, as on the real machine: cables remember where they were held."""
         approach = timed(np.stack([HOME, q[0]]), SPEED, self._rate()).q[:-1]
-        return DrivenPath(q, session, start, payload, approach)
+        labels = np.repeat([NOT_LOGGED, 0], [len(approach), len(q)])
+        return Segment(np.concatenate([approach, q]), labels, session, start, payload)
 
     def _sweeps(self, minutes: float, salt: int) -> FloatArray:
         rng = np.random.default_rng([self.seed, salt])
         return random_sweeps(TEST_LIMITS, SLOW, FAST, 60.0 * minutes, self._rate(), rng).q
 
-    def _log(self, paths: Sequence[DrivenPath], salt: int) -> CalibrationLog:
-        loaded = any(path.payload is not None for path in paths)
-        return driven_log(self._model(loaded=loaded), paths, self.seed * 100_000 + salt)
+    def _log(self, paths: Sequence[Segment], salt: int) -> CalibrationLog:
+        """Record the paths, a trajectory each; the study has outside encoders only, and no tracker."""
+        machine = machine_of(self._model(loaded=any(path.payload is not None for path in paths)))
+        numbered = [replace(p, trajectory=np.where(p.trajectory < 0, NOT_LOGGED, k)) for k, p in enumerate(paths)]
+        log = simulate(machine, plan_of(numbered, machine.log_rate_hz), self.seed * 100_000 + salt)
+        return replace(log, tracker_cp=None, setpoint_cp=None, measured_cp=None)
 
     def _model(self, *, loaded: bool) -> Model:
         """Return the machine, homed anew for each session; under load its cables drift faster."""
