@@ -6,7 +6,6 @@ import numpy as np
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs import validate_log
-from gpcorrect.logs.checks.limits import JointLimits
 from gpcorrect.types import CalibrationLog
 
 __all__ = ["joint_input_remarks"]
@@ -29,7 +28,7 @@ def joint_input_remarks(log: CalibrationLog) -> tuple[str, ...]:
                 hint="Number the motions before and after the homing apart in the `trajectory` column.",
                 path=log.name,
             )
-    report = validate_log(log, (JointLimits(),))
+    report = validate_log(log, ("joint_limits",))
     if report.errors:
         raise LogError(report.errors[0].message, hint=report.errors[0].hint, path=log.name)
     return tuple(f"{finding.signal}: {finding.message}" for finding in report.findings)

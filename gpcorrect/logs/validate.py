@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from gpcorrect.logs.checks import CHECKS, Check, Evidence, Finding, Severity
-from gpcorrect.logs.facts import facts_of
+from gpcorrect.errors import LogError
+from gpcorrect.logs.checks import CHECKS, Evidence, Finding, Severity
 from gpcorrect.logs.sync import TimeOffset
-from gpcorrect.types import CalibrationLog
+from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["ValidationReport", "validate_log"]
+__all__ = ["ValidationReport", "refuse_misread", "validate_log"]
 
 ORDER: tuple[Severity, ...] = ("error", "warning", "info")
+MISREAD = ("time_unit", "position_unit", "handedness", "inverted")
+LEARNED_FROM = ("time", "setpoint_cp", "tracker_cp")
 
 
 @dataclass(frozen=True)
@@ -61,21 +63,87 @@ class ValidationReport:
         }
 
 
-def validate_log(log: CalibrationLog, checks: Sequence[Check] = CHECKS) -> ValidationReport:
+def validate_log(log: CalibrationLog, checks: Iterable[str] | None = None) -> ValidationReport:
     """Look at a log with every check; nothing is changed and nothing raises on bad data.
 
     Parameters
     ----------
     log : CalibrationLog
         As it was read; with disordered stamps when it was read with disorder="keep".
-    checks : sequence of Check
-        Questions to ask.
+    checks : iterable of str, optional
+        Names of the checks to ask, as in :data:`gpcorrect.logs.checks.CHECKS`; all by default. Time offsets are
+        estimated only for all.
     """
     if len(log) == 0:
         empty = Finding("error", "empty", "", "the log has no samples.")
-        return ValidationReport(facts_of(log), (empty,))
+        return ValidationReport(_facts(log), (empty,))
     with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers are what checks are there to find
         evidence = Evidence(log)
-        findings = [finding for check in checks for finding in check.findings(evidence)]
+        asked = CHECKS if checks is None else checks
+        findings = [finding for name in asked for finding in CHECKS[name](evidence)]
         findings.sort(key=lambda f: ORDER.index(f.severity))
-        return ValidationReport(facts_of(log), tuple(findings), evidence.offsets)
+        return ValidationReport(_facts(log), tuple(findings), evidence.offsets if checks is None else ())
+
+
+def refuse_misread(log: CalibrationLog) -> None:
+    """Refuse a log whose times or poses cannot be in the units and frames that they are taken for.
+
+    These are the few of :func:`validate_log`'s errors after which a fit would still run, and report figures that mean
+    nothing: milliseconds, millimetres, a left-handed tracker frame, quaternions in another order.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        To learn from.
+
+    Raises
+    ------
+    LogError
+        With the first such finding.
+    """
+    for found in validate_log(log, MISREAD).errors:
+        if found.signal in LEARNED_FROM:
+            message = found.message if found.signal == "time" else f"{found.signal}: {found.message}"
+            raise LogError(message, hint=found.hint, path=log.name)
+
+
+def _facts(log: CalibrationLog) -> dict[str, Any]:
+    """Sizes, rates and signals of a log, JSON-able; what cannot be said of it is None."""
+    steps = [] if log.static else [np.diff(log.time[rows]) for _, rows in log.trajectories()]
+    step = np.concatenate([np.empty(0), *steps])
+    step = step[np.isfinite(step)]
+    forward = step[step > 0]
+    sizes = np.unique(log.trajectory, return_counts=True)[1]
+    percent = {"min": 0, "p5": 5, "median": 50, "p95": 95, "max": 100}
+    lengths = {"shortest": 0, "median": 50, "longest": 100}
+    return {
+        "name": log.name,
+        "digest": log.digest,
+        "robot": log.meta.robot,
+        "arm": log.meta.arm,
+        "tracker": log.meta.tracker,
+        "samples": len(log),
+        "trajectories": {"count": sizes.size}
+        | {name: int(np.percentile(sizes, q)) if sizes.size else 0 for name, q in lengths.items()},
+        "static": log.static,
+        "sessions": len(np.unique(log.session)),
+        "seconds": float(forward.sum()),
+        "rate_hz": float(1.0 / np.median(forward)) if forward.size else None,
+        "step_s": {name: float(np.percentile(step, q)) for name, q in percent.items()} if step.size else None,
+        "signals": {name: _signal(getattr(log, name)) for name in log.signals},
+        "extra_columns": sorted(log.extra),
+        "remarks": list(log.remarks),
+    }
+
+
+def _signal(value: PoseSignal | FloatArray) -> dict[str, Any]:
+    table = value.position if isinstance(value, PoseSignal) else value.reshape(len(value), *value.shape[1:] or (1,))
+    known = value.finite if isinstance(value, PoseSignal) else np.asarray(np.isfinite(table).all(axis=1))
+    found = table[known]
+    return {
+        "columns": table.shape[1],
+        "orientation": value.quaternion is not None if isinstance(value, PoseSignal) else None,
+        "missing": float(1.0 - known.mean()) if len(known) else 0.0,
+        "min": found.min(axis=0).tolist() if len(found) else None,
+        "max": found.max(axis=0).tolist() if len(found) else None,
+    }

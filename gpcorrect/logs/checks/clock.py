@@ -1,19 +1,16 @@
-"""Checks of the time column: order, rate, gaps, unit."""
+"""Checks of time: order, unit, rate and gaps of the stamps, cutting into trajectories, offsets between clocks."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.logs.checks.evidence import Evidence
-from gpcorrect.logs.checks.finding import Finding, examples
-from gpcorrect.logs.checks.measure import extent, step_lengths
+from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, extent
 from gpcorrect.logs.streams import GAP_STEPS
-from gpcorrect.types import IntArray
+from gpcorrect.logs.sync import TimeOffset
 
-__all__ = ["Gaps", "Jitter", "Stamps", "TimeUnit"]
+__all__: list[str] = []
 
 MAX_JITTER = 0.25  # of the median step, between the 5th and 95th percentile: real clocks stay well below
 LONGEST_STEP = 600.0  # s; no one records a motion at a sample in ten minutes
@@ -22,130 +19,136 @@ STEP_UNITS = ((2e5, "nanoseconds", 1e-9), (LONGEST_STEP, "microseconds", 1e-6))
 SLOWEST_MILLISECOND = 0.5  # steps of 0.5 to 100, read as seconds, are 2000 to 10 Hz in milliseconds
 FASTEST_CREEP = 5e-4  # m/s; a robot that was recorded moving is faster at times
 MIN_TRAVEL = 5e-3  # m; below it nothing is said about speeds
+SHORT = 10  # samples of a trajectory; a five-point derivative then rests on one-sided ends
+SAME_CLOCK = ("measured_cp", "measured_jp")  # stamped by the robot, as its commands are
+MAX_OFFSET = 1.0  # median steps; a larger offset moves a sample to its neighbour's place
 
 
-@dataclass(frozen=True)
-class Stamps:
-    """Time must be there and must increase inside a trajectory."""
-
-    def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield missing, repeated and backward stamps, or that there is no clock."""
-        if evidence.log.static:
-            yield Finding("info", "static", "time", "static poses, no clock: nothing is said of times and speeds.")
-        missing = np.flatnonzero(~np.isfinite(evidence.log.time))
-        repeated, backward = np.flatnonzero(evidence.steps == 0), np.flatnonzero(evidence.steps < 0)
-        if missing.size:
-            yield _stamp("stamp_missing", f"{missing.size} samples have no time.", missing)
-        if repeated.size:
-            what = f"{repeated.size} samples have the time of the sample before."
-            yield _stamp("stamp_repeated", what, repeated)
-        if backward.size:
-            most = -float(np.min(evidence.steps[backward]))
-            what = f"{backward.size} samples are earlier than the one before, by up to {most:.3g} s."
-            yield _stamp("stamp_backward", what, backward)
-
-
-def _stamp(code: str, message: str, rows: IntArray) -> Finding:
+@check
+def _stamps(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether time is there and increases inside a trajectory."""
+    if evidence.log.static:
+        yield Finding("info", "static", "time", "static poses, no clock: nothing is said of times and speeds.")
     hint = (
         "Leave them out (--drop-disordered; in Python disorder='drop'), or give each motion its own trajectory number."
     )
-    return Finding("error", code, "time", message, hint, len(rows), examples(rows))
-
-
-@dataclass(frozen=True)
-class Gaps:
-    """Pauses of the recording, by the rule that velocities and interpolation also break at."""
-
-    factor: float = GAP_STEPS
-
-    def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield one finding for all gaps."""
-        rows = np.array([r for _, part in evidence.log.trajectories() for r in self._gaps(evidence, part)], int)
+    missing, steps = ~np.isfinite(evidence.log.time), evidence.steps
+    found = (
+        ("stamp_missing", missing, "have no time."),
+        ("stamp_repeated", steps == 0, "have the time of the sample before."),
+        (
+            "stamp_backward",
+            steps < 0,
+            f"are earlier than the one before, by up to {-np.nanmin(steps, initial=0):.3g} s.",
+        ),
+    )
+    for code, mask, what in found:
+        rows = np.flatnonzero(mask)
         if rows.size:
-            longest = float(evidence.steps[rows].max())
-            yield Finding(
-                "warning",
-                "gap",
-                "time",
-                f"{rows.size} pauses of more than {self.factor:g} median steps, the longest {longest:.3g} s.",
-                "No velocity or interpolation is taken across them.",
-                int(rows.size),
-                examples(rows),
-            )
+            yield Finding("error", code, "time", f"{rows.size} samples {what}", hint, rows.size, rows)
 
-    def _gaps(self, evidence: Evidence, rows: IntArray) -> IntArray:
+
+@check
+def _time_unit(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether time is in seconds."""
+    step = evidence.typical_step
+    if not np.isfinite(step):
+        return
+    stamp = float(np.median(np.abs(evidence.log.time[np.isfinite(evidence.log.time)])))
+    sizes = ((EPOCH_UNITS, stamp), (STEP_UNITS, step))
+    by_size = ((unit, scale) for table, value in sizes for limit, unit, scale in table if value > limit and step >= 1.0)
+    guess = next(by_size, None)
+    if guess is None and step >= SLOWEST_MILLISECOND and _creeps(evidence):
+        guess = "milliseconds", 1e-3
+    if guess is not None:
+        what = f"time looks like {guess[0]}, not seconds: its median step is {step:.4g}."
+        hint = f"Set time_scale = {guess[1]:g} in the mapping file."
+        yield Finding("error", "time_unit", "time", what, hint, len(evidence.log))
+
+
+def _creeps(evidence: Evidence) -> bool:
+    """Whether every pose that covers a distance does so at no speed worth the name, as time stands."""
+    positions = [evidence.position(name) for name in evidence.log.POSES if evidence.has(name)]
+    speeds = [evidence.speed(p) for p in positions if extent(p) > MIN_TRAVEL]
+    known = [s[np.isfinite(s)] for s in speeds]
+    return bool(known) and all(len(s) and np.percentile(s, 99) < FASTEST_CREEP for s in known)
+
+
+@check
+def _jitter(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether sampling is even."""
+    forward = evidence.steps[evidence.steps > 0]
+    if forward.size < 10:
+        return
+    low, middle, high = np.percentile(forward, [5, 50, 95])
+    if high - low > MAX_JITTER * middle:
+        what = f"it is irregular: 9 of 10 steps take {low:.3g} to {high:.3g} s, median {middle:.3g} s."
+        hint = "They are used as they are: stamps should tell when a sample was taken, not when it came."
+        yield Finding("warning", "irregular", "time", what, hint, forward.size)
+
+
+@check
+def _gaps(evidence: Evidence) -> Iterator[Finding]:
+    """Find pauses of the recording, by the rule that velocities and interpolation also break at."""
+    gap = np.zeros(len(evidence.log), dtype=np.bool_)
+    for _, rows in evidence.log.trajectories():
         step = evidence.steps[rows]
-        forward = step[step > 0]
-        found: IntArray = rows[step > self.factor * np.median(forward)] if forward.size else rows[:0]
-        return found
+        gap[rows] = step > GAP_STEPS * np.median(step[step > 0]) if (step > 0).any() else False
+    rows = np.flatnonzero(gap)
+    if rows.size:
+        longest = float(evidence.steps[rows].max())
+        what = f"{rows.size} pauses of more than {GAP_STEPS:g} median steps, the longest {longest:.3g} s."
+        yield Finding(
+            "warning", "gap", "time", what, "No velocity or interpolation is taken across them.", rows.size, rows
+        )
 
 
-@dataclass(frozen=True)
-class Jitter:
-    """How even the sampling is."""
-
-    most: float = MAX_JITTER
-
-    def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield a finding where steps differ by more than a share of the median."""
-        forward = evidence.steps[evidence.steps > 0]
-        if forward.size < 10:
-            return
-        low, middle, high = np.percentile(forward, [5, 50, 95])
-        if high - low > self.most * middle:
-            yield Finding(
-                "warning",
-                "irregular",
-                "time",
-                f"it is irregular: 9 of 10 steps take {low:.3g} to {high:.3g} s, median {middle:.3g} s.",
-                "They are used as they are: stamps should tell when a sample was taken, not when it came.",
-                int(forward.size),
-            )
-
-
-@dataclass(frozen=True)
-class TimeUnit:
-    """Time should be in seconds."""
-
-    def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield a guess where seconds cannot be meant."""
-        forward = evidence.steps[evidence.steps > 0]
-        if not forward.size:
-            return
-        time, step = evidence.log.time[np.isfinite(evidence.log.time)], float(np.median(forward))
-        guess = _by_size(float(np.median(np.abs(time))), step) or _milliseconds(evidence, step)
-        if guess is not None:
-            unit, scale = guess
-            yield Finding(
-                "error",
-                "time_unit",
-                "time",
-                f"time looks like {unit}, not seconds: its median step is {step:.4g}.",
-                f"Set time_scale = {scale:g} in the mapping file.",
-                len(evidence.log),
-            )
+@check
+def _trajectories(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether there are several trajectories, each in one piece and long enough to differentiate."""
+    log = evidence.log
+    if log.static:
+        return
+    numbers, sizes = np.unique(log.trajectory, return_counts=True)
+    if len(numbers) == 1:
+        what = "there is only one trajectory: none can be held out to measure errors on."
+        yield Finding("warning", "one_trajectory", "trajectory", what, "Cut the log, or join several.", 1)
+    short = numbers[sizes < SHORT]
+    if short.size:
+        what = f"{short.size} of {len(numbers)} trajectories have fewer than {SHORT} samples."
+        yield Finding("warning", "short_trajectory", "trajectory", what, "", short.size, short)
+    starts = np.concatenate([log.trajectory[:1], log.trajectory[np.flatnonzero(np.diff(log.trajectory)) + 1]])
+    torn = numbers[[(starts == n).sum() > 1 for n in numbers]]
+    if torn.size:
+        what = f"{torn.size} trajectories are interrupted by another one."
+        hint = "Give each motion its own number: a number that comes back is taken for the same motion."
+        yield Finding("warning", "torn_trajectory", "trajectory", what, hint, torn.size, torn)
 
 
-def _by_size(stamp: float, step: float) -> tuple[str, float] | None:
-    """By the size of stamps since 1970, else by the size of steps."""
-    for table, value in ((EPOCH_UNITS, stamp), (STEP_UNITS, step)):
-        for limit, unit, scale in table:
-            if value > limit and step >= 1.0:
-                return unit, scale
-    return None
+@check
+def _clock_offset(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether command and observation are on one clock."""
+    for offset in evidence.offsets:
+        if offset.observable:
+            yield _offset(offset, evidence.typical_step)
+        elif offset.verdict != "unrelated":
+            what = f"its time offset is not observable: {offset.reason}"
+            severity: Severity = "warning" if offset.verdict == "edge" else "info"
+            yield Finding(severity, "time_offset_unknown", offset.observed, what)
+        if offset.drift is not None:
+            what = f"its clock runs {offset.drift.ppm:+.1f} ppm against that of {offset.reference}."
+            yield Finding("warning", "clock_drift", offset.observed, what, "Align the log before learning.")
 
 
-def _milliseconds(evidence: Evidence, step: float) -> tuple[str, float] | None:
-    """Guess milliseconds where the robot creeps between steps of seconds, though it covers a distance."""
-    moving = [n for n in evidence.log.POSES if evidence.has(n) and extent(evidence.position(n)) > MIN_TRAVEL]
-    if step < SLOWEST_MILLISECOND or not moving:
-        return None
-    fastest = max(_fastest(evidence, name) for name in moving)
-    return ("milliseconds", 1e-3) if fastest < FASTEST_CREEP else None
-
-
-def _fastest(evidence: Evidence, name: str) -> float:
-    """99th percentile of the speed of a pose signal, m/s as time stands."""
-    speed = step_lengths(evidence.log, evidence.position(name)) / np.where(evidence.steps > 0, evidence.steps, np.nan)
-    known = speed[np.isfinite(speed)]
-    return float(np.percentile(known, 99)) if known.size else np.inf
+def _offset(offset: TimeOffset, step: float) -> Finding:
+    half = 500 * (offset.ci95[1] - offset.ci95[0])
+    side = "behind" if offset.offset >= 0 else "ahead of"
+    what = (
+        f"it is {1e3 * abs(offset.offset):.1f} ms {side} {offset.reference} (95 %: +-{half:.2g} ms, "
+        f"{abs(offset.offset) / step:.2g} samples)"
+    )
+    if offset.observed in SAME_CLOCK:
+        return Finding("info", "servo_lag", offset.observed, f"{what}: the lag of the robot, on one clock.")
+    severity: Severity = "warning" if abs(offset.offset) > MAX_OFFSET * step else "info"
+    hint = "Align it if this is the clocks; a lag of the robot or backlash looks the same from motion alone."
+    return Finding(severity, "time_offset", offset.observed, f"{what}.", hint)

@@ -1,21 +1,25 @@
-"""The evidence that all checks share, and what a check is."""
+"""What checks share: the log with what is derived from it, and what a check is and yields."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Literal
 
 import numpy as np
+from scipy.stats import spearmanr
 
-from gpcorrect.arms import Arm
-from gpcorrect.logs.checks.finding import Finding
-from gpcorrect.logs.checks.machine import arm_of
+from gpcorrect import se3
+from gpcorrect.arms import Arm, arm_named
+from gpcorrect.errors import DataError
 from gpcorrect.logs.sync import TimeOffset, log_offset
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
-__all__ = ["Check", "Evidence"]
+__all__ = ["CHECKS", "Check", "Evidence", "Finding", "Severity", "check"]
+
+Severity = Literal["error", "warning", "info"]
 
 OFFSET_PAIRS = (
     ("tracker_cp", ("measured_cp", "setpoint_cp")),
@@ -23,9 +27,52 @@ OFFSET_PAIRS = (
     ("measured_cp", ("setpoint_cp",)),
     ("measured_jp", ("setpoint_jp",)),
 )
+EXAMPLES = 5  # rows named in a finding
+MIN_CORRELATION = 0.8  # of ranks: two signals of one joint agree at least so well, whatever their units
+MIN_PAIRED = 20  # samples, below which two signals are not compared; chosen by hand
+MIN_EXPLAINED = 0.9  # of the spread; below it the handedness is not clear
+MIN_THICKNESS = 0.05  # of the widest direction: flat motions have no handedness
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class Finding:
+    """One thing that a check has to say.
+
+    Parameters
+    ----------
+    severity : {"error", "warning", "info"}
+        error: what is learned from this log will be wrong; warning: look at it first; info: good to know.
+    code : str
+        Short fixed name, for programs.
+    signal : str
+        Name of the log's signal, "time" or "trajectory"; empty when it is about the log as a whole.
+    message : str
+        What was found, with numbers and units.
+    hint : str
+        What to do about it.
+    count : int
+        Samples (or trajectories) it is about.
+    rows : sequence of int
+        Those samples: rows of the log counted from 0, or trajectory numbers when the signal is "trajectory". The
+        first few stay.
+    """
+
+    severity: Severity
+    code: str
+    signal: str
+    message: str
+    hint: str = ""
+    count: int = 0
+    rows: Sequence[int] | IntArray = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rows", tuple(int(r) for r in self.rows[:EXAMPLES]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-able form."""
+        return asdict(self) | {"rows": list(self.rows)}
+
+
 class Evidence:
     """A log and what several checks derive from it, computed once.
 
@@ -35,12 +82,13 @@ class Evidence:
         Any; nothing about it is taken for granted.
     """
 
-    log: CalibrationLog
+    def __init__(self, log: CalibrationLog) -> None:
+        self.log = log
 
     @cached_property
     def arm(self) -> Arm | None:
         """The arm that the log's meta data name, None when they name none that is known."""
-        return arm_of(self.log.meta)
+        return _arm_of(self.log.meta)
 
     @cached_property
     def joint_types(self) -> str:
@@ -58,12 +106,23 @@ class Evidence:
         return tuple(found)
 
     @cached_property
+    def previous(self) -> IntArray:
+        """(n,) row before each in the same trajectory; -1 for the first row of a trajectory."""
+        before = np.full(len(self.log), -1)
+        for _, rows in self.log.trajectories():
+            before[rows[1:]] = rows[:-1]
+        return before
+
+    @cached_property
     def steps(self) -> FloatArray:
         """(n,) time since the row before, s; NaN for the first row of a trajectory."""
-        step = np.full(len(self.log), np.nan)
-        for _, rows in self.log.trajectories():
-            step[rows[1:]] = np.diff(self.log.time[rows])
-        return step
+        return np.where(self.previous < 0, np.nan, self.log.time - self.log.time[self.previous])
+
+    @cached_property
+    def typical_step(self) -> float:
+        """Median step forward, s; infinite when there is none."""
+        forward = self.steps[self.steps > 0]
+        return float(np.median(forward)) if forward.size else np.inf
 
     def has(self, name: str) -> bool:
         """Whether the log has this signal, with at least one sample."""
@@ -78,19 +137,125 @@ class Evidence:
 
     def known(self, name: str) -> BoolArray:
         """(n,) mask of rows in which every number of a signal is present."""
-        finite = np.isfinite(self.table(name))
-        known: BoolArray = np.asarray(finite.all(axis=1), dtype=np.bool_)
-        return known
+        return np.asarray(np.isfinite(self.table(name)).all(axis=1), dtype=np.bool_)
 
     def position(self, name: str) -> FloatArray:
         """Positions `(n, 3)` of a pose signal."""
         signal: PoseSignal = getattr(self.log, name)
         return signal.position
 
+    def quaternions(self) -> Iterator[tuple[str, FloatArray]]:
+        """Yield name and quaternions `(n, 4)` of the pose signals that have any."""
+        for name in self.log.POSES:
+            signal = getattr(self.log, name)
+            if signal is not None and signal.quaternion is not None:
+                yield name, signal.quaternion
 
-class Check(Protocol):
-    """One question to a log. A new check is a new class with this method, and a line in the registry."""
+    def lengths(self, positions: FloatArray) -> FloatArray:
+        """Distance `(n,)` from the row before in the same trajectory; NaN where either is missing."""
+        move: FloatArray = np.linalg.norm(positions - positions[self.previous], axis=1)
+        return np.where(self.previous < 0, np.nan, move)
 
-    def findings(self, evidence: Evidence) -> Iterable[Finding]:
-        """Yield what there is to say; nothing when all is well."""
-        ...
+    def speed(self, positions: FloatArray) -> FloatArray:
+        """Speed `(n,)` since the row before, a second; NaN where time does not advance."""
+        return self.lengths(positions) / np.where(self.steps > 0, self.steps, np.nan)
+
+    def repeats(self, name: str) -> BoolArray:
+        """(n,) mask of rows that equal the row before in the same trajectory to the last bit."""
+        table = self.table(name)
+        return (self.previous >= 0) & np.asarray((table == table[self.previous]).all(axis=1))
+
+
+Check = Callable[[Evidence], Iterator[Finding]]
+"""One question to a log: it yields what there is to say, nothing when all is well."""
+
+CHECKS: dict[str, Check] = {}
+"""All checks by name, in the order in which they are asked."""
+
+
+def check(ask: Check) -> Check:
+    """Enter a check into the registry, under its name without the underscore.
+
+    Parameters
+    ----------
+    ask : Check
+        A new check is a function with this decorator, in a module that the package imports.
+    """
+    CHECKS[ask.__name__.lstrip("_")] = ask
+    return ask
+
+
+def _arm_of(meta: LogMeta) -> Arm | None:
+    """Return the arm that robot and arm name together, such as RAVEN-II and left; None when none is known."""
+    words = set(re.findall(r"[a-z]+", f"{meta.robot} {meta.arm}".lower()))
+    side = words & {"left", "right"}
+    if "raven" in words and len(side) == 1:
+        return arm_named(f"raven2_{side.pop()}")
+    if "psm" in words and "si" not in words:  # the Si arm has other links than the classic one
+        return arm_named("dvrk_psm")
+    for name in (meta.arm, meta.robot):
+        try:
+            return arm_named(name)
+        except DataError:
+            continue
+    return None
+
+
+def extent(positions: FloatArray) -> float:
+    """Diagonal of the box around positions `(n, 3)`, 1st to 99th percentile; 0 without samples."""
+    known = positions[np.isfinite(positions).all(axis=1)]
+    if not len(known):
+        return 0.0
+    low, high = np.percentile(known, [1, 99], axis=0)
+    return float(np.linalg.norm(high - low))
+
+
+def spread(values: FloatArray) -> float:
+    """Median distance of rows `(n, k)` from their median; 0 without samples."""
+    known = values[np.isfinite(values).all(axis=1)]
+    if not len(known):
+        return 0.0
+    return float(np.median(np.linalg.norm(known - np.median(known, axis=0), axis=1)))
+
+
+def spread_ratio(values: FloatArray, reference: FloatArray) -> float:
+    """How many times wider `(n,)` values vary than a reference that they follow; NaN if they do not."""
+    known = np.isfinite(values) & np.isfinite(reference)
+    a, b = values[known], reference[known]
+    if len(a) < MIN_PAIRED or np.ptp(a) == 0 or np.ptp(b) == 0:
+        return float("nan")
+    if abs(float(spearmanr(a, b).statistic)) < MIN_CORRELATION:
+        return float("nan")
+    wide_a, wide_b = (float(np.diff(np.percentile(x, [5, 95]))[0]) for x in (a, b))
+    return wide_a / wide_b if wide_b > 0 else float("nan")
+
+
+def runs(mask: BoolArray) -> IntArray:
+    """Unbroken runs of True as `(r, 2)`: first row, and the row after the last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return edges.reshape(-1, 2)
+
+
+def rigid_misfit(points: FloatArray, target: FloatArray) -> float:
+    """Median distance, m, left by the best rigid motion of points `(n, 3)` onto targets; NaN for too few."""
+    known = np.isfinite(points).all(axis=1) & np.isfinite(target).all(axis=1)
+    if known.sum() < MIN_PAIRED:
+        return float("nan")
+    a = points[known] - np.median(points[known], axis=0)
+    b = target[known] - np.median(target[known], axis=0)
+    return spread(b - a @ se3.nearest_rotation(b.T @ a).T)
+
+
+def mirrored(reference: FloatArray, observed: FloatArray) -> bool:
+    """Whether the best affine map of points `(n, 3)` onto others reverses space; no where it is unclear."""
+    known = np.isfinite(reference).all(axis=1) & np.isfinite(observed).all(axis=1)
+    if known.sum() < MIN_PAIRED:
+        return False
+    x, y = reference[known], observed[known]
+    x, y = x - np.median(x, axis=0), y - np.median(y, axis=0)
+    extents = np.linalg.svd(x, compute_uv=False)
+    if extents[2] < MIN_THICKNESS * extents[0]:
+        return False
+    matrix = np.linalg.lstsq(x, y, rcond=None)[0]
+    left, total = np.median(np.sum((y - x @ matrix) ** 2, axis=1)), np.median(np.sum(y**2, axis=1))
+    return bool(left < (1 - MIN_EXPLAINED) * total and np.linalg.det(matrix) < 0)

@@ -1,114 +1,161 @@
-"""Checks that signals belong together: the same arm, the same handedness, the same point of the tool."""
+"""Checks of rotations, and that signals belong together: the same arm, handedness, and point of the tool."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from gpcorrect import se3
 from gpcorrect.arms import Arm, arm_named
-from gpcorrect.logs.checks.evidence import Evidence
-from gpcorrect.logs.checks.finding import Finding
-from gpcorrect.logs.checks.measure import mirrored, rigid_misfit
+from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, mirrored, rigid_misfit, spread
+from gpcorrect.logs.orientation import NORM_TOLERANCE
 from gpcorrect.logs.sync import TimeOffset
-from gpcorrect.types import FloatArray
+from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["Handedness", "Kinematics", "Unrelated"]
+__all__: list[str] = []
 
+MANY_BAD = 0.01  # of the samples; fewer are glitches
+MIN_TURN = np.deg2rad(5.0)  # an orientation that varies less may be all noise
+COMPARED = 2000  # poses; more say nothing new
 PAIRS = (("setpoint_cp", "setpoint_jp"), ("measured_cp", "measured_jp"), ("tracker_cp", "external_jp"))
 ARM_NAMES = ("raven2_left", "raven2_right", "dvrk_psm")
 MIN_MISFIT = 5e-3  # m; another tool on the same arm shifts the tip by less over a workspace
 BETTER = 0.3  # another arm must fit this much better
+WRIST_MISFIT = 5e-4  # m; below it the tip fits
+CLEARLY = 0.1  # the wrist point must fit ten times better than the tip
 FOLLOWING = 0.5  # of the spread of the positions: what is left of it where one signal follows the other
-WRIST_MISFIT, CLEARLY = (
-    5e-4,
-    0.1,
-)  # m; the wrist point must fit ten times better than a tip half a millimetre off
 
 
-@dataclass(frozen=True)
-class Kinematics:
-    """Poses follow from the joints through the arm that the sidecar names, up to where the base frame is."""
-
-    def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield whether another arm fits, or the wrist point in place of the tip."""
-        arm = evidence.arm
-        if arm is None:
-            return
-        for pose, joints in PAIRS:
-            if not (evidence.has(pose) and evidence.has(joints)) or evidence.table(joints).shape[1] < arm.dof:
-                continue
-            position, q = evidence.position(pose), evidence.table(joints)[:, : arm.dof]
-            misfit = rigid_misfit(_tip(arm, q), position)
-            if misfit > WRIST_MISFIT and rigid_misfit(_wrist(arm, q), position) < CLEARLY * misfit:
-                yield _wrist_point(pose, misfit)
-            elif misfit > MIN_MISFIT:
-                yield _other_arm(arm, pose, joints, misfit, position, q)
+@check
+def _quaternion_norm(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether quaternions have norm one."""
+    for name, quaternion in evidence.quaternions():
+        norm = np.linalg.norm(quaternion, axis=1)
+        known = np.isfinite(norm)
+        rows = np.flatnonzero(known & (np.abs(norm - 1) > NORM_TOLERANCE))
+        if rows.size:
+            fraction = rows.size / int(known.sum())
+            severity: Severity = "error" if fraction > 0.5 else "warning" if fraction > MANY_BAD else "info"
+            worst = norm[rows][np.argmax(np.abs(norm[rows] - 1))]
+            what = f"{rows.size} quaternions ({fraction:.1%}) do not have norm 1; the worst has {worst:.4g}."
+            yield Finding(severity, "quaternion_norm", name, what, "", rows.size, rows)
 
 
-def _tip(arm: Arm, q: FloatArray) -> FloatArray:
-    tip = np.full((len(q), 3), np.nan)
-    known = np.isfinite(q).all(axis=1)
-    tip[known] = arm.forward(q[known])[:, :3, 3]
-    return tip
+@check
+def _quaternion_sign(evidence: Evidence) -> Iterator[Finding]:
+    """Find jumps between a quaternion and its negative: one rotation, harmless here, but not everywhere."""
+    for name, quaternion in evidence.quaternions():
+        aligned = np.einsum("ij,ij->i", quaternion, quaternion[evidence.previous])
+        rows = np.flatnonzero((aligned < 0) & (evidence.previous >= 0))
+        if rows.size:
+            what = f"the sign of the quaternion flips {rows.size} times; as rotations these are no jumps."
+            yield Finding("info", "quaternion_sign", name, what, "", rows.size, rows)
 
 
-def _wrist(arm: Arm, q: FloatArray) -> FloatArray:
-    wrist = np.full((len(q), 3), np.nan)
-    known = np.isfinite(q).all(axis=1)
-    wrist[known] = arm.wrist(q[known])
-    return wrist
+@check
+def _inverted(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether two records of one rotation turn the same way.
+
+    Seen from one sample, the rotation vectors of all others differ between two frames by a rotation. Those of
+    inverse rotations differ by a reflection as well; so do those of quaternions whose components were read in
+    cyclic order (xyzw for wxyz), for that is a reflection of the four numbers.
+    """
+    signals = {n: q for n, q in evidence.quaternions() if evidence.has(n)}
+    reference = next((n for n in ("setpoint_cp", "measured_cp") if n in signals), None)
+    for name in ("tracker_cp", "measured_cp"):
+        if reference is None or name not in signals or name == reference:
+            continue
+        if _turns_otherwise(signals[reference], signals[name]):
+            what = f"it turns the other way than {reference}."
+            hint = "Are the quaternions xyzw, not wxyz? Or the poses of the frame seen by the tool?"
+            yield Finding("error", "orientation_inverted", name, what, hint, len(evidence.log))
 
 
-def _wrist_point(pose: str, misfit: float) -> Finding:
-    size = f"{1e3 * misfit:.1f} mm"
-    what = f"it holds the wrist point, {size} off the tip: no one rigid body with its orientations."
-    return Finding("warning", "wrist_point", pose, what, "Register position and orientation separately.")
+def _turns_otherwise(reference: FloatArray, observed: FloatArray) -> bool:
+    rows = np.flatnonzero(_usable(reference) & _usable(observed))
+    if rows.size < 2:
+        return False
+    rows = rows[np.linspace(0, rows.size - 1, min(rows.size, COMPARED)).astype(int)]
+    R, S = se3.matrix_from_quaternion(reference[rows]), se3.matrix_from_quaternion(observed[rows])
+    middle = int(np.argmin(se3.angle(se3.rotation_mean(R).T @ R)))
+    turn, seen = (se3.rotvec_from_matrix(X[middle].T @ X) for X in (R, S))
+    return bool(np.median(np.linalg.norm(turn, axis=1)) > MIN_TURN) and mirrored(turn, seen)
 
 
-def _other_arm(arm: Arm, pose: str, joints: str, misfit: float, position: FloatArray, q: FloatArray) -> Finding:
-    """Say which arm fits better than the named one."""
-    size = f"{1e3 * misfit:.1f} mm"
-    for other in (arm_named(n) for n in ARM_NAMES if n != arm.name):
-        if other.dof == arm.dof and rigid_misfit(_tip(other, q), position) < BETTER * misfit:
-            what = f"it follows from {joints} by the kinematics of {other.name}, not of {arm.name} ({size} off)."
-            return Finding("error", "swapped_arm", pose, what, "Correct the arm in the sidecar, or the log's source.")
-    what = f"it is {size} off from where {joints} puts the tip of {arm.name}, after the best base registration."
-    return Finding("warning", "kinematics", pose, what, "Another tool, joint offsets, or signals of two arms.")
+def _usable(quaternion: FloatArray) -> BoolArray:
+    norm = np.linalg.norm(quaternion, axis=1)
+    usable: BoolArray = (norm > 0.5) & (norm < 2.0)
+    return usable
 
 
-@dataclass(frozen=True)
-class Handedness:
-    """Tracker and robot frames are both right-handed."""
-
-    def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield a finding where the tracker shows the motion as in a mirror."""
-        for reference in ("setpoint_cp", "measured_cp"):
-            if not (evidence.has("tracker_cp") and evidence.has(reference)):
-                continue
-            if mirrored(evidence.position(reference), evidence.position("tracker_cp")):
-                what = f"it is a mirror image of {reference}: an axis is reversed, or two are exchanged."
-                yield Finding("error", "mirrored", "tracker_cp", what, "Use a right-handed frame for the tracker.")
-            return
+@check
+def _handedness(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether tracker and robot frames are both right-handed."""
+    reference = next((n for n in ("setpoint_cp", "measured_cp") if evidence.has(n)), None)
+    if reference is None or not evidence.has("tracker_cp"):
+        return
+    if mirrored(evidence.position(reference), evidence.position("tracker_cp")):
+        what = f"it is a mirror image of {reference}: an axis is reversed, or two are exchanged."
+        yield Finding("error", "mirrored", "tracker_cp", what, "Use a right-handed frame for the tracker.")
 
 
-@dataclass(frozen=True)
-class Unrelated:
-    """What was observed is the motion that was commanded."""
-
-    def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield observed signals that do not follow the command at any shift in time."""
-        for offset in evidence.offsets:
-            if offset.verdict != "unrelated":
-                continue
-            if _follows(evidence, offset):
-                what = "its time offset is not observable: its speed is not that of the command, though its place is."
-                hint = "Faults of the tracker hide the speed; cleaning drops them."
-                yield Finding("warning", "time_offset_unknown", offset.observed, what, hint)
+@check
+def _kinematics(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether poses follow from the joints by the arm that the sidecar names, up to where the base frame is."""
+    arm = evidence.arm
+    if arm is None:
+        return
+    for pose, joints in PAIRS:
+        if not (evidence.has(pose) and evidence.has(joints)) or evidence.table(joints).shape[1] < arm.dof:
+            continue
+        position, q = evidence.position(pose), evidence.table(joints)[:, : arm.dof]
+        misfit = rigid_misfit(_where_known(_tip(arm), q), position)
+        size = f"{1e3 * misfit:.1f} mm"
+        if misfit > WRIST_MISFIT and rigid_misfit(_where_known(arm.wrist, q), position) < CLEARLY * misfit:
+            what = f"it holds the wrist point, {size} off the tip: no one rigid body with its orientations."
+            yield Finding("warning", "wrist_point", pose, what, "Register position and orientation separately.")
+        elif misfit > MIN_MISFIT:
+            others = [other for n in ARM_NAMES if (other := arm_named(n)).name != arm.name and other.dof == arm.dof]
+            fits = (o for o in others if rigid_misfit(_where_known(_tip(o), q), position) < BETTER * misfit)
+            better = next(fits, None)
+            if better is None:
+                where = f"where {joints} puts the tip of {arm.name}, after the best base registration"
+                what = f"it is {size} off from {where}."
+                yield Finding(
+                    "warning", "kinematics", pose, what, "Another tool, joint offsets, or signals of two arms."
+                )
             else:
-                hint = "Is it the log of the other arm, or are the clocks seconds apart?"
-                yield Finding("error", "unrelated", offset.observed, offset.reason, hint, len(evidence.log))
+                what = f"it follows from {joints} by the kinematics of {better.name}, not of {arm.name} ({size} off)."
+                hint = "Correct the arm in the sidecar, or the log's source."
+                yield Finding("error", "swapped_arm", pose, what, hint)
+
+
+def _tip(arm: Arm) -> Callable[[FloatArray], FloatArray]:
+    return lambda q: arm.forward(q)[:, :3, 3]
+
+
+def _where_known(points: Callable[[FloatArray], FloatArray], q: FloatArray) -> FloatArray:
+    """Points `(n, 3)` of the arm at joints `(n, dof)`; NaN where a joint is missing."""
+    result = np.full((len(q), 3), np.nan)
+    known = np.isfinite(q).all(axis=1)
+    result[known] = points(q[known])
+    return result
+
+
+@check
+def _unrelated(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether what was observed is the motion that was commanded, at some shift in time."""
+    for offset in evidence.offsets:
+        if offset.verdict != "unrelated":
+            continue
+        if _follows(evidence, offset):
+            what = "its time offset is not observable: its speed is not that of the command, though its place is."
+            hint = "Faults of the tracker hide the speed; cleaning drops them."
+            yield Finding("warning", "time_offset_unknown", offset.observed, what, hint)
+        else:
+            hint = "Is it the log of the other arm, or are the clocks seconds apart?"
+            yield Finding("error", "unrelated", offset.observed, offset.reason, hint, len(evidence.log))
 
 
 def _follows(evidence: Evidence, offset: TimeOffset) -> bool:
@@ -116,6 +163,4 @@ def _follows(evidence: Evidence, offset: TimeOffset) -> bool:
     if offset.observed not in evidence.log.POSES or offset.reference not in evidence.log.POSES:
         return False
     observed = evidence.position(offset.observed)
-    known = observed[np.isfinite(observed).all(axis=1)]
-    spread = float(np.median(np.linalg.norm(known - np.median(known, axis=0), axis=1)))
-    return rigid_misfit(evidence.position(offset.reference), observed) < FOLLOWING * spread
+    return rigid_misfit(evidence.position(offset.reference), observed) < FOLLOWING * spread(observed)

@@ -1,18 +1,15 @@
-"""Checks of units, by sizes that no arm has and by ratios between signals of one motion."""
+"""Checks of units and limits, by sizes that no arm has and by ratios between signals of one motion."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.logs.checks.evidence import Evidence
-from gpcorrect.logs.checks.finding import Finding
-from gpcorrect.logs.checks.measure import extent, spread, spread_ratio
+from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, extent, spread, spread_ratio
 from gpcorrect.types import FloatArray
 
-__all__ = ["JointUnit", "PositionUnit", "misread_joints"]
+__all__: list[str] = []
 
 WIDEST = 5.0  # m; no arm here reaches so far, and 5 mm is less than any workspace in millimetres
 MIN_SPREAD = 1e-4  # m or rad; narrower signals are noise and their ratios mean nothing
@@ -27,51 +24,44 @@ POSITION_PAIRS = (
 )
 JOINT_PAIRS = (("measured_jp", "setpoint_jp"), ("external_jp", "setpoint_jp"), ("external_jp", "measured_jp"))
 POSITIONS_OF_JOINTS = ("setpoint_jp", "measured_jp", "external_jp")
+BEYOND = {"R": np.deg2rad(1.0), "P": 1e-3}  # encoders and servo overshoot pass soft limits by less
+SHOWN = {"R": (np.rad2deg(1.0), "deg"), "P": (1e3, "mm")}
 
 
 def _factor(ratio: float, factors: Sequence[tuple[float, float]]) -> float | None:
     """Return the unit's factor that a ratio stands for, None for none."""
-    for factor, tolerance in factors:
-        for exact in (factor, 1 / factor):
-            if exact / tolerance < ratio < exact * tolerance:
-                return exact
-    return None
+    exact = (e for factor, tolerance in factors for e in (factor, 1 / factor) if e / tolerance < ratio < e * tolerance)
+    return next(exact, None)
 
 
-@dataclass(frozen=True)
-class PositionUnit:
-    """Positions should be in metres."""
-
-    def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield a guess for each signal that is too wide, or a thousand times wider than another."""
-        wide = [n for n in evidence.log.POSES if evidence.has(n) and extent(evidence.position(n)) > WIDEST]
-        for name in wide:
-            what = f"it spans {extent(evidence.position(name)):.4g} m: it looks like millimetres."
-            hint = "Set position_scale = 1e-3 in the mapping file."
-            yield Finding("error", "position_unit", name, what, hint, len(evidence.log))
-        for name, other in POSITION_PAIRS:
-            if not (evidence.has(name) and evidence.has(other)) or {name, other} & set(wide):
-                continue
-            sizes = spread(evidence.position(name)), spread(evidence.position(other))
-            if max(sizes) < MIN_SPREAD or min(sizes) == 0 or _factor(sizes[0] / sizes[1], RATIOS[:1]) is None:
-                continue
-            what = f"it varies {sizes[0] / sizes[1]:.3g} times as much as {other}: one of them is not in metres."
-            yield Finding("error", "position_unit", name, what, "Check position_scale.", len(evidence.log))
+@check
+def _position_unit(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether positions are in metres: neither too wide, nor a thousand times wider than another signal."""
+    wide = [n for n in evidence.log.POSES if evidence.has(n) and extent(evidence.position(n)) > WIDEST]
+    for name in wide:
+        what = f"it spans {extent(evidence.position(name)):.4g} m: it looks like millimetres."
+        hint = "Set position_scale = 1e-3 in the mapping file."
+        yield Finding("error", "position_unit", name, what, hint, len(evidence.log))
+    for name, other in POSITION_PAIRS:
+        if not (evidence.has(name) and evidence.has(other)) or {name, other} & set(wide):
+            continue
+        sizes = spread(evidence.position(name)), spread(evidence.position(other))
+        if max(sizes) < MIN_SPREAD or min(sizes) == 0 or _factor(sizes[0] / sizes[1], RATIOS[:1]) is None:
+            continue
+        what = f"it varies {sizes[0] / sizes[1]:.3g} times as much as {other}: one of them is not in metres."
+        yield Finding("error", "position_unit", name, what, "Check position_scale.", len(evidence.log))
 
 
-@dataclass(frozen=True)
-class JointUnit:
-    """Joint positions should be in radians and metres."""
-
-    def findings(self, evidence: Evidence) -> Iterator[Finding]:
-        """Yield a guess for each joint that moves too far, by itself or against another signal of it."""
-        for (name, joint), what in misread_joints(evidence).items():
-            hint = "Set scale for its column in the mapping file: 0.0174533 for degrees, 0.001 for mm."
-            yield Finding("error", "joint_unit", name, f"joint {joint + 1} {what}", hint, len(evidence.log))
+@check
+def _joint_unit(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether joint positions are in radians and metres."""
+    hint = "Set scale for its column in the mapping file: 0.0174533 for degrees, 0.001 for mm."
+    for (name, joint), what in _misread_joints(evidence).items():
+        yield Finding("error", "joint_unit", name, f"joint {joint + 1} {what}", hint, len(evidence.log))
 
 
-def misread_joints(evidence: Evidence) -> dict[tuple[str, int], str]:
-    """Why each suspicious (signal, joint index) is not in rad or m."""
+def _misread_joints(evidence: Evidence) -> dict[tuple[str, int], str]:
+    """Why each suspicious (signal, joint index) is not in rad or m: by itself, or against another signal of it."""
     found: dict[tuple[str, int], str] = {}
     for name in POSITIONS_OF_JOINTS:
         if evidence.has(name):
@@ -112,3 +102,28 @@ def _by_ratio(table: FloatArray, other: FloatArray, name: str) -> Iterator[tuple
         wide = max(spread(table[:, [j]]), spread(other[:, [j]]))
         if np.isfinite(ratio) and wide > MIN_SPREAD and _factor(ratio, RATIOS) is not None:
             yield j, f"varies {ratio:.3g} times as much as in {name}: they are not in the same unit."
+
+
+@check
+def _joint_limits(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether joints stay within the arm's limits; those with a wrong unit are left to that check."""
+    arm = evidence.arm
+    if arm is None:
+        return
+    misread = _misread_joints(evidence)
+    hint = "Check the arm's name in the sidecar, the joint order and the joint offsets."
+    for name in (n for n in POSITIONS_OF_JOINTS if evidence.has(n)):
+        for j, q in enumerate(evidence.table(name)[:, : arm.dof].T):
+            kind, (low, high) = arm.joint_types[j], arm.limits[j]
+            beyond = np.maximum(np.maximum(low - q, q - high), 0.0)
+            rows = np.flatnonzero(beyond > BEYOND[kind])
+            if not rows.size or (name, j) in misread:
+                continue
+            fraction = rows.size / int(np.isfinite(q).sum())
+            severity: Severity = "error" if fraction > 0.5 else "warning"
+            scale, unit = SHOWN[kind]
+            what = (
+                f"joint {j + 1} leaves {scale * low:.4g} to {scale * high:.4g} {unit}, the limits of {arm.name}, "
+                f"in {rows.size} samples ({fraction:.2%}), by up to {scale * float(np.nanmax(beyond)):.3g} {unit}."
+            )
+            yield Finding(severity, "joint_limit", name, what, hint, rows.size, rows)

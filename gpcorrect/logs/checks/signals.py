@@ -1,0 +1,180 @@
+"""Checks of signals by themselves: missing, constant, copied, frozen, impossibly fast."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, runs
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__: list[str] = []
+
+MANY_MISSING = 0.1  # of the samples: more than an occlusion now and then
+COPIED = 0.99  # of the samples equal to the last bit: two sensors never agree so well
+COPIES = (
+    ("measured_cp", "setpoint_cp"),
+    ("measured_jp", "setpoint_jp"),
+    ("tracker_cp", "setpoint_cp"),
+    ("tracker_cp", "measured_cp"),
+    ("external_jp", "setpoint_jp"),
+    ("external_jp", "measured_jp"),
+)
+OUTSIDE = ("tracker_cp", "external_jp")
+REFERENCES = (
+    ("tracker_cp", ("setpoint_cp", "measured_cp")),
+    ("measured_cp", ("setpoint_cp",)),
+    ("external_jp", ("setpoint_jp", "measured_jp")),
+    ("measured_jp", ("setpoint_jp",)),
+)
+FROZEN_SAMPLES = 5  # repeats in a row; noise alone makes a living sensor differ sooner
+MOVED_POSE = 1e-3  # m that the reference must have moved meanwhile: five times a good tracker's noise
+MOVED_JOINT = np.deg2rad(1.0)  # rad, and m times ten
+HELD_SHARE = 0.3  # of samples that repeat the one before while the robot moves: the rule, not the exception
+HELD_RUNS = 10  # a held signal repeats often,
+HELD_SPREAD = 2.0  # and nine runs in ten are at most so many times the usual one
+HELD_FACTOR = 4.0  # a run this many times longer than the usual one is frozen even so
+FASTEST_TIP = 2.0  # m/s; surgical arms stay below one
+FASTEST_JOINT = {"R": (20.0, "rad/s"), "P": (2.0, "m/s")}  # chosen by hand, above any surgical arm
+MANY_JUMPS = 0.2  # of the samples; fewer are outliers, which cleaning is for
+
+
+@check
+def _purpose(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether the log holds what was commanded and what came of it."""
+    if not any(evidence.has(name) for name in ("setpoint_cp", "setpoint_jp")):
+        what = "there is no command (setpoint_cp or setpoint_jp)."
+        yield Finding("warning", "no_command", "", what, "A correction of the command cannot be learned from it.")
+    if not any(evidence.has(name) for name in OUTSIDE):
+        what = "there is no outside measurement (tracker_cp or external_jp)."
+        hint = "What the robot reports goes through the same wrong model; record a tracker as well."
+        yield Finding("warning", "no_observation", "", what, hint)
+
+
+@check
+def _missing(evidence: Evidence) -> Iterator[Finding]:
+    """Find samples in which a signal has no value."""
+    for name in evidence.log.signals:
+        lost = ~evidence.known(name)
+        rows = np.flatnonzero(lost)
+        if not rows.size:
+            continue
+        fraction = rows.size / len(lost)
+        severity: Severity = "error" if fraction == 1.0 else "warning" if fraction > MANY_MISSING else "info"
+        longest = int(np.diff(runs(lost), axis=1).max())
+        what = f"{rows.size} of {len(lost)} samples ({fraction:.1%}) are missing, at most {longest} in a row."
+        yield Finding(severity, "missing", name, what, "", rows.size, rows)
+
+
+@check
+def _constant(evidence: Evidence) -> Iterator[Finding]:
+    """Find motion signals that never change: an error where the robot moved, else a warning."""
+    motions = [n for n in (*evidence.log.POSES, *evidence.log.JOINTS) if evidence.has(n)]
+    still = [n for n in motions if _still(evidence, n)]
+    for name in still:
+        others = [n for n in motions if n not in still and n.rsplit("_")[-1] == name.rsplit("_")[-1]]
+        severity: Severity = "error" if others else "warning"
+        also = f", while {others[0]} does" if others else ""
+        yield Finding(severity, "constant", name, f"it never changes{also}.", "", len(evidence.log))
+
+
+def _still(evidence: Evidence, name: str) -> bool:
+    table = evidence.table(name)[evidence.known(name)]
+    return len(table) > 1 and bool((table == table[0]).all())
+
+
+@check
+def _loopback(evidence: Evidence) -> Iterator[Finding]:
+    """Find copies among signals of different sources: no sensor repeats a command to the last bit."""
+    for name, source in COPIES:
+        if not (evidence.has(name) and evidence.has(source)) or _still(evidence, name):
+            continue
+        a, b = evidence.table(name), evidence.table(source)
+        columns = min(a.shape[1], b.shape[1])
+        both = evidence.known(name) & evidence.known(source)
+        same = (a[both, :columns] == b[both, :columns]).all(axis=1)
+        if same.size and same.mean() > COPIED:
+            severity: Severity = "error" if name in OUTSIDE else "warning"
+            what = f"it is a copy of {source} in {same.mean():.1%} of the samples: nothing was measured."
+            yield Finding(severity, "loopback", name, what, "", int(same.sum()))
+
+
+@check
+def _frozen(evidence: Evidence) -> Iterator[Finding]:
+    """Find sensors that repeat a value to the last bit while the robot moves: blind, or held between samples."""
+    for name, references in REFERENCES:
+        reference = next((r for r in references if evidence.has(name) and evidence.has(r)), None)
+        if reference is None:
+            continue
+        same = evidence.repeats(name)
+        moves = ~evidence.repeats(reference) & np.isfinite(evidence.steps) & evidence.known(reference)
+        repeated = runs(same)
+        usual = _usual_hold(repeated) if moves.any() and same[moves].mean() > HELD_SHARE else 0.0
+        least = max(FROZEN_SAMPLES, HELD_FACTOR * usual)
+        stuck = [r for r in repeated if r[1] - r[0] >= least and _displaced(evidence, reference, r)]
+        if stuck:
+            lengths = [int(stop - start) for start, stop in stuck]
+            what = (
+                f"it is frozen {len(stuck)} times while {reference} moves, for {max(lengths)} samples at most and "
+                f"{sum(lengths)} in all."
+            )
+            hint = "The tracker lost its target and repeated the last value: leave these samples out."
+            yield Finding("warning", "frozen", name, what, hint, sum(lengths), [start for start, _ in stuck])
+        if usual:
+            yield _held(name, same[moves])
+
+
+def _usual_hold(repeated: IntArray) -> float:
+    """Usual number of repeats where they come regularly, 0 where they do not."""
+    lengths = np.diff(repeated, axis=1)[:, 0]
+    usual = float(np.median(lengths))
+    regular = len(lengths) >= HELD_RUNS and np.percentile(lengths, 90) <= HELD_SPREAD * usual
+    return usual if regular else 0.0
+
+
+def _displaced(evidence: Evidence, reference: str, run: IntArray) -> bool:
+    """Whether the reference moved clearly from the sample that is repeated to the last repetition."""
+    part = evidence.table(reference)[run[0] - 1 : run[1]]
+    part = part[np.isfinite(part).all(axis=1)]
+    if len(part) < 2:
+        return False
+    if reference in evidence.log.POSES:
+        return bool(np.linalg.norm(part[:, :3] - part[0, :3], axis=1).max() > MOVED_POSE)
+    kinds = evidence.joint_types.ljust(part.shape[1])[: part.shape[1]]
+    scale = np.where(np.array(list(kinds)) == "P", 10.0, 1.0)
+    return bool((scale * np.abs(part - part[0])).max() > MOVED_JOINT)
+
+
+def _held(name: str, same: BoolArray) -> Finding:
+    times = 1.0 / max(1.0 - float(same.mean()), 1.0 / len(same))
+    what = f"each value is repeated about {times:.2g} times: it was held between slower samples."
+    hint = "Record it with its own stamps and let the reader interpolate: holding delays it by half its period."
+    return Finding("warning", "held", name, what, hint, int(same.sum()))
+
+
+@check
+def _speed(evidence: Evidence) -> Iterator[Finding]:
+    """Find motions faster than an arm is."""
+    for name in (*evidence.log.POSES, "setpoint_jp", "measured_jp", "external_jp"):
+        if not evidence.has(name):
+            continue
+        if name in evidence.log.POSES:
+            yield from _fast(name, "", evidence.speed(evidence.position(name)), FASTEST_TIP, "m/s")
+            continue
+        table = evidence.table(name)
+        for j, kind in enumerate(evidence.joint_types[: table.shape[1]]):
+            yield from _fast(name, f"joint {j + 1}: ", evidence.speed(table[:, [j]]), *FASTEST_JOINT[kind])
+
+
+def _fast(name: str, where: str, speed: FloatArray, limit: float, unit: str) -> Iterator[Finding]:
+    rows = np.flatnonzero(speed > limit)
+    if not rows.size:
+        return
+    fraction = rows.size / max(int(np.isfinite(speed).sum()), 1)
+    severity: Severity = "error" if fraction > MANY_JUMPS else "warning"
+    kind = "jumps" if severity == "warning" else "moves"
+    count = f"{rows.size} samples ({fraction:.2%})"
+    what = f"{where}it {kind} faster than {limit:g} {unit} in {count}, up to {float(speed[rows].max()):.3g}."
+    hint = "Cleaning drops lone jumps; many of them mean a wrong unit or bad stamps."
+    yield Finding(severity, "speed", name, what, hint, rows.size, rows)
