@@ -163,7 +163,8 @@ class Evidence:
     def repeats(self, name: str) -> BoolArray:
         """(n,) mask of rows that equal the row before in the same trajectory to the last bit."""
         table = self.table(name)
-        return (self.previous >= 0) & np.asarray((table == table[self.previous]).all(axis=1))
+        same: BoolArray = (self.previous >= 0) & (table == table[self.previous]).all(axis=1)
+        return same
 
 
 Check = Callable[[Evidence], Iterator[Finding]]
