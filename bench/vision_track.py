@@ -36,7 +36,7 @@ from gpcorrect.vision import (
 from gpcorrect.vision import single_ball as one_ball
 from gpcorrect.vision.opencv import cv2
 from gpcorrect_studies.peng2020 import calibrated_cameras
-from gpcorrect_studies.rendering import Card, Lens, Light, Stage, single_ball, wander
+from gpcorrect_studies.rendering import Card, Lens, Light, Stage, random_motion, single_ball
 
 RATE = 30.0
 COVER = Card((0, 0, 640, 480))
@@ -105,7 +105,7 @@ def accuracy(seeds: range, frames: int) -> dict[str, list[dict[str, Any]]]:
     rows: dict[str, list[dict[str, Any]]] = {}
     for seed in seeds:
         rng = np.random.default_rng([seed, 7])
-        poses = wander(frames, RATE, rng)
+        poses = random_motion(frames, RATE, rng)
         third = frames // 3
         hidden = {i: {seed % 4: [COVER]} for i in range(third, 2 * third)}
         flicker = {i: {1: [COVER]} for i in range(0, frames, 3)}
@@ -130,7 +130,7 @@ def accuracy(seeds: range, frames: int) -> dict[str, list[dict[str, Any]]]:
 
 def speed(frames: int) -> dict[str, float]:
     """Frames a second with four 640 x 480 cameras: pictures in memory, and pictures read from files."""
-    stage, poses = Stage.standard(3), wander(frames, RATE, np.random.default_rng(3))
+    stage, poses = Stage.standard(3), random_motion(frames, RATE, np.random.default_rng(3))
     pictures = [stage.frame(pose) for pose in poses]
     cameras, result = true_cameras(stage.lenses), {}
     for workers in (1, 2):

@@ -12,124 +12,108 @@ from gpcorrect.atomic import atomic_path
 from gpcorrect.cleaning import CleaningReport
 from gpcorrect.experiment import COMPONENTS, METHODS, UNITS, Evaluation, Experiment, Measured
 from gpcorrect.metrics import ErrorTable
-from gpcorrect.plots.style import LABELS
+from gpcorrect.plots.style import LABELS, png
 from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
 from gpcorrect.types import CalibrationLog
 
 __all__ = ["write_fit_report"]
 
-LEAVES = ("mean", "sd", "rmse", "p95", "max")
+LEAVES = {"mean": "mean", "sd": "SD", "rmse": "rmse", "p95": "p95", "max": "max"}
 
 
 def write_fit_report(experiment: Experiment, path: Path) -> None:
     """Write the self-contained page of an experiment, and its first picture beside it as `overview.png`.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    path : Path
+        HTML file.
 
     Raises
     ------
     GpCorrectError
         The folder cannot be written.
     """
-    write_page(_page(experiment), path)
-    if experiment.evaluation is not None and experiment.test is not None:
-        with atomic_path(path.with_name("overview.png")) as picture:
-            picture.write_bytes(plots.png(plots.overview(experiment.evaluation.clean, experiment.test)))
-
-
-def _page(experiment: Experiment) -> Page:
     sections = [_registration(experiment), _clocks(experiment)]
-    measured, test = experiment.evaluation, experiment.test
-    if measured is not None and test is not None:
+    evaluation, test = experiment.evaluation, experiment.test
+    if evaluation is None or test is None:
+        verdict = "Fitted; nothing was held out, so nothing is known of its error on new trajectories."
+        overview = held_out = None
+    else:
+        verdict = _verdict(evaluation)
+        overview = png(plots.overview(evaluation.clean, test))
+        held_out = (
+            f"{len(evaluation.clean.rows)} samples that pass cleaning, {len(test.trajectory_ids)} whole trajectories"
+        )
+        caption = (
+            "The held-out trajectory with the median error, and the errors of all held-out samples that pass cleaning."
+        )
         sections = [
-            _overview(measured.clean, test),
-            _errors(measured),
-            _trajectory(measured.clean, test),
-            _workspace(experiment, measured.clean, test),
-            _intervals(measured.clean),
+            Section("In one picture", (), (), (FigureImage(overview, caption),)),
+            _errors(evaluation),
+            _trajectory(evaluation.clean, test),
+            _workspace(experiment, evaluation.clean, test),
+            _intervals(evaluation.clean),
             *sections,
-            _dropped("Dropped from the held-out recording", test, measured.cleaning),
+            _dropped("Dropped from the held-out recording", test, evaluation.cleaning),
         ]
     sections.append(_dropped("Dropped from the training recording", experiment.fit.log, experiment.fit.cleaning))
-    return Page("gpcorrect fit", _verdict(experiment), _facts(experiment), sections)
-
-
-def _verdict(experiment: Experiment) -> str:
-    if experiment.evaluation is None:
-        return "Fitted; nothing was held out, so nothing is known of its error on new trajectories."
-    errors = experiment.evaluation.clean.errors()
-    after, before = errors["corrected"], errors["raw"]
-    parts = [("position", "position_mm", "mm"), ("rotation", "rotation_deg", "deg")]
-    said = [
-        f"{name} {_mean(before, key):.2f} {unit} before, {_mean(after, key):.2f} {unit} corrected"
-        for name, key, unit in parts
-        if key in after
-    ]
-    return f"Mean error on held-out trajectories: {'; '.join(said)}."
-
-
-def _mean(table: ErrorTable, part: str) -> float:
-    return table[part]["norm"]["mean"]
-
-
-def _facts(experiment: Experiment) -> list[tuple[str, str]]:
     summary: Any = experiment.fit.summary
-    return [
-        (
-            "recording",
-            f"{summary['data']['source']} (SHA-256 {summary['data']['sha256'][:16] or 'not a file'})",
-        ),
-        (
-            "trained on",
-            f"{experiment.fit.n_train} samples of {summary['fit']['n_trajectories']} trajectories",
-        ),
-        ("held out", _held_out(experiment)),
+    data, fit = summary["data"], summary["fit"]
+    facts = [
+        ("recording", f"{data['source']} (SHA-256 {data['sha256'][:16] or 'not a file'})"),
+        ("trained on", f"{experiment.fit.n_train} samples of {fit['n_trajectories']} trajectories"),
+        ("held out", held_out or "nothing"),
         ("features", ", ".join(summary["features"])),
-        ("time", f"{experiment.seconds:.1f} s, seed {summary['fit']['seed']}"),
+        ("time", f"{experiment.seconds:.1f} s, seed {fit['seed']}"),
         *(("note", remark) for remark in experiment.fit.remarks),
-        *(("caution", c) for c in (experiment.evaluation.cautions if experiment.evaluation else ())),
+        *(("caution", caution) for caution in (evaluation.cautions if evaluation else ())),
     ]
+    write_page(Page("gpcorrect fit", verdict, facts, sections), path)
+    if overview is not None:
+        with atomic_path(path.with_name("overview.png")) as picture:
+            picture.write_bytes(overview)
 
 
-def _held_out(experiment: Experiment) -> str:
-    if experiment.evaluation is None or experiment.test is None:
-        return "nothing"
-    count = len(experiment.evaluation.clean.rows)
-    return f"{count} samples that pass cleaning, {len(experiment.test.trajectory_ids)} whole trajectories"
+def _verdict(evaluation: Evaluation) -> str:
+    errors = evaluation.clean.errors()
+    parts = []
+    for name, key, unit in (("position", "position_mm", "mm"), ("rotation", "rotation_deg", "deg")):
+        if key in errors["corrected"]:
+            before, after = (errors[method][key]["norm"]["mean"] for method in ("raw", "corrected"))
+            parts.append(f"{name} {before:.2f} {unit} before, {after:.2f} {unit} corrected")
+    return f"Mean error on held-out trajectories: {'; '.join(parts)}."
 
 
-def _overview(measured: Measured, test: CalibrationLog) -> Section:
-    caption = (
-        "The held-out trajectory with the median error, and the errors of all held-out samples that pass cleaning."
-    )
-    return Section("In one picture", (), (), (FigureImage(plots.png(plots.overview(measured, test)), caption),))
+def _errors(evaluation: Evaluation) -> Section:
+    clean, dirty = evaluation.clean.errors(), evaluation.dirty.errors()
+    axes = ("x", "y", "z", "norm")
 
+    def lengths(errors: dict[str, ErrorTable], part: str, note: str) -> TableData:
+        rows = [[LABELS[m], *(f"{errors[m][part]['norm'][leaf]:.3f}" for leaf in LEAVES)] for m in METHODS]
+        return TableData(["", *LEAVES.values()], rows, f"{note} [{UNITS[part]}].")
 
-def _errors(measured: Evaluation) -> Section:
-    clean, dirty = measured.clean.errors(), measured.dirty.errors()
-    parts = list(clean["raw"])
+    def by_axis(part: str) -> TableData:
+        rows = [
+            [LABELS[m], *(f"{clean[m][part][a]['mean']:.3f} ± {clean[m][part][a]['sd']:.3f}" for a in axes)]
+            for m in METHODS
+        ]
+        note = f"Per axis of the base frame, mean absolute error and SD [{UNITS[part]}]."
+        return TableData(["", *axes], rows, note)
+
     tables = [
-        *(
-            TableData(*_summary_rows(clean, p), f"Samples that pass cleaning: length of the error [{UNITS[p]}].")
-            for p in parts
-        ),
-        *(
-            TableData(*_summary_rows(dirty, p), f"All samples, the tracker's faults included [{UNITS[p]}].")
-            for p in parts
-        ),
-        *(
-            TableData(
-                *_axis_rows(clean, part),
-                f"Per axis of the base frame, mean absolute error and SD [{UNITS[part]}].",
-            )
-            for part in clean["raw"]
-        ),
+        *(lengths(clean, part, "Samples that pass cleaning: length of the error") for part in clean["raw"]),
+        *(lengths(dirty, part, "All samples, the tracker's faults included") for part in clean["raw"]),
+        *(by_axis(part) for part in clean["raw"]),
     ]
     figures = [
         FigureImage(
-            plots.png(plots.error_distribution(measured.clean)),
-            "Share of held-out samples with an error below the value on the axis.",
+            png(plots.error_distribution(evaluation.clean)),
+            "Fraction of held-out samples with an error below the value on the axis.",
         ),
         FigureImage(
-            plots.png(plots.error_by_speed(measured.clean)),
+            png(plots.error_by_speed(evaluation.clean)),
             "Error by the speed of the observed pose: median, and the band up to the 90th percentile.",
         ),
     ]
@@ -139,29 +123,15 @@ def _errors(measured: Evaluation) -> Section:
     return Section("Error on held-out trajectories", words, tables, figures)
 
 
-def _summary_rows(errors: dict[str, ErrorTable], part: str) -> tuple[list[str], list[list[str]]]:
-    rows = [[LABELS[m], *(f"{errors[m][part]['norm'][leaf]:.3f}" for leaf in LEAVES)] for m in METHODS]
-    return ["", *(leaf if leaf != "sd" else "SD" for leaf in LEAVES)], rows
-
-
-def _axis_rows(errors: dict[str, ErrorTable], part: str) -> tuple[list[str], list[list[str]]]:
-    axes = ("x", "y", "z", "norm")
-    rows = [
-        [LABELS[m], *(f"{errors[m][part][a]['mean']:.3f} ± {errors[m][part][a]['sd']:.3f}" for a in axes)]
-        for m in METHODS
-    ]
-    return ["", *axes], rows
-
-
 def _trajectory(measured: Measured, test: CalibrationLog) -> Section:
     number = plots.typical_trajectory(measured, test)
     figures = [
         FigureImage(
-            plots.png(plots.trajectory_paths(measured, test, number)),
+            png(plots.trajectory_paths(measured, test, number)),
             "What each method would have commanded, and what was commanded.",
         ),
         FigureImage(
-            plots.png(plots.trajectory_errors(measured, test, number)),
+            png(plots.trajectory_errors(measured, test, number)),
             "Error of the corrected command inside its 95 % interval.",
         ),
     ]
@@ -173,57 +143,35 @@ def _workspace(experiment: Experiment, measured: Measured, test: CalibrationLog)
     assert experiment.fit.log.tracker_cp is not None
     position = test.tracker_cp.position[measured.rows]
     train = experiment.fit.log.tracker_cp.position[experiment.fit.cleaning.keep]
-    share = 100 * float(measured.in_domain.mean())
     figures = [
+        FigureImage(png(plots.residual_maps(measured, position)), "Length of the position error where the tool was."),
         FigureImage(
-            plots.png(plots.residual_maps(measured, position)),
-            "Length of the position error where the tool was.",
-        ),
-        FigureImage(
-            plots.png(plots.workspace_coverage(train, position, measured.in_domain)),
+            png(plots.workspace_coverage(train, position, measured.in_domain)),
             "Where the training was, and the held-out samples near it and outside.",
         ),
     ]
-    return Section(
-        "Where in the workspace",
-        [f"{share:.1f} % of the held-out samples lie near training data."],
-        (),
-        figures,
-    )
+    near = f"{100 * float(measured.in_domain.mean()):.1f} % of the held-out samples lie near training data."
+    return Section("Where in the workspace", [near], (), figures)
 
 
 def _intervals(measured: Measured) -> Section:
-    shares = measured.coverage95
-    rows = [["observed", *(f"{100 * s:.1f} %" if np.isfinite(s) else "-" for s in shares)]]
-    table = TableData(["95 % interval", *COMPONENTS], rows)
-    figure = FigureImage(
-        plots.png(plots.reliability(measured)),
-        "Observed against nominal coverage; on the diagonal the intervals are honest.",
-    )
+    covered = [f"{100 * part:.1f} %" if np.isfinite(part) else "-" for part in measured.coverage95]
+    caption = "Observed against nominal coverage; on the diagonal the intervals are honest."
+    figure = FigureImage(png(plots.reliability(measured)), caption)
+    table = TableData(["95 % interval", *COMPONENTS], [["observed", *covered]])
     return Section("Are the intervals honest?", (), (table,), (figure,))
 
 
 def _registration(experiment: Experiment) -> Section:
     chosen = experiment.fit.registration
-    rows = [
-        [
-            c.kind,
-            f"{c.position_mm:.3f}",
-            f"{c.rotation_deg:.3f}",
-            c.refused or ("chosen" if c.kind == chosen.model.kind else ""),
-        ]
-        for c in chosen.candidates
-    ]
-    table = TableData(
-        ["model", "position [mm]", "rotation [deg]", ""],
-        rows,
-        "Median errors on left-out training trajectories.",
-    )
-    return Section(
-        "Registration of the frames",
-        [f"{chosen.reason[:1].upper()}{chosen.reason[1:]}."],
-        (table,) if rows else (),
-    )
+    rows = []
+    for c in chosen.candidates:
+        note = c.refused or ("chosen" if c.kind == chosen.model.kind else "")
+        rows.append([c.kind, f"{c.position_mm:.3f}", f"{c.rotation_deg:.3f}", note])
+    note = "Median errors on left-out training trajectories."
+    table = TableData(["model", "position [mm]", "rotation [deg]", ""], rows, note)
+    words = [f"{chosen.reason[:1].upper()}{chosen.reason[1:]}."]
+    return Section("Registration of the frames", words, (table,) if rows else ())
 
 
 def _clocks(experiment: Experiment) -> Section:
@@ -231,24 +179,18 @@ def _clocks(experiment: Experiment) -> Section:
     offset, words = clocks.offset, [f"{clocks.remark[:1].upper()}{clocks.remark[1:].rstrip('.')}."]
     if offset is None or offset.lags.size == 0:
         return Section("Clocks", words)
-    figure = FigureImage(
-        plots.png(plots.offset_curve(offset)),
-        "Agreement of the speeds of tracker and command over time offsets.",
-    )
-    return Section("Clocks", words, (), (figure,))
+    caption = "Agreement of the speeds of tracker and command over time offsets."
+    return Section("Clocks", words, (), (FigureImage(png(plots.offset_curve(offset)), caption),))
 
 
 def _dropped(title: str, log: CalibrationLog, report: CleaningReport) -> Section:
-    kept = int(report.keep.sum())
+    passed = int(report.keep.sum())
     words = [
-        f"{kept} of {len(log)} samples were kept. "
+        f"{passed} of {len(log)} samples passed cleaning. "
         "Every dropped sample stands in cleaning.csv with the value and the limit that it broke."
     ]
-    if kept == len(log):
+    if passed == len(log):
         return Section(title, words)
     return Section(
-        title,
-        words,
-        (),
-        (FigureImage(plots.png(plots.dropped_samples(log, report)), "Dropped samples by reason."),),
+        title, words, (), (FigureImage(png(plots.dropped_samples(log, report)), "Dropped samples by reason."),)
     )

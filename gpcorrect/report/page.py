@@ -1,4 +1,4 @@
-"""Turns sections of words, tables and figures into one self-contained HTML page."""
+"""A self-contained HTML page of sections with sentences, tables and figures."""
 
 from __future__ import annotations
 
@@ -64,6 +64,12 @@ class Page:
 
 def write_page(page: Page, path: Path) -> None:
     """Write the page atomically.
+
+    Parameters
+    ----------
+    page : Page
+    path : Path
+        HTML file.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from gpcorrect.estimator import EstimatorExperiment, EstimatorMethod, EstimatorS
 from gpcorrect.sim import Noise, preset, random_reaches_log
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
 from gpcorrect_studies.published import PENG_2020, PENG_2020_MISSING
-from gpcorrect_studies.rendering import Card, Lens, Stage, looking_at, marker_points, wander
+from gpcorrect_studies.rendering import Card, Lens, Stage, looking_at, marker_points, random_motion
 from gpcorrect_studies.rendering import single_ball as one_ball
 
 if TYPE_CHECKING:  # OpenCV is an extra: other studies are done again without it
@@ -107,7 +107,7 @@ def _table1(scope: Peng2020Scope, seed: int, progress: Progress) -> tuple[dict[s
     rng = np.random.default_rng([seed, 20])
     whole = Stage.standard(seed)
     cameras, placed = calibrated_cameras(whole.lenses, rng)
-    poses = wander(scope.frames, RATE_HZ, rng)
+    poses = random_motion(scope.frames, RATE_HZ, rng)
     ball = Stage(whole.lenses, whole.studios, one_ball("red"))
     third = scope.frames // 3
     hidden = {i: {1: [COVER]} for i in range(third, 2 * third)}

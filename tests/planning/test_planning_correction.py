@@ -74,7 +74,7 @@ def test_a_doubt_names_what_went_beyond_its_margin(corrector, margins, cause):
 
 
 def test_a_goal_out_of_domain_is_doubted_however_good_the_way():
-    """The share that may lie outside is for the way, not for its end."""
+    """The fraction that may lie outside is for the way, not for its end."""
     wanted = reach(np.stack([np.eye(4), se3.pose(np.eye(3), np.array([0.1, 0.0, 0.0]))]), PACE)
     doubt = Margins(outside=0.9).doubt(corrected(Moves(SHIFT, domain=0.0999), wanted))
     assert doubt is not None
@@ -82,7 +82,7 @@ def test_a_goal_out_of_domain_is_doubted_however_good_the_way():
 
 
 def test_replanning_takes_the_first_way_that_is_sure():
-    """Ways are tried in order until one is within the margins; what was wrong with the others is kept."""
+    """Ways are tried in order until one is within the margins; what was wrong with the others is returned."""
     far, near = (reach(np.stack([np.eye(4), se3.pose(np.eye(3), np.array([x, 0, 0]))]), PACE) for x in (0.09, 0.02))
     chosen = first_trusted(Moves(SHIFT, domain=0.05), [far, near, far], Margins())
     assert (chosen.number, chosen.trusted, len(chosen.doubts)) == (1, True, 1)

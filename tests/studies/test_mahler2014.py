@@ -93,11 +93,11 @@ def test_knowing_more_leaves_less(figures: Any) -> None:
     Noise is the floor, but for what a regression gains by knowing which poses are usual. Few reaches leave more of the
     position error to too little data than to the tracker, so there a perfect one may do no better, by a tenth.
     """
-    _, seen, exact, told, noise = figures["limits"]
+    _, seen, exact, known, noise = figures["limits"]
     assert exact["rotation_deg"] < seen["rotation_deg"]
     for norm in NORMS:
         assert exact[norm] < 1.1 * seen[norm]
-        assert 0.9 * noise[norm] < told[norm] < seen[norm]
+        assert 0.9 * noise[norm] < known[norm] < seen[norm]
 
 
 def test_training_sizes_run_from_few_to_all(figures: Any) -> None:

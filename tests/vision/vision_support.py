@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import Camera, Intrinsics, write_cameras
 from gpcorrect.vision.opencv import cv2
-from gpcorrect_studies.rendering import Board, Card, Lens, Stage, wander
+from gpcorrect_studies.rendering import Board, Card, Lens, Stage, random_motion
 
 COVER = Card((0, 0, 640, 480))
 Cards = Callable[[int], Mapping[int, Sequence[Card]]]
@@ -67,4 +67,4 @@ def record(folder: Path, stage: Stage, poses: FloatArray, cards: Cards | None = 
 
 def path_of(seed: int, count: int, rate_hz: float = 30.0) -> FloatArray:
     """Return poses of a tool that wanders smoothly."""
-    return wander(count, rate_hz, np.random.default_rng(seed))
+    return random_motion(count, rate_hz, np.random.default_rng(seed))

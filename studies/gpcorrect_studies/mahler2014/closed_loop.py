@@ -90,10 +90,10 @@ def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator
     """
     assert experiment.test is not None
     assert experiment.evaluation is not None
-    log, kept = experiment.test, np.flatnonzero(experiment.evaluation.cleaning.keep)
+    log, passed = experiment.test, np.flatnonzero(experiment.evaluation.cleaning.keep)
     assert log.tracker_cp is not None
     assert log.tracker_cp.quaternion is not None
-    ends = kept[np.flatnonzero(np.diff(log.trajectory[kept], append=-1) != 0)]
+    ends = passed[np.flatnonzero(np.diff(log.trajectory[passed], append=-1) != 0)]
     if len(ends) <= count:
         raise LogError(
             f"{count} places need {count + 1} held-out reaches, there are {len(ends)}.", hint="Simulate more reaches."

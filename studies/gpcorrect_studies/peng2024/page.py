@@ -265,8 +265,8 @@ def _accuracy_over_hours(uses: Mapping[str, Mapping[str, Any]]) -> Figure:
     def draw(ax: Axes, joint: int) -> None:
         for use, line in {"idle": ":", "unloaded": "--", "loaded 500 g": "-"}.items():
             for method, (colour, _) in DRAWN.items():
-                look = {"color": COLOURS[colour], "linestyle": line, "label": f"{NAMES[method]}, {use}"}
-                _line(ax, uses[use]["hours"], uses[use]["rmse"][method], joint, **look)
+                style = {"color": COLOURS[colour], "linestyle": line, "label": f"{NAMES[method]}, {use}"}
+                _line(ax, uses[use]["hours"], uses[use]["rmse"][method], joint, **style)
 
     return _by_joint(draw, "hours of use")
 
@@ -279,8 +279,8 @@ def _accuracy_over_homings(points: Sequence[Mapping[str, Any]]) -> Figure:
         for seen, line in {"none seen": "-", "one seen": "--", "new zero": ":"}.items():
             for method, (colour, marker) in DRAWN.items():
                 cells = [point["rmse"][method][seen] for point in points]
-                look = {"linestyle": line, "marker": marker, "label": f"{NAMES[method]}, {seen}"}
-                _line(ax, homings, cells, joint, color=COLOURS[colour], **look)
+                style = {"linestyle": line, "marker": marker, "label": f"{NAMES[method]}, {seen}"}
+                _line(ax, homings, cells, joint, color=COLOURS[colour], **style)
         ax.set_xticks(homings)
 
     return _by_joint(draw, "homings after the training")
@@ -299,7 +299,7 @@ def _by_joint(draw: Callable[[Axes, int], None], label: str) -> Figure:
     return figure
 
 
-def _line(ax: Axes, x: Sequence[float], cells: Sequence[Mapping[str, Any]], joint: int, **look: Any) -> None:
+def _line(ax: Axes, x: Sequence[float], cells: Sequence[Mapping[str, Any]], joint: int, **style: Any) -> None:
     mean, sd = (np.array([cell[leaf][joint] for cell in cells]) for leaf in ("mean", "sd"))
-    ax.plot(x, mean, markersize=4, linewidth=1.4, **look)
-    ax.fill_between(x, mean - sd, mean + sd, color=look["color"], alpha=0.15, linewidth=0)
+    ax.plot(x, mean, markersize=4, linewidth=1.4, **style)
+    ax.fill_between(x, mean - sd, mean + sd, color=style["color"], alpha=0.15, linewidth=0)

@@ -11,8 +11,8 @@ from gpcorrect_studies.rendering.stage import (
     Stage,
     four_cameras,
     marker_points,
+    random_motion,
     single_ball,
-    wander,
 )
 
 __all__ = [
@@ -29,6 +29,6 @@ __all__ = [
     "four_cameras",
     "looking_at",
     "marker_points",
+    "random_motion",
     "single_ball",
-    "wander",
 ]

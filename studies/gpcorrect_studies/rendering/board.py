@@ -44,7 +44,14 @@ class Board:
         return places
 
     def colours(self, lens: Lens, u: FloatArray, v: FloatArray) -> FloatArray:
-        """Grey levels `(...)` seen along the rays through pixels; NaN beside the board."""
+        """Grey levels `(...)` seen along the rays through pixels; NaN beside the board.
+
+        Parameters
+        ----------
+        lens : Lens
+        u, v : arrays of one shape
+            Pixels to the right and down.
+        """
         d = lens.directions(u, v)
         normal = np.cross(self.x, self.y)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -58,19 +65,25 @@ class Board:
 
 
 def board_picture(studio: Studio, board: Board) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    """Return the picture of a board before the studio's background, three rays a pixel side."""
+    """Return the picture of a board before the studio's background, three rays a pixel side.
+
+    Parameters
+    ----------
+    studio : Studio
+    board : Board
+    """
     left, top, right, bottom = _box(studio.lens, board)
     v, u = np.mgrid[top:bottom, left:right].astype(np.float64)
-    total, share = np.zeros(u.shape), np.zeros(u.shape)
+    total, covered = np.zeros(u.shape), np.zeros(u.shape)
     for du in (-1 / 3, 0.0, 1 / 3):
         for dv in (-1 / 3, 0.0, 1 / 3):
             grey = board.colours(studio.lens, u + du, v + dv)
             seen = np.isfinite(grey)
             total += np.where(seen, grey, 0.0) / 9.0
-            share += seen / 9.0
+            covered += seen / 9.0
     image = np.array(studio.background)
     patch = image[top:bottom, left:right]
-    image[top:bottom, left:right] = patch * (1.0 - share[..., None]) + total[..., None]
+    image[top:bottom, left:right] = patch * (1.0 - covered[..., None]) + total[..., None]
     rng = np.random.default_rng(studio.rng.integers(2**31))
     return Studio(studio.lens, image, studio.light, studio.blur, studio.noise, rng).photograph()
 

@@ -41,13 +41,25 @@ class Lens:
     size: tuple[int, int] = (640, 480)
 
     def pixels(self, points: FloatArray) -> FloatArray:
-        """Pixels `(..., 2)` at which points `(..., 3)` of the world appear."""
+        """Pixels `(..., 2)` at which points of the world appear.
+
+        Parameters
+        ----------
+        points : (..., 3) array
+            World frame, m.
+        """
         local = (np.asarray(points) - self.position) @ self.axes
         x, y = self._bent(local[..., 0] / local[..., 2], local[..., 1] / local[..., 2])
         return np.stack([self.focal[0] * x + self.middle[0], self.focal[1] * y + self.middle[1]], axis=-1)
 
     def directions(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """World directions `(..., 3)`, not normalised, of the rays through pixels."""
+        """World directions `(..., 3)`, not normalised, of the rays through pixels.
+
+        Parameters
+        ----------
+        u, v : arrays of one shape
+            Pixels to the right and down.
+        """
         u_flat, v_flat = (u - self.middle[0]) / self.focal[0], (v - self.middle[1]) / self.focal[1]
         x, y = u_flat, v_flat
         for _ in range(INVERSIONS):
@@ -66,7 +78,15 @@ class Lens:
 
 
 def looking_at(position: FloatArray, goal: FloatArray, roll: float = 0.0) -> FloatArray:
-    """Axes `(3, 3)` of a camera at `position` that looks at `goal`, turned by `roll` rad about its own axis."""
+    """Axes `(3, 3)` of a camera whose optical axis goes through a point.
+
+    Parameters
+    ----------
+    position, goal : (3,) arrays
+        Optical centre and the point, world frame, m.
+    roll : float
+        rad about the optical axis.
+    """
     forward = np.asarray(goal, dtype=np.float64) - position
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])

@@ -85,7 +85,14 @@ class Studio:
         self._field = self.rng.standard_normal(shape, dtype=np.float32) * self.noise
 
     def photograph(self, balls: Sequence[Ball] = (), cards: Sequence[Card] = ()) -> Picture:
-        """Return the picture `(height, width, 3)`, blue green red as video files hold it."""
+        """Return the picture `(height, width, 3)`, blue green red as video files hold it.
+
+        Parameters
+        ----------
+        balls : sequence of Ball
+        cards : sequence of Card
+            That hide parts of it.
+        """
         sharp, blurred = np.array(self.background), np.array(self._blurred)
         boxes = [box for box in (self._box(ball) for ball in balls) if box is not None]
         far_first = sorted(balls, key=lambda ball: -float(np.linalg.norm(ball.centre - self.lens.position)))

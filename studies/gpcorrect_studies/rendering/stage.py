@@ -11,7 +11,7 @@ from gpcorrect.types import FloatArray
 from gpcorrect_studies.rendering.lens import Lens, looking_at
 from gpcorrect_studies.rendering.picture import Ball, Card, Light, Studio, backdrop
 
-__all__ = ["END_EFFECTOR_BALLS", "Stage", "four_cameras", "marker_points", "single_ball", "wander"]
+__all__ = ["END_EFFECTOR_BALLS", "Stage", "four_cameras", "marker_points", "random_motion", "single_ball"]
 
 WORKSPACE = np.array([0.0, 0.0, 0.2])  # m, world frame
 ARM = 0.033  # m from the holder's centre to each ball's (the paper's fixture)
@@ -29,12 +29,26 @@ END_EFFECTOR_BALLS: dict[str, tuple[float, float, float]] = {
 
 
 def single_ball(name: str = "red") -> dict[str, tuple[float, float, float]]:
-    """Return a target of one ball at its own origin."""
+    """Return a target of one ball at its own origin.
+
+    Parameters
+    ----------
+    name : str
+        Its colour.
+    """
     return {name: (0.0, 0.0, 0.0)}
 
 
 def four_cameras(rng: np.random.Generator, *, size: tuple[int, int] = (640, 480)) -> tuple[Lens, ...]:
-    """Return four webcams at the corners of a table, each a little different from the next."""
+    """Return four webcams at the corners of a table, each a little different from the next.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Of the differences.
+    size : (2,) tuple
+        Width and height in pixels.
+    """
     lenses = []
     for k in range(4):
         bearing = np.pi / 4 + k * np.pi / 2 + rng.uniform(-0.1, 0.1)
@@ -63,10 +77,21 @@ def marker_points() -> FloatArray:
     return np.array([(x, y, z + up) for group, ups in posts for x, y, z in group for up in ups])
 
 
-def wander(
+def random_motion(
     count: int, rate_hz: float, rng: np.random.Generator, *, reach: float = 0.04, turn: float = 0.4
 ) -> FloatArray:
-    """Smooth poses `(count, 4, 4)` of the tool about the workspace's middle: world from tool, m."""
+    """Smooth poses `(count, 4, 4)` of the tool about the workspace's middle: world from tool, m.
+
+    Parameters
+    ----------
+    count : int
+    rate_hz : float
+        Poses a second.
+    rng : numpy.random.Generator
+        Of rates and phases.
+    reach, turn : float
+        Amplitudes along and about each axis, m and rad.
+    """
     t = np.arange(count) / rate_hz
     rates, phases = rng.uniform(0.4, 1.6, (6, 2)), rng.uniform(0, 2 * np.pi, (6, 2))
     swing = np.sin(rates[:, None, :] * t[None, :, None] + phases[:, None, :]).mean(axis=2).T
@@ -125,7 +150,18 @@ class Stage:
         radius: float = RADIUS,
         colours: Mapping[str, tuple[float, float, float]] | None = None,
     ) -> Stage:
-        """Return four cameras before clutter; everything random comes from the seed."""
+        """Return four cameras before clutter; everything random comes from the seed.
+
+        Parameters
+        ----------
+        seed : int
+        places, radius, colours
+            See the class; the end effector's balls by default.
+        pieces, colourful
+            See :func:`backdrop`.
+        noise, blur, light
+            See :class:`Studio`.
+        """
         rng = np.random.default_rng(seed)
         lenses = four_cameras(rng)
         studios = tuple(
@@ -142,7 +178,12 @@ class Stage:
         return cls(lenses, studios, places or END_EFFECTOR_BALLS, radius, colours)
 
     def balls(self, T_world_tool: FloatArray) -> list[Ball]:
-        """Balls of the target at a pose."""
+        """Balls of the target at a pose.
+
+        Parameters
+        ----------
+        T_world_tool : (4, 4) array
+        """
         R, t = T_world_tool[:3, :3], T_world_tool[:3, 3]
         shades = {**COLOURS, **(self.colours or {})}
         return [
@@ -153,6 +194,13 @@ class Stage:
     def frame(
         self, T_world_tool: FloatArray, cards: Mapping[int, Sequence[Card]] | None = None
     ) -> list[np.ndarray[tuple[int, ...], np.dtype[np.uint8]]]:
-        """Return the pictures of all cameras; `cards` covers parts of some of them."""
+        """Return the pictures of all cameras.
+
+        Parameters
+        ----------
+        T_world_tool : (4, 4) array
+        cards : mapping of camera number to sequence of Card, optional
+            That hide parts of some pictures.
+        """
         balls = self.balls(T_world_tool)
         return [studio.photograph(balls, (cards or {}).get(k, ())) for k, studio in enumerate(self.studios)]

@@ -1,0 +1,120 @@
+"""Recordings before and after a fit: clocks, samples that cleaning dropped, joint paths, and a model's history."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from gpcorrect.adaptation import Ageing, Detection
+from gpcorrect.cleaning import CleaningReport
+from gpcorrect.logs import TimeOffset
+from gpcorrect.plots.style import COLOURS, new_figure
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray
+
+__all__ = ["drift_history", "dropped_samples", "joint_trajectory", "offset_curve"]
+
+
+def offset_curve(offset: TimeOffset) -> Figure:
+    """Correlation of the speeds of tracker and command against the time offset, with the estimate and its interval.
+
+    Parameters
+    ----------
+    offset : TimeOffset
+    """
+    figure, (ax,) = new_figure(5.6, 3.0)
+    ax.plot(offset.lags, offset.correlation, color=COLOURS["ink"], linewidth=1.3)
+    if offset.observable and np.isfinite(offset.ci95).all():
+        ax.axvspan(*offset.ci95, color=COLOURS["corrected"], alpha=0.25, linewidth=0)
+        ax.axvline(offset.offset, color=COLOURS["corrected"], linewidth=1.4)
+    ax.set(xlabel="time offset of the tracker [s]", ylabel="correlation of speeds")
+    return figure
+
+
+def dropped_samples(log: CalibrationLog, report: CleaningReport) -> Figure:
+    """Observed positions over the samples of a log, those dropped marked by the reason on a line of their own.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+    report : CleaningReport
+        Of that log.
+    """
+    reasons = [reason for reason, count in report.counts.items() if count]
+    figure, (path, marks) = new_figure(9.0, 2.6 + 0.25 * len(reasons), 2, 1, share_x=True)
+    assert log.tracker_cp is not None
+    sample = np.arange(len(log))
+    for i, axis in enumerate("xyz"):
+        path.plot(sample, 100 * log.tracker_cp.position[:, i], linewidth=0.6, label=axis)
+    path.set_ylabel("observed [cm]")
+    path.legend(frameon=False, fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
+    for line, reason in enumerate(reasons):
+        rows = sample[np.asarray(report.reason) == reason]
+        marks.plot(rows, np.full(rows.size, line), "|", color=COLOURS["dropped"], markersize=8)
+    marks.set_yticks(range(len(reasons)), [f"{r} ({report.counts[r]})" for r in reasons])
+    marks.set(xlabel="sample", ylim=(-0.7, max(len(reasons), 1) - 0.3))
+    return figure
+
+
+def joint_trajectory(time: FloatArray, q: FloatArray, title: str) -> Figure:
+    """Draw a path of three joints over time, and each pair of them against each other.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Seconds.
+    q : (n, 3) array
+        rad, rad and m.
+    title : str
+    """
+    figure, axes = new_figure(9.0, 6.0, 2, 3)
+    shown = (np.rad2deg(q[:, 0]), np.rad2deg(q[:, 1]), 1e3 * q[:, 2])
+    names = ("joint 1 [deg]", "joint 2 [deg]", "joint 3 [mm]")
+    for j, other in enumerate((1, 2, 0)):
+        axes[j].plot(time, shown[j], color=COLOURS["corrected"], linewidth=0.9)
+        axes[j].set_xlabel("time [s]", fontsize=8)
+        axes[j].set_ylabel(names[j], fontsize=8)
+        axes[3 + j].plot(shown[j], shown[other], color=COLOURS["ink"], linewidth=0.7)
+        axes[3 + j].set_xlabel(names[j], fontsize=8)
+        axes[3 + j].set_ylabel(names[other], fontsize=8)
+    figure.suptitle(title, fontsize=10)
+    return figure
+
+
+def drift_history(baseline: FloatArray, found: Detection, ageing: Ageing, logs: IntArray, names: list[str]) -> Figure:
+    """Scores of trajectory after trajectory above, and the evidence that they grew below.
+
+    Parameters
+    ----------
+    baseline : (m,) array
+        Scores of left-out training trajectories.
+    found : Detection
+        Scores and evidence of n trajectories, oldest first.
+    ageing : Ageing
+        With the score at which a model is worn out.
+    logs : (n,) int array
+        Recording of each trajectory.
+    names : list of str
+        Of the recordings.
+    """
+    figure, (above, below) = new_figure(7.0, 5.0, rows=2, share_x=True)
+    number = np.arange(1, len(found.scores) + 1)
+    low, high = np.percentile(baseline, [2.5, 97.5])
+    above.axhspan(low, high, color=COLOURS["quiet"], alpha=0.2, linewidth=0, label="95 % of left-out training")
+    above.axhline(ageing.limit, color=COLOURS["raw"], linestyle="--", linewidth=1, label="worn out")
+    above.plot(number, found.scores, "o", markersize=4, color=COLOURS["corrected"], label="trajectories")
+    above.set(ylabel="error over its standard deviation", ylim=(0, None))
+    below.semilogy(number, found.evidence, "-o", markersize=3, color=COLOURS["corrected"])
+    below.axhline(found.threshold, color=COLOURS["raw"], linestyle="--", linewidth=1)
+    below.set(ylabel="evidence of drift", xlabel="trajectory, in order of recording")
+    if found.alarm is not None:
+        for ax in (above, below):
+            ax.axvline(found.alarm + 1, color=COLOURS["raw"], linewidth=1, label="alarm")
+    above.legend(frameon=False, fontsize=8, loc="upper left")
+    for i, name in enumerate(names):
+        rows = np.flatnonzero(logs == i)
+        if rows.size:
+            middle = (rows[0] + rows[-1]) / 2 + 1
+            above.text(middle, 1.02, name, transform=above.get_xaxis_transform(), ha="center", fontsize=8)
+            if rows[0]:
+                above.axvline(rows[0] + 0.5, color=COLOURS["quiet"], linewidth=0.6)
+    return figure
