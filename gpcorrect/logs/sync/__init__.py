@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from gpcorrect.logs.sync.align import align
-from gpcorrect.logs.sync.clocks import PLAUSIBLE_LAG, Clocks, match_clocks, seconds_of
+from gpcorrect.logs.sync.clocks import PLAUSIBLE_LAG, Clocks, align, match_clocks, seconds_of
 from gpcorrect.logs.sync.estimate import estimate_offset, log_offset, stream_offset
 from gpcorrect.logs.sync.motion import Motion, MotionPair, pairs_of
 from gpcorrect.logs.sync.offset import ClockDrift, TimeOffset

@@ -8,7 +8,7 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["MIN_BLOCKS", "block_sums", "lost_freedom", "sandwich"]
 
-MIN_BLOCKS, MAX_BLOCKS = 12, 200
+MIN_BLOCKS, MAX_BLOCKS = 12, 200  # fewer tell no variance, more cost time; chosen by hand
 BLOCK_TIMES = 6.0  # a block is this many correlation times long: sums of blocks are then all but independent
 
 
@@ -17,6 +17,13 @@ def sandwich(score: FloatArray, hessian: FloatArray) -> tuple[FloatArray, int]:
 
     The score is summed over blocks, whose sums are independent though the samples are not (Huber's sandwich,
     clustered).
+
+    Parameters
+    ----------
+    score : (n, p) array
+        What each sample adds to the gradient, in order of time.
+    hessian : (p, p) array
+        Of the whole loss.
     """
     sums = block_sums(score)
     centred = sums - sums.mean(axis=0)
@@ -30,6 +37,13 @@ def lost_freedom(residual: FloatArray, unknowns: int) -> float:
     """Factor of the variance for noise in residuals `(n, k)` that so many other fitted unknowns took up.
 
     Slow noise has few independent samples, and every unknown follows one.
+
+    Parameters
+    ----------
+    residual : (n, k) array
+        In order of time.
+    unknowns : int
+        Fitted beside what the variance is of.
     """
     times = [_correlation_time(column) for column in residual.T]
     free = len(residual) / float(np.median(times))
@@ -37,7 +51,13 @@ def lost_freedom(residual: FloatArray, unknowns: int) -> float:
 
 
 def block_sums(series: FloatArray) -> FloatArray:
-    """Sum rows of `(n, p)` to `(b, p)` over blocks long against the first column's correlation time."""
+    """Sum rows to `(b, p)` over blocks long against the first column's correlation time.
+
+    Parameters
+    ----------
+    series : (n, p) array
+        In order of time.
+    """
     n = len(series)
     length = BLOCK_TIMES * _correlation_time(series[:, 0])
     blocks = int(np.clip(n / length, min(MIN_BLOCKS, n), MAX_BLOCKS))

@@ -1,20 +1,22 @@
-"""Are two signals of a log on one clock? Motion tells a clock from the robot's own lag by its size and its fit only."""
+"""Put signals of a log on one clock: by seconds that are known, or by the motion where it leaves no doubt."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from gpcorrect.errors import DataError, LogError
-from gpcorrect.logs.sync.align import align
+from gpcorrect.errors import DataError, DegenerateError, LogError
+from gpcorrect.logs.streams import Stream, interpolate
 from gpcorrect.logs.sync.estimate import log_offset, regression
-from gpcorrect.logs.sync.motion import pairs_of
+from gpcorrect.logs.sync.motion import clock_runs, pairs_of
 from gpcorrect.logs.sync.offset import TimeOffset
-from gpcorrect.types import CalibrationLog
+from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["PLAUSIBLE_LAG", "Clocks", "match_clocks", "seconds_of"]
+__all__ = ["PLAUSIBLE_LAG", "Clocks", "align", "match_clocks", "seconds_of"]
 
 PLAUSIBLE_LAG = (0.0, 0.15)
 """s: a servo follows its command within this time and never runs ahead of it; recorded: 13 to 47 ms on a dVRK."""
@@ -157,3 +159,72 @@ def seconds_of(text: str) -> float:
     if not math.isfinite(seconds):
         raise DataError(f"the time offset is auto, none, or a number of seconds; got {text!r}.")
     return seconds
+
+
+def align(
+    log: CalibrationLog,
+    offset: TimeOffset | float,
+    *,
+    signals: Sequence[str] = ("tracker_cp",),
+    max_gap: float | None = None,
+) -> CalibrationLog:
+    """Return the log with signal(t + d) in place of signal(t), for the signals of the other clock.
+
+    Positions and joints are interpolated linearly, rotations along the shortest arc, as far as
+    the clock ran on and never across a gap.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        Not changed.
+    offset : TimeOffset or float
+        Seconds d by which the stamps of these signals run ahead; an estimate brings its drift along.
+    signals : sequence of str
+        Those that the other clock stamped; add external_jp where its joints come from the same tracker.
+    max_gap : float, optional
+        Longest time between two samples to interpolate across, s; five median steps by default.
+
+    Returns
+    -------
+    CalibrationLog
+        Same rows; NaN where no sample of the other clock is near enough in time, as at one end of the
+        recording.
+
+    Raises
+    ------
+    DegenerateError
+        The estimate says that the offset is not observable.
+    LogError
+        The log has no such signal, or no clock.
+    """
+    if log.static:
+        raise LogError("static poses have no clock to shift.", hint="Leave the time offset out.", path=log.name)
+    if isinstance(offset, TimeOffset) and not offset.observable:
+        raise DegenerateError(
+            f"the time offset is not observable: {offset.reason}",
+            hint="Give the offset in seconds if it is known from elsewhere, 0 if the clocks agree.",
+        )
+    at = log.time + (offset.at(log.time) if isinstance(offset, TimeOffset) else offset)
+    for name in signals:
+        if name not in (*log.POSES, *log.JOINTS) or name not in log.signals:
+            raise LogError(f"cannot align {name}: the log has {', '.join(log.signals)}.", hint="Name a motion signal.")
+    moved: dict[str, Any] = {name: _resampled(log, name, at, max_gap) for name in signals}
+    return replace(log, **moved)
+
+
+def _resampled(log: CalibrationLog, name: str, at: FloatArray, max_gap: float | None) -> PoseSignal | FloatArray:
+    values: PoseSignal | FloatArray = getattr(log, name)
+    pose = isinstance(values, PoseSignal)
+    moved = {part: np.full(column.shape, np.nan) for part, column in _parts(values).items()}
+    for rows in clock_runs(log):
+        piece = interpolate(Stream(name, log.time[rows], values[rows]), at[rows], max_gap)
+        for part, column in _parts(piece).items():
+            moved[part][rows] = column
+    return PoseSignal(**moved) if pose else moved["values"]
+
+
+def _parts(values: PoseSignal | FloatArray) -> dict[str, FloatArray]:
+    if not isinstance(values, PoseSignal):
+        return {"values": values}
+    turned = {} if values.quaternion is None else {"quaternion": values.quaternion}
+    return {"position": values.position, **turned}

@@ -18,7 +18,7 @@ from gpcorrect.logs.streams import default_max_gap
 from gpcorrect.logs.sync.motion import Motion, MotionPair
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["LagCurve", "lag_curve", "peaks", "speed_on_grid", "typical_step", "without_spikes"]
+__all__ = ["LagCurve", "lag_curve", "peaks", "typical_step"]
 
 MIN_STEP = 0.005  # s; finer grids cost time and add nothing: a parabola and the refinement find the rest
 MIN_WIDTH = 0.03  # s; the standard deviation of the low pass, 5 Hz: arms under control move slower than that
@@ -26,8 +26,8 @@ MAX_CELLS = 2_000_000  # of a grid; beyond that it is coarsened
 SPIKE_WINDOW = 7  # samples; their median stands up to three outliers in a row
 SPIKE_SCALE = 6.0  # times farther from that median than its neighbours, and than four in five samples: a spike
 CLIP = 2.0  # speeds count up to this many times the fast ones: a jump of the tracker is a huge speed
-MIN_SUPPORT = 0.5  # a smoothed speed needs this share of its window
-MIN_COMMON = 0.25  # a lag needs this share of the most samples in common at any lag
+MIN_SUPPORT = 0.5  # a smoothed speed needs this fraction of its window
+MIN_COMMON = 0.25  # a lag needs this fraction of the most samples in common at any lag
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +50,18 @@ class LagCurve:
 
 
 def typical_step(motions: Sequence[Motion]) -> float:
-    """Median time step, s, of all motions together; infinite when there is none."""
+    """Median time step, s, of all motions together; infinite when there is none.
+
+    Parameters
+    ----------
+    motions : sequence of Motion
+        Each on its own clock.
+    """
     steps = np.concatenate([np.diff(m.time) for m in motions]) if motions else np.empty(0)
     return float(np.median(steps)) if steps.size else float("inf")
 
 
-def without_spikes(motion: Motion) -> Motion:
+def _without_spikes(motion: Motion) -> Motion:
     """Leave out samples far from the median of their neighbours (Hampel's filter): a jump is no speed.
 
     A steady motion passes through the median of its window, so a fast one is not cut; only its ends are not
@@ -72,7 +78,7 @@ def without_spikes(motion: Motion) -> Motion:
     return motion.rows(keep)
 
 
-def speed_on_grid(motion: Motion, grid: FloatArray, width: float) -> FloatArray:
+def _speed_on_grid(motion: Motion, grid: FloatArray, width: float) -> FloatArray:
     """Speed `(g,)` on a uniform grid, low-passed by a Gaussian of `width` s; NaN outside and in gaps.
 
     The velocity is smoothed before its norm is taken, because a norm turns noise into speed.
@@ -120,17 +126,18 @@ def lag_curve(pairs: Sequence[MotionPair], max_lag: float) -> LagCurve:
     step = max(slow / 2, MIN_STEP, span / MAX_CELLS)
     width = max(slow, MIN_WIDTH)
     reach = max(int(np.ceil(max_lag / step)), 2)
-    speeds = [_speeds(p, step, width, reach) for p in pairs]
-    sums = np.sum([_moments(a, _clipped(b), reach) for a, b in speeds], axis=0)
+    sums, known = np.zeros((4, 2 * reach + 1)), []
+    for pair in pairs:
+        start, stop = pair.reference.time[0], pair.reference.time[-1]
+        grid = start + step * np.arange(-reach, int((stop - start) / step) + reach + 1)
+        reference = _speed_on_grid(pair.reference, grid, width)
+        observed = _speed_on_grid(_without_spikes(pair.observed), grid, width)
+        sums += _moments(reference, _clipped(observed), reach)
+        known.append(reference[np.isfinite(reference)])
+    speed = np.concatenate(known)
+    mean = float(speed.mean()) if speed.size else 0.0
     lags = np.linspace(-reach * step, reach * step, 2 * reach + 1)
-    return LagCurve(lags, _coefficient(*sums), _variation([a for a, _ in speeds]))
-
-
-def _speeds(pair: MotionPair, step: float, width: float, reach: int) -> tuple[FloatArray, FloatArray]:
-    start, stop = pair.reference.time[0], pair.reference.time[-1]
-    grid = start + step * np.arange(-reach, int((stop - start) / step) + reach + 1)
-    observed = without_spikes(pair.observed)
-    return speed_on_grid(pair.reference, grid, width), speed_on_grid(observed, grid, width)
+    return LagCurve(lags, _coefficient(*sums), float(speed.std()) / mean if mean > 0 else 0.0)
 
 
 def _clipped(speed: FloatArray) -> FloatArray:
@@ -140,12 +147,6 @@ def _clipped(speed: FloatArray) -> FloatArray:
     fast = known[known >= np.median(known)]
     clipped: FloatArray = np.minimum(speed, CLIP * np.quantile(fast, 0.95))
     return clipped
-
-
-def _variation(speeds: Sequence[FloatArray]) -> float:
-    known = np.concatenate([s[np.isfinite(s)] for s in speeds])
-    mean = float(known.mean()) if known.size else 0.0
-    return float(known.std()) / mean if mean > 0 else 0.0
 
 
 def _moments(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
@@ -160,14 +161,8 @@ def _moments(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
     n = np.maximum(count, 1.0)
     sum_x, sum_y = _shifted(x, k, reach), _shifted(m, y, reach)
     covariance = _shifted(x, y, reach) - sum_x * sum_y / n
-    return np.stack(
-        [
-            count,
-            covariance,
-            _shifted(x**2, k, reach) - sum_x**2 / n,
-            _shifted(m, y**2, reach) - sum_y**2 / n,
-        ]
-    )
+    variances = _shifted(x**2, k, reach) - sum_x**2 / n, _shifted(m, y**2, reach) - sum_y**2 / n
+    return np.stack([count, covariance, *variances])
 
 
 def _shifted(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
@@ -187,14 +182,22 @@ def _coefficient(count: FloatArray, covariance: FloatArray, var_a: FloatArray, v
     return result
 
 
-def peaks(curve: LagCurve, share: float) -> FloatArray:
-    """Lags of the maxima of at least `share` of the highest, highest first, placed by a parabola each."""
+def peaks(curve: LagCurve, fraction: float) -> FloatArray:
+    """Lags of the maxima, highest first, placed by a parabola each.
+
+    Parameters
+    ----------
+    curve : LagCurve
+        What was correlated.
+    fraction : float
+        Lesser maxima than this fraction of the highest are left out.
+    """
     r = np.where(np.isfinite(curve.correlation), curve.correlation, -np.inf)
     inner: IntArray = np.flatnonzero((r[1:-1] >= r[:-2]) & (r[1:-1] > r[2:]) & np.isfinite(r[:-2] + r[2:])) + 1
     if inner.size == 0:
         return np.empty(0)
     inner = inner[np.argsort(-r[inner], kind="stable")]
-    inner = inner[r[inner] >= share * r[inner[0]]]
+    inner = inner[r[inner] >= fraction * r[inner[0]]]
     left, top, right = r[inner - 1], r[inner], r[inner + 1]
     shift = 0.5 * (left - right) / np.minimum(left - 2 * top + right, -np.finfo(float).tiny)
     lags: FloatArray = curve.lags[inner] + np.clip(shift, -0.5, 0.5) * (curve.lags[1] - curve.lags[0])

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import t as student_t
 
 from gpcorrect.errors import DataError
 from gpcorrect.logs.streams import Stream, default_max_gap
+from gpcorrect.logs.sync.blocks import block_sums
 from gpcorrect.logs.sync.correlation import LagCurve, lag_curve, peaks, typical_step
-from gpcorrect.logs.sync.drift import with_drift
-from gpcorrect.logs.sync.motion import Motion, MotionPair, default_pair, pairs_of, stream_pair, stretches
-from gpcorrect.logs.sync.offset import TimeOffset, Verdict
+from gpcorrect.logs.sync.motion import MotionPair, default_pair, pairs_of, stream_pair, stretches
+from gpcorrect.logs.sync.offset import ClockDrift, TimeOffset, Verdict
 from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing
-from gpcorrect.logs.sync.rivals import distinct, equals
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, frozen_array
 
 __all__ = ["estimate_offset", "log_offset", "regression", "stream_offset"]
@@ -31,13 +31,20 @@ SILENCE = 4.0  # times the largest lag: a longer silence cuts a recording into p
 MIN_VARIATION = 0.05  # of the speed: below it the speed is constant as far as a correlation can tell
 MIN_CORRELATION = 0.3  # two unrelated speeds of some tens of strokes stay below
 MIN_EXPLAINED = 0.5  # a reference that explains less than half of the spread is not the same motion
-PEAK_SHARE = 0.5  # lesser peaks than this share of the highest are no rivals
-MAX_RIVALS = 8
+PEAK_SHARE = 0.5  # lesser peaks than this fraction of the highest are no rivals
+MAX_RIVALS = 8  # a reason names no more
 MIN_SHARE = 1e-3  # of the usual information: a trajectory with less says nothing by itself
 PEAK_WIDTH = 0.2  # s; a peak, blurred by noise and by strokes of a second, lies this close to the offset
 PEAK_STEPS = 3.0  # or this many samples of the slower signal, if that is more
 DISTINCT_STEPS = 1.0  # optima within a slow sample step of each other are the same
 MAX_HALF_WIDTH = 0.1  # of the searched lag: a wider interval is no answer
+
+MIN_OVERLAP = 0.2  # of the samples must be common to two rivals to compare them sample by sample
+RIVAL_LEVEL = 3.0  # standard errors by which the best fit must beat a rival
+RIVAL_RATIO = 1.10  # and its loss must be better by this factor: a model error can be significant as well
+MIN_DRIFT_SPAN = 60.0  # s; a shorter recording cannot show a drift of parts in a million
+DRIFT_LEVEL = 0.999  # confidence at which a drift is reported: asked of every log, so rarely wrong
+MIN_DRIFT_SHIFT = 1e-3  # s over the recording; less does not matter at any sample rate here
 
 
 def log_offset(
@@ -130,16 +137,8 @@ def estimate_offset(
     """
     if max_lag is not None and not max_lag > 0:
         raise DataError(f"max_lag must be positive seconds, got {max_lag}.")
-    moved = [MotionPair(p.reference, _earlier(p.observed, centre)) for p in pairs]
-    found = _estimate(moved, max_lag, names)
-    return _later(found, centre, names)
-
-
-def _earlier(motion: Motion, seconds: float) -> Motion:
-    return Motion(motion.time - seconds, motion.values, motion.lever) if seconds else motion
-
-
-def _later(found: TimeOffset, centre: float, names: tuple[str, str]) -> TimeOffset:
+    moved = [replace(p, observed=replace(p.observed, time=p.observed.time - centre)) for p in pairs]
+    found = _estimate(moved if centre else pairs, max_lag, names)
     low, high = found.ci95
     return replace(
         found,
@@ -167,7 +166,9 @@ def _estimate(pairs: Sequence[MotionPair], max_lag: float | None, names: tuple[s
         return _nothing(("too_few", "there are too few samples to compare."))
     if not any(p.reference.values.size for p in pairs):
         return _nothing(("still", f"{names[1]} does not move."))
-    reach = _default_reach(pairs, slow) if max_lag is None else max_lag
+    steps = [(np.diff(p.reference.time), default_max_gap(p.reference.time)) for p in pairs]
+    recorded = sum(float(step[step <= gap].sum()) for step, gap in steps)
+    reach = max_lag or max(min(MAX_LAG, MAX_LAG_SHARE * recorded), MAX_LAG_STEPS * slow)
     silence = max(SILENCE * reach, 2 * slow)
     pieces = [s for p in pairs for s in stretches(p, silence, reach) if min(len(s.observed), len(s.reference)) > 1]
     if not pieces:
@@ -177,13 +178,6 @@ def _estimate(pairs: Sequence[MotionPair], max_lag: float | None, names: tuple[s
     if finding[0] != "found":
         return _nothing(finding, curve)
     return _refined(pieces, curve, slow, reach, names)
-
-
-def _default_reach(pairs: Sequence[MotionPair], slow: float) -> float:
-    """Largest lag to search, s."""
-    steps = [(np.diff(p.reference.time), default_max_gap(p.reference.time)) for p in pairs]
-    recorded = sum(float(step[step <= gap].sum()) for step, gap in steps)
-    return max(min(MAX_LAG, MAX_LAG_SHARE * recorded), MAX_LAG_STEPS * slow)
 
 
 def _coarse_finding(curve: LagCurve, names: tuple[str, str]) -> Finding:
@@ -220,9 +214,9 @@ def _refined(
     fits = [fit for s in starts if (fit := timing.refine(np.array([s]), bracket)) is not None]
     if not fits:
         return _nothing(("unrelated", f"no shift of {names[1]}{_searched(curve)} fits {names[0]}."), curve)
-    best, *others = equals(distinct(fits, DISTINCT_STEPS * slow))
+    best, *others = _equals(_distinct(fits, DISTINCT_STEPS * slow))
     rivals = tuple(float(f.timing[0]) for f in others)
-    drift, best = with_drift(timing, best, pieces, reach)
+    drift, best = _with_drift(timing, best, pieces, reach)
     offset, width = float(best.timing[0]), float(best.half_width()[0])
     return TimeOffset(
         offset,
@@ -286,3 +280,51 @@ def _per_trajectory(timing: Timing, fit: Refinement) -> tuple[IntArray, FloatArr
     offsets = np.full(len(numbers), np.nan)
     offsets[enough] = fit.timing[0] + score[enough] / hessian[enough]
     return numbers, offsets
+
+
+def _distinct(fits: Sequence[Refinement], apart: float) -> list[Refinement]:
+    """Fits in order of what they explain, without those that converged beside a better one."""
+    found: list[Refinement] = []
+    for fit in sorted(fits, key=lambda f: -f.explained):
+        if all(abs(fit.timing[0] - f.timing[0]) > apart for f in found):
+            found.append(fit)
+    return found
+
+
+def _equals(fits: Sequence[Refinement]) -> list[Refinement]:
+    """Return the best fit and those that are as good, the smallest shift first."""
+    best = [fits[0], *(f for f in fits[1:] if _as_good(f, fits[0]))]
+    return sorted(best, key=lambda f: abs(float(f.timing[0])))
+
+
+def _as_good(rival: Refinement, best: Refinement) -> bool:
+    """Whether the best fit does not beat the rival clearly and significantly, on the samples of both if it can be."""
+    loss, least = rival.loss(best.scale), best.loss(best.scale)
+    both = rival.valid & best.valid
+    if both.sum() < MIN_OVERLAP * best.valid.sum():
+        return float(loss[rival.valid].mean()) < RIVAL_RATIO * float(least[best.valid].mean())
+    a, b = loss[both], least[both]
+    sums = block_sums((a - b)[:, None])[:, 0]
+    error = float(np.sqrt(len(sums)) * sums.std(ddof=1))
+    return float(sums.sum()) < RIVAL_LEVEL * error or float(a.sum()) < RIVAL_RATIO * float(b.sum())
+
+
+def _with_drift(
+    timing: Timing, fit: Refinement, pieces: Sequence[MotionPair], reach: float
+) -> tuple[ClockDrift | None, Refinement]:
+    """Fit a drift too where one clock runs throughout; take it when it is significant and matters."""
+    starts = np.array([p.observed.time[0] for p in pieces])
+    span = float(pieces[-1].observed.time[-1] - starts[0])
+    if (np.diff(starts) <= 0).any():  # the clock starts anew between pieces
+        return None, fit
+    if span < MIN_DRIFT_SPAN:
+        return None, fit
+    both = timing.refine(np.array([fit.timing[0], 0.0]), bracket=reach)
+    if both is None:
+        return None, fit
+    rate, error = float(both.timing[1]), float(np.sqrt(both.covariance[1, 1]))
+    level = float(student_t.ppf(0.5 + DRIFT_LEVEL / 2, max(both.dof, 1)))
+    if abs(rate) <= level * error or abs(rate) * span < MIN_DRIFT_SHIFT:
+        return None, fit
+    width = float(both.half_width()[1])
+    return ClockDrift(1e6 * rate, (1e6 * (rate - width), 1e6 * (rate + width)), timing.epoch), both

@@ -33,7 +33,7 @@ PREFERRED_PAIRS = (
     ("measured_cp", "setpoint_cp"),
     ("measured_jp", "setpoint_jp"),
 )
-STILL_SHARE = 1e-6  # a joint that spans less than this share of the widest joint does not move
+STILL = 1e-6  # a joint that spans less than this fraction of the widest joint does not move
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,13 @@ class Motion:
         return self.values if self.lever is None else np.hstack([self.values, self.lever])
 
     def rows(self, keep: BoolArray) -> Motion:
-        """Return the motion of these rows only."""
+        """Return the motion of these rows only.
+
+        Parameters
+        ----------
+        keep : (n,) bool array
+            Those to take.
+        """
         lever = None if self.lever is None else self.lever[keep]
         label = None if self.label is None else self.label[keep]
         return Motion(self.time[keep], self.values[keep], lever, label)
@@ -103,7 +109,17 @@ class MotionPair:
 
 
 def stretches(pair: MotionPair, gap: float, margin: float) -> Iterator[MotionPair]:
-    """Cut a pair where the reference pauses for over `gap` s; observed samples within `margin` s follow."""
+    """Cut a pair where the reference pauses; observed samples near each piece go with it.
+
+    Parameters
+    ----------
+    pair : MotionPair
+        Not changed.
+    gap : float
+        A longer pause cuts, s.
+    margin : float
+        Observed samples at most so far outside a piece go with it, s.
+    """
     reference, observed = pair.reference, pair.observed
     if len(reference) == 0:
         return
@@ -117,6 +133,11 @@ def stretches(pair: MotionPair, gap: float, margin: float) -> Iterator[MotionPai
 
 def default_pair(log: CalibrationLog) -> tuple[str, str]:
     """Names of the observed and the reference signal to compare: the first of PREFERRED_PAIRS in the log.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        With any signals.
 
     Raises
     ------
@@ -138,20 +159,44 @@ def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionP
     With an offset, the end of one motion is among the observed samples of the next: trajectories of one run stay
     together.
 
+    Parameters
+    ----------
+    log : CalibrationLog
+        With a clock.
+    observed, reference : str
+        Names of the signals.
+
     Raises
     ------
     LogError
         A signal is absent, or one is a pose and the other joints.
     """
-    columns = _columns(_signal(log, reference), _signal(log, observed), (reference, observed))
-    return [_pair(log, columns, rows) for rows in clock_runs(log)]
+    for name in (observed, reference):
+        if name not in log.signals or name in log.SCALARS:
+            raise LogError(f"the log has no motion signal {name}.", hint=f"It has {', '.join(log.signals)}.")
+    columns = _columns(getattr(log, reference), getattr(log, observed), (reference, observed))
+    return [
+        MotionPair(
+            Motion(log.time[rows], columns.values[rows], None if columns.lever is None else columns.lever[rows]),
+            Motion(log.time[rows], columns.seen[rows], label=log.trajectory[rows]),
+        )
+        for rows in clock_runs(log)
+    ]
 
 
 def clock_runs(log: CalibrationLog) -> Iterator[IntArray]:
-    """Yield the rows through which one clock ran on: it stops where a trajectory starts no later, or a session ends."""
+    """Yield the rows through which one clock ran on: it stops where a trajectory starts no later, or a session ends.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        With a clock.
+    """
     parts: list[IntArray] = []
     for _, rows in log.trajectories():
-        if parts and not _runs_on(log, parts[-1], rows):
+        before = parts[-1] if parts else rows
+        same = log.session[before[-1]] == log.session[rows[0]]
+        if parts and not (same and log.time[rows].min() > log.time[before].max()):
             yield np.concatenate(parts)
             parts = []
         parts.append(rows)
@@ -159,13 +204,13 @@ def clock_runs(log: CalibrationLog) -> Iterator[IntArray]:
         yield np.concatenate(parts)
 
 
-def _runs_on(log: CalibrationLog, before: IntArray, after: IntArray) -> bool:
-    same = log.session[before[-1]] == log.session[after[0]]
-    return bool(same and log.time[after].min() > log.time[before].max())
-
-
 def stream_pair(observed: Stream, reference: Stream) -> MotionPair:
     """Two streams as one pair, each on its own clock, both poses or both joints.
+
+    Parameters
+    ----------
+    observed, reference : Stream
+        What the other clock stamped, and the robot's record.
 
     Raises
     ------
@@ -174,13 +219,6 @@ def stream_pair(observed: Stream, reference: Stream) -> MotionPair:
     """
     columns = _columns(reference.values, observed.values, (reference.name, observed.name))
     return MotionPair(Motion(reference.stamp, columns.values, columns.lever), Motion(observed.stamp, columns.seen))
-
-
-def _signal(log: CalibrationLog, name: str) -> PoseSignal | FloatArray:
-    if name not in log.signals or name in log.SCALARS:
-        raise LogError(f"the log has no motion signal {name}.", hint=f"It has {', '.join(log.signals)}.")
-    value: PoseSignal | FloatArray = getattr(log, name)
-    return value
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,13 +237,6 @@ def _columns(reference: PoseSignal | FloatArray, observed: PoseSignal | FloatArr
         raise LogError(f"cannot compare {names[1]} with {names[0]}: one is a pose, the other joints.")
     values, seen = _comparable_joints(reference, observed)
     return _Columns(values, None, seen)
-
-
-def _pair(log: CalibrationLog, columns: _Columns, rows: IntArray) -> MotionPair:
-    time, lever = log.time[rows], None if columns.lever is None else columns.lever[rows]
-    return MotionPair(
-        Motion(time, columns.values[rows], lever), Motion(time, columns.seen[rows], label=log.trajectory[rows])
-    )
 
 
 def _lever(signal: PoseSignal) -> FloatArray | None:
@@ -228,5 +259,5 @@ def _comparable_joints(reference: FloatArray, observed: FloatArray) -> tuple[Flo
     if not known.any():
         return reference[:, :dof], observed[:, :dof]
     span: FloatArray = np.ptp(reference[known, :dof], axis=0)
-    moving = span > STILL_SHARE * max(float(span.max()), np.finfo(float).tiny)
+    moving = span > STILL * max(float(span.max()), np.finfo(float).tiny)
     return reference[:, :dof][:, moving] / span[moving], observed[:, :dof][:, moving] / span[moving]

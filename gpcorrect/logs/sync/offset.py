@@ -88,7 +88,13 @@ class TimeOffset:
         return self.verdict == "found"
 
     def at(self, time: FloatArray) -> FloatArray:
-        """Offset `(n,)` at the observer's times `(n,)`, s: constant unless there is a drift."""
+        """Offset `(n,)`, s: constant unless there is a drift.
+
+        Parameters
+        ----------
+        time : (n,) array
+            By the observer's clock, s.
+        """
         rate, epoch = (0.0, 0.0) if self.drift is None else (1e-6 * self.drift.ppm, self.drift.epoch)
         offset: FloatArray = self.offset + rate * (np.asarray(time, dtype=np.float64) - epoch)
         return offset

@@ -14,24 +14,94 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import Akima1DInterpolator
 from scipy.stats import t as student_t
 
+from gpcorrect.logs.streams import default_max_gap
 from gpcorrect.logs.sync.blocks import MIN_BLOCKS, lost_freedom, sandwich
-from gpcorrect.logs.sync.curve import ReferenceCurve, Sampled
-from gpcorrect.logs.sync.motion import MotionPair
+from gpcorrect.logs.sync.motion import Motion, MotionPair
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["MIN_INFORMATION", "Refinement", "Timing"]
 
 HUBER = 2.0  # robust standard deviations up to which a residual counts in full
 MAD = 1.4826  # of a normal distribution, standard deviation over median absolute deviation
-MAX_STEPS = 40
+MAX_STEPS = 40  # of Gauss and Newton; converging takes about ten
 MIN_INFORMATION = 1e-3  # of the velocity must be out of the reach of a constant registration
 FREE_STEPS = 8  # then the noise scale and the samples compared are held, or they and the shift could cycle
 TOLERANCE = 0.02  # standard errors (of white noise); a smaller step changes nothing
 FLOOR = 1e-9  # s; the same for noise-free data
 RANK = 1e-13  # of the largest eigenvalue; smaller ones are combinations of columns that do not move
-NOISE_FLOOR = 1e-9  # noise-free data: residuals below this share of the spread are rounding
+NOISE_FLOOR = 1e-9  # noise-free data: residuals below this fraction of the spread are rounding
+MIN_KNOTS = 5  # of an Akima spline
+REACH = 2  # Akima's slope at a knot looks at two intervals on either side
+STILL = 1e-9  # a column that spreads less than this fraction of the widest one has only rounding in it
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Reference columns `(n, m)` and their time derivatives at n times; rows count where `valid` (n,)."""
+
+    values: FloatArray
+    derivatives: FloatArray
+    valid: BoolArray
+
+
+class ReferenceCurve:
+    """Akima splines through each piece of the reference: local, so a step disturbs its neighbourhood only.
+
+    Columns are centred and scaled to unit spread, for well-conditioned least squares; columns that do not
+    move are left out.
+
+    Parameters
+    ----------
+    pieces : sequence of Motion
+        The reference, a piece a trajectory.
+    """
+
+    def __init__(self, pieces: Sequence[Motion]) -> None:
+        stacked = np.concatenate([p.regressors for p in pieces])
+        centre, spread = stacked.mean(axis=0), stacked.std(axis=0)
+        moving = spread > STILL * max(float(spread.max()), np.finfo(float).tiny)
+        self.columns = int(moving.sum())
+        self._knots = [p.time for p in pieces]
+        self._sound = [_sound_intervals(p.time) for p in pieces]
+        unit = np.where(moving, spread, 1.0)
+        self._splines = [
+            Akima1DInterpolator(p.time, ((p.regressors - centre) / unit)[:, moving]) if len(p) >= MIN_KNOTS else None
+            for p in pieces
+        ]
+
+    def at(self, times: Sequence[FloatArray]) -> Sampled:
+        """Sample every piece at its own times, stacked in order.
+
+        Parameters
+        ----------
+        times : sequence of (n,) arrays
+            Seconds, for each piece.
+        """
+        parts = [self._piece(i, t) for i, t in enumerate(times)]
+        values, derivatives, valid = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return Sampled(values, derivatives, valid)
+
+    def _piece(self, i: int, t: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        blank = np.zeros((len(t), self.columns))
+        spline = self._splines[i]
+        if spline is None or not len(t):
+            return blank, blank, np.zeros(len(t), dtype=np.bool_)
+        knots = self._knots[i]
+        interval = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
+        valid = (t >= knots[0]) & (t <= knots[-1]) & self._sound[i][interval]
+        inside = np.clip(t, knots[0], knots[-1])
+        return spline(inside), spline(inside, nu=1), valid
+
+
+def _sound_intervals(time: FloatArray) -> BoolArray:
+    """Mask of intervals between knots that are no gap and whose slopes see no gap."""
+    gap = np.diff(time) > default_max_gap(time)
+    near = np.convolve(gap, np.ones(2 * REACH + 1), mode="full")[REACH : REACH + len(gap)] > 0
+    sound: BoolArray = ~near
+    return sound
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +143,24 @@ class Refinement:
     hessian: FloatArray
 
     def loss(self, scale: FloatArray) -> FloatArray:
-        """Huber loss of each sample `(n,)` for noise of these standard deviations `(k,)`."""
-        return _huber_loss(_size(self.residual, scale))
+        """Huber loss of each sample `(n,)` for noise of these standard deviations `(k,)`.
+
+        Parameters
+        ----------
+        scale : (k,) array
+            Of each observed column.
+        """
+        size = _size(self.residual, scale)
+        return np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
 
     def half_width(self, level: float = 0.95) -> FloatArray:
-        """(p,) half widths of the confidence intervals."""
+        """(p,) half widths of the confidence intervals.
+
+        Parameters
+        ----------
+        level : float
+            Confidence.
+        """
         quantile = float(student_t.ppf(0.5 + level / 2, max(self.dof, 1)))
         width: FloatArray = quantile * np.sqrt(np.diag(self.covariance))
         return width
@@ -109,7 +192,10 @@ class Timing:
         self.curve = ReferenceCurve([p.reference for p in pairs])
         self.stamps = [np.asarray(p.observed.time) for p in pairs]
         self.elapsed = np.concatenate(self.stamps) - epoch
-        self.label: IntArray = np.concatenate([_labels(p, i) for i, p in enumerate(pairs)])
+        labels = [
+            np.full(len(p.observed), i) if p.observed.label is None else p.observed.label for i, p in enumerate(pairs)
+        ]
+        self.label: IntArray = np.concatenate(labels)
         target = np.concatenate([p.observed.values for p in pairs])
         spread = target.std(axis=0) if len(target) else np.zeros(target.shape[1])
         moving = spread > 0
@@ -118,19 +204,40 @@ class Timing:
         self.epoch = epoch
 
     def sample(self, timing: FloatArray) -> Sampled:
-        """Sample the reference at the observed stamps, moved by the timing."""
+        """Sample the reference at the observed stamps, moved by the timing.
+
+        Parameters
+        ----------
+        timing : (p,) array
+            Shift in s and, where there is one, drift in s/s.
+        """
         drift = timing[1] if len(timing) > 1 else 0.0
         return self.curve.at([s - timing[0] - drift * (s - self.epoch) for s in self.stamps])
 
     def enough(self, valid: BoolArray) -> bool:
-        """Whether the samples in common outnumber the unknowns safely."""
+        """Whether the samples in common outnumber the unknowns safely.
+
+        Parameters
+        ----------
+        valid : (n,) bool array
+            Samples in common.
+        """
         return int(valid.sum()) >= 3 * (self.curve.columns + 2) + MIN_BLOCKS
 
     def refine(self, start: FloatArray, bracket: float) -> Refinement | None:
         """Gauss-Newton on the timing with Huber weights from `start`, at most `bracket` s away.
 
-        Returns where it stands as soon as the motion turns out to hold no information, and None where it
-        does not settle.
+        Parameters
+        ----------
+        start : (p,) array
+            Shift in s and, where it is fitted, drift in s/s.
+        bracket : float
+            Largest change of the shift, s.
+
+        Returns
+        -------
+        Refinement or None
+            Where it stands as soon as the motion turns out to hold no information; None where it does not converge.
         """
         timing = np.array(start, dtype=np.float64)
         weight = np.ones(len(self.target))
@@ -142,8 +249,8 @@ class Timing:
             weight[sampled.valid] = linear.weight
             if linear.information < MIN_INFORMATION:
                 return self._result(timing, weight)
-            score, hessian = _normal(linear)
-            step = _solve(score, hessian)
+            score, hessian = (rows.sum(axis=0) for rows in _normal_rows(linear))
+            step = np.linalg.pinv(hessian, rcond=1e-15, hermitian=True) @ score
             timing = timing + step
             sampled, held = self.sample(timing), sampled.valid
             if count >= FREE_STEPS:
@@ -193,12 +300,13 @@ class Timing:
         velocity = sampled.derivatives[valid] @ coefficient[:-1]
         gradient = [velocity, velocity * elapsed[:, None]][:parameters]
         own = [g - x @ (fit @ g) for g in gradient]
+        moved = [np.sum(weight[:, None] * (part / scale) ** 2) for part in (own[0], velocity)]
         return _Linear(
             residual,
             np.stack(own, axis=2),
             np.minimum(1.0, HUBER / np.maximum(size, HUBER)),
             scale,
-            _share(own[0] / scale, velocity / scale, weight),
+            float(moved[0] / moved[1]) if moved[1] > 0 else 0.0,
         )
 
     def _result(self, timing: FloatArray, weight: FloatArray) -> Refinement | None:
@@ -214,7 +322,9 @@ class Timing:
         residual[valid] = linear.residual
         covariance, dof = sandwich(score_rows, hessian_rows.sum(axis=0))
         covariance *= lost_freedom(np.clip(linear.residual / linear.scale, -HUBER, HUBER), self.curve.columns + 1)
-        explained = _explained(linear, self.target[valid])
+        target, weight = self.target[valid], linear.weight[:, None]
+        spread = float(np.sum(weight * (target - np.average(target, axis=0, weights=linear.weight)) ** 2))
+        explained = 1.0 - float(np.sum(weight * linear.residual**2)) / spread if spread > 0 else 0.0
         return Refinement(
             timing,
             covariance,
@@ -229,21 +339,10 @@ class Timing:
         )
 
 
-def _labels(pair: MotionPair, number: int) -> IntArray:
-    """Trajectory of each observed sample, the pair's number where it does not say."""
-    label = pair.observed.label
-    return np.full(len(pair.observed), number) if label is None else label
-
-
 def _size(residual: FloatArray, scale: FloatArray) -> FloatArray:
     """Root mean square of each row `(n,)` in standard deviations."""
     size: FloatArray = np.sqrt(np.mean((residual / scale) ** 2, axis=1))
     return size
-
-
-def _huber_loss(size: FloatArray) -> FloatArray:
-    loss: FloatArray = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
-    return loss
 
 
 def _projector(x: FloatArray, weight: FloatArray) -> FloatArray:
@@ -256,30 +355,9 @@ def _projector(x: FloatArray, weight: FloatArray) -> FloatArray:
     return projector
 
 
-def _share(own: FloatArray, velocity: FloatArray, weight: FloatArray) -> float:
-    total = float(np.sum(weight[:, None] * velocity**2))
-    return float(np.sum(weight[:, None] * own**2)) / total if total > 0 else 0.0
-
-
-def _explained(linear: _Linear, target: FloatArray) -> float:
-    weight = linear.weight[:, None]
-    spread = float(np.sum(weight * (target - np.average(target, axis=0, weights=linear.weight)) ** 2))
-    return 1.0 - float(np.sum(weight * linear.residual**2)) / spread if spread > 0 else 0.0
-
-
 def _normal_rows(linear: _Linear) -> tuple[FloatArray, FloatArray]:
     """Score `(n, p)` and Hessian `(n, p, p)` of each sample."""
     scaled = linear.gradient / linear.scale[:, None]
     score = -np.einsum("n,nk,nkp->np", linear.weight, linear.residual / linear.scale, scaled)
     hessian = np.einsum("n,nkp,nkq->npq", linear.weight, scaled, scaled)
     return score, hessian
-
-
-def _normal(linear: _Linear) -> tuple[FloatArray, FloatArray]:
-    score, hessian = _normal_rows(linear)
-    return score.sum(axis=0), hessian.sum(axis=0)
-
-
-def _solve(score: FloatArray, hessian: FloatArray) -> FloatArray:
-    step: FloatArray = np.linalg.pinv(hessian, rcond=1e-15, hermitian=True) @ score
-    return step
