@@ -13,16 +13,17 @@ import socket
 import threading
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from gpcorrect import artifact
-from gpcorrect.corrector import CommandCorrector, FitSettings, fit_corrector
+from gpcorrect.corrector import FitSettings, fit_corrector
 from gpcorrect.sim import debridement_log, machine_of, preset
 from gpcorrect.sim.live_robot import LiveRobot
 from gpcorrect_service.crtk import ArmServer, ArmServerSettings, Bus, BusSettings, OperatingState, Pose
 from gpcorrect_service.crtk.prefilter import Prefilter
-from gpcorrect_service.server.models import Model
+from gpcorrect_service.server.models import load_model
 
 RATES = (100.0, 500.0, 1000.0)
 
@@ -33,8 +34,9 @@ def main() -> None:
     options.add_argument("--seconds", type=float, default=5.0)
     given = options.parse_args()
     rows = [arm_rate(rate, given.seconds) for rate in RATES]
-    corrector = artifact.load(given.model) if given.model else small_model()
-    result = {"load": os.getloadavg()[0], "arm": rows, "prefilter": prefilter_times(corrector)}
+    with TemporaryDirectory() as folder:
+        path = given.model or small_model(Path(folder) / "model.gpc")
+        result = {"load": os.getloadavg()[0], "arm": rows, "prefilter": prefilter_times(path)}
     print(f"load average {result['load']:.1f}")
     print("asked Hz  received Hz  CPU of one core")
     for row in rows:
@@ -65,10 +67,10 @@ def arm_rate(rate: float, seconds: float) -> dict[str, float]:
     return {"asked": rate, "received": (len(heard) - 1) / (heard[-1] - heard[0]), "cpu": cpu}
 
 
-def prefilter_times(corrector: CommandCorrector) -> dict[str, float]:
+def prefilter_times(model: Path) -> dict[str, float]:
     """Correct a stream of 2000 poses around the middle of the training."""
-    answering = Prefilter(Model(corrector, "bench", "0" * 64), corrector)
-    pose, seconds = corrector.check_queries[0][:7], []
+    answering = Prefilter(load_model(model))
+    pose, seconds = artifact.load(model).check_queries[0][:7], []
     for k in range(2000):
         stamp = 1.0 + 0.01 * k
         answering.robot_is(OperatingState(stamp, "ENABLED", True, False))
@@ -80,8 +82,9 @@ def prefilter_times(corrector: CommandCorrector) -> dict[str, float]:
     return {"median_ms": 1e3 * float(median), "p99_ms": 1e3 * float(high)}
 
 
-def small_model() -> CommandCorrector:
-    return fit_corrector(debridement_log(3, reaches=25), FitSettings(inducing=200, marker="none"))
+def small_model(path: Path) -> Path:
+    artifact.save(fit_corrector(debridement_log(3, reaches=25), FitSettings(inducing=200, marker="none")), path)
+    return path
 
 
 def free_endpoint() -> str:

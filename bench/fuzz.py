@@ -11,7 +11,6 @@ import argparse
 import io
 import time
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,20 +23,18 @@ from service_bench import PATIENT, a_model, free_endpoint, process, serve_model,
 from support import save_results
 
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
-from gpcorrect_service.ops.logger import open_journal
-from gpcorrect_service.protocol import wire
+from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose
+from gpcorrect_service.protocol.codec import CODECS, JSON, MSGPACK, error_codec
+from gpcorrect_service.protocol.messages import CorrectPathRequest, CorrectRequest, ErrorAnswer, Kind
 from gpcorrect_service.protocol.sessions import open_client
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.answers import Answer, Clock, Request
-from gpcorrect_service.server.joints import JointHandlers
-from gpcorrect_service.server.models import load_model
-from gpcorrect_service.server.poses import Handlers
-from gpcorrect_service.server.requests import Reception
+from gpcorrect_service.server.corrections import Corrections
+from gpcorrect_service.server.models import Active, load_model
+from gpcorrect_service.server.requests import Clock, Handler, Request, RequestParser
 
 SHORT, LONG = 50_000, 1_000_000
 OVER_ZENOH = 0.02  # share of the payloads that a real server gets
-KINDS: tuple[wire.Kind, ...] = ("correct", "correct_path", "correct_joints", "admin/activate", "admin/state")
+KINDS: tuple[Kind, ...] = ("correct", "correct_path", "correct_joints", "admin/activate", "admin/state")
 LAWFUL = {"OK", "EXTRAPOLATING", "LIMITED", "BAD_INPUT", "NO_MODEL", "BUSY", "STALE"}
 
 numbers = st.floats(width=64) | st.integers(-(10**20), 10**20)
@@ -74,12 +71,16 @@ def main() -> None:
     save_results("fuzz", {**results, "unlawful": unlawful})
 
 
-def answerers(model: Path) -> list[Callable[[Request], Answer]]:
-    reception = Reception(
-        Active(load_model(model)), arm="arm1", replica="r", journal=open_journal(io.StringIO()), clock=Clock()
+def answerers(model: Path) -> list[Handler]:
+    parser = RequestParser(
+        Active(load_model(model)), arm="arm1", replica="r", logger=open_logger(io.StringIO()), clock=Clock()
     )
-    poses, joints = Handlers(reception), JointHandlers(reception)
-    return [poses.correct, poses.correct_path, joints.correct_joints]
+    answering = Corrections(parser)
+    return [
+        parser.handler("correct", answering.correct),
+        parser.handler("correct_path", answering.correct_path),
+        parser.handler("correct_joints", answering.correct_joints),
+    ]
 
 
 def nearly_right(model: Path, count: int) -> Counter[str]:
@@ -88,7 +89,7 @@ def nearly_right(model: Path, count: int) -> Counter[str]:
 
     @seed(1)
     @settings(
-        max_examples=max(1, count // (len(ask) * len(wire.CODECS))),
+        max_examples=max(1, count // (len(ask) * len(CODECS))),
         database=None,
         deadline=None,
         phases=[Phase.generate],
@@ -96,7 +97,7 @@ def nearly_right(model: Path, count: int) -> Counter[str]:
     )
     @given(body=bodies)
     def one(body: dict[str, Any]) -> None:
-        for codec, encode in ((wire.JSON, msgspec.json.encode), (wire.MSGPACK, msgspec.msgpack.encode)):
+        for codec, encode in ((JSON, msgspec.json.encode), (MSGPACK, msgspec.msgpack.encode)):
             try:
                 payload = encode(body)
             except (OverflowError, msgspec.MsgspecError):
@@ -121,9 +122,9 @@ def random_bytes(model: Path, count: int) -> Counter[str]:
 
 def good_payloads(model: Path) -> list[tuple[bytes, str]]:
     pose, twist = typical_query(model)
-    body = wire.CorrectRequest(tuple(pose), tuple(twist))
-    path = wire.CorrectPathRequest((tuple(pose),) * 5, (0.0, 0.1, 0.2, 0.3, 0.4))
-    plain = [(codec.encode(one), codec.media_type) for codec in wire.CODECS.values() for one in (body, path)]
+    body = CorrectRequest(tuple(pose), tuple(twist))
+    path = CorrectPathRequest((tuple(pose),) * 5, (0.0, 0.1, 0.2, 0.3, 0.4))
+    plain = [(codec.encode(one), codec.media_type) for codec in CODECS.values() for one in (body, path)]
     return [*plain, (write_pose(StampedPose(tuple(pose), 1, 0, "tracker")), CDR_ENCODING)]
 
 
@@ -166,10 +167,8 @@ def status_of(querier: zenoh.Querier, payload: bytes, encoding: str) -> str:
         return f"{len(replies)} replies"
     if replies[0].ok is not None:
         return "OK"
-    codec = wire.error_codec(str(replies[0].err.encoding))
-    return (
-        "zenoh's error" if codec is None else codec.decode(wire.ErrorAnswer, replies[0].err.payload.to_bytes()).status
-    )
+    codec = error_codec(str(replies[0].err.encoding))
+    return "zenoh's error" if codec is None else codec.decode(ErrorAnswer, replies[0].err.payload.to_bytes()).status
 
 
 if __name__ == "__main__":

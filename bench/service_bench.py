@@ -21,8 +21,9 @@ import zenoh
 from gpcorrect import artifact
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.ops.router import route
-from gpcorrect_service.protocol import wire
 from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose
+from gpcorrect_service.protocol.codec import CODECS, JSON
+from gpcorrect_service.protocol.messages import CorrectRequest, RequestMeta
 from gpcorrect_service.protocol.sessions import CLIENT, COMMON, open_client, open_server
 from gpcorrect_service.server.service import serve
 
@@ -177,14 +178,13 @@ Ask = Callable[[], object]
 
 def payloads(pose: list[float], twist: list[float]) -> dict[str, tuple[bytes, bytes, str]]:
     """Payload, attachment and encoding of one question, by encoding: what the service's client sends."""
-    meta = wire.RequestMeta(request_id="01234567-1000", client_time=time.time(), deadline=PATIENT)
-    body = wire.CorrectRequest(tuple(pose), tuple(twist))
+    meta = RequestMeta(request_id="01234567-1000", client_time=time.time(), deadline=PATIENT)
+    body = CorrectRequest(tuple(pose), tuple(twist))
     told = {
-        codec.name: (codec.encode(body), codec.encode(meta), wire.encoding_name(codec, "correct"))
-        for codec in wire.CODECS.values()
+        codec.name: (codec.encode(body), codec.encode(meta), codec.encoding("correct")) for codec in CODECS.values()
     }
     stamped = StampedPose(tuple(pose), 1, 0, "tracker")
-    return {**told, "cdr": (write_pose(stamped), wire.JSON.encode(meta), CDR_ENCODING)}
+    return {**told, "cdr": (write_pose(stamped), JSON.encode(meta), CDR_ENCODING)}
 
 
 def bare_asker(session: zenoh.Session, key: str, message: tuple[bytes, bytes, str]) -> Ask:

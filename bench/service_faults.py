@@ -87,7 +87,7 @@ def lost_replica(model: Path, blow: signal.Signals, seconds: float) -> dict[str,
     ):
         for _ in range(50):
             client.correct(pose, twist)
-        victim = int(client.correct(pose, twist).provenance.replica.rsplit("-", 1)[1])
+        victim = int(client.correct(pose, twist).meta.replica.rsplit("-", 1)[1])
 
         def strike() -> None:
             blows.append(time.perf_counter())
@@ -160,7 +160,7 @@ def path_of(model: Path) -> tuple[Any, Any]:
 
 def is_mixed(client: CorrectionClient, poses: Any, times: Any, expected: dict[str, Any]) -> bool:
     reply = client.correct_path(poses, times)
-    return not np.allclose(reply.positions, expected[reply.provenance.model_hash], rtol=0, atol=1e-12)
+    return not np.allclose(reply.positions, expected[reply.meta.model_hash], rtol=0, atol=1e-12)
 
 
 if __name__ == "__main__":

@@ -35,8 +35,10 @@ from service_bench import (
 )
 from support import print_table, save_results
 
-from gpcorrect import artifact
-from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.answer import PoseAnswer, pack
+from gpcorrect_service.protocol.codec import MSGPACK
+from gpcorrect_service.protocol.messages import CorrectRequest
+from gpcorrect_service.server.models import Model, load_model
 
 ROUNDS = 2000
 WARM_UP = 200
@@ -63,18 +65,8 @@ def main() -> None:
     save_results("service_peers", results)
 
 
-def answer(corrector: Any, pose: tuple[float, ...], twist: tuple[float, ...] | None) -> wire.CorrectAnswer:
-    told = corrector.correct(np.array(pose), None if twist is None else np.array(twist))
-    quaternion = None if told.quaternion is None else told.quaternion.tolist()
-    return wire.CorrectAnswer(
-        told.position.tolist(),
-        quaternion,
-        wire.gaps(told.std.tolist()),
-        wire.gaps(told.interval95.tolist()),
-        bool(told.in_domain),
-        told.status,
-        told.reason,
-    )
+def answer(model: Model, pose: tuple[float, ...], twist: tuple[float, ...] | None) -> PoseAnswer:
+    return pack(PoseAnswer, model.corrector.correct(np.array(pose), None if twist is None else np.array(twist)))
 
 
 @contextmanager
@@ -85,9 +77,9 @@ def grpc_peer(model: Path, pose: list[float], twist: list[float]) -> Iterator[As
     with process(serve_grpc, str(model), port), grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
         call = channel.unary_unary(METHOD)
 
-        def ask() -> wire.CorrectAnswer:
-            payload = wire.MSGPACK.encode(wire.CorrectRequest(tuple(pose), tuple(twist)))
-            return wire.MSGPACK.decode(wire.CorrectAnswer, call(payload))
+        def ask() -> PoseAnswer:
+            payload = MSGPACK.encode(CorrectRequest(tuple(pose), tuple(twist)))
+            return MSGPACK.decode(PoseAnswer, call(payload))
 
         yield ask
 
@@ -96,11 +88,11 @@ def serve_grpc(ready: Event, model: str, port: int) -> None:
     import grpc
 
     end_with_parent()
-    corrector = artifact.load(model)
+    corrector = load_model(model)
 
     def correct(payload: bytes, _: Any) -> bytes:
-        asked = wire.MSGPACK.decode(wire.CorrectRequest, payload)
-        return wire.MSGPACK.encode(answer(corrector, asked.pose, asked.twist))
+        asked = MSGPACK.decode(CorrectRequest, payload)
+        return MSGPACK.encode(answer(corrector, asked.pose, asked.twist))
 
     class Handler(grpc.GenericRpcHandler):  # type: ignore[misc]
         def service(self, details: Any) -> Any:
@@ -130,7 +122,7 @@ def serve_fastapi(ready: Event, model: str, port: int) -> None:
     from pydantic import BaseModel
 
     end_with_parent()
-    corrector = artifact.load(model)
+    corrector = load_model(model)
 
     class Asked(BaseModel):
         pose: list[float]

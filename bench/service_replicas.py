@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -21,21 +20,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from service_latency import (
-    echo_asker,
+from service_bench import (
+    ECHO,
+    a_model,
+    bare_asker,
+    children,
     end_with_parent,
-    fitted_model,
     free_endpoint,
+    payloads,
     process,
     serve_echo,
     serve_model,
-    spawn,
     typical_query,
 )
 from support import print_table, save_results
 
-from gpcorrect_service import ClientSettings, CorrectionClient
-from gpcorrect_service.protocol import wire
+from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.protocol.sessions import open_client
 
 SECONDS = 2.0
@@ -50,12 +50,11 @@ def main() -> None:
     options.add_argument("--replicas", type=int, nargs="+", default=[1, 2])
     options.add_argument("--clients", type=int, nargs="+", default=[1, 2, 4])
     given = options.parse_args()
-    with tempfile.TemporaryDirectory() as folder, ExitStack() as running:
-        model = given.model or fitted_model(Path(folder) / "model.gpc")
+    with a_model(given.model) as model, ExitStack() as running:
         endpoints, echo = [free_endpoint() for _ in range(max(given.replicas))], free_endpoint()
-        running.enter_context(process(serve_echo, echo))
+        running.enter_context(process(serve_echo, ServerSettings(endpoint=echo)))
         for endpoint in endpoints:
-            running.enter_context(process(serve_model, str(model), endpoint))
+            running.enter_context(process(serve_model, str(model), ServerSettings(endpoint=endpoint)))
         planners = [running.enter_context(planner(model)) for _ in range(max(given.clients))]
         rows = [r for n in given.clients for r in of_planners(planners[:n], endpoints, echo, given.replicas)]
     print_table(HEAD, [list(row.values()) for row in rows])
@@ -97,7 +96,7 @@ def measured(planners: Sequence[Connection], replicas: int, way: str, whom: list
 @contextmanager
 def planner(model: Path) -> Iterator[Connection]:
     """Run a planner in a process of its own, told through a pipe whom to ask and when."""
-    ours, theirs = spawn.Pipe()
+    ours, theirs = children.Pipe()
     pose, twist = typical_query(model)
     with process(plan, theirs, pose, twist):
         yield ours
@@ -110,7 +109,7 @@ def plan(ready: Any, pipe: Connection, pose: list[float], twist: list[float]) ->
         way, known = pipe.recv()
         if way == "echo":
             with open_client(ClientSettings(tuple(known))) as session:
-                ask(echo_asker(session, wire.MSGPACK, pose, twist), pipe)
+                ask(bare_asker(session, ECHO, payloads(pose, twist)["msgpack"]), pipe)
         else:
             with CorrectionClient(known, encoding="msgpack", timeout=PATIENT, connect_timeout=PATIENT) as client:
                 ask(partial(client.correct, pose, twist), pipe)

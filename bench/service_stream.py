@@ -23,13 +23,14 @@ from gpcorrect.joint_artifact import load_joint, save_joint
 from gpcorrect.joint_corrector import JointCorrector, JointSettings, JointStream, fit_joint
 from gpcorrect.types import FloatArray
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
-from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.answer import EstimateAnswer
+from gpcorrect_service.protocol.codec import MSGPACK
+from gpcorrect_service.protocol.messages import JointState
 from gpcorrect_service.protocol.sessions import open_client
-from gpcorrect_service.protocol.wire_joints import JointEstimate, JointState
 
 RATE = 1000.0
 HEAD = ("", "median ms", "p99 ms", "min ms", "over 1 ms %", "max ms")
-CODEC = wire.MSGPACK
+CODEC = MSGPACK
 
 
 def main() -> None:
@@ -101,7 +102,7 @@ def streamed(endpoint: str, q: FloatArray, effort: FloatArray) -> tuple[list[flo
 
 def send(publisher: Any, q: FloatArray, effort: FloatArray) -> dict[float, float]:
     due, began = {}, time.perf_counter()
-    encoding = wire.encoding_name(CODEC, "joint_state")
+    encoding = CODEC.encoding("joint_state")
     for i, (row, force) in enumerate(zip(q.tolist(), effort.tolist(), strict=True)):
         when, stamp = began + i / RATE, 1.0 + i / RATE
         while (now := time.perf_counter()) < when:
@@ -118,7 +119,7 @@ def collect(heard: SimpleQueue[tuple[float, zenoh.Sample]], count: int) -> dict[
             when, sample = heard.get(timeout=2.0)
         except Empty:
             break
-        arrived[CODEC.decode(JointEstimate, sample.payload.to_bytes()).stamp] = when
+        arrived[CODEC.decode(EstimateAnswer, sample.payload.to_bytes()).stamp] = when
     return arrived
 
 

@@ -41,7 +41,7 @@ def one_pose(client: CorrectionClient, pose: np.ndarray) -> None:
     reply = client.correct(pose, twist=[0.02, 0, 0, 0, 0, 0])
     print(f"one pose: {reply.status}, command {np.round(reply.position, 4)} m")
     print(f"  within +- {np.round(1e3 * reply.interval95[:3], 2)} mm; in domain: {reply.in_domain}")
-    print(f"  by model {reply.provenance.model_id} on {reply.provenance.replica}")
+    print(f"  by model {reply.meta.model_id} on {reply.meta.replica}")
 
 
 def a_path(client: CorrectionClient, pose: np.ndarray) -> None:
@@ -50,7 +50,7 @@ def a_path(client: CorrectionClient, pose: np.ndarray) -> None:
     poses = np.tile(pose, (len(times), 1))
     poses[:, 0] += 0.01 * np.sin(2 * np.pi * times)
     reply = client.correct_path(poses, times)
-    print(f"a path: {len(reply.positions)} commands, {np.mean(reply.in_domain):.0%} in domain")
+    print(f"a path: {len(reply.position)} commands, {np.mean(reply.in_domain):.0%} in domain")
 
 
 def a_mistake(client: CorrectionClient, pose: np.ndarray) -> None:

@@ -37,6 +37,7 @@ class Reason(IntFlag):
     NO_HISTORY = 64
     MISSING = 128
     STALE = 256
+    BOUNDED = 512
 
     @property
     def status(self) -> Status:
@@ -55,12 +56,13 @@ class Reason(IntFlag):
 _STATUS = (
     (Reason.MISSING, Status.MISSING),
     (Reason.STALE, Status.STALE),
-    (Reason.LIMITED | Reason.BRIDGED | Reason.RATE_LIMITED, Status.LIMITED),
+    (Reason.LIMITED | Reason.BRIDGED | Reason.RATE_LIMITED | Reason.BOUNDED, Status.LIMITED),
     (Reason.OUTSIDE, Status.EXTRAPOLATING),
 )
 _TEXT = {
     Reason.MISSING: "a number that the model needs is missing",
     Reason.STALE: "the sample waited too long",
+    Reason.BOUNDED: "cut to the bound that this server's operator set",
     Reason.RATE_LIMITED: "the bound on how fast a correction may change acted",
     Reason.BRIDGED: "the path jumps here faster than the arm can move: bridged by straight motion",
     Reason.LIMITED: "the learned part was cut to the largest one that training justifies",

@@ -129,8 +129,14 @@ class ModelStore:
             self._write(replace(state, models=(*kept, entry)))
         return entry
 
-    def activate(self, entry: Entry) -> None:
+    def activate(self, entry: Entry, *, verified: bool = False) -> None:
         """Make a model the active one of its kind; its file is verified and asked its check queries first.
+
+        Parameters
+        ----------
+        entry : Entry
+        verified : bool
+            Whether the caller has just read and verified it: then it is not read again.
 
         Raises
         ------
@@ -139,7 +145,8 @@ class ModelStore:
         GpCorrectError
             The store cannot be written; the active model stays.
         """
-        self.verified(entry)
+        if not verified:
+            self.verified(entry)
         with self._locked() as state:
             history = state.history.get(entry.kind, ())
             if history[-1:] != (entry.hash,):

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from gpcorrect.correction import Correction, Reason
 from gpcorrect.sim import machine_of, preset
 from gpcorrect.sim.live_robot import LiveRobot
-from gpcorrect.types import Correction, FloatArray
+from gpcorrect.types import FloatArray
 from gpcorrect_service.crtk import ArmServer, ArmServerSettings, Bus, BusSettings
 from gpcorrect_service.server.models import Model
 
@@ -30,10 +31,9 @@ class ShiftCorrector:
         self.resets = 0
 
     def correct(self, pose: FloatArray, twist: FloatArray | None = None) -> Correction:
-        inside = bool(np.linalg.norm(pose[:3]) < 0.5)
         std = np.full(6, 1e-3)
-        status = "OK" if inside else "EXTRAPOLATING"
-        return Correction(pose[:3] + self.shift, pose[3:], std, 2 * std, inside, status)  # type: ignore[arg-type]
+        reason = Reason.NONE if np.linalg.norm(pose[:3]) < 0.5 else Reason.OUTSIDE
+        return Correction(pose[:3] + self.shift, pose[3:], None, std, 2 * std, reason)
 
     def correct_path(self, poses: FloatArray, times: FloatArray) -> Any:
         raise NotImplementedError

@@ -16,7 +16,7 @@ from gpcorrect.model_store import Entry, ModelStore, compare
 
 if TYPE_CHECKING:
     from gpcorrect_service.client.operator import Operator
-    from gpcorrect_service.protocol.wire_admin import ModelListAnswer
+    from gpcorrect_service.protocol.messages import ModelListAnswer
 
 __all__ = ["models_app"]
 
@@ -165,11 +165,12 @@ def state(
 
 
 def _operator(endpoint: str | None, arm: str, namespace: str, config: Path | None) -> Operator:
-    from gpcorrect_service.client.operator import Operator  # zenoh is an extra; folders need none
+    from gpcorrect_service import ClientSettings  # zenoh is an extra; folders need none
+    from gpcorrect_service.client.operator import Operator
 
     if endpoint is None and config is None:
         raise DataError("name the models' place.", hint="--store FOLDER, or --endpoint tcp/127.0.0.1:7447")
-    return Operator.at(endpoint or "tcp/127.0.0.1:7447", arm, namespace, config)
+    return Operator(ClientSettings((endpoint or "tcp/127.0.0.1:7447",), arm, namespace, config_file=config))
 
 
 def _show_activated(operator: Operator, model: str) -> None:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
-from gpcorrect import artifact
 from gpcorrect.cli.console import err
 from gpcorrect.cli.sim import HERE, stop_signal
-from gpcorrect.types import FloatArray, PoseSignal
 
 __all__ = ["prefilter"]
 
@@ -39,20 +37,12 @@ def prefilter(
     from gpcorrect_service.crtk import Bus, BusSettings  # zenoh is an extra; other commands work without it
     from gpcorrect_service.crtk.filter_server import FilterServer
     from gpcorrect_service.crtk.prefilter import Prefilter, PrefilterSettings
-    from gpcorrect_service.ops.logger import open_journal
-    from gpcorrect_service.server.models import Model
+    from gpcorrect_service.ops.logger import open_logger
+    from gpcorrect_service.server.models import load_model
 
-    corrector = artifact.load(model)
-    known = Model(corrector, id=model.stem, hash=artifact.model_hash(model))
-
-    def registered(pose: FloatArray) -> FloatArray:
-        moved = corrector.rigid.apply(PoseSignal(pose[None, :3], pose[None, 3:]))
-        assert moved.quaternion is not None
-        return np.concatenate([moved.position[0], moved.quaternion[0]])
-
-    settings = PrefilterSettings(linear / 1e3, float(np.deg2rad(angular)), outside=not strict)
+    settings = PrefilterSettings(linear / 1e3, math.radians(angular), outside=not strict)
+    answering = Prefilter(load_model(model), settings)
     with Bus(BusSettings(endpoint, arm, namespace, "client", ros_domain), node=f"gpcorrect_prefilter_{arm}") as bus:
-        answering = Prefilter(known, corrector, settings, reference=registered)
-        server = FilterServer(answering, bus, open_journal(arm=arm))
+        server = FilterServer(answering, bus, open_logger(arm=arm))
         err.print(f"{model.name} corrects {namespace}/{arm}/servo_cp on {endpoint}; stop with Ctrl-C")
         server.run(stop_signal())

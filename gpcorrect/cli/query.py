@@ -12,7 +12,7 @@ from gpcorrect.cli.correct import Pose, Position, Twist, correction_dict, show_c
 from gpcorrect.cli.options import Json, seven_or_three
 
 if TYPE_CHECKING:
-    from gpcorrect_service import CorrectionClient, CorrectionReply
+    from gpcorrect_service import CorrectionClient, Reply
 
 __all__ = ["query_app"]
 
@@ -53,7 +53,7 @@ def correct(
         print_json(_reply_dict(reply))
         return
     show_correction(reply)
-    origin = reply.provenance
+    origin = reply.meta
     out.print(f"model    {origin.model_id} {origin.model_hash[:12]}, served by {origin.replica}")
 
 
@@ -120,5 +120,5 @@ def _plain(answer: Any) -> Any:
     return msgspec.to_builtins(answer)
 
 
-def _reply_dict(reply: CorrectionReply) -> dict[str, Any]:
-    return {**correction_dict(reply), "provenance": _plain(reply.provenance)}
+def _reply_dict(reply: Reply) -> dict[str, Any]:
+    return {**correction_dict(reply), "provenance": _plain(reply.meta)}

@@ -50,7 +50,7 @@ def serve(
     Examples: gpcorrect serve model.gpc --arm PSM1; gpcorrect serve --store models/ --max-mm 5
     """
     from gpcorrect_service import ServerSettings  # zenoh is an extra; other commands work without it
-    from gpcorrect_service.protocol.bounds import CorrectionBound
+    from gpcorrect_service.protocol.limits import CorrectionBound
     from gpcorrect_service.server.service import serve as serve_model
 
     settings = ServerSettings(

@@ -14,9 +14,9 @@ for _module, _library in (
         raise MissingExtraError(_library, extra="service", purpose="the correction service")
 
 # Only now, so that a missing library is named before a module stumbles over it.
-from gpcorrect_service.client.awaiting import AsyncCorrectionClient  # noqa: E402
-from gpcorrect_service.client.replies import CorrectionReply, JointsReply, PathReply  # noqa: E402
-from gpcorrect_service.client.waiting import CorrectionClient  # noqa: E402
+from gpcorrect_service.client.asynchronous import AsyncCorrectionClient  # noqa: E402
+from gpcorrect_service.client.blocking import CorrectionClient  # noqa: E402
+from gpcorrect_service.client.replies import Reply  # noqa: E402
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError  # noqa: E402
 from gpcorrect_service.protocol.settings import ClientSettings, ServerSettings  # noqa: E402
 
@@ -24,10 +24,8 @@ __all__ = [
     "AsyncCorrectionClient",
     "ClientSettings",
     "CorrectionClient",
-    "CorrectionReply",
     "EndpointError",
-    "JointsReply",
-    "PathReply",
+    "Reply",
     "ServerSettings",
     "ServiceError",
 ]

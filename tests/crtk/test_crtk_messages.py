@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpcorrect_service.crtk.bus import read_message
-from gpcorrect_service.crtk.messages import JointState, OperatingState, Pose, Text, checked_stamp
+from gpcorrect_service.crtk.messages import TOPICS, JointState, OperatingState, Pose, Text, checked_stamp
 from gpcorrect_service.crtk.rmw import RmwNode, attachment, gid_of, read_attachment, rmw_key
-from gpcorrect_service.crtk.ros_messages import from_cdr, ros_store, to_cdr, to_ros
-from gpcorrect_service.crtk.topics import TOPICS, topic
+from gpcorrect_service.crtk.ros_messages import from_cdr, to_cdr, to_ros
+from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import ServiceError
 
 MESSAGES = [
@@ -28,7 +28,7 @@ def test_messages_come_back_in_every_encoding(name, message, encoding):
     """What is written in MessagePack, JSON or CDR reads back as the same message; bytes without a name are CDR."""
     writers = {"application/msgpack": msgspec.msgpack.encode, "application/json": msgspec.json.encode}
     payload = writers.get(encoding, to_cdr)(message)
-    assert read_message(payload, encoding, topic(name)) == message
+    assert read_message(payload, encoding, TOPICS[name]) == message
 
 
 def test_ros_has_w_last():
@@ -41,10 +41,10 @@ def test_ros_has_w_last():
 
 def test_cdr_of_another_program_is_read():
     """A JointState as rosbags writes it, with names and without efforts, is read to the numbers in it."""
-    kinds = ros_store().types
+    kinds = ros_types().types
     header = kinds["std_msgs/msg/Header"](kinds["builtin_interfaces/msg/Time"](7, 250_000_000), "arm")
     ros = kinds["sensor_msgs/msg/JointState"](header, ["a", "b"], np.array([0.5, 0.25]), np.zeros(0), np.zeros(0))
-    cdr = ros_store().serialize_cdr(ros, "sensor_msgs/msg/JointState")
+    cdr = ros_types().serialize_cdr(ros, "sensor_msgs/msg/JointState")
     assert from_cdr(bytes(cdr), "sensor_msgs/msg/JointState") == JointState(7.25, (0.5, 0.25))
 
 
@@ -54,7 +54,7 @@ def test_bytes_that_are_no_message_are_refused(data, name):
     """Whatever bytes come, a message or a refusal is what becomes of them."""
     for encoding in ("application/msgpack", "application/json", "application/cdr", "image/png"):
         with suppress(ServiceError):
-            assert isinstance(read_message(data, encoding, topic(name)), topic(name).form)
+            assert isinstance(read_message(data, encoding, TOPICS[name]), TOPICS[name].form)
 
 
 @pytest.mark.parametrize("stamp", [0.0, -1.0, float("nan"), float("inf")])

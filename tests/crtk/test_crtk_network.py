@@ -14,8 +14,9 @@ from gpcorrect_service.crtk.prefilter import Prefilter
 from gpcorrect_service.crtk.recorder import Recorder, write_mcap
 from gpcorrect_service.crtk.rmw import read_attachment, rmw_key
 from gpcorrect_service.crtk.robot import Robot, RobotError
-from gpcorrect_service.crtk.ros_messages import from_cdr, ros_store, to_cdr
-from gpcorrect_service.ops.logger import open_journal
+from gpcorrect_service.crtk.ros_messages import from_cdr, to_cdr
+from gpcorrect_service.ops.logger import open_logger
+from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import EndpointError
 
 
@@ -96,7 +97,7 @@ def test_ros_users_are_understood_both_ways():
             wait_for(lambda: bool(np.abs(arm.setpoint - goal).max() < 1e-9))
             wait_for(lambda: len(heard) > 3)
         message = from_cdr(heard[-1].payload.to_bytes(), "sensor_msgs/msg/JointState")
-        raw = ros_store().deserialize_cdr(heard[-1].payload.to_bytes(), "sensor_msgs/msg/JointState")
+        raw = ros_types().deserialize_cdr(heard[-1].payload.to_bytes(), "sensor_msgs/msg/JointState")
         assert isinstance(message, JointState)
         assert raw.name[0] == "joint_1"
         first, second = (read_attachment(sample.attachment.to_bytes()) for sample in heard[:2])
@@ -111,7 +112,7 @@ def test_the_prefilter_stands_between_planner_and_robot():
     corrector = ShiftCorrector()
     with living_arm(corrected=True) as (settings, arm), Robot(settings) as robot, Bus(settings) as bus:
         stop = threading.Event()
-        server = FilterServer(Prefilter(model(corrector), corrector), bus, open_journal())
+        server = FilterServer(Prefilter(model(corrector)), bus, open_logger())
         thread = threading.Thread(target=server.run, args=(stop,))
         thread.start()
         try:

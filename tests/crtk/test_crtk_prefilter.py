@@ -14,7 +14,7 @@ def prefilter(corrector: ShiftCorrector | None = None, **settings: object) -> Pr
     """Return a pre-filter before a robot that is ready at time 1."""
     known = corrector or ShiftCorrector()
     chosen = PrefilterSettings(**settings)  # type: ignore[arg-type]
-    answering = Prefilter(model(known), known, chosen, monotonic=lambda: 0.0)
+    answering = Prefilter(model(known), chosen, monotonic=lambda: 0.0)
     answering.robot_is(OperatingState(1.0, "ENABLED", True, False))
     return answering
 
@@ -57,7 +57,7 @@ def test_an_old_or_unknown_state_is_not_believed():
     """Without a fresh operating state nothing is passed on."""
     corrector = ShiftCorrector()
     with pytest.raises(ServiceError, match="not known"):
-        Prefilter(model(corrector), corrector).servo(pose(1.1))
+        Prefilter(model(corrector)).servo(pose(1.1))
     with pytest.raises(ServiceError, match="not known"):
         prefilter(state_age=0.5).servo(pose(1.6))
 

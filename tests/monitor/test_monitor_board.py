@@ -8,7 +8,7 @@ from gpcorrect_service.crtk.messages import Heartbeat, OperatingState, Pose, Rep
 from gpcorrect_service.monitor.app import application
 from gpcorrect_service.monitor.board import GONE, Board
 from gpcorrect_service.monitor.drift import DriftWatch, outside
-from gpcorrect_service.protocol.wire import HealthAnswer
+from gpcorrect_service.protocol.messages import HealthAnswer
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 

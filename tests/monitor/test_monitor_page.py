@@ -13,7 +13,7 @@ from gpcorrect_service.crtk import Bus, BusSettings
 from gpcorrect_service.crtk.filter_server import FilterServer
 from gpcorrect_service.crtk.prefilter import Prefilter
 from gpcorrect_service.crtk.robot import Robot
-from gpcorrect_service.ops.logger import open_journal
+from gpcorrect_service.ops.logger import open_logger
 
 
 @contextmanager
@@ -36,7 +36,7 @@ def drawing(settings: BusSettings) -> Iterator[None]:
     """Correct and command small motions until the block ends."""
     corrector, stop = ShiftCorrector(), threading.Event()
     with Bus(settings) as bus, Robot(settings) as robot:
-        server = FilterServer(Prefilter(model(corrector), corrector), bus, open_journal())
+        server = FilterServer(Prefilter(model(corrector)), bus, open_logger())
         robot.make_ready()
         begin = robot.setpoint_pose
         assert begin is not None

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.context import ForkServerProcess
 from multiprocessing.synchronize import Event
 from pathlib import Path
@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 import zenoh
 
+from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
-from gpcorrect.types import Correction, FloatArray
+from gpcorrect.types import FloatArray
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.protocol.sessions import client_config
 from gpcorrect_service.server.models import JointModel, Model
@@ -36,50 +37,20 @@ spawn = multiprocessing.get_context("forkserver")
 spawn.set_forkserver_preload(["service_support"])
 
 
-@dataclass(frozen=True)
-class CorrectedPath:
-    """A corrected path, as the real corrector returns it."""
-
-    positions: FloatArray
-    quaternions: FloatArray | None
-    std: FloatArray
-    interval95: FloatArray
-    in_domain: FloatArray
-    status: tuple[str, ...]
-    reason: tuple[str, ...]
-
-
 class ShiftCorrector:
     """Moves a pose by SHIFT and leaves its orientation; unsure by 1 mm; x > 0.5 m is extrapolation."""
 
     def correct(self, pose: FloatArray, twist: FloatArray | None = None) -> Correction:
         """Return the command for one pose."""
-        path = self.correct_path(pose[None], np.zeros(1))
-        quaternion = None if path.quaternions is None else path.quaternions[0]
-        return Correction(
-            path.positions[0],
-            quaternion,
-            path.std[0],
-            path.interval95[0],
-            bool(path.in_domain[0]),
-            path.status[0],
-            path.reason[0],
-        )
+        return self.correct_path(pose[None], np.zeros(1))[0]
 
-    def correct_path(self, poses: FloatArray, times: FloatArray) -> CorrectedPath:
+    def correct_path(self, poses: FloatArray, times: FloatArray) -> Correction:
         """Return the commands for a path."""
-        n, inside = len(poses), poses[:, 0] <= 0.5
-        std = np.full((n, 6), 1e-3)
+        std = np.full((len(poses), 6), 1e-3)
         std[:, 3:] = np.nan
-        return CorrectedPath(
-            positions=poses[:, :3] + SHIFT,
-            quaternions=poses[:, 3:] if poses.shape[1] == 7 else None,
-            std=std,
-            interval95=2 * std,
-            in_domain=inside,
-            status=tuple("OK" if i else "EXTRAPOLATING" for i in inside),
-            reason=tuple("" if i else "outside the training region" for i in inside),
-        )
+        outside = np.where(poses[:, 0] > 0.5, int(Reason.OUTSIDE), 0)
+        quaternion = poses[:, 3:] if poses.shape[1] == 7 else None
+        return Correction(poses[:, :3] + SHIFT, quaternion, None, std, 2 * std, outside)
 
     def info(self) -> dict[str, Any]:
         """Return frames and training region, as a fitted model does."""
@@ -108,9 +79,7 @@ class FaultyCorrector(ShiftCorrector):
         if pose[0] < 0:
             raise ZeroDivisionError("a fault inside the model")
         answer = super().correct(pose, twist)
-        if pose[0] > 0:
-            return answer
-        return Correction(np.full(3, np.nan), answer.quaternion, answer.std, answer.interval95, True)
+        return answer if pose[0] > 0 else replace(answer, position=np.full(3, np.nan))
 
 
 class LaggingStream:
@@ -125,29 +94,48 @@ class LaggingStream:
         """Forget the past."""
         self._joints, self._time = None, -np.inf
 
-    def estimate(self, time: float, q: FloatArray, effort: FloatArray | None = None) -> LaggingEstimate:
+    def estimate(self, time: float, q: FloatArray, effort: FloatArray | None = None) -> Correction:
         """Return where the joints are."""
         if time <= self._time:
             raise DataError("time must advance from sample to sample.")
         self._time = time
         if not np.isfinite(q).all() or (self._needs_effort and effort is None):
             self._joints = None
-            return LaggingEstimate(np.full(len(q), np.nan), np.full(len(q), np.nan))
+            unknown = np.full(len(q), np.nan)
+            return Correction(None, None, unknown, unknown, unknown, Reason.MISSING)
         self._joints = q if self._joints is None else np.clip(self._joints, q - SLACK, q + SLACK)
-        return LaggingEstimate(self._joints, np.full(len(q), 1e-3))
+        std = np.full(len(q), 1e-3)
+        return Correction(None, None, self._joints, std, 2 * std, Reason.NONE)
 
 
 @dataclass(frozen=True)
-class LaggingEstimate:
-    """Joints and their spread."""
+class LaggingCorrector:
+    """A joint model of three joints with slack."""
 
-    q: FloatArray
-    std: FloatArray
+    needs_effort: bool = False
+    types: str = "RRP"
+
+    def stream(self) -> LaggingStream:
+        """Begin a live path."""
+        return LaggingStream(self.needs_effort)
+
+    def correct_path(self, q: FloatArray, times: FloatArray, efforts: Any, sessions: Any) -> Correction:
+        """Return where the joints are along a path."""
+        stream, answers = self.stream(), []
+        for i, stamp in enumerate(times):
+            if sessions is not None and i and sessions[i] != sessions[i - 1]:
+                stream.reset()
+            answers.append(stream.estimate(stamp, q[i], None if efforts is None else efforts[i]))
+        return Correction.stack(answers)
+
+    def info(self) -> dict[str, Any]:
+        """Return nothing of itself."""
+        return {}
 
 
 def lagging_joints(*, needs_effort: bool = False, digest: str = "beef") -> JointModel:
     """Return a joint model of three joints with slack."""
-    return JointModel(lambda: LaggingStream(needs_effort), "RRP", {}, "lagging", digest)
+    return JointModel(LaggingCorrector(needs_effort), "lagging", digest)
 
 
 def free_port() -> int:

@@ -13,7 +13,7 @@ from service_support import PATIENT, ServerProcess, store_process
 from gpcorrect import artifact
 from gpcorrect.model_store import ModelStore
 from gpcorrect.types import FloatArray
-from gpcorrect_service import ClientSettings, PathReply, ServiceError
+from gpcorrect_service import ClientSettings, Reply, ServiceError
 from gpcorrect_service.client.operator import Operator
 
 ACTIVATIONS = 12  # bench/service_activation.py makes a hundred
@@ -56,7 +56,7 @@ class Planner:
     def __init__(self, server: ServerProcess, poses: FloatArray, times: FloatArray) -> None:
         self._server, self._poses, self._times = server, poses, times
         self._stop = threading.Event()
-        self.replies: list[PathReply] = []
+        self.replies: list[Reply] = []
         self.failures: list[ServiceError] = []
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -88,9 +88,9 @@ def test_activation_under_load(server: ServerProcess, operator: Operator, model_
             (told,) = operator.activate(("tuesday", "monday")[i % 2])
             assert told.hash in expected
     assert planner.failures == []
-    assert {reply.provenance.model_hash for reply in planner.replies} == set(expected)
+    assert {reply.meta.model_hash for reply in planner.replies} == set(expected)
     for reply in planner.replies:
-        np.testing.assert_allclose(reply.positions, expected[reply.provenance.model_hash], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(reply.positions, expected[reply.meta.model_hash], rtol=0, atol=1e-12)
 
 
 def test_what_is_activated_outlives_the_server(store: ModelStore, operator: Operator) -> None:

@@ -12,8 +12,8 @@ from service_support import REGION
 
 from gpcorrect_service import ServiceError
 from gpcorrect_service.protocol.limits import (
-    MAX_PATH_POSES,
-    check_answer,
+    LIMITS,
+    check_command,
     checked_path,
     checked_pose,
     checked_twist,
@@ -114,7 +114,7 @@ def test_path_names_the_bad_row() -> None:
         ((GOOD, GOOD), (1.0, 0.5)),
         ((GOOD, GOOD), (0.0, math.nan)),
         ((GOOD, GOOD[:3]), (0.0, 1.0)),
-        ((GOOD,) * (MAX_PATH_POSES + 1), tuple(float(i) for i in range(MAX_PATH_POSES + 1))),
+        ((GOOD,) * (LIMITS.rows + 1), tuple(float(i) for i in range(LIMITS.rows + 1))),
     ],
     ids=["empty", "a time missing", "same time", "backwards", "nan time", "mixed lengths", "too long"],
 )
@@ -136,4 +136,4 @@ def test_bad_path(poses: tuple[tuple[float, ...], ...], times: tuple[float, ...]
 def test_unsafe_answer_is_withheld(position: list[float], quaternion: list[float] | None) -> None:
     """A command that is not finite, not a rotation, or outside any workspace never leaves the server."""
     with pytest.raises(ServiceError, match="INTERNAL"):
-        check_answer(position, quaternion, LIMIT)
+        check_command(position, quaternion, LIMIT)

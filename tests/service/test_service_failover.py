@@ -73,7 +73,7 @@ def answering_pid(client: CorrectionClient) -> int:
     """Return the process that answers this client, asking until one does."""
     for _ in range(int(PATIENT)):
         try:
-            return int(client.correct(POSE).provenance.replica.rsplit("-", 1)[1])
+            return int(client.correct(POSE).meta.replica.rsplit("-", 1)[1])
         except ServiceError:
             continue
     raise AssertionError("nobody answers")
@@ -138,7 +138,7 @@ def test_replicas_with_different_models_are_told_apart() -> None:
         for server in (one, other):
             with server.client() as client:
                 reply = client.correct(POSE)
-                told.add((reply.provenance.model_id, int(reply.provenance.replica.rsplit("-", 1)[1])))
+                told.add((reply.meta.model_id, int(reply.meta.replica.rsplit("-", 1)[1])))
         assert told == {("shift-model", one.process.pid), ("faulty-model", other.process.pid)}
 
 

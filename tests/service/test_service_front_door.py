@@ -103,7 +103,7 @@ def test_the_file_is_named(model: Path, endpoint: str) -> None:
     with client_of(endpoint) as client:
         told, reply = client.model(), client.correct(queries[0, :7])
     assert (told.id, told.hash) == ("reaches", artifact.model_hash(model))
-    assert (reply.provenance.model_id, reply.provenance.model_hash) == (told.id, told.hash)
+    assert (reply.meta.model_id, reply.meta.model_hash) == (told.id, told.hash)
     assert told.info["training_region"] == corrector.info()["training_region"]
 
 

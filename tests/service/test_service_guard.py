@@ -14,14 +14,13 @@ from service_support import PATIENT, ShiftCorrector
 from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect_service import ServiceError
-from gpcorrect_service.ops.logger import open_journal
-from gpcorrect_service.ops.metrics import Tally
-from gpcorrect_service.protocol.bounds import CorrectionBound, RateBound
-from gpcorrect_service.server.active import FAULTS_IN_A_ROW, Active
-from gpcorrect_service.server.health import Health
-from gpcorrect_service.server.models import Model
-from gpcorrect_service.server.queues import Lane
-from gpcorrect_service.server.throttle import Throttle
+from gpcorrect_service.ops.logger import open_logger
+from gpcorrect_service.ops.metrics import Counters
+from gpcorrect_service.protocol.limits import CorrectionBound
+from gpcorrect_service.server.admin import Health
+from gpcorrect_service.server.bounds import RateBound, Throttle
+from gpcorrect_service.server.models import FAULTS_IN_A_ROW, Active, Model
+from gpcorrect_service.server.queues import WorkerQueue
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -129,13 +128,13 @@ def refused(active: Active) -> tuple[str, str]:
 
 def test_a_dead_worker_is_a_fault() -> None:
     """When a thread that answers is gone, health says FAULT though the model is well."""
-    lane: Lane[int] = Lane(
-        "one", lambda _: None, lambda _: None, workers=1, capacity=1, journal=open_journal(io.StringIO())
+    queue: WorkerQueue[int] = WorkerQueue(
+        "one", lambda _: None, lambda _: None, workers=1, capacity=1, logger=open_logger(io.StringIO())
     )
     active = Active(Model(ShiftCorrector()))
-    health = Health(active, arm="a", replica="r", tally=Tally(), lanes={"one": lane}, monotonic=time.monotonic)
-    lane.start()
+    health = Health(active, arm="a", replica="r", counters=Counters(), queues={"one": queue}, monotonic=time.monotonic)
+    queue.start()
     assert health.report().state == "ENABLED"
-    lane.seal()
-    assert lane.join(time.monotonic() + PATIENT)
+    queue.close()
+    assert queue.join(time.monotonic() + PATIENT)
     assert health.report().state == "FAULT"

@@ -13,64 +13,78 @@ from hypothesis import strategies as st
 from service_support import POSE, SHIFT, FaultyCorrector, ShiftCorrector
 
 from gpcorrect.errors import DataError
-from gpcorrect_service.ops.logger import open_journal
-from gpcorrect_service.protocol import wire
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.answers import Answer, Clock, Request
-from gpcorrect_service.server.models import Corrector, Model
-from gpcorrect_service.server.poses import Handlers
-from gpcorrect_service.server.requests import Reception
+from gpcorrect_service.ops.logger import open_logger
+from gpcorrect_service.protocol.answer import PathAnswer, PoseAnswer
+from gpcorrect_service.protocol.codec import JSON, MSGPACK, Codec, error_codec
+from gpcorrect_service.protocol.messages import (
+    CorrectPathRequest,
+    CorrectRequest,
+    ErrorAnswer,
+    Kind,
+    ModelAnswer,
+    ReplyMeta,
+    RequestMeta,
+)
+from gpcorrect_service.server.corrections import Corrections
+from gpcorrect_service.server.models import Active, Corrector, Model
+from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 
 NOW = 100.0
-JSON, MSGPACK = wire.JSON, wire.MSGPACK
 ENCODINGS = ["application/json", "application/msgpack", "zenoh/bytes", "text/plain"]
 
 
-def handlers(corrector: Corrector | None, log: io.StringIO | None = None) -> Handlers:
-    model = None if corrector is None else Model(corrector, id="m", hash="h")
-    clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
-    journal = open_journal(log or io.StringIO())
-    return Handlers(Reception(Active(model), arm="arm1", replica="r1", journal=journal, clock=clock))
+class Answering:
+    """The keys of one model, answered without a network."""
+
+    def __init__(self, corrector: Corrector | None, log: io.StringIO | None = None) -> None:
+        model = None if corrector is None else Model(corrector, id="m", hash="h")
+        clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
+        logger = open_logger(log or io.StringIO())
+        parser = RequestParser(Active(model), arm="arm1", replica="r1", logger=logger, clock=clock)
+        corrections = Corrections(parser)
+        self.correct = parser.handler("correct", corrections.correct)
+        self.correct_path = parser.handler("correct_path", corrections.correct_path)
+        self.model = parser.handler("model", corrections.model)
 
 
-def request(kind: wire.Kind, body: Any, codec: wire.Codec = JSON, age: float = 0.0, **meta: Any) -> Request:
+def request(kind: Kind, body: Any, codec: Codec = JSON, age: float = 0.0, **meta: Any) -> Request:
     payload = body if isinstance(body, bytes) else codec.encode(body)
-    attachment = codec.encode(wire.RequestMeta(**meta)) if meta else b""
-    return Request(payload, wire.encoding_name(codec, kind), attachment, NOW - age)
+    attachment = codec.encode(RequestMeta(**meta)) if meta else b""
+    return Request(payload, codec.encoding(kind), attachment, NOW - age)
 
 
-def refusal(answer: Answer) -> wire.ErrorAnswer:
-    codec = wire.error_codec(answer.encoding)
+def refusal(answer: Response) -> ErrorAnswer:
+    codec = error_codec(answer.encoding)
     assert answer.is_error
     assert codec is not None
-    return codec.decode(wire.ErrorAnswer, answer.payload)
+    return codec.decode(ErrorAnswer, answer.payload)
 
 
 @pytest.mark.parametrize("codec", [JSON, MSGPACK], ids=["json", "msgpack"])
-def test_correct(codec: wire.Codec) -> None:
+def test_correct(codec: Codec) -> None:
     """A pose comes back shifted, in the encoding it came in, with request, model and replica named."""
-    asked = request("correct", wire.CorrectRequest(tuple(POSE)), codec, request_id="q7")
-    answer = handlers(ShiftCorrector()).correct(asked)
-    reply = codec.decode(wire.CorrectAnswer, answer.payload)
-    beside = codec.decode(wire.ReplyMeta, answer.attachment)
+    asked = request("correct", CorrectRequest(tuple(POSE)), codec, request_id="q7")
+    answer = Answering(ShiftCorrector()).correct(asked)
+    reply = codec.decode(PoseAnswer, answer.payload)
+    beside = codec.decode(ReplyMeta, answer.attachment)
     np.testing.assert_allclose(reply.position, POSE[:3] + SHIFT, rtol=0, atol=1e-15)
     assert reply.quaternion == POSE[3:]
     assert reply.std[3:] == [None] * 3
-    assert answer.encoding == wire.encoding_name(codec, "correct")
-    assert beside == wire.ReplyMeta("q7", "m", "h", "r1", 1e9, 0.0)
+    assert answer.encoding == codec.encoding("correct")
+    assert beside == ReplyMeta("q7", "m", "h", "r1", 1e9, 0.0)
 
 
 @pytest.mark.parametrize("codec", [JSON, MSGPACK], ids=["json", "msgpack"])
-def test_path_equals_its_poses(codec: wire.Codec) -> None:
+def test_path_equals_its_poses(codec: Codec) -> None:
     """For a corrector without memory, a path's answers are those of its poses."""
-    serve = handlers(ShiftCorrector())
+    serve = Answering(ShiftCorrector())
     poses = tuple((x, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0) for x in (0.1, 0.4, 0.7))
-    path = serve.correct_path(request("correct_path", wire.CorrectPathRequest(poses, (0.0, 0.1, 0.2)), codec))
-    whole = codec.decode(wire.CorrectPathAnswer, path.payload)
+    path = serve.correct_path(request("correct_path", CorrectPathRequest(poses, (0.0, 0.1, 0.2)), codec))
+    whole = codec.decode(PathAnswer, path.payload)
     for row, pose in enumerate(poses):
-        answer = serve.correct(request("correct", wire.CorrectRequest(pose), codec))
-        one = codec.decode(wire.CorrectAnswer, answer.payload)
-        assert one.position == whole.positions[row]
+        answer = serve.correct(request("correct", CorrectRequest(pose), codec))
+        one = codec.decode(PoseAnswer, answer.payload)
+        assert one.position == whole.position[row]
         assert (one.std, one.interval95) == (whole.std[row], whole.interval95[row])
         assert (one.in_domain, one.status, one.reason) == (
             whole.in_domain[row],
@@ -82,23 +96,23 @@ def test_path_equals_its_poses(codec: wire.Codec) -> None:
 
 def test_position_alone() -> None:
     """Three numbers in, no quaternion out."""
-    answer = handlers(ShiftCorrector()).correct(request("correct", wire.CorrectRequest((0.1, 0.0, 0.0))))
-    assert JSON.decode(wire.CorrectAnswer, answer.payload).quaternion is None
+    answer = Answering(ShiftCorrector()).correct(request("correct", CorrectRequest((0.1, 0.0, 0.0))))
+    assert JSON.decode(PoseAnswer, answer.payload).quaternion is None
 
 
 def test_model_tells_itself() -> None:
     """The model key names the file, its hash and what it says of itself; it needs no payload."""
-    answer = handlers(ShiftCorrector()).model(request("model", b""))
-    told = JSON.decode(wire.ModelAnswer, answer.payload)
+    answer = Answering(ShiftCorrector()).model(request("model", b""))
+    told = JSON.decode(ModelAnswer, answer.payload)
     assert (told.id, told.hash, told.arm, told.replica) == ("m", "h", "arm1", "r1")
     assert told.info == ShiftCorrector().info()
 
 
 def test_no_model() -> None:
     """Without a model every correction says so, and what to do."""
-    serve = handlers(None)
+    serve = Answering(None)
     for answer in (
-        serve.correct(request("correct", wire.CorrectRequest(tuple(POSE)))),
+        serve.correct(request("correct", CorrectRequest(tuple(POSE)))),
         serve.model(request("model", b"")),
     ):
         assert refusal(answer).status == "NO_MODEL"
@@ -107,9 +121,9 @@ def test_no_model() -> None:
 
 @pytest.mark.parametrize("body", [b"", b"{", b"\x00\xff\xfe", b"[]", b'{"pose": [1, 2]}', b'{"pose": "here"}'])
 @pytest.mark.parametrize("codec", [JSON, MSGPACK], ids=["json", "msgpack"])
-def test_bad_payload(codec: wire.Codec, body: bytes) -> None:
+def test_bad_payload(codec: Codec, body: bytes) -> None:
     """Bytes that are no request are BAD_INPUT in the request's encoding, with its id and a next step."""
-    told = refusal(handlers(ShiftCorrector()).correct(request("correct", body, codec, request_id="q8")))
+    told = refusal(Answering(ShiftCorrector()).correct(request("correct", body, codec, request_id="q8")))
     assert (told.status, told.request_id, told.replica) == ("BAD_INPUT", "q8", "r1")
     assert told.cause
     assert told.next_step
@@ -118,32 +132,32 @@ def test_bad_payload(codec: wire.Codec, body: bytes) -> None:
 @pytest.mark.parametrize("age", [0.0, 0.1, 0.2, 10.0])
 def test_deadline(age: float) -> None:
     """A request is STALE exactly when it waited longer than it is wanted; without a deadline never."""
-    body = wire.CorrectRequest(tuple(POSE))
-    timed = handlers(ShiftCorrector()).correct(request("correct", body, age=age, deadline=0.15))
+    body = CorrectRequest(tuple(POSE))
+    timed = Answering(ShiftCorrector()).correct(request("correct", body, age=age, deadline=0.15))
     assert (timed.status == "STALE") == (age > 0.15)
-    assert handlers(ShiftCorrector()).correct(request("correct", body, age=age)).status == "OK"
+    assert Answering(ShiftCorrector()).correct(request("correct", body, age=age)).status == "OK"
 
 
 @pytest.mark.parametrize("deadline", [0.0, -1.0])
 def test_deadline_is_a_time_span(deadline: float) -> None:
     """A deadline of nothing is a mistake, not an expired request."""
-    body = wire.CorrectRequest(tuple(POSE))
-    assert handlers(ShiftCorrector()).correct(request("correct", body, deadline=deadline)).status == "BAD_INPUT"
+    body = CorrectRequest(tuple(POSE))
+    assert Answering(ShiftCorrector()).correct(request("correct", body, deadline=deadline)).status == "BAD_INPUT"
 
 
 @pytest.mark.parametrize("client_time", [0.0, -5.0, 4e9])
 def test_clocks_of_clients_do_not_matter(client_time: float) -> None:
     """Ages are measured on the server's monotonic clock: a client's clock may stand anywhere."""
-    body = wire.CorrectRequest(tuple(POSE))
+    body = CorrectRequest(tuple(POSE))
     asked = request("correct", body, client_time=client_time, deadline=0.5)
-    assert handlers(ShiftCorrector()).correct(asked).status == "OK"
+    assert Answering(ShiftCorrector()).correct(asked).status == "OK"
 
 
 def test_newer_schema() -> None:
     """A request of a newer schema is refused with both versions, even with fields that are not known yet."""
     attachment = json.dumps({"schema_version": 2, "request_id": "q9", "priority": "high"}).encode()
-    asked = Request(JSON.encode(wire.CorrectRequest(tuple(POSE))), wire.encoding_name(JSON, "correct"), attachment, NOW)
-    told = refusal(handlers(ShiftCorrector()).correct(asked))
+    asked = Request(JSON.encode(CorrectRequest(tuple(POSE))), JSON.encoding("correct"), attachment, NOW)
+    told = refusal(Answering(ShiftCorrector()).correct(asked))
     assert (told.status, told.request_id) == ("BAD_INPUT", "q9")
     assert "schema 2" in told.cause
     assert "Upgrade" in told.next_step
@@ -152,8 +166,8 @@ def test_newer_schema() -> None:
 def test_fault_in_the_model_is_internal_and_logged() -> None:
     """An exception in the model is answered INTERNAL; its details are logged under the request's id."""
     log = io.StringIO()
-    asked = request("correct", wire.CorrectRequest((-0.1, *POSE[1:])), request_id="q10")
-    told = refusal(handlers(FaultyCorrector(), log).correct(asked))
+    asked = request("correct", CorrectRequest((-0.1, *POSE[1:])), request_id="q10")
+    told = refusal(Answering(FaultyCorrector(), log).correct(asked))
     line = json.loads(log.getvalue())
     assert (told.status, told.request_id) == ("INTERNAL", "q10")
     assert "a fault inside the model" not in told.cause
@@ -164,8 +178,8 @@ def test_fault_in_the_model_is_internal_and_logged() -> None:
 def test_unsafe_command_is_internal_and_logged() -> None:
     """A command that is not finite is withheld and logged."""
     log = io.StringIO()
-    asked = request("correct", wire.CorrectRequest((0.0, *POSE[1:])), request_id="q11")
-    told = refusal(handlers(FaultyCorrector(), log).correct(asked))
+    asked = request("correct", CorrectRequest((0.0, *POSE[1:])), request_id="q11")
+    told = refusal(Answering(FaultyCorrector(), log).correct(asked))
     assert (told.status, told.request_id) == ("INTERNAL", "q11")
     assert json.loads(log.getvalue())["request_id"] == "q11"
 
@@ -173,7 +187,7 @@ def test_unsafe_command_is_internal_and_logged() -> None:
 @given(payload=st.binary(max_size=300), attachment=st.binary(max_size=60), encoding=st.sampled_from(ENCODINGS))
 def test_no_bytes_bring_the_server_down(payload: bytes, attachment: bytes, encoding: str) -> None:
     """Whatever bytes come as payload and attachment, every key answers, and never INTERNAL."""
-    serve = handlers(ShiftCorrector())
+    serve = Answering(ShiftCorrector())
     asked = Request(payload, encoding, attachment, NOW)
     for answer in (serve.correct(asked), serve.correct_path(asked), serve.model(asked)):
         assert answer.status in {"OK", "EXTRAPOLATING", "BAD_INPUT"}
@@ -186,7 +200,7 @@ def test_the_models_own_objection_is_bad_input() -> None:
         def correct(self, pose: Any, twist: Any = None) -> Any:
             raise DataError("this model needs a twist.", hint="Send one.")
 
-    told = refusal(handlers(Picky()).correct(request("correct", wire.CorrectRequest(tuple(POSE)))))
+    told = refusal(Answering(Picky()).correct(request("correct", CorrectRequest(tuple(POSE)))))
     assert (told.status, told.cause, told.next_step) == (
         "BAD_INPUT",
         "this model needs a twist.",

@@ -14,14 +14,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from service_support import SLACK, lagging_joints
 
-from gpcorrect_service.ops.logger import open_journal
-from gpcorrect_service.ops.metrics import Tally
-from gpcorrect_service.protocol import wire
-from gpcorrect_service.protocol.wire_joints import CorrectJointsAnswer, CorrectJointsRequest, JointEstimate, JointState
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.answers import Answer, Clock, Request
-from gpcorrect_service.server.joints import JointHandlers
-from gpcorrect_service.server.requests import Reception
+from gpcorrect_service import ServerSettings
+from gpcorrect_service.ops.logger import open_logger
+from gpcorrect_service.ops.metrics import Counters
+from gpcorrect_service.protocol.answer import EstimateAnswer, JointsAnswer
+from gpcorrect_service.protocol.codec import CODECS, JSON, MSGPACK, Codec, codec_of
+from gpcorrect_service.protocol.messages import CorrectJointsRequest, ErrorAnswer, JointState
+from gpcorrect_service.server.corrections import Corrections
+from gpcorrect_service.server.models import Active
+from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 from gpcorrect_service.server.stream import Estimator, StreamSample
 
 NOW = 100.0
@@ -29,44 +30,44 @@ Q = ((0.1, 0.2, 0.05), (0.2, 0.2, 0.06), (0.3, 0.2, 0.07))
 TIMES = (0.0, 0.1, 0.2)
 
 
-def ask(body: CorrectJointsRequest | bytes, active: Active | None = None) -> Answer:
+def ask(body: CorrectJointsRequest | bytes, active: Active | None = None) -> Response:
     clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
-    journal = open_journal(io.StringIO())
-    reception = Reception(
-        active or Active(joints=lagging_joints()), arm="arm1", replica="r1", journal=journal, clock=clock
+    logger = open_logger(io.StringIO())
+    parser = RequestParser(
+        active or Active(joints=lagging_joints()), arm="arm1", replica="r1", logger=logger, clock=clock
     )
-    payload = body if isinstance(body, bytes) else wire.JSON.encode(body)
-    return JointHandlers(reception).correct_joints(
-        Request(payload, wire.encoding_name(wire.JSON, "correct_joints"), b"", NOW)
+    payload = body if isinstance(body, bytes) else JSON.encode(body)
+    return parser.handler("correct_joints", Corrections(parser).correct_joints)(
+        Request(payload, JSON.encoding("correct_joints"), b"", NOW)
     )
 
 
-def answer(body: CorrectJointsRequest) -> CorrectJointsAnswer:
-    return wire.JSON.decode(CorrectJointsAnswer, ask(body).payload)
+def answer(body: CorrectJointsRequest) -> JointsAnswer:
+    return JSON.decode(JointsAnswer, ask(body).payload)
 
 
-def refusal(body: CorrectJointsRequest | bytes, active: Active | None = None) -> wire.ErrorAnswer:
-    return wire.JSON.decode(wire.ErrorAnswer, ask(body, active).payload)
+def refusal(body: CorrectJointsRequest | bytes, active: Active | None = None) -> ErrorAnswer:
+    return JSON.decode(ErrorAnswer, ask(body, active).payload)
 
 
 def test_a_path_carries_its_slack() -> None:
     """Every row knows the rows before it: after a turn the joint stays where it was left."""
     turned = answer(CorrectJointsRequest(((0.0,) * 3, (0.1,) * 3, (0.1 - SLACK,) * 3), TIMES))
-    np.testing.assert_allclose(turned.q, [[0.0] * 3, [0.1 - SLACK] * 3, [0.1 - SLACK] * 3], atol=1e-12)
+    np.testing.assert_allclose(turned.joints, [[0.0] * 3, [0.1 - SLACK] * 3, [0.1 - SLACK] * 3], atol=1e-12)
     assert turned.status == ["OK"] * 3
 
 
 def test_a_session_begins_anew() -> None:
     """Where the session changes, the slack of before is forgotten."""
     rows = ((0.0,) * 3, (0.1,) * 3, (0.1,) * 3)
-    assert answer(CorrectJointsRequest(rows, TIMES, sessions=(0, 0, 1))).q[2] == [0.1] * 3
+    assert answer(CorrectJointsRequest(rows, TIMES, sessions=(0, 0, 1))).joints[2] == [0.1] * 3
 
 
 def test_missing_numbers_are_told_and_cost_nothing_else() -> None:
     """A row with a null is answered with nulls and MISSING; the rows after it are answered."""
     told = answer(CorrectJointsRequest((Q[0], (None, 0.2, 0.06), Q[2]), TIMES))
     assert told.status == ["OK", "MISSING", "OK"]
-    assert told.q[1] == [None] * 3
+    assert told.joints[1] == [None] * 3
 
 
 @pytest.mark.parametrize(
@@ -103,22 +104,22 @@ class Stream:
     """An estimator with a clock that the test sets."""
 
     active: Active
-    tally: Tally
+    counters: Counters
     estimator: Estimator
 
-    def send(self, stamp: float, q: Any, *, age: float = 0.0, codec: wire.Codec = wire.JSON, **more: Any) -> Any:
+    def send(self, stamp: float, q: Any, *, age: float = 0.0, codec: Codec = JSON, **more: Any) -> Any:
         state = JointState(stamp, tuple(q), **more)
-        sample = StreamSample(codec.encode(state), wire.encoding_name(codec, "joint_state"), NOW - age)
-        return self.heard(self.estimator.estimate(sample))
+        sample = StreamSample(codec.encode(state), codec.encoding("joint_state"), NOW - age)
+        return self.decoded(self.estimator.estimate(sample))
 
     @staticmethod
-    def heard(answer: tuple[bytes, str] | None) -> JointEstimate | None:
+    def decoded(answer: tuple[bytes, str] | None) -> EstimateAnswer | None:
         if answer is None:
             return None
-        return wire.choose_codec(answer[1], "estimate").decode(JointEstimate, answer[0])
+        return codec_of(answer[1], "estimate").decode(EstimateAnswer, answer[0])
 
     def count(self, status: str) -> int:
-        return self.tally.counts().get("estimate", {}).get(status, 0)
+        return self.counters.counts().get("estimate", {}).get(status, 0)
 
 
 MakeStream = Callable[..., Stream]
@@ -127,15 +128,15 @@ MakeStream = Callable[..., Stream]
 @pytest.fixture
 def stream() -> MakeStream:
     def make(**options: Any) -> Stream:
-        active, tally = Active(joints=lagging_joints()), Tally()
-        settings = {"max_age": 0.05, "journal": open_journal(io.StringIO()), "monotonic": lambda: NOW, **options}
-        return Stream(active, tally, Estimator(active, replica="r1", tally=tally, **settings))
+        active, counters = Active(joints=lagging_joints()), Counters()
+        settings = ServerSettings(replica="r1", **options)
+        return Stream(active, counters, Estimator(active, settings, counters, open_logger(io.StringIO()), lambda: NOW))
 
     return make
 
 
-@pytest.mark.parametrize("codec", list(wire.CODECS.values()), ids=list(wire.CODECS))
-def test_a_stream_answers_as_the_path(stream: MakeStream, codec: wire.Codec) -> None:
+@pytest.mark.parametrize("codec", list(CODECS.values()), ids=list(CODECS))
+def test_a_stream_answers_as_the_path(stream: MakeStream, codec: Codec) -> None:
     """Sample by sample the stream says what `correct_joints` says of the whole path, in the sample's encoding."""
     rng = np.random.default_rng(1)
     path = np.cumsum(0.03 * rng.standard_normal((40, 3)), axis=0)
@@ -143,7 +144,7 @@ def test_a_stream_answers_as_the_path(stream: MakeStream, codec: wire.Codec) -> 
     whole = answer(CorrectJointsRequest(tuple(map(tuple, path.tolist())), tuple(times.tolist())))
     live = stream()
     got = [live.send(t, q, codec=codec) for t, q in zip(times.tolist(), path.tolist(), strict=True)]
-    np.testing.assert_allclose([one.position for one in got], whole.q, atol=1e-12)
+    np.testing.assert_allclose([one.joints for one in got], whole.joints, atol=1e-12)
     assert {one.status for one in got} == {"OK"}
 
 
@@ -152,8 +153,8 @@ def test_a_session_or_another_clock_begins_the_stream_anew(stream: MakeStream) -
     for stamp, session in ((3.0, 1), (0.5, 0)):
         live = stream()
         live.send(1.0, [0.0] * 3)
-        assert live.send(2.0, [0.1] * 3).position == pytest.approx([0.1 - SLACK] * 3)
-        assert live.send(stamp, [0.1] * 3, session=session).position == pytest.approx([0.1] * 3)
+        assert live.send(2.0, [0.1] * 3).joints == pytest.approx([0.1 - SLACK] * 3)
+        assert live.send(stamp, [0.1] * 3, session=session).joints == pytest.approx([0.1] * 3)
 
 
 @pytest.mark.parametrize("stamp", [0.0, -1.0, math.inf, 2.0, 1.9])
@@ -165,9 +166,9 @@ def test_bad_stamps_are_refused_and_counted(stream: MakeStream, stamp: float) ->
     if math.isfinite(stamp):
         assert live.send(stamp, [0.5] * 3) is None
     else:
-        assert live.send(stamp, [0.5] * 3, codec=wire.MSGPACK) is None
+        assert live.send(stamp, [0.5] * 3, codec=MSGPACK) is None
     assert live.count("BAD_INPUT") == 1
-    assert live.send(2.1, [0.1] * 3).position == pytest.approx([0.1 - SLACK] * 3)
+    assert live.send(2.1, [0.1] * 3).joints == pytest.approx([0.1 - SLACK] * 3)
 
 
 def test_old_samples_are_answered_and_called_stale(stream: MakeStream) -> None:
@@ -175,7 +176,7 @@ def test_old_samples_are_answered_and_called_stale(stream: MakeStream) -> None:
     live = stream()
     live.send(1.0, [0.0] * 3)
     assert live.send(2.0, [0.1] * 3, age=0.2).status == "STALE"
-    assert live.send(2.1, [0.1 - SLACK] * 3).position == pytest.approx([0.1 - SLACK] * 3)
+    assert live.send(2.1, [0.1 - SLACK] * 3).joints == pytest.approx([0.1 - SLACK] * 3)
 
 
 def test_missing_numbers_and_efforts(stream: MakeStream) -> None:
@@ -192,10 +193,10 @@ def test_missing_numbers_and_efforts(stream: MakeStream) -> None:
 
 def test_the_rate_of_a_streamed_correction_is_bounded(stream: MakeStream) -> None:
     """A jump of the correction is passed on no faster than the operator allows, and said."""
-    live = stream(rate=0.1)
+    live = stream(stream_rate=0.1)
     live.send(1.0, [0.0] * 3)
     told = live.send(1.01, [0.1] * 3)
-    assert told.position == pytest.approx([0.1 - 0.001] * 3)
+    assert told.joints == pytest.approx([0.1 - 0.001] * 3)
     assert told.status == "LIMITED"
 
 
@@ -205,15 +206,15 @@ def test_another_model_begins_anew(stream: MakeStream) -> None:
     live.send(1.0, [0.0] * 3)
     live.active.activate(lagging_joints(digest="feed"))
     told = live.send(2.0, [0.1] * 3)
-    assert (told.position, told.model_hash) == ([0.1] * 3, "feed")
+    assert (told.joints, told.model_hash) == ([0.1] * 3, "feed")
 
 
 @given(payload=st.binary(max_size=200))
 def test_no_bytes_bring_the_stream_down(payload: bytes) -> None:
     """Whatever bytes come, the estimator answers, or refuses and counts."""
-    active, tally = Active(joints=lagging_joints()), Tally()
-    journal = open_journal(io.StringIO())
-    estimator = Estimator(active, replica="r1", tally=tally, journal=journal, monotonic=lambda: NOW, max_age=1.0)
+    active, counters = Active(joints=lagging_joints()), Counters()
+    logger = open_logger(io.StringIO())
+    estimator = Estimator(active, ServerSettings(), counters, logger, lambda: NOW)
     for encoding in ("application/json", "application/msgpack", "zenoh/bytes", "text/plain"):
         estimator.estimate(StreamSample(payload, encoding, NOW))
-    assert sum(tally.counts()["estimate"].values()) == 4
+    assert sum(counters.counts()["estimate"].values()) == 4

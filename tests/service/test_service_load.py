@@ -12,9 +12,10 @@ from typing import Any
 from service_support import PATIENT, POSE, ServerProcess, ask_bare, server_process, stranger, wait_for
 
 from gpcorrect_service import CorrectionClient, ServiceError
-from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.codec import JSON
+from gpcorrect_service.protocol.messages import CorrectRequest, ErrorAnswer, RequestMeta
 
-REQUEST = wire.JSON.encode(wire.CorrectRequest(tuple(POSE)))
+REQUEST = JSON.encode(CorrectRequest(tuple(POSE)))
 
 
 class Askers:
@@ -102,7 +103,7 @@ def test_a_request_that_waited_too_long_is_stale() -> None:
     """What expires in the queue is answered STALE when its turn comes, and the model is not asked."""
     with stuck_server(1) as stuck, stranger(stuck.server.endpoint) as session:
         replies: list[Any] = []
-        attachment = wire.JSON.encode(wire.RequestMeta(request_id="old", deadline=0.01))
+        attachment = JSON.encode(RequestMeta(request_id="old", deadline=0.01))
         arguments = (session, "gpcorrect/arm1/correct", REQUEST, "application/json", attachment)
         asker = threading.Thread(target=lambda: replies.extend(ask_bare(*arguments)), daemon=True)
         asker.start()
@@ -110,7 +111,7 @@ def test_a_request_that_waited_too_long_is_stale() -> None:
         time.sleep(0.02)
         stuck.server.gate.set()
         asker.join(PATIENT)
-        told = wire.JSON.decode(wire.ErrorAnswer, replies[0].err.payload.to_bytes())
+        told = JSON.decode(ErrorAnswer, replies[0].err.payload.to_bytes())
         assert (told.status, told.request_id) == ("STALE", "old")
         assert stuck.askers.statuses() == ["OK", "OK"]
         assert stuck.counted("OK") == 2

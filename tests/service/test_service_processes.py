@@ -11,7 +11,9 @@ import zenoh
 from service_support import PATIENT, POSE, SHIFT, ServerProcess, ask_bare, server_process, stranger
 
 from gpcorrect_service import ServiceError
-from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.answer import PoseAnswer
+from gpcorrect_service.protocol.codec import JSON, error_codec
+from gpcorrect_service.protocol.messages import ErrorAnswer, HealthAnswer
 from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES
 
 ENCODINGS = ["msgpack", "json"]
@@ -37,9 +39,9 @@ def test_correct(server: ServerProcess, encoding: str) -> None:
     np.testing.assert_allclose(reply.pose, [*(POSE[:3] + SHIFT), *POSE[3:]], rtol=0, atol=1e-15)
     assert (reply.status, reply.fallback, reply.in_domain) == ("OK", "", True)
     assert np.isnan(reply.std[3:]).all()
-    assert reply.provenance.model_id == "faulty-model"
-    assert reply.provenance.model_hash == "0123abcd"
-    assert reply.provenance.replica.endswith(str(server.process.pid))
+    assert reply.meta.model_id == "faulty-model"
+    assert reply.meta.model_hash == "0123abcd"
+    assert reply.meta.replica.endswith(str(server.process.pid))
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
@@ -136,9 +138,9 @@ def test_foreign_payloads(bare: zenoh.Session, payload: bytes, encoding: str) ->
     """Whatever bytes a stranger sends, the one reply is BAD_INPUT in the service's own error encoding."""
     (reply,) = ask_bare(bare, "gpcorrect/arm1/correct", payload, encoding)
     assert reply.err is not None
-    codec = wire.error_codec(str(reply.err.encoding))
+    codec = error_codec(str(reply.err.encoding))
     assert codec is not None
-    assert codec.decode(wire.ErrorAnswer, reply.err.payload.to_bytes()).status == "BAD_INPUT"
+    assert codec.decode(ErrorAnswer, reply.err.payload.to_bytes()).status == "BAD_INPUT"
 
 
 def test_too_large_a_query_reaches_nobody(server: ServerProcess) -> None:
@@ -148,7 +150,7 @@ def test_too_large_a_query_reaches_nobody(server: ServerProcess) -> None:
         querier = session.declare_querier("gpcorrect/arm1/correct", timeout=1.0)
         for reply in querier.get(payload=bytes(10_000_000), encoding="application/json"):
             assert reply.err is not None
-            assert wire.error_codec(str(reply.err.encoding)) is None
+            assert error_codec(str(reply.err.encoding)) is None
     with server.client() as client:
         assert client.correct(POSE).status == "OK"
 
@@ -159,7 +161,7 @@ def test_a_person_may_ask_without_encoding(bare: zenoh.Session) -> None:
     assert reply.ok is not None
     assert str(reply.ok.key_expr) == "gpcorrect/arm1/correct"
     assert str(reply.ok.encoding) == "application/json;gpcorrect.correct/1"
-    wire.JSON.decode(wire.CorrectAnswer, reply.ok.payload.to_bytes())
+    JSON.decode(PoseAnswer, reply.ok.payload.to_bytes())
 
 
 def test_a_wildcard_finds_every_arm(bare: zenoh.Session) -> None:
@@ -167,7 +169,7 @@ def test_a_wildcard_finds_every_arm(bare: zenoh.Session) -> None:
     (reply,) = ask_bare(bare, "gpcorrect/*/health", b"")
     assert reply.ok is not None
     assert str(reply.ok.key_expr) == "gpcorrect/arm1/health"
-    assert wire.JSON.decode(wire.HealthAnswer, reply.ok.payload.to_bytes()).state == "ENABLED"
+    assert JSON.decode(HealthAnswer, reply.ok.payload.to_bytes()).state == "ENABLED"
 
 
 @pytest.mark.parametrize("options", [{"arm": "arm2"}, {"namespace": "elsewhere"}])

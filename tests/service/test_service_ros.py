@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from typing import Any
 
 import numpy as np
@@ -12,40 +13,47 @@ from hypothesis import strategies as st
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 from service_support import POSE, SHIFT, ShiftCorrector
 
+from gpcorrect.correction import Reason
 from gpcorrect_service import ServiceError
-from gpcorrect_service.ops.logger import open_journal
-from gpcorrect_service.ops.metrics import OPENMETRICS, Tally
-from gpcorrect_service.protocol import wire
-from gpcorrect_service.protocol.bounds import CorrectionBound
-from gpcorrect_service.protocol.cdr import CDR_ENCODING, CdrBeside, StampedPose, read_pose, write_pose
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.answers import Answer, Clock, Request
-from gpcorrect_service.server.health import Health
-from gpcorrect_service.server.models import Model
-from gpcorrect_service.server.poses import BOUNDED, Handlers
-from gpcorrect_service.server.requests import Reception
+from gpcorrect_service.ops.logger import open_logger
+from gpcorrect_service.ops.metrics import OPENMETRICS, Counters
+from gpcorrect_service.protocol.answer import PathAnswer
+from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, read_pose, write_pose
+from gpcorrect_service.protocol.codec import JSON
+from gpcorrect_service.protocol.limits import CorrectionBound
+from gpcorrect_service.protocol.messages import CorrectPathRequest, ErrorAnswer, RequestMeta
+from gpcorrect_service.server.admin import Health
+from gpcorrect_service.server.corrections import Corrections
+from gpcorrect_service.server.models import Active, Model
+from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 
 NOW = 100.0
 ASKED = StampedPose(tuple(POSE), 12, 34, "tracker")
 
 
-def ask(payload: bytes, bound: CorrectionBound | None = None, **meta: Any) -> Answer:
+def ask(payload: bytes, bound: CorrectionBound | None = None, **meta: Any) -> Response:
     active = Active(Model(ShiftCorrector(), id="m", hash="h"))
     clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
-    reception = Reception(active, arm="arm1", replica="r1", journal=open_journal(io.StringIO()), clock=clock)
-    attachment = wire.JSON.encode(wire.RequestMeta(**meta)) if meta else b""
-    return Handlers(reception, bound).correct(Request(payload, CDR_ENCODING, attachment, NOW - 0.2))
+    parser = RequestParser(active, arm="arm1", replica="r1", logger=open_logger(io.StringIO()), clock=clock)
+    attachment = JSON.encode(RequestMeta(**meta)) if meta else b""
+    correct = parser.handler("correct", Corrections(parser, bound).correct)
+    return correct(Request(payload, CDR_ENCODING, attachment, NOW - 0.2))
 
 
 def test_a_pose_stamped_comes_back_corrected() -> None:
     """A ROS pose is corrected under its own header; the spread and the model travel beside it."""
     answer = ask(write_pose(ASKED), request_id="q1")
     told = read_pose(answer.payload)
-    beside = wire.JSON.decode(CdrBeside, answer.attachment)
+    beside = json.loads(answer.attachment)
     np.testing.assert_allclose(told.pose, [*(POSE[:3] + SHIFT), *POSE[3:]], atol=1e-15)
     assert (told.sec, told.nanosec, told.frame_id) == (12, 34, "tracker")
     assert (answer.encoding, answer.status) == (CDR_ENCODING, "OK")
-    assert (beside.request_id, beside.model_id, beside.in_domain, beside.std[3]) == ("q1", "m", True, None)
+    assert tuple(beside[name] for name in ("request_id", "model_id", "in_domain", "std")) == (
+        "q1",
+        "m",
+        True,
+        [1e-3] * 3 + [None] * 3,
+    )
 
 
 def test_the_messages_of_ros_are_read() -> None:
@@ -81,7 +89,7 @@ def test_refusals_are_told_in_json(payload: bytes, meta: dict[str, Any], status:
     """Bad CDR, stamp 0 and expired requests are refused as others are; in JSON, for CDR has no word for it."""
     answer = ask(payload, **meta)
     assert answer.is_error
-    assert wire.JSON.decode(wire.ErrorAnswer, answer.payload).status == status
+    assert JSON.decode(ErrorAnswer, answer.payload).status == status
 
 
 @given(data=st.binary(max_size=200))
@@ -96,34 +104,35 @@ def test_random_bytes_are_bad_input(data: bytes) -> None:
 def test_the_operators_bound_acts_and_says_so() -> None:
     """A correction beyond the operator's bound leaves shortened, LIMITED, with the reason."""
     answer = ask(write_pose(ASKED), CorrectionBound(position=1e-3))
-    beside = wire.JSON.decode(CdrBeside, answer.attachment)
+    beside = json.loads(answer.attachment)
     moved = np.array(read_pose(answer.payload).pose[:3]) - POSE[:3]
     assert np.linalg.norm(moved) == pytest.approx(1e-3)
     np.testing.assert_allclose(moved / np.linalg.norm(moved), SHIFT / np.linalg.norm(SHIFT))
-    assert (beside.status, beside.reason) == ("LIMITED", BOUNDED)
+    assert (beside["status"], beside["reason"]) == ("LIMITED", Reason.BOUNDED.text)
 
 
 def test_the_bound_holds_along_a_path() -> None:
     """On a path every row is bounded alike, and those that were cut say so."""
     active = Active(Model(ShiftCorrector()))
-    reception = Reception(active, arm="a", replica="r", journal=open_journal(io.StringIO()), clock=Clock())
-    body = wire.JSON.encode(wire.CorrectPathRequest((tuple(POSE), tuple(POSE)), (0.0, 0.1)))
-    request = Request(body, wire.encoding_name(wire.JSON, "correct_path"), b"", NOW)
-    answer = Handlers(reception, CorrectionBound(position=1e-3)).correct_path(request)
-    path = wire.JSON.decode(wire.CorrectPathAnswer, answer.payload)
-    away = np.linalg.norm(np.array(path.positions) - POSE[:3], axis=1)
+    parser = RequestParser(active, arm="a", replica="r", logger=open_logger(io.StringIO()), clock=Clock())
+    body = JSON.encode(CorrectPathRequest((tuple(POSE), tuple(POSE)), (0.0, 0.1)))
+    request = Request(body, JSON.encoding("correct_path"), b"", NOW)
+    corrections = Corrections(parser, CorrectionBound(position=1e-3))
+    answer = parser.handler("correct_path", corrections.correct_path)(request)
+    path = JSON.decode(PathAnswer, answer.payload)
+    away = np.linalg.norm(np.array(path.position) - POSE[:3], axis=1)
     np.testing.assert_allclose(away, 1e-3)
     assert path.status == ["LIMITED"] * 2
 
 
 def test_metrics_are_openmetrics_and_count_what_was_answered() -> None:
     """A monitor's own parser reads the text; counts, buckets, share out of domain and state are those of the server."""
-    tally = Tally()
+    counters = Counters()
     for seconds in (1e-4, 3e-4, 2.0):
-        tally.add("correct", "OK", seconds)
-    tally.add("correct_path", "EXTRAPOLATING", 1e-2, rows=100, outside=7)
+        counters.add("correct", "OK", seconds)
+    counters.add("correct_path", "EXTRAPOLATING", 1e-2, rows=100, outside=7)
     active = Active(Model(ShiftCorrector(), id="m", hash="h"))
-    health = Health(active, arm="arm1", replica="r1", tally=tally, lanes={}, monotonic=lambda: NOW)
+    health = Health(active, arm="arm1", replica="r1", counters=counters, queues={}, monotonic=lambda: NOW)
     answer = health.metrics(Request(b"", "", b"", NOW))
     samples = {
         (s.name, *sorted(s.labels.items())): s.value

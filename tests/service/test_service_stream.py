@@ -11,10 +11,11 @@ import pytest
 import zenoh
 from service_support import PATIENT, SLACK, ServerProcess, server_process, stranger, wait_for
 
-from gpcorrect_service.protocol import wire
-from gpcorrect_service.protocol.wire_joints import JointEstimate, JointState
+from gpcorrect_service.protocol.answer import EstimateAnswer
+from gpcorrect_service.protocol.codec import MSGPACK
+from gpcorrect_service.protocol.messages import JointState
 
-CODEC = wire.MSGPACK
+CODEC = MSGPACK
 
 
 @pytest.fixture(scope="module")
@@ -33,12 +34,12 @@ def test_a_thousand_samples_in_a_thousand_estimates_out(server: ServerProcess) -
             "gpcorrect/arm1/estimate", zenoh.handlers.Callback(heard.put, indirect=False)
         )
         publisher = session.declare_publisher("gpcorrect/arm1/measured_js")
-        told: list[JointEstimate] = []
+        told: list[EstimateAnswer] = []
         with listening, publisher:
             wait_for(lambda: bool(publisher.matching_status.matching) and listens(session, heard))
             for i, q in enumerate(path.tolist()):
                 state = JointState(1.0 + 0.001 * i, tuple(q))
-                publisher.put(CODEC.encode(state), encoding=wire.encoding_name(CODEC, "joint_state"))
+                publisher.put(CODEC.encode(state), encoding=CODEC.encoding("joint_state"))
                 if i % 20 == 19:  # no more than that are under way: zenoh drops samples that nobody takes off its hands
                     told += [next_of(heard) for _ in range(20)]
     assert [one.stamp for one in told] == [1.0 + 0.001 * i for i in range(len(path))]
@@ -54,23 +55,23 @@ def test_a_thousand_samples_in_a_thousand_estimates_out(server: ServerProcess) -
 def listens(session: zenoh.Session, heard: SimpleQueue[zenoh.Sample]) -> bool:
     """Send a sample of another session; whether its estimate comes back, so that none of the test's is lost."""
     state = JointState(time.monotonic(), (0.0,) * 3, session=9)
-    session.put("gpcorrect/arm1/measured_js", CODEC.encode(state), encoding=wire.encoding_name(CODEC, "joint_state"))
+    session.put("gpcorrect/arm1/measured_js", CODEC.encode(state), encoding=CODEC.encoding("joint_state"))
     try:
         return read(heard.get(timeout=0.1)).session == 9
     except Empty:
         return False
 
 
-def next_of(heard: SimpleQueue[zenoh.Sample]) -> JointEstimate:
+def next_of(heard: SimpleQueue[zenoh.Sample]) -> EstimateAnswer:
     """Return the next estimate of the test's own session."""
     while (told := read(heard.get(timeout=PATIENT))).session != 0:
         pass
     return told
 
 
-def read(sample: zenoh.Sample) -> JointEstimate:
-    assert str(sample.encoding) == wire.encoding_name(CODEC, "estimate")
-    return CODEC.decode(JointEstimate, sample.payload.to_bytes())
+def read(sample: zenoh.Sample) -> EstimateAnswer:
+    assert str(sample.encoding) == CODEC.encoding("estimate")
+    return CODEC.decode(EstimateAnswer, sample.payload.to_bytes())
 
 
 def test_joints_are_corrected_through_the_client(server: ServerProcess) -> None:
@@ -82,7 +83,7 @@ def test_joints_are_corrected_through_the_client(server: ServerProcess) -> None:
     np.testing.assert_allclose(reply.q[:2], [[0.0] * 3, [0.1 - SLACK] * 3], atol=1e-12)
     assert np.isnan(reply.q[2]).all()
     assert reply.status == ("OK", "OK", "MISSING")
-    assert reply.provenance.model_id == health.joint_model_id == "lagging"
+    assert reply.meta.model_id == health.joint_model_id == "lagging"
 
 
 def test_joints_fall_back_to_themselves(server: ServerProcess) -> None:

@@ -10,43 +10,54 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gpcorrect_service import ServiceError
-from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.answer import PoseAnswer
+from gpcorrect_service.protocol.codec import CODECS, JSON, Codec, codec_of, error_codec
+from gpcorrect_service.protocol.messages import KINDS, CorrectRequest, Kind
 
-codecs = st.sampled_from(list(wire.CODECS.values()))
+codecs = st.sampled_from(list(CODECS.values()))
 number = st.floats(allow_nan=False, allow_infinity=False)
 numbers = st.lists(number, max_size=8)
 
 
 @given(codec=codecs, pose=numbers, twist=st.none() | numbers)
-def test_request_round_trip(codec: wire.Codec, pose: list[float], twist: list[float] | None) -> None:
+def test_request_round_trip(codec: Codec, pose: list[float], twist: list[float] | None) -> None:
     """Decoding an encoded request gives back the same doubles, bit for bit."""
-    request = wire.CorrectRequest(tuple(pose), None if twist is None else tuple(twist))
-    assert codec.decode(wire.CorrectRequest, codec.encode(request)) == request
+    request = CorrectRequest(tuple(pose), None if twist is None else tuple(twist))
+    assert codec.decode(CorrectRequest, codec.encode(request)) == request
 
 
 @given(codec=codecs, std=st.lists(number | st.none(), min_size=6, max_size=6), reason=st.text())
-def test_answer_round_trip(codec: wire.Codec, std: list[float | None], reason: str) -> None:
+def test_answer_round_trip(codec: Codec, std: list[float | None], reason: str) -> None:
     """Missing numbers and any text survive both encodings."""
-    answer = wire.CorrectAnswer([0.0, 1.0, 2.0], None, std, std, True, "OK", reason)
-    assert codec.decode(wire.CorrectAnswer, codec.encode(answer)) == answer
+    answer = PoseAnswer(
+        position=[0.0, 1.0, 2.0],
+        quaternion=None,
+        std=std,
+        interval95=std,
+        in_domain=True,
+        status="OK",
+        reason=reason,
+        flags=0,
+    )
+    assert codec.decode(PoseAnswer, codec.encode(answer)) == answer
 
 
 @given(codec=codecs, data=st.binary(max_size=200))
-def test_random_bytes_are_bad_input(codec: wire.Codec, data: bytes) -> None:
+def test_random_bytes_are_bad_input(codec: Codec, data: bytes) -> None:
     """Random bytes are a request by luck or BAD_INPUT, never another error."""
     try:
-        outcome = codec.decode(wire.CorrectRequest, data).pose
+        outcome = codec.decode(CorrectRequest, data).pose
     except ServiceError as error:
         outcome = error.status
     assert outcome == "BAD_INPUT" or isinstance(outcome, tuple)
 
 
 @given(codec=codecs, cut=st.integers(0, 10_000))
-def test_truncated_request_is_bad_input(codec: wire.Codec, cut: int) -> None:
+def test_truncated_request_is_bad_input(codec: Codec, cut: int) -> None:
     """Every proper prefix of a request is refused."""
-    data = codec.encode(wire.CorrectRequest((0.1, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0), (0.0,) * 6))
+    data = codec.encode(CorrectRequest((0.1, 0.2, 0.3, 1.0, 0.0, 0.0, 0.0), (0.0,) * 6))
     with pytest.raises(ServiceError, match="BAD_INPUT"):
-        codec.decode(wire.CorrectRequest, data[: cut % len(data)])
+        codec.decode(CorrectRequest, data[: cut % len(data)])
 
 
 @pytest.mark.parametrize(
@@ -62,36 +73,36 @@ def test_truncated_request_is_bad_input(codec: wire.Codec, cut: int) -> None:
         "pose",
     ],
 )
-@pytest.mark.parametrize("codec", list(wire.CODECS.values()), ids=list(wire.CODECS))
-def test_types_are_strict(codec: wire.Codec, body: object) -> None:
+@pytest.mark.parametrize("codec", list(CODECS.values()), ids=list(CODECS))
+def test_types_are_strict(codec: Codec, body: object) -> None:
     """Texts, nulls and booleans are not numbers, unknown names are not ignored, missing ones are missed."""
-    encode = msgspec.json.encode if codec is wire.JSON else msgspec.msgpack.encode
+    encode = msgspec.json.encode if codec is JSON else msgspec.msgpack.encode
     with pytest.raises(ServiceError, match="BAD_INPUT"):
-        codec.decode(wire.CorrectRequest, encode(body))
+        codec.decode(CorrectRequest, encode(body))
 
 
 def test_deep_nesting_is_bad_input() -> None:
     """A payload nested deeper than the parser's stack is refused, not crashed on."""
     with pytest.raises(ServiceError, match="BAD_INPUT"):
-        wire.JSON.decode(wire.CorrectRequest, b'{"pose":' + b"[" * 100_000)
+        JSON.decode(CorrectRequest, b'{"pose":' + b"[" * 100_000)
 
 
 def test_integers_are_numbers() -> None:
     """People write 1 for 1.0 in JSON."""
-    assert wire.JSON.decode(wire.CorrectRequest, b'{"pose": [1, 2, 3]}').pose == (1.0, 2.0, 3.0)
+    assert JSON.decode(CorrectRequest, b'{"pose": [1, 2, 3]}').pose == (1.0, 2.0, 3.0)
 
 
-@pytest.mark.parametrize("kind", wire.KINDS)
-@pytest.mark.parametrize("codec", list(wire.CODECS.values()), ids=list(wire.CODECS))
-def test_encoding_names_their_message(codec: wire.Codec, kind: wire.Kind) -> None:
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("codec", list(CODECS.values()), ids=list(CODECS))
+def test_encoding_names_their_message(codec: Codec, kind: Kind) -> None:
     """An encoding's name leads back to its codec, for its own key only; a bare media type fits every key."""
-    name = wire.encoding_name(codec, kind)
-    assert wire.choose_codec(name, kind) is codec
-    assert wire.choose_codec(codec.media_type, kind) is codec
-    for other in wire.KINDS:
+    name = codec.encoding(kind)
+    assert codec_of(name, kind) is codec
+    assert codec_of(codec.media_type, kind) is codec
+    for other in KINDS:
         if other != kind:
             with pytest.raises(ServiceError, match="BAD_INPUT"):
-                wire.choose_codec(name, other)
+                codec_of(name, other)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +111,7 @@ def test_encoding_names_their_message(codec: wire.Codec, kind: wire.Kind) -> Non
 def test_unknown_encoding(encoding: str) -> None:
     """Another encoding, or one of a newer schema, is refused with those that are spoken."""
     with pytest.raises(ServiceError) as caught:
-        wire.choose_codec(encoding, "correct")
+        codec_of(encoding, "correct")
     assert caught.value.status == "BAD_INPUT"
     assert "application/json;gpcorrect.correct/1" in caught.value.hint
     assert len(caught.value.message) < 300
@@ -108,13 +119,13 @@ def test_unknown_encoding(encoding: str) -> None:
 
 def test_error_encoding_is_the_services_own() -> None:
     """Zenoh's own errors carry zenoh's encoding, and are never taken for a server's words."""
-    assert wire.error_codec("zenoh/string") is None
-    assert wire.error_codec("application/json") is None
-    assert wire.error_codec(wire.encoding_name(wire.JSON, "error")) is wire.JSON
+    assert error_codec("zenoh/string") is None
+    assert error_codec("application/json") is None
+    assert error_codec(JSON.encoding("error")) is JSON
 
 
 def test_json_has_no_nan() -> None:
     """A NaN that reaches the JSON encoder becomes null, which a request refuses."""
-    data = wire.JSON.encode(wire.CorrectRequest((math.nan, 0.0, 0.0)))
+    data = JSON.encode(CorrectRequest((math.nan, 0.0, 0.0)))
     with pytest.raises(ServiceError, match="null"):
-        wire.JSON.decode(wire.CorrectRequest, data)
+        JSON.decode(CorrectRequest, data)

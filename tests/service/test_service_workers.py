@@ -10,8 +10,8 @@ import time
 import pytest
 from service_support import PATIENT
 
-from gpcorrect_service.ops.logger import open_journal
-from gpcorrect_service.server.queues import Lane
+from gpcorrect_service.ops.logger import open_logger
+from gpcorrect_service.server.queues import WorkerQueue
 
 
 class Works:
@@ -22,15 +22,15 @@ class Works:
         self.done: list[int] = []
         self.refused: list[int] = []
         self.log = io.StringIO()
-        self.lane: Lane[int] = Lane(
+        self.queue: WorkerQueue[int] = WorkerQueue(
             "test",
             self.work,
             self.refused.append,
             workers=workers,
             capacity=capacity,
-            journal=open_journal(self.log),
+            logger=open_logger(self.log),
         )
-        self.lane.start()
+        self.queue.start()
 
     def work(self, item: int) -> None:
         """Note an item once the gate is open; fail on negative ones."""
@@ -41,10 +41,10 @@ class Works:
         self.done.append(item)
 
     def end(self, seconds: float = PATIENT) -> bool:
-        """Seal the lane and wait; whether it emptied in time."""
-        self.lane.seal()
-        ended = self.lane.join(time.monotonic() + seconds)
-        self.lane.hurry()
+        """Close the queue and wait; whether it emptied in time."""
+        self.queue.close()
+        ended = self.queue.join(time.monotonic() + seconds)
+        self.queue.hurry()
         return ended
 
 
@@ -53,10 +53,10 @@ def test_every_item_is_handled_exactly_once(workers: int) -> None:
     """What is offered is worked on or refused, once; capacity plus one item a worker are taken at most."""
     works = Works(workers=workers, capacity=4)
     for item in range(workers):
-        works.lane.offer(item)
+        works.queue.offer(item)
         assert works.began.acquire(timeout=PATIENT)
     for item in range(workers, 50):
-        works.lane.offer(item)
+        works.queue.offer(item)
     assert works.refused == list(range(workers + 4, 50))
     works.gate.set()
     assert works.end()
@@ -67,8 +67,8 @@ def test_a_failing_item_leaves_the_worker_alive() -> None:
     """An exception in the work is logged, and the next item is worked on."""
     works = Works()
     works.gate.set()
-    works.lane.offer(-1)
-    works.lane.offer(7)
+    works.queue.offer(-1)
+    works.queue.offer(7)
     assert works.end()
     assert works.done == [7]
     assert json.loads(works.log.getvalue())["exception"][0]["exc_value"] == "a bad item"
@@ -78,22 +78,22 @@ def test_sealed_lane_takes_nothing_and_finishes() -> None:
     """After sealing, offers are refused and what waited is still worked on."""
     works = Works()
     for item in range(3):
-        works.lane.offer(item)
-    works.lane.seal()
-    works.lane.offer(99)
+        works.queue.offer(item)
+    works.queue.close()
+    works.queue.offer(99)
     works.gate.set()
-    assert works.lane.join(time.monotonic() + PATIENT)
+    assert works.queue.join(time.monotonic() + PATIENT)
     assert (works.done, works.refused) == ([0, 1, 2], [99])
 
 
 def test_hurry_refuses_what_waits() -> None:
-    """A lane that is hurried hands over what waits instead of working on it."""
+    """A queue that is hurried hands over what waits instead of working on it."""
     works = Works()
-    works.lane.offer(0)
+    works.queue.offer(0)
     assert works.began.acquire(timeout=PATIENT)
-    works.lane.offer(1)
-    works.lane.offer(2)
+    works.queue.offer(1)
+    works.queue.offer(2)
     assert not works.end(seconds=0.0)
     works.gate.set()
-    assert works.lane.join(time.monotonic() + PATIENT)
+    assert works.queue.join(time.monotonic() + PATIENT)
     assert (works.done, works.refused) == ([0], [1, 2])

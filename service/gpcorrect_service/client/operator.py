@@ -1,32 +1,31 @@
-"""The operator's client: asks every server of an arm, and tells what each one said."""
+"""The operator's client: asks every server of an arm, and returns what each one answered."""
 
 from __future__ import annotations
 
 import time
 from contextlib import suppress
-from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, TypeVar
 
 import msgspec
 import zenoh
 
-from gpcorrect_service.client.exchange import Exchange, Message, no_service
-from gpcorrect_service.protocol import wire
+from gpcorrect_service.client.connection import POLL_SECONDS, matched
+from gpcorrect_service.client.requests import RequestBuilder, no_service
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.sessions import open_client
-from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings
-from gpcorrect_service.protocol.wire_admin import (
+from gpcorrect_service.protocol.messages import (
     ActivateAnswer,
     ActivateRequest,
+    Kind,
     ModelListAnswer,
     StateAnswer,
     StateRequest,
 )
+from gpcorrect_service.protocol.sessions import open_client
+from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings
 
 __all__ = ["Operator"]
 
-POLL_SECONDS = 0.01
 S = TypeVar("S", bound=msgspec.Struct)
 
 
@@ -44,15 +43,8 @@ class Operator:
     def __init__(self, settings: ClientSettings | None = None, *, patience: float = 30.0) -> None:
         self._settings = settings or ClientSettings((DEFAULT_ENDPOINT,))
         self._patience = patience
-        self._exchange = Exchange("json")
+        self._build = RequestBuilder(self._settings, "json")
         self._session = open_client(self._settings)
-
-    @classmethod
-    def at(
-        cls, endpoint: str, arm: str = "arm1", namespace: str = "gpcorrect", config_file: Path | None = None
-    ) -> Self:
-        """Return the operator of the servers at one address."""
-        return cls(ClientSettings((endpoint,), arm, namespace, config_file=config_file))
 
     def __enter__(self) -> Self:
         return self
@@ -75,52 +67,55 @@ class Operator:
         ServiceError
             NO_SERVICE: nobody answered; or the refusal of a server.
         """
-        return self._ask("model/list", None, ModelListAnswer)
+        return self._ask("model/list", ModelListAnswer)
 
     def activate(self, model: str) -> list[ActivateAnswer]:
-        """Make every server answer with a model of its store, named or by the beginning of its hash; raises so too."""
-        return self._ask("admin/activate", ActivateRequest(model), ActivateAnswer)
+        """Make every server answer with a model of its store; raises as :meth:`models`.
+
+        Parameters
+        ----------
+        model : str
+            Its name, or the beginning of its hash.
+        """
+        return self._ask("admin/activate", ActivateAnswer, ActivateRequest(model))
 
     def set_state(self, state: Literal["ENABLED", "PAUSED"]) -> list[StateAnswer]:
-        """Pause every server, or let it go on; raises as :meth:`models`."""
-        return self._ask("admin/state", StateRequest(state), StateAnswer)
+        """Pause every server, or let it go on; raises as :meth:`models`.
 
-    def _ask(self, kind: wire.Kind, body: msgspec.Struct | None, form: type[S]) -> list[S]:
-        """Return what every server answered; the first refusal is raised when all have spoken."""
-        querier = self._session.declare_querier(
+        Parameters
+        ----------
+        state : str
+        """
+        return self._ask("admin/state", StateAnswer, StateRequest(state))
+
+    def _ask(self, kind: Kind, form: type[S], body: msgspec.Struct | None = None) -> list[S]:
+        """Return what every server answered; the first refusal is raised when all have answered."""
+        question = self._build.plain(kind, form, body, self._patience)
+        answers: list[S] = []
+        refusals: list[ServiceError] = []
+        with self._session.declare_querier(
             f"{self._settings.arm}/{kind}",
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=self._patience,
-        )
-        with querier:
+        ) as querier:
             self._await_server(querier)
-            answers, refusals = self._collect(querier, self._exchange.message(kind, body, self._patience), form)
+            for reply in querier.get(
+                payload=question.payload, encoding=question.encoding, attachment=question.attachment
+            ):
+                try:
+                    answers.append(question.read(reply))
+                except ServiceError as error:
+                    refusals.append(error)
         if refusals:
             raise refusals[0]
         if not answers:
             raise no_service(settings=self._settings)
         return answers
 
-    def _collect(self, querier: zenoh.Querier, message: Message, form: type[S]) -> tuple[list[S], list[ServiceError]]:
-        answers: list[S] = []
-        refusals: list[ServiceError] = []
-        replies = querier.get(payload=message.payload, encoding=message.encoding, attachment=message.attachment)
-        for reply in replies:
-            try:
-                answers.append(self._exchange.read(reply, form)[0])
-            except ServiceError as error:
-                refusals.append(error)
-        return answers, refusals
-
     def _await_server(self, querier: zenoh.Querier) -> None:
         until = time.monotonic() + self._settings.connect_timeout
-        while not _matches(querier):
+        while not matched(querier):
             if time.monotonic() > until:
                 raise no_service(settings=self._settings)
             time.sleep(POLL_SECONDS)
-
-
-def _matches(querier: zenoh.Querier) -> bool:
-    status = querier.matching_status
-    return bool(getattr(status, "matching", status))

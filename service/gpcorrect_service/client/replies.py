@@ -1,191 +1,124 @@
-"""What a planner gets back: the command, how sure it is, and which model and process said so.
-
-msgspec structs and not dataclasses: making a frozen dataclass of nine fields takes longer than reading the reply.
-"""
+"""What a planner gets back: the answer, and which model and process gave it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Literal
 
 import msgspec
 import numpy as np
 
-from gpcorrect.types import BoolArray, FloatArray
-from gpcorrect_service.protocol import wire
+from gpcorrect.correction import Correction, Reason
+from gpcorrect.types import FloatArray
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.wire_joints import CorrectJointsAnswer
+from gpcorrect_service.protocol.messages import ReplyMeta
 
-__all__ = ["CorrectionReply", "JointsReply", "PathReply", "Provenance"]
-
-Provenance = wire.ReplyMeta
-Fallback = Literal["", "identity"]
+__all__ = ["Reply", "identity_joints", "identity_poses"]
 
 
-class CorrectionReply(msgspec.Struct, frozen=True, eq=False):
-    """What to command instead of one desired pose.
+class Reply(msgspec.Struct, frozen=True, eq=False):
+    """The answer to one question, about one pose or n rows.
 
     Parameters
     ----------
-    position : (3,) array
-        Command, base frame, m.
-    quaternion : (4,) array or None
-        Command wxyz; None when none was asked for.
-    std, interval95 : (6,) arrays
-        Standard deviation and half width of the 95 % interval: m, then rad; NaN where not learned.
-    in_domain : bool
-        Whether the query lies near training data.
-    status : str
-        OK, EXTRAPOLATING or LIMITED; in a fallback NO_SERVICE, BUSY, STALE, NO_MODEL or INTERNAL.
-    reason : str
-        Why the status is not OK, or what was not used.
-    fallback : str
-        "identity" when no server corrected and the desired pose itself is handed back; empty otherwise.
-    provenance : Provenance
-        Which model and process answered.
+    answer : Correction
+        In a fallback the desired pose or the reported joints themselves, with unknown (NaN) uncertainty.
+    meta : ReplyMeta
+        Which model and process answered; empty in a fallback.
+    failure : ServiceError or None
+        Why no server answered, in a fallback.
     """
 
-    position: FloatArray
-    quaternion: FloatArray | None
-    std: FloatArray
-    interval95: FloatArray
-    in_domain: bool
-    status: str
-    reason: str
-    fallback: Fallback = ""
-    provenance: Provenance = Provenance()
+    answer: Correction
+    meta: ReplyMeta = ReplyMeta()
+    failure: ServiceError | None = None
+
+    @property
+    def position(self) -> FloatArray:
+        """Command (3,) or (n, 3), base frame, m."""
+        assert self.answer.position is not None, "this reply holds joints"
+        return self.answer.position
+
+    @property
+    def quaternion(self) -> FloatArray | None:
+        """Command (4,) or (n, 4) wxyz; None when none was asked for."""
+        return self.answer.quaternion
+
+    # `positions` and `quaternions` go when every corrector answers paths with `Correction`, as planners then ask.
+    positions = position
+    quaternions = quaternion
 
     @property
     def pose(self) -> FloatArray:
-        """The command as `(7,)` x y z qw qx qy qz, or `(3,)`."""
-        return self.position if self.quaternion is None else np.concatenate([self.position, self.quaternion])
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers and texts; NaN becomes None."""
-        return _plain(self)
-
-    @classmethod
-    def received(cls, answer: wire.CorrectAnswer, meta: wire.ReplyMeta) -> CorrectionReply:
-        """Return the reply of a server."""
-        return cls(
-            position=np.array(answer.position),
-            quaternion=None if answer.quaternion is None else np.array(answer.quaternion),
-            std=_floats(answer.std),
-            interval95=_floats(answer.interval95),
-            in_domain=answer.in_domain,
-            status=answer.status,
-            reason=answer.reason,
-            provenance=meta,
-        )
-
-    @classmethod
-    def identity(cls, pose: Sequence[float], error: ServiceError) -> CorrectionReply:
-        """Return the desired pose itself, flagged with the failure that left it uncorrected."""
-        position, quaternion = _parts(np.array(pose, dtype=np.float64))
-        unknown = np.full(6, np.nan)
-        return cls(position, quaternion, unknown, unknown.copy(), False, error.status, error.message, "identity")
-
-
-class PathReply(msgspec.Struct, frozen=True, eq=False):
-    """What to command instead of a path of n poses; fields as in :class:`CorrectionReply`, a row a pose.
-
-    Parameters
-    ----------
-    positions : (n, 3) array
-    quaternions : (n, 4) array or None
-    std, interval95 : (n, 6) arrays
-    in_domain : (n,) bool array
-    status, reason : tuples of n str
-    fallback : str
-    provenance : Provenance
-    """
-
-    positions: FloatArray
-    quaternions: FloatArray | None
-    std: FloatArray
-    interval95: FloatArray
-    in_domain: BoolArray
-    status: tuple[str, ...]
-    reason: tuple[str, ...]
-    fallback: Fallback = ""
-    provenance: Provenance = Provenance()
+        """The command as (7,) or (n, 7) x y z qw qx qy qz, or (3,) or (n, 3)."""
+        quaternion = self.quaternion
+        return self.position if quaternion is None else np.concatenate([self.position, quaternion], axis=-1)
 
     @property
-    def poses(self) -> FloatArray:
-        """The commands as `(n, 7)` x y z qw qx qy qz, or `(n, 3)`."""
-        return self.positions if self.quaternions is None else np.hstack([self.positions, self.quaternions])
+    def joints(self) -> FloatArray:
+        """Joints (n, d), rad or m; NaN where a number was missing."""
+        assert self.answer.joints is not None, "this reply holds poses"
+        return self.answer.joints
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers and texts; NaN becomes None."""
-        return _plain(self)
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations: m, then rad; NaN where not learned."""
+        return self.answer.std
 
-    @classmethod
-    def received(cls, answer: wire.CorrectPathAnswer, meta: wire.ReplyMeta) -> PathReply:
-        """Return the reply of a server."""
-        return cls(
-            positions=np.array(answer.positions),
-            quaternions=None if answer.quaternions is None else np.array(answer.quaternions),
-            std=_floats(answer.std),
-            interval95=_floats(answer.interval95),
-            in_domain=np.array(answer.in_domain, dtype=bool),
-            status=tuple(answer.status),
-            reason=tuple(answer.reason),
-            provenance=meta,
-        )
+    @property
+    def interval95(self) -> FloatArray:
+        """Half widths of the 95 % intervals, as :attr:`std`."""
+        return self.answer.interval95
 
-    @classmethod
-    def identity(cls, poses: Sequence[Sequence[float]], error: ServiceError) -> PathReply:
-        """Return the desired path itself, flagged with the failure that left it uncorrected."""
-        positions, quaternions = _parts(np.array(poses, dtype=np.float64))
-        n = len(positions)
-        unknown = np.full((n, 6), np.nan)
-        inside = np.zeros(n, dtype=bool)
-        status, reason = (error.status,) * n, (error.message,) * n
-        return cls(positions, quaternions, unknown, unknown.copy(), inside, status, reason, "identity")
+    @property
+    def in_domain(self) -> Any:
+        """Whether the query lies near training data: bool, or (n,) bool array; false in a fallback."""
+        return self.answer.in_domain
+
+    @property
+    def status(self) -> Any:
+        """OK, EXTRAPOLATING, LIMITED or MISSING, in a fallback the failure; a tuple of n of them for n rows."""
+        return self.answer.status if self.failure is None else self._repeated(self.failure.status)
+
+    @property
+    def reason(self) -> Any:
+        """Why the status is not OK, or what was not used; a tuple of n texts for n rows."""
+        return self.answer.reason if self.failure is None else self._repeated(self.failure.message)
+
+    @property
+    def fallback(self) -> Literal["", "identity"]:
+        """Whether the question itself is handed back because no server corrected it ("identity")."""
+        return "" if self.failure is None else "identity"
+
+    def _repeated(self, text: str) -> Any:
+        return (text,) * len(self.answer) if isinstance(self.answer.reasons, np.ndarray) else text
 
 
-class JointsReply(msgspec.Struct, frozen=True, eq=False):
-    """What true joints belong to reported ones (or what to command, by the model's direction), n rows of d.
+def identity_poses(poses: FloatArray, failure: ServiceError) -> Reply:
+    """Return the desired poses themselves, flagged with the failure that left them uncorrected.
 
     Parameters
     ----------
-    q, std : (n, d) arrays
-        Corrected joints and standard deviations, rad or m; NaN where a number was missing.
-    status : tuple of n str
-        OK or MISSING; in a fallback the failure.
-    fallback : str
-    provenance : Provenance
+    poses : (7,), (3,), (n, 7) or (n, 3) array
+    failure : ServiceError
     """
-
-    q: FloatArray
-    std: FloatArray
-    status: tuple[str, ...]
-    fallback: Fallback = ""
-    provenance: Provenance = Provenance()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers and texts; NaN becomes None."""
-        return _plain(self)
-
-    @classmethod
-    def received(cls, answer: CorrectJointsAnswer, meta: wire.ReplyMeta) -> JointsReply:
-        """Return the reply of a server."""
-        return cls(_floats(answer.q), _floats(answer.std), tuple(answer.status), provenance=meta)
-
-    @classmethod
-    def identity(cls, q: FloatArray, error: ServiceError) -> JointsReply:
-        """Return the joints themselves, flagged with the failure that left them uncorrected."""
-        return cls(q, np.full(q.shape, np.nan), (error.status,) * len(q), "identity")
+    position, quaternion = poses[..., :3], (poses[..., 3:] if poses.shape[-1] > 3 else None)
+    unknown = np.full((*poses.shape[:-1], 6), np.nan)
+    answer = Correction(position, quaternion, None, unknown, unknown, _outside(poses))
+    return Reply(answer, failure=failure)
 
 
-def _parts(poses: FloatArray) -> tuple[FloatArray, FloatArray | None]:
-    return poses[..., :3], (poses[..., 3:] if poses.shape[-1] > 3 else None)
+def identity_joints(q: FloatArray, failure: ServiceError) -> Reply:
+    """Return the joints themselves, flagged with the failure that left them uncorrected.
+
+    Parameters
+    ----------
+    q : (n, d) array
+    failure : ServiceError
+    """
+    unknown = np.full(q.shape, np.nan)
+    return Reply(Correction(None, None, q, unknown, unknown, _outside(q)), failure=failure)
 
 
-def _floats(values: Any) -> FloatArray:
-    return np.array(values, dtype=np.float64)  # None becomes NaN
-
-
-def _plain(reply: CorrectionReply | PathReply | JointsReply) -> dict[str, Any]:
-    plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(reply, enc_hook=np.ndarray.tolist))
-    return plain
+def _outside(rows: FloatArray) -> Any:
+    """Return reasons by which no row counts as in the domain."""
+    return Reason.OUTSIDE if rows.ndim == 1 else np.full(len(rows), int(Reason.OUTSIDE))

@@ -13,10 +13,9 @@ from typing import Any, Literal, Self
 import msgspec
 import zenoh
 
-from gpcorrect_service.crtk.messages import Message
+from gpcorrect_service.crtk.messages import TOPICS, Message, Topic
 from gpcorrect_service.crtk.rmw import RmwNode, attachment, gid_of, rmw_key
 from gpcorrect_service.crtk.ros_messages import from_cdr, to_cdr
-from gpcorrect_service.crtk.topics import Topic, topic
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
 from gpcorrect_service.protocol.sessions import COMMON
 from gpcorrect_service.protocol.settings import check_loopback
@@ -112,7 +111,7 @@ class Bus:
         """Send a message; it is dropped where a listener cannot keep up."""
         sender = self._publishers.get(name)
         if sender is None:
-            sender = self._publishers[name] = self._sender(topic(name))
+            sender = self._publishers[name] = self._sender(TOPICS[name])
         sender.send(message)
 
     def subscribe(self, name: str, inbox: Inbox, refused: Refused | None = None) -> None:
@@ -120,7 +119,7 @@ class Bus:
 
         What cannot be read goes to `refused`.
         """
-        what = topic(name)
+        what = TOPICS[name]
         self._listen(self.key(name), what, inbox, refused)
         if self._node is not None and what.ros_type:
             self._listen(rmw_key(self._node.domain, self._ros_name(name), what.ros_type), what, inbox, refused)

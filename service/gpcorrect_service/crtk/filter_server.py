@@ -10,13 +10,13 @@ from queue import Empty, Full, Queue
 from gpcorrect_service.crtk.bus import Bus
 from gpcorrect_service.crtk.messages import Pose, Report, Text
 from gpcorrect_service.crtk.prefilter import Prefilter
-from gpcorrect_service.ops.logger import Journal
+from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.protocol.errors import ServiceError
 
 __all__ = ["FilterServer"]
 
-WAITING = 64  # poses that may wait; a stream that is further behind loses its oldest
-QUIET = 1000  # refusals between two lines about them in the journal
+WAITING = 64  # chosen by hand: poses that may wait; a stream that is further behind loses its oldest
+LOG_EVERY = 1000  # refusals between two lines about them in the log
 
 Answer = Callable[[Pose], tuple[Pose, Report]]
 
@@ -28,17 +28,17 @@ class FilterServer:
     ----------
     prefilter : Prefilter
     bus : Bus
-    journal : Journal
-        Where refusals are told, the first and every thousandth.
+    logger : Logger
+        Where refusals are written, the first and every thousandth.
     """
 
-    def __init__(self, prefilter: Prefilter, bus: Bus, journal: Journal) -> None:
-        self._prefilter, self._bus, self._journal = prefilter, bus, journal
+    def __init__(self, prefilter: Prefilter, bus: Bus, logger: Logger) -> None:
+        self._prefilter, self._bus, self._logger = prefilter, bus, logger
         self._waiting: Queue[tuple[str, Answer, Pose]] = Queue(WAITING)
         self._refused = 0
         bus.subscribe("operating_state", prefilter.robot_is)
         for name, answer in (("servo_cp", prefilter.servo), ("move_cp", prefilter.move)):
-            bus.subscribe(name, self._queueing(f"corrected/{name}", answer), self._told)
+            bus.subscribe(name, self._queueing(f"corrected/{name}", answer), self._unreadable)
 
     def run(self, stop: threading.Event) -> None:
         """Answer until `stop`."""
@@ -72,11 +72,11 @@ class FilterServer:
 
         return receive
 
-    def _told(self, error: ServiceError) -> None:
+    def _unreadable(self, error: ServiceError) -> None:
         self._refuse(0.0, error)
 
     def _refuse(self, stamp: float, error: ServiceError) -> None:
         self._bus.publish("error", Text(stamp, str(error)))
-        if self._refused % QUIET == 0:
-            self._journal.warning("pose refused", status=error.status, cause=error.message, refused=self._refused + 1)
+        if self._refused % LOG_EVERY == 0:
+            self._logger.warning("pose refused", status=error.status, cause=error.message, refused=self._refused + 1)
         self._refused += 1

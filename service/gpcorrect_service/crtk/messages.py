@@ -1,4 +1,4 @@
-"""CRTK's messages as they travel on native keys: strict structs in MessagePack or JSON.
+"""CRTK's topics and their messages as they travel on native keys: strict structs in MessagePack or JSON.
 
 SI; poses are `x y z qw qx qy qz`; stamps are the robot's clock in s, and never 0 (https://crtk-robotics.readthedocs.io).
 """
@@ -7,27 +7,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import msgspec
 
+from gpcorrect_service.protocol.cdr import OPERATING_STATE, POSE_STAMPED, STRING_STAMPED
 from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.messages import JointState, Numbers, Row
 
-__all__ = ["STATES", "Event", "Heartbeat", "JointState", "Message", "OperatingState", "Pose", "Report", "State", "Text"]
+__all__ = ["STATES", "TOPICS", "Event", "Heartbeat", "JointState", "Message", "OperatingState", "Pose", "Report"]
+__all__ += ["State", "Text", "Topic", "checked_numbers", "checked_stamp"]
 
+JOINT_STATE = "sensor_msgs/msg/JointState"  # name of the ROS type
 State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 STATES: tuple[State, ...] = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
-Numbers = tuple[float, ...]
-
-
-class JointState(msgspec.Struct, frozen=True):
-    """Joints: what `measured_js`, `setpoint_js`, `servo_jp` and `move_jp` carry; rad or m, a second, N m or N."""
-
-    stamp: float
-    position: Numbers
-    velocity: Numbers | None = None
-    effort: Numbers | None = None
-    session: int = 0
 
 
 class Pose(msgspec.Struct, frozen=True):
@@ -79,8 +73,8 @@ class Report(msgspec.Struct, frozen=True):
     stamp: float
     desired: Numbers
     command: Numbers
-    std: tuple[float | None, ...]
-    interval95: tuple[float | None, ...]
+    std: Row
+    interval95: Row
     in_domain: bool
     status: str
     reason: str
@@ -96,6 +90,11 @@ Message = JointState | Pose | OperatingState | Text | Event | Heartbeat | Report
 def checked_stamp(stamp: float) -> float:
     """Return a stamp that says when.
 
+    Parameters
+    ----------
+    stamp : float
+        s.
+
     Raises
     ------
     ServiceError
@@ -106,14 +105,63 @@ def checked_stamp(stamp: float) -> float:
     return stamp
 
 
-def checked_numbers(numbers: Sequence[float], count: int, what: str) -> tuple[float, ...]:
+def checked_numbers(numbers: Sequence[float | None], count: int, what: str) -> Numbers:
     """Return numbers that are finite and as many as expected.
+
+    Parameters
+    ----------
+    numbers : sequence of float or None
+    count : int
+    what : str
+        Name for messages.
 
     Raises
     ------
     ServiceError
         BAD_INPUT: they are not.
     """
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+    finite = tuple(one for one in numbers if one is not None and math.isfinite(one))
+    if not len(numbers) == len(finite) == count:
         raise ServiceError("BAD_INPUT", f"{what} must be {count} finite numbers, got {list(numbers)}.")
-    return tuple(numbers)
+    return finite
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic.
+
+    Parameters
+    ----------
+    name : str
+        Behind the arm's name.
+    form : type
+        Struct on native keys.
+    kind : str
+        Name of the struct in zenoh encodings.
+    ros_type : str
+        Empty where ROS users have no such topic.
+    """
+
+    name: str
+    form: type[msgspec.Struct]
+    kind: str
+    ros_type: str = ""
+
+
+def _topics() -> tuple[Topic, ...]:
+    joints = ("measured_js", "setpoint_js", "external_js", "servo_jp", "move_jp")
+    poses = ("measured_cp", "setpoint_cp", "tracker_cp", "servo_cp", "move_cp")
+    corrected = ("corrected/servo_cp", "corrected/move_cp")
+    words = ("state_command", "error", "warning")
+    return (
+        *(Topic(name, JointState, "joint_state", JOINT_STATE) for name in joints),
+        *(Topic(name, Pose, "pose", POSE_STAMPED) for name in (*poses, *corrected)),
+        *(Topic(name, Text, "text", STRING_STAMPED) for name in words),
+        Topic("operating_state", OperatingState, "operating_state", OPERATING_STATE),
+        Topic("heartbeat", Heartbeat, "heartbeat"),
+        Topic("event", Event, "event"),
+        Topic("corrected/report", Report, "report"),
+    )
+
+
+TOPICS: dict[str, Topic] = {t.name: t for t in _topics()}

@@ -16,7 +16,8 @@ from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, PoseSignal
 from gpcorrect_service.crtk.bus import Bus
 from gpcorrect_service.crtk.messages import Event, JointState, Message, Pose
 from gpcorrect_service.crtk.robot import NO_TRAJECTORY
-from gpcorrect_service.crtk.ros_messages import ros_store, to_ros
+from gpcorrect_service.crtk.ros_messages import to_ros
+from gpcorrect_service.protocol.cdr import ros_types
 
 __all__ = ["RECORDED", "Recorder", "Recording", "write_mcap"]
 
@@ -108,7 +109,7 @@ def write_mcap(recording: Recording, folder: Path) -> None:
     MissingExtraError
         rosbags is not installed.
     """
-    store = ros_store()
+    store = ros_types()
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     if folder.exists():
@@ -142,7 +143,7 @@ def _table(messages: tuple[Any, ...]) -> _Table:
         case JointState() as first:
             named = {"position": first.position, "velocity": first.velocity, "effort": first.effort}
             keys = [k for k, value in named.items() if value is not None]
-            return _Table(stamp, {k: np.array([getattr(m, k) for m in ordered]) for k in keys})
+            return _Table(stamp, {k: np.array([getattr(m, k) for m in ordered], dtype=np.float64) for k in keys})
         case Pose():
             return _Table(stamp, {"pose": np.array([m.pose for m in ordered])})
         case other:

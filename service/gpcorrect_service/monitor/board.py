@@ -13,7 +13,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, Report, Text
 from gpcorrect_service.monitor.drift import DriftWatch, outside
-from gpcorrect_service.protocol.wire import HealthAnswer
+from gpcorrect_service.protocol.messages import HealthAnswer
 
 __all__ = ["Board"]
 

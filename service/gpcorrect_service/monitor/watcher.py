@@ -12,10 +12,11 @@ from typing import Self
 import zenoh
 
 from gpcorrect_service.crtk.bus import BusSettings, open_session, read_message
-from gpcorrect_service.crtk.topics import TOPICS, Topic
+from gpcorrect_service.crtk.messages import TOPICS, Topic
 from gpcorrect_service.monitor.board import Board
-from gpcorrect_service.protocol import wire
+from gpcorrect_service.protocol.codec import MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
+from gpcorrect_service.protocol.messages import HealthAnswer
 
 __all__ = ["WATCHED", "Watcher"]
 
@@ -94,14 +95,14 @@ class Watcher:
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=ANSWER_WITHIN,
-            encoding=wire.encoding_name(wire.MSGPACK, "health"),
+            encoding=MSGPACK.encoding("health"),
         )
         for reply in replies:
             if reply.ok is None:
                 continue
             seconds = time.monotonic() - began
             try:
-                answer = wire.MSGPACK.decode(wire.HealthAnswer, reply.ok.payload.to_bytes())
+                answer = MSGPACK.decode(HealthAnswer, reply.ok.payload.to_bytes())
             except ServiceError:
                 continue
             self._board.replica(answer.arm, answer, seconds, time.monotonic())

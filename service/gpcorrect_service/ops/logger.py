@@ -8,10 +8,10 @@ from typing import Any, Protocol, TextIO, cast
 import structlog
 from structlog.tracebacks import ExceptionDictTransformer
 
-__all__ = ["Journal", "open_journal"]
+__all__ = ["Logger", "open_logger"]
 
 
-class Journal(Protocol):
+class Logger(Protocol):
     """What the service writes to: an event, and the facts that belong to it."""
 
     def info(self, event: str, **facts: Any) -> Any:
@@ -24,8 +24,8 @@ class Journal(Protocol):
         """Write what went wrong."""
 
 
-def open_journal(stream: TextIO | None = None, **facts: Any) -> Journal:
-    """Return a journal on `stream` (standard error) whose every line carries `facts`.
+def open_logger(stream: TextIO | None = None, **facts: Any) -> Logger:
+    """Return a logger on `stream` (standard error) whose every line carries `facts`.
 
     structlog is not configured globally: a planner that serves from its own process keeps its own logging.
     """
@@ -38,4 +38,4 @@ def open_journal(stream: TextIO | None = None, **facts: Any) -> Journal:
             structlog.processors.JSONRenderer(default=str),
         ],
     )
-    return cast(Journal, logger.bind(**facts))
+    return cast(Logger, logger.bind(**facts))

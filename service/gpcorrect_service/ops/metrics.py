@@ -1,4 +1,4 @@
-"""What a server counts, and how it tells monitors: OpenMetrics text."""
+"""What a server counts, and how monitors read it: OpenMetrics text."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from prometheus_client import CollectorRegistry
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
 from prometheus_client.openmetrics.exposition import CONTENT_TYPE_LATEST, generate_latest
 
-from gpcorrect_service.protocol.wire import HealthAnswer
+from gpcorrect_service.protocol.messages import HealthAnswer
 
-__all__ = ["OPENMETRICS", "Tally", "exposition"]
+__all__ = ["OPENMETRICS", "Counters", "exposition"]
 
 OPENMETRICS = str(CONTENT_TYPE_LATEST)
 # s from a query's arrival to its answer: a correction takes about 0.1 ms, a long path some 10 ms.
@@ -35,8 +35,8 @@ class _Latency:
         self.total += seconds
 
 
-class Tally:
-    """Counts answers by key and status, how long they took, and how many poses lay out of domain; from any thread.
+class Counters:
+    """Counts answers by key and status, how long they took, and how many poses were out of domain; from any thread.
 
     Own counters and not the library's: one lock a query instead of one a number; they are handed over when asked for.
     """
@@ -87,11 +87,11 @@ class Tally:
 
 
 class _Collector:
-    """One scrape: what the health answer says, and the tally."""
+    """One scrape: what the health answer says, and the counters."""
 
-    def __init__(self, report: HealthAnswer, tally: Tally) -> None:
+    def __init__(self, report: HealthAnswer, counters: Counters) -> None:
         self._report = report
-        self._tally = tally
+        self._counters = counters
 
     def collect(self) -> Iterator[Any]:
         """Yield all metric families."""
@@ -107,12 +107,12 @@ class _Collector:
         info.add_metric([getattr(report, label) for label in labels], 1.0)
         yield from (state, queued, info)
         yield GaugeMetricFamily("gpcorrect_uptime_seconds", "Since the start.", value=report.uptime, unit="seconds")
-        yield from self._tally.families()
+        yield from self._counters.families()
 
 
-def exposition(report: HealthAnswer, tally: Tally) -> bytes:
+def exposition(report: HealthAnswer, counters: Counters) -> bytes:
     """Return the OpenMetrics text of this moment."""
     registry = CollectorRegistry()
-    registry.register(_Collector(report, tally))
+    registry.register(_Collector(report, counters))
     text: bytes = generate_latest(registry)  # type: ignore[no-untyped-call]
     return text

@@ -1,38 +1,66 @@
-"""Check what came over the wire before a corrector sees it, and its answer before a robot does."""
+"""What a request may hold before a model sees it, and what a command may be before a robot does."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from gpcorrect.types import FloatArray
+from gpcorrect import se3
+from gpcorrect.errors import DataError
+from gpcorrect.types import BoolArray, FloatArray
 from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.messages import Row
 
-__all__ = [
-    "MAX_PATH_POSES",
-    "bad_input",
-    "check_answer",
-    "check_times",
-    "checked_path",
-    "checked_pose",
-    "checked_twist",
-    "position_limit",
-]
+__all__ = ["LIMITS", "CorrectionBound", "Limits", "bad_input", "check_command", "check_times"]
+__all__ += ["checked_joints", "checked_path", "checked_pose", "checked_rows", "checked_twist", "position_limit"]
 
 POSITION, POSE, TWIST = 3, 7, 6
-QUATERNION_TOLERANCE = 1e-3  # as for recorded samples: further from one is a mistake, not rounding
-ANSWER_TOLERANCE = 1e-6  # a corrector's own quaternion is normalised
-ROOM = 5.0  # m: no tabletop robot or tracker of its workspace sees further, and 5 mm sent as metres is 5
-# Beyond ten times the reach of the training data a position is a wrong unit; mm for m is a thousand times.
-REACH_FACTOR = 10.0
-MAX_SPEED = 20.0  # m/s
-SHORTEST_STEP = 1e-6  # s: no robot is asked more often, and velocities over less are rounding
-LATEST = 1e11  # s: three thousand years; nanoseconds since 1970 are ten million times more
-MAX_TURNING = 200.0  # rad/s
-MAX_PATH_POSES = 5000  # about a minute at 100 Hz; keeps request and reply under the message limit in JSON too
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Beyond these a number is a mistake of units or a broken message; chosen by hand, each for the reason given.
+
+    Parameters
+    ----------
+    quaternion : float
+        Norm of a quaternion off one: as for recorded samples; more is a mistake, not rounding.
+    command_quaternion : float
+        The same for commands: a model's own quaternion is normalised.
+    room : float
+        m from the origin: no tabletop robot or tracker of its workspace measures further, and 5 mm sent as metres is 5.
+    reach : float
+        Times the reach of the training data: millimetres for metres are a thousand times.
+    speed, turning : float
+        m/s and rad/s of a twist: faster than any robot arm.
+    shortest_step : float
+        s between rows: no robot is asked more often, and velocities over less are rounding.
+    latest : float
+        s: three thousand years; nanoseconds since 1970 are ten million times more.
+    rows : int
+        Of a path: about a minute at 100 Hz; question and answer stay below the largest message in JSON too.
+    sliding, turned : float
+        m and rad of a joint: no arm inserts 2 m, and 20 rad are over three turns; more are millimetres or degrees.
+    """
+
+    quaternion: float = 1e-3
+    command_quaternion: float = 1e-6
+    room: float = 5.0
+    reach: float = 10.0
+    speed: float = 20.0
+    turning: float = 200.0
+    shortest_step: float = 1e-6
+    latest: float = 1e11
+    rows: int = 5000
+    sliding: float = 2.0
+    turned: float = 20.0
+
+
+LIMITS = Limits()
 
 
 def position_limit(info: Mapping[str, Any]) -> float:
@@ -41,22 +69,21 @@ def position_limit(info: Mapping[str, Any]) -> float:
     Parameters
     ----------
     info : mapping
-        What the model says of itself; where present, `info["training_region"]` with `position_min` and
-        `position_max` `(3,)`, m.
+        A model's description; where present, `info["training_region"]` with `position_min` and `position_max` (3,), m.
     """
     region = info.get("training_region")
     if not region:
-        return ROOM
+        return LIMITS.room
     corners = np.array([region["position_min"], region["position_max"]], dtype=np.float64)
-    return max(ROOM, REACH_FACTOR * float(np.linalg.norm(np.abs(corners).max(axis=0))))
+    return max(LIMITS.room, LIMITS.reach * float(np.linalg.norm(np.abs(corners).max(axis=0))))
 
 
 def checked_pose(pose: Sequence[float], limit: float) -> FloatArray:
-    """Return one pose `(7,)` or `(3,)` that is worth correcting.
+    """Return one pose (7,) or (3,) that is worth correcting.
 
     Parameters
     ----------
-    pose : sequence of 7 or 3 float
+    pose : 7 or 3 float
         x y z in m, then the quaternion w x y z.
     limit : float
         Largest believed distance from the origin, m.
@@ -73,16 +100,25 @@ def checked_pose(pose: Sequence[float], limit: float) -> FloatArray:
     _check_finite("pose", pose)
     if len(pose) == POSE:
         norm = math.hypot(*pose[POSITION:])
-        if abs(norm - 1) > QUATERNION_TOLERANCE:
+        if abs(norm - 1) > LIMITS.quaternion:
             raise bad_input(f"the quaternion has norm {norm:.6g}, not 1.", "Normalise it; the order is qw qx qy qz.")
     distance = math.hypot(*pose[:POSITION])
     if distance > limit:
-        raise _too_far(distance, limit)
+        millimetres = distance / 1000 <= limit
+        raise bad_input(
+            f"the position is {distance:.4g} m from the origin" + ("." if millimetres else f", beyond {limit:.3g} m."),
+            "This looks like millimetres: send metres." if millimetres else "Check frame and unit (metres).",
+        )
     return np.array(pose, dtype=np.float64)
 
 
 def checked_twist(twist: Sequence[float] | None) -> FloatArray | None:
-    """Return a twist `(6,)`, or None where none was sent.
+    """Return a twist (6,), or None where none was sent.
+
+    Parameters
+    ----------
+    twist : 6 float or None
+        m/s, then rad/s.
 
     Raises
     ------
@@ -93,12 +129,11 @@ def checked_twist(twist: Sequence[float] | None) -> FloatArray | None:
         return None
     if len(twist) != TWIST:
         raise bad_input(
-            f"a twist is 6 numbers (vx vy vz wx wy wz), got {len(twist)}.",
-            "Leave it out where it is not known.",
+            f"a twist is 6 numbers (vx vy vz wx wy wz), got {len(twist)}.", "Leave it out where it is not known."
         )
     _check_finite("twist", twist)
     speed, turning = math.hypot(*twist[:POSITION]), math.hypot(*twist[POSITION:])
-    if speed > MAX_SPEED or turning > MAX_TURNING:
+    if speed > LIMITS.speed or turning > LIMITS.turning:
         raise bad_input(
             f"a twist of {speed:.4g} m/s and {turning:.4g} rad/s is no robot's.",
             "Send m/s and rad/s, not mm/s or deg/s.",
@@ -109,17 +144,24 @@ def checked_twist(twist: Sequence[float] | None) -> FloatArray | None:
 def checked_path(
     poses: Sequence[Sequence[float]], times: Sequence[float], limit: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return poses `(n, 7)` or `(n, 3)` and strictly increasing times `(n,)`.
+    """Return poses (n, 7) or (n, 3) and strictly increasing times (n,).
+
+    Parameters
+    ----------
+    poses : n sequences of 7 or 3 float
+    times : n float
+        s.
+    limit : float
+        As for :func:`checked_pose`.
 
     Raises
     ------
     ServiceError
         BAD_INPUT: as for one pose, naming the row; or times that do not increase.
     """
-    if not 0 < len(poses) <= MAX_PATH_POSES:
+    if not 0 < len(poses) <= LIMITS.rows:
         raise bad_input(
-            f"a path has 1 to {MAX_PATH_POSES} poses, got {len(poses)}.",
-            "Cut longer paths where the robot rests.",
+            f"a path has 1 to {LIMITS.rows} poses, got {len(poses)}.", "Cut longer paths where the robot rests."
         )
     if len(times) != len(poses):
         raise bad_input(f"{len(poses)} poses came with {len(times)} times.", "Send one time (s) a pose.")
@@ -130,45 +172,123 @@ def checked_path(
             checked_pose(pose, limit)
         except ServiceError as error:
             raise bad_input(f"pose {row} of the path: {error.message}", error.hint) from error
-    _check_finite("times", times)
-    stamps = np.array(times, dtype=np.float64)
-    check_times(stamps)
-    return np.array(poses, dtype=np.float64), stamps
+    return np.array(poses, dtype=np.float64), check_times(times)
 
 
-def check_times(times: FloatArray) -> None:
-    """Refuse times that no path has: not increasing, closer than a microsecond, or from another unit.
+def check_times(times: Sequence[float]) -> FloatArray:
+    """Return times (n,) of a path.
+
+    Parameters
+    ----------
+    times : n float
+        s.
 
     Raises
     ------
     ServiceError
-        BAD_INPUT.
+        BAD_INPUT: not finite, not increasing, closer than a microsecond, or of another unit.
     """
-    steps = np.diff(times)
+    _check_finite("times", times)
+    stamps = np.array(times, dtype=np.float64)
+    steps = np.diff(stamps)
     if (steps <= 0).any():
         raise bad_input("the times of the path do not increase.", "Send seconds, strictly increasing.")
-    if (steps < SHORTEST_STEP).any() or (np.abs(times) > LATEST).any():
+    if (steps < LIMITS.shortest_step).any() or (np.abs(stamps) > LIMITS.latest).any():
         raise bad_input(
-            f"times are seconds at least {SHORTEST_STEP:g} apart and up to {LATEST:g}.",
+            f"times are seconds at least {LIMITS.shortest_step:g} apart and up to {LIMITS.latest:g}.",
             "Send seconds, not nanoseconds; stamps since 1970 or since the start are both well.",
         )
+    return stamps
 
 
-def check_answer(position: Sequence[float], quaternion: Sequence[float] | None, limit: float) -> None:
+def checked_rows(rows: Sequence[Row], dof: int, what: str) -> FloatArray:
+    """Return rows (n, dof) of joints or efforts, NaN where null or infinite.
+
+    Parameters
+    ----------
+    rows : n sequences of dof float or None
+    dof : int
+        Joints of the model.
+    what : str
+        Name for messages.
+
+    Raises
+    ------
+    ServiceError
+        BAD_INPUT: rows of another length.
+    """
+    wrong = next((len(row) for row in rows if len(row) != dof), None)
+    if wrong is not None:
+        raise bad_input(f"the model knows {dof} joints, a row of the {what} has {wrong}.", "Send all joints in order.")
+    values = np.array(rows, dtype=np.float64)
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def checked_joints(rows: Sequence[Row], types: str) -> FloatArray:
+    """Return joints (n, d), NaN where null.
+
+    Parameters
+    ----------
+    rows : n sequences of d float or None
+        rad and m.
+    types : str
+        "R" or "P" for each joint.
+
+    Raises
+    ------
+    ServiceError
+        BAD_INPUT: other joints than the model's, or numbers that cannot be radians and metres.
+    """
+    q = checked_rows(rows, len(types), "joints")
+    for joint, kind in enumerate(types):
+        most, unit = (
+            (LIMITS.sliding, "metres, not millimetres") if kind == "P" else (LIMITS.turned, "radians, not degrees")
+        )
+        worst = float(np.nanmax(np.abs(q[:, joint]), initial=0.0))
+        if worst > most:
+            raise bad_input(f"joint {joint + 1} is {worst:.4g} in the joints.", f"Send {unit}.")
+    return q
+
+
+def check_command(position: Sequence[float], quaternion: Sequence[float] | None, limit: float) -> None:
     """Refuse to pass on a command that no robot should be given.
+
+    Parameters
+    ----------
+    position : 3 float
+        m.
+    quaternion : 4 float or None
+        wxyz.
+    limit : float
+        As for :func:`checked_pose`.
 
     Raises
     ------
     ServiceError
         INTERNAL: the command is not finite, not a rotation, or outside any workspace.
     """
-    numbers = [*position, *(quaternion or ())]
-    if not all(map(math.isfinite, numbers)):
-        raise _unsafe("is not finite")
-    if quaternion is not None and abs(math.hypot(*quaternion) - 1) > ANSWER_TOLERANCE:
-        raise _unsafe("has a quaternion that is no rotation")
-    if math.hypot(*position) > limit:
-        raise _unsafe(f"lies further than {limit:.3g} m away")
+    trouble = ""
+    if not all(map(math.isfinite, [*position, *(quaternion or ())])):
+        trouble = "is not finite"
+    elif quaternion is not None and abs(math.hypot(*quaternion) - 1) > LIMITS.command_quaternion:
+        trouble = "has a quaternion that is no rotation"
+    elif math.hypot(*position) > limit:
+        trouble = f"lies further than {limit:.3g} m away"
+    if trouble:
+        raise ServiceError(
+            "INTERNAL", f"the model's command {trouble}.", hint="Do not use this model; fit it again and report it."
+        )
+
+
+def bad_input(cause: str, next_step: str) -> ServiceError:
+    """Return the refusal of a request that cannot be meant.
+
+    Parameters
+    ----------
+    cause, next_step : str
+        One sentence each.
+    """
+    return ServiceError("BAD_INPUT", cause, hint=next_step)
 
 
 def _check_finite(what: str, numbers: Sequence[float]) -> None:
@@ -177,23 +297,58 @@ def _check_finite(what: str, numbers: Sequence[float]) -> None:
         raise bad_input(f"the {what} holds a number that is not finite.", "Send only complete poses.")
 
 
-def _too_far(distance: float, limit: float) -> ServiceError:
-    if distance / 1000 <= limit:
-        return bad_input(
-            f"the position is {distance:.4g} m from the origin.", "This looks like millimetres: send metres."
-        )
-    return bad_input(
-        f"the position is {distance:.4g} m from the origin, beyond {limit:.3g} m.",
-        "Check frame and unit (metres).",
-    )
+@dataclass(frozen=True)
+class CorrectionBound:
+    """The largest learned correction that may leave a server: command against the registration's reference pose.
+
+    Parameters
+    ----------
+    position : float
+        m; infinite for none.
+    rotation : float
+        rad; infinite for none.
+    """
+
+    position: float = np.inf
+    rotation: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not (self.position > 0 and self.rotation > 0):
+            raise DataError(f"bounds of a correction are above zero, got {self.position} m and {self.rotation} rad.")
+
+    @property
+    def acts(self) -> bool:
+        """Whether anything is bounded at all."""
+        return bool(np.isfinite(self.position) or np.isfinite(self.rotation))
+
+    def apply(self, reference: FloatArray, command: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Shorten the way from a reference to its command: a straight line, and a turn about one axis.
+
+        Parameters
+        ----------
+        reference, command : (n, 7) or (n, 3) arrays
+
+        Returns
+        -------
+        bounded : array
+            Commands no further from their references than the bounds.
+        cut : (n,) bool array
+            Which were shortened.
+        """
+        shift, short = _shortened(command[:, :3] - reference[:, :3], self.position)
+        position = np.where(short[:, None], reference[:, :3] + shift, command[:, :3])
+        bounded = np.hstack([position, command[:, 3:]])
+        if command.shape[1] == POSE:
+            R_reference = se3.matrix_from_quaternion(reference[:, 3:])
+            R_turn = se3.matrix_from_quaternion(command[:, 3:]) @ R_reference.transpose(0, 2, 1)
+            turn, short_turn = _shortened(se3.rotvec_from_matrix(R_turn), self.rotation)
+            within = se3.quaternion_from_matrix(se3.matrix_from_rotvec(turn) @ R_reference)
+            bounded[:, 3:] = np.where(short_turn[:, None], within, command[:, 3:])
+            short = short | short_turn
+        return bounded, short
 
 
-def bad_input(cause: str, next_step: str) -> ServiceError:
-    """Return the refusal of a request that cannot be meant."""
-    return ServiceError("BAD_INPUT", cause, hint=next_step)
-
-
-def _unsafe(what: str) -> ServiceError:
-    return ServiceError(
-        "INTERNAL", f"the model's command {what}.", hint="Do not use this model; fit it again and report it."
-    )
+def _shortened(vectors: FloatArray, bound: float) -> tuple[FloatArray, BoolArray]:
+    size = np.linalg.norm(vectors, axis=1)
+    scale = np.minimum(1.0, bound / np.maximum(size, 1e-300))
+    return vectors * scale[:, None], scale < 1.0

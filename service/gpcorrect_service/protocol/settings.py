@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Literal
 
 from gpcorrect.errors import DataError
-from gpcorrect_service.protocol.bounds import CorrectionBound
 from gpcorrect_service.protocol.errors import EndpointError
+from gpcorrect_service.protocol.limits import CorrectionBound
+from gpcorrect_service.protocol.messages import Kind
 
 __all__ = [
     "DEFAULT_ENDPOINT",
@@ -22,7 +23,7 @@ __all__ = [
     "check_loopback",
 ]
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # zenoh's own port, on this machine only
 MAX_MESSAGE_BYTES = 4 * 1024 * 1024  # holds the longest path in JSON; what is larger is no query of ours
 
 OnFailure = Literal["raise", "identity"]
@@ -126,6 +127,16 @@ class ClientSettings:
     connect_timeout: float = 3.0
     config_file: Path | None = None
 
+    def timeout_of(self, kind: Kind) -> float:
+        """Return the seconds for one answer.
+
+        Parameters
+        ----------
+        kind : str
+            The key that is asked.
+        """
+        return self.path_timeout if kind in ("correct_path", "correct_joints") else self.timeout
+
     def __post_init__(self) -> None:
         _check_names(self.arm, self.namespace)
         for name in ("timeout", "path_timeout", "connect_timeout"):
@@ -137,6 +148,11 @@ class ClientSettings:
 
 def check_loopback(endpoint: str, *, allow_remote: bool) -> None:
     """Refuse an address that other machines can reach, unless that was asked for; pipes and Unix sockets stay at home.
+
+    Parameters
+    ----------
+    endpoint : str
+    allow_remote : bool
 
     Raises
     ------

@@ -1,28 +1,29 @@
-"""The operator's keys: list and activate models of the server's store, pause and go on."""
+"""The operator's keys: list and activate models, pause and go on; and the monitor's: health and metrics."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect.model_store import Entry, ModelStore
-from gpcorrect_service.ops.logger import Journal
-from gpcorrect_service.protocol import wire
+from gpcorrect_service.ops.logger import Logger
+from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, exposition
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.wire_admin import (
+from gpcorrect_service.protocol.messages import (
     ActivateAnswer,
     ActivateRequest,
+    HealthAnswer,
     ModelEntry,
     ModelListAnswer,
     StateAnswer,
     StateRequest,
 )
-from gpcorrect_service.server.answers import Answer, Request, plain_answer
-from gpcorrect_service.server.models import JointModel, Model, load_joint_model, load_model
-from gpcorrect_service.server.requests import Reception
+from gpcorrect_service.server.models import Active, JointModel, Model, load_joint_model, load_model
+from gpcorrect_service.server.queues import WorkerQueue
+from gpcorrect_service.server.requests import Parsed, Request, RequestParser, Response, plain_response
 
-__all__ = ["Admin", "load_entry"]
+__all__ = ["Admin", "Health", "load_entry"]
 
 
 class Admin:
@@ -30,56 +31,56 @@ class Admin:
 
     Parameters
     ----------
-    reception : Reception
-        Reads and refuses.
+    parser : RequestParser
+        Whose requests are answered.
     store : ModelStore or None
         Where models are; without it none can be activated.
-    journal : Journal
+    logger : Logger
         Where every change is written.
     """
 
-    def __init__(self, reception: Reception, store: ModelStore | None, journal: Journal) -> None:
-        self._reception = reception
+    def __init__(self, parser: RequestParser, store: ModelStore | None, logger: Logger) -> None:
+        self._active = parser.active
+        self._replica = parser.replica
         self._store = store
-        self._journal = journal
+        self._logger = logger
 
-    def models(self, request: Request) -> Answer:
-        """Answer which models there are."""
-        return self._reception.answer("model/list", request, lambda codec, *_: self._list(codec))
+    def models(self, parsed: Parsed) -> Response:
+        """Answer which models there are.
 
-    def activate(self, request: Request) -> Answer:
-        """Load, verify and try a model of the store, note it there, and answer with it from then on."""
-        return self._reception.answer("admin/activate", request, lambda codec, *_: self._activate(request, codec))
-
-    def state(self, request: Request) -> Answer:
-        """Pause, or go on."""
-        return self._reception.answer("admin/state", request, lambda codec, *_: self._set_state(request, codec))
-
-    def _list(self, codec: wire.Codec) -> Answer:
-        now = self._reception.active.now
-        serving = {k: m.hash for k, m in (("pose", now.pose), ("joints", now.joints)) if m is not None}
+        Parameters
+        ----------
+        parsed : Parsed
+        """
+        now = self._active.now
+        serving = {kind: m.hash for kind, m in (("pose", now.pose), ("joints", now.joints)) if m is not None}
         entries, history = [], {}
         if self._store is not None:
             history = {kind: [entry.hash for entry in self._store.history(kind)] for kind in ("pose", "joints")}
             entries = [
                 ModelEntry(e.id, e.hash, e.kind, e.added, serving.get(e.kind) == e.hash) for e in self._store.models()
             ]
-        message = ModelListAnswer(self._reception.replica, entries, history, serving)
-        return plain_answer(codec, "model/list", message)
+        return plain_response(parsed, "model/list", ModelListAnswer(self._replica, entries, history, serving))
 
-    def _activate(self, request: Request, codec: wire.Codec) -> Answer:
-        asked = codec.decode(ActivateRequest, request.payload)
+    def activate(self, parsed: Parsed) -> Response:
+        """Load, verify and try a model of the store once, note it there, and answer with it from then on.
+
+        Parameters
+        ----------
+        parsed : Parsed
+        """
+        asked = parsed.codec.decode(ActivateRequest, parsed.request.payload)
         if self._store is None:
             raise ServiceError(
                 "BAD_INPUT", "this server has no model store.", hint="Start it with: gpcorrect serve --store FOLDER"
             )
         entry = self._store.find(asked.model)
-        now = self._reception.active.now
+        now = self._active.now
         before = now.pose if entry.kind == "pose" else now.joints
         try:
             model = load_entry(self._store, entry)
             _check_fits(model, before)
-            self._store.activate(entry)
+            self._store.activate(entry, verified=True)
         except ArtifactError as error:
             raise ServiceError("BAD_INPUT", f"{error.message} The active model stays.", hint=error.hint) from error
         except DataError:
@@ -87,44 +88,116 @@ class Admin:
         except GpCorrectError as error:
             # Nothing of the model is at fault: the disk is full, or may not be written.
             raise ServiceError("BUSY", error.message, hint=error.hint) from error
-        self._reception.active.activate(model)
+        self._active.activate(model)
         old = before.hash if before else ""
-        self._journal.info("activated", kind=entry.kind, model_id=model.id, model_hash=model.hash, before=old)
-        return plain_answer(
-            codec, "admin/activate", ActivateAnswer(model.id, model.hash, entry.kind, old, self._reception.replica)
-        )
+        self._logger.info("activated", kind=entry.kind, model_id=model.id, model_hash=model.hash, before=old)
+        message = ActivateAnswer(model.id, model.hash, entry.kind, old, self._replica)
+        return plain_response(parsed, "admin/activate", message)
 
-    def _set_state(self, request: Request, codec: wire.Codec) -> Answer:
-        asked = codec.decode(StateRequest, request.payload)
-        active = self._reception.active
-        active.pause(asked.state == "PAUSED")
-        self._journal.warning("state set", asked=asked.state, state=active.state)
-        return plain_answer(codec, "admin/state", StateAnswer(active.state, self._reception.replica))
+    def state(self, parsed: Parsed) -> Response:
+        """Pause, or go on.
+
+        Parameters
+        ----------
+        parsed : Parsed
+        """
+        asked = parsed.codec.decode(StateRequest, parsed.request.payload)
+        self._active.pause(asked.state == "PAUSED")
+        self._logger.warning("state set", asked=asked.state, state=self._active.state)
+        return plain_response(parsed, "admin/state", StateAnswer(self._active.state, self._replica))
+
+
+class Health:
+    """Answers `health` and `metrics`; touches neither the models nor the queues it reports on.
+
+    Parameters
+    ----------
+    active : Active
+        The active models.
+    arm, replica : str
+        Names that the answer carries.
+    counters : Counters
+        What was answered.
+    queues : mapping of name to WorkerQueue
+        Filled by the server before the first query.
+    monotonic : callable
+        Clock, s.
+    """
+
+    def __init__(
+        self,
+        active: Active,
+        *,
+        arm: str,
+        replica: str,
+        counters: Counters,
+        queues: Mapping[str, WorkerQueue[Any]],
+        monotonic: Callable[[], float],
+    ) -> None:
+        self._active = active
+        self._names = {"arm": arm, "replica": replica}
+        self._counters = counters
+        self._queues = queues
+        self._monotonic = monotonic
+        self._started = monotonic()
+
+    def answer(self, parsed: Parsed) -> Response:
+        """Answer how the server is.
+
+        Parameters
+        ----------
+        parsed : Parsed
+        """
+        return plain_response(parsed, "health", self.report())
+
+    def metrics(self, request: Request) -> Response:
+        """Answer the numbers of this moment as OpenMetrics text, whatever the request holds.
+
+        Parameters
+        ----------
+        request : Request
+        """
+        return Response(exposition(self.report(), self._counters), OPENMETRICS)
+
+    def report(self) -> HealthAnswer:
+        """Return the state of this moment; FAULT also when a worker is gone."""
+        now = self._active.now
+        alive = all(queue.alive for queue in self._queues.values())
+        return HealthAnswer(
+            state=self._active.state if alive else "FAULT",
+            model_id=now.pose.id if now.pose else "",
+            model_hash=now.pose.hash if now.pose else "",
+            uptime=self._monotonic() - self._started,
+            queued={name: queue.waiting for name, queue in self._queues.items()},
+            counts=self._counters.counts(),
+            joint_model_id=now.joints.id if now.joints else "",
+            joint_model_hash=now.joints.hash if now.joints else "",
+            **self._names,
+        )
 
 
 def load_entry(store: ModelStore, entry: Entry) -> Model | JointModel:
     """Return a model of a store, read whole, verified and tried on its recorded check queries.
+
+    Parameters
+    ----------
+    store : ModelStore
+    entry : Entry
 
     Raises
     ------
     ArtifactError
         The file is refused, or is not the one that was added.
     """
-    read = load_model if entry.kind == "pose" else load_joint_model
-    model = read(store.path(entry), entry.id)
-    if model.hash != entry.hash:
-        raise ArtifactError(
-            f"model file {store.path(entry)} is refused: it is not the file that was added under this hash.",
-            hint="Add it again: gpcorrect models add",
-        )
-    return model
+    load = load_model if entry.kind == "pose" else load_joint_model
+    return load(store.path(entry), entry.id, entry.hash)
 
 
 def _check_fits(model: Model | JointModel, before: Model | JointModel | None) -> None:
     """Refuse a model that says it was learned on another arm, or answers in other frames, than the one it follows."""
     if before is None:
         return
-    new, old = _info(model), _info(before)
+    new, old = model.corrector.info(), before.corrector.info()
     for what in ("arm", "frames", "types"):
         one, other = old.get(what), new.get(what)
         if one and other and one != other:
@@ -132,7 +205,3 @@ def _check_fits(model: Model | JointModel, before: Model | JointModel | None) ->
                 f"model {model.id} has {what} {other}, the active model {one}.",
                 hint="Activate a model of this arm; another arm has its own server.",
             )
-
-
-def _info(model: Model | JointModel) -> Mapping[str, Any]:
-    return model.corrector.info() if isinstance(model, Model) else {**model.info, "types": model.types}

@@ -1,99 +1,123 @@
-"""What the service asks of a corrector, and the identity that its replies carry."""
+"""The models of a server: what it asks of them, the name that replies carry, and which ones are active."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from gpcorrect.types import BoolArray, Correction, FloatArray, PoseSignal
+from gpcorrect.correction import Correction
+from gpcorrect.errors import ArtifactError
+from gpcorrect.types import FloatArray, PoseSignal
+from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import position_limit
 
-__all__ = [
-    "Corrector",
-    "JointModel",
-    "JointResult",
-    "JointStreamLike",
-    "Model",
-    "PathResult",
-    "load_joint_model",
-    "load_model",
-]
+__all__ = ["Active", "Corrector", "JointCorrector", "JointModel", "JointStream", "Model", "PoseStream"]
+__all__ += ["Snapshot", "State", "load_joint_model", "load_model"]
+
+State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
+FAULTS_IN_A_ROW = 10  # chosen by hand: after so many failures without one answer a model is not asked any more
 
 
-class PathResult(Protocol):
-    """A corrected path, as `gpcorrect.corrector.PathCorrection`."""
+class PoseStream(Protocol):
+    """One live path of poses: velocity and memory come from those that went before."""
 
-    @property
-    def positions(self) -> FloatArray:
-        """(n, 3), m."""
+    def reset(self) -> None:
+        """Forget the past."""
 
-    @property
-    def quaternions(self) -> FloatArray | None:
-        """(n, 4) wxyz."""
+    def correct(self, time: float, pose: FloatArray, twist: FloatArray | None = None) -> Correction:
+        """Return the command for a pose.
 
-    @property
-    def std(self) -> FloatArray:
-        """(n, 6), m and rad."""
-
-    @property
-    def interval95(self) -> FloatArray:
-        """(n, 6), m and rad."""
-
-    @property
-    def in_domain(self) -> BoolArray:
-        """(n,)."""
-
-    @property
-    def status(self) -> tuple[str, ...]:
-        """N names."""
-
-    @property
-    def reason(self) -> tuple[str, ...]:
-        """N texts."""
+        Parameters
+        ----------
+        time : float
+            s.
+        pose : (7,) or (3,) array
+        twist : (6,) array, optional
+        """
 
 
 class Corrector(Protocol):
-    """What is served. Several threads call it at once, so answering must not change it."""
+    """A model of poses. Several threads call it at once, so answering must not change it."""
 
     def correct(self, pose: FloatArray, twist: FloatArray | None = None) -> Correction:
-        """Return the command for one pose `(7,)` or `(3,)` and twist `(6,)`."""
+        """Return the command for one pose.
 
-    def correct_path(self, poses: FloatArray, times: FloatArray) -> PathResult:
-        """Return the commands for poses `(n, 7)` or `(n, 3)` at `times` `(n,)`."""
+        Parameters
+        ----------
+        pose : (7,) or (3,) array
+        twist : (6,) array, optional
+        """
+
+    def correct_path(self, poses: FloatArray, times: FloatArray) -> Correction:
+        """Return the commands for a path.
+
+        Parameters
+        ----------
+        poses : (n, 7) or (n, 3) array
+        times : (n,) array
+            s.
+        """
+
+    def stream(self) -> PoseStream:
+        """Begin a live path."""
 
     def info(self) -> Mapping[str, Any]:
-        """Return what the model says of itself, ready for JSON."""
+        """Return the model's description, ready for JSON."""
 
 
-class JointStreamLike(Protocol):
+class JointStream(Protocol):
     """One live path of joints: carries velocity and slack on from sample to sample."""
 
     def reset(self) -> None:
         """Forget the past."""
 
-    def estimate(self, time: float, q: FloatArray, effort: FloatArray | None = None) -> JointResult:
-        """Return corrected joints and standard deviations `(d,)` at `time`, s."""
+    def estimate(self, time: float, q: FloatArray, effort: FloatArray | None = None) -> Correction:
+        """Return corrected joints of one sample.
+
+        Parameters
+        ----------
+        time : float
+            s.
+        q, effort : (d,) arrays
+        """
 
 
-class JointResult(Protocol):
-    """Corrected joints, as `gpcorrect.joint_corrector.JointEstimate`."""
+class JointCorrector(Protocol):
+    """A model of joints."""
 
     @property
-    def q(self) -> FloatArray:
-        """(d,), rad or m."""
+    def types(self) -> str:
+        """R or P for each joint."""
 
-    @property
-    def std(self) -> FloatArray:
-        """(d,), rad or m."""
+    def correct_path(
+        self, q: FloatArray, times: FloatArray, efforts: FloatArray | None, sessions: Sequence[int] | None
+    ) -> Correction:
+        """Return corrected joints of a path that begins at rest.
+
+        Parameters
+        ----------
+        q, efforts : (n, d) arrays
+        times : (n,) array
+            s.
+        sessions : n int or None
+            Where the number changes the path begins anew.
+        """
+
+    def stream(self) -> JointStream:
+        """Begin a live path."""
+
+    def info(self) -> Mapping[str, Any]:
+        """Return the model's description, ready for JSON."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """A corrector with the name and the hash that every reply carries.
+    """A model of poses with the name and the hash that every reply carries.
 
     Attributes
     ----------
@@ -110,7 +134,12 @@ class Model:
         object.__setattr__(self, "limit", position_limit(self.corrector.info()))
 
     def reference(self, poses: FloatArray) -> FloatArray:
-        """Return what the registration alone commands for poses `(n, 7)` or `(n, 3)`; they themselves without one."""
+        """Return what the registration alone commands; the poses themselves without one.
+
+        Parameters
+        ----------
+        poses : (n, 7) or (n, 3) array
+        """
         rigid = getattr(self.corrector, "rigid", None)
         if rigid is None:
             return poses
@@ -120,49 +149,179 @@ class Model:
 
 @dataclass(frozen=True)
 class JointModel:
-    """A joint calibration, as the service uses it.
+    """A model of joints, named as in :class:`Model`."""
 
-    Parameters
-    ----------
-    stream : callable
-        Begins a live path; every request and every stream has its own.
-    types : str
-        "R" or "P" for each joint.
-    info : mapping
-        What the model says of itself, ready for JSON.
-    id, hash : str
-        As in :class:`Model`.
-    """
-
-    stream: Callable[[], JointStreamLike]
-    types: str
-    info: Mapping[str, Any] = field(default_factory=dict)
+    corrector: JointCorrector
     id: str = "unnamed"
     hash: str = ""
 
 
-def load_model(path: str | Path, name: str = "") -> Model:
-    """Read and verify a model file of poses; `name` (the file's own by default) is what replies call it.
+def load_model(path: str | Path, name: str = "", expected: str = "") -> Model:
+    """Read and verify a model file of poses, once.
+
+    Parameters
+    ----------
+    path : path
+    name : str
+        What replies call it; the file's own name by default.
+    expected : str
+        SHA-256 that the file must have; any by default.
 
     Raises
     ------
     ArtifactError
-        The file is missing, truncated, altered, of a newer schema, or no model file.
+        The file is missing, truncated, altered, of a newer schema, not the expected one, or no model file.
     """
     # Not above: reading models needs SciPy and scikit-learn, which a server of another corrector does not.
     from gpcorrect import artifact
+    from gpcorrect_service.server.adapter import PoseAdapter
 
-    return Model(artifact.load(path), id=name or Path(path).stem, hash=artifact.model_hash(path))
+    return Model(PoseAdapter(artifact.load(path)), name or Path(path).stem, _hash_of(path, expected))
 
 
-def load_joint_model(path: str | Path, name: str = "") -> JointModel:
-    """Read and verify a model file of joints, as :func:`load_model`."""
-    from gpcorrect.artifact import model_hash
+def load_joint_model(path: str | Path, name: str = "", expected: str = "") -> JointModel:
+    """Read and verify a model file of joints, once.
+
+    Parameters
+    ----------
+    path, name, expected
+        As for :func:`load_model`.
+
+    Raises
+    ------
+    ArtifactError
+        As :func:`load_model`.
+    """
     from gpcorrect.joint_artifact import load_joint
-    from gpcorrect.joint_corrector import JointStream
+    from gpcorrect_service.server.adapter import JointAdapter
 
-    corrector = load_joint(path)
-    info = {**corrector.summary, "method": corrector.method, "direction": corrector.direction}
-    return JointModel(
-        lambda: JointStream(corrector), corrector.types, info, id=name or Path(path).stem, hash=model_hash(path)
-    )
+    return JointModel(JointAdapter(load_joint(path)), name or Path(path).stem, _hash_of(path, expected))
+
+
+def _hash_of(path: str | Path, expected: str) -> str:
+    from gpcorrect.artifact import model_hash
+
+    digest = model_hash(path)
+    if expected and digest != expected:
+        raise ArtifactError(
+            f"model file {path} is refused: it is not the file that was added under this hash.",
+            hint="Add it again: gpcorrect models add",
+        )
+    return digest
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The models of one moment; a query is answered by one snapshot from its first byte to its last."""
+
+    pose: Model | None = None
+    joints: JointModel | None = None
+
+
+class Active:
+    """Holds the snapshot, and swaps it whole; safe to use from several threads.
+
+    Parameters
+    ----------
+    pose : Model or None
+    joints : JointModel or None
+    """
+
+    def __init__(self, pose: Model | None = None, joints: JointModel | None = None) -> None:
+        self._now = Snapshot(pose, joints)
+        self._paused = False
+        self._failures = 0
+        self._lock = threading.Lock()
+
+    @property
+    def now(self) -> Snapshot:
+        """The models of this moment."""
+        return self._now
+
+    @property
+    def state(self) -> State:
+        """The CRTK state: DISABLED without any model, PAUSED by an operator, FAULT when the model keeps failing."""
+        if self._failures >= FAULTS_IN_A_ROW:
+            return "FAULT"
+        if self._paused:
+            return "PAUSED"
+        return "DISABLED" if self._now == Snapshot() else "ENABLED"
+
+    def activate(self, model: Model | JointModel) -> None:
+        """Answer with another model from the next query on; those under way end with what they began with.
+
+        Parameters
+        ----------
+        model : Model or JointModel
+        """
+        with self._lock:
+            if isinstance(model, JointModel):
+                self._now = replace(self._now, joints=model)
+            else:
+                self._now = replace(self._now, pose=model)
+            self._failures = 0
+
+    def pause(self, paused: bool) -> None:
+        """Stop answering, or go on; going on also leaves FAULT.
+
+        Parameters
+        ----------
+        paused : bool
+        """
+        with self._lock:
+            self._paused = paused
+            self._failures = 0 if not paused else self._failures
+
+    def failed(self) -> None:
+        """Note that the model failed on a query."""
+        with self._lock:
+            self._failures += 1
+
+    def answered(self) -> None:
+        """Note that the model answered."""
+        if self._failures:
+            with self._lock:
+                self._failures = 0 if self._failures < FAULTS_IN_A_ROW else self._failures
+
+    def pose_model(self) -> Model:
+        """Return the model that answers poses.
+
+        Raises
+        ------
+        ServiceError
+            NO_MODEL: there is none; BUSY: paused; INTERNAL: in FAULT.
+        """
+        self._check_enabled()
+        model = self._now.pose
+        if model is None:
+            raise _no_model("for poses", "gpcorrect serve MODEL")
+        return model
+
+    def joint_model(self) -> JointModel:
+        """Return the model that answers joints; raises as :meth:`pose_model`."""
+        self._check_enabled()
+        model = self._now.joints
+        if model is None:
+            raise _no_model("for joints", "gpcorrect serve --joints JOINT_MODEL")
+        return model
+
+    def _check_enabled(self) -> None:
+        if not (self._paused or self._failures):
+            return
+        state = self.state
+        if state == "PAUSED":
+            raise ServiceError(
+                "BUSY",
+                "this server is PAUSED by its operator.",
+                hint="Ask a replica, or: gpcorrect models state ENABLED",
+            )
+        if state == "FAULT":
+            raise ServiceError(
+                "INTERNAL",
+                f"this server is in FAULT: its model failed {FAULTS_IN_A_ROW} times in a row.",
+                hint="Activate another model, or look into the server's log and then: gpcorrect models state ENABLED",
+            )
+
+
+def _no_model(what: str, start: str) -> ServiceError:
+    return ServiceError("NO_MODEL", f"this server holds no model {what}.", hint=f"Start it with one: {start}")

@@ -10,14 +10,14 @@ from typing import Generic, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from gpcorrect_service.ops.logger import Journal
+from gpcorrect_service.ops.logger import Logger
 
-__all__ = ["Lane"]
+__all__ = ["WorkerQueue"]
 
 T = TypeVar("T")
 
 
-class Lane(Generic[T]):
+class WorkerQueue(Generic[T]):
     """Items enter from any thread without waiting and are worked on in order.
 
     Parameters
@@ -27,10 +27,10 @@ class Lane(Generic[T]):
     work : callable
         What is done with an item, in a worker thread.
     overflow : callable
-        What is done, in the caller's thread, with an item that finds the lane full or closing; must not wait.
+        What is done, in the caller's thread, with an item that finds the queue full or closing; must not wait.
     workers, capacity : int
         Threads, and items that may wait; threads that offer at the same instant may each pass the bound.
-    journal : Journal
+    logger : Logger
         Where a failing item is written.
     """
 
@@ -42,13 +42,13 @@ class Lane(Generic[T]):
         *,
         workers: int,
         capacity: int,
-        journal: Journal,
+        logger: Logger,
     ) -> None:
         self._name = name
         self._work = work
         self._overflow = overflow
         self._capacity = capacity
-        self._journal = journal
+        self._logger = logger
         # SimpleQueue is C code without a lock in Python; queue.Queue costs 0.03 ms a query more.
         self._queue: SimpleQueue[T | None] = SimpleQueue()
         self._closing = threading.Event()
@@ -61,7 +61,12 @@ class Lane(Generic[T]):
             thread.start()
 
     def offer(self, item: T) -> None:
-        """Queue an item, or hand it to `overflow`; returns at once."""
+        """Queue an item, or hand it to `overflow`; returns at once.
+
+        Parameters
+        ----------
+        item
+        """
         if self._closing.is_set() or self._queue.qsize() >= self._capacity:
             self._overflow(item)
         else:
@@ -77,7 +82,7 @@ class Lane(Generic[T]):
         """Whether every thread still runs."""
         return all(thread.is_alive() for thread in self._threads)
 
-    def seal(self) -> None:
+    def close(self) -> None:
         """Take nothing more; what waits is still worked on."""
         self._closing.set()
         for _ in self._threads:
@@ -88,9 +93,14 @@ class Lane(Generic[T]):
         self._hurry.set()
 
     def join(self, until: float) -> bool:
-        """Wait until a sealed lane is empty, at most until an instant on the monotonic clock; whether it is.
+        """Wait until a closed queue is empty; return whether it is.
 
         A thread that hangs inside `work` is left behind; it is a daemon and ends with the process.
+
+        Parameters
+        ----------
+        until : float
+            Instant on the monotonic clock, s, at which waiting ends.
         """
         for thread in self._threads:
             thread.join(max(0.0, until - time.monotonic()))
@@ -105,5 +115,5 @@ class Lane(Generic[T]):
     def _handle(self, item: T) -> None:
         try:
             (self._overflow if self._hurry.is_set() else self._work)(item)
-        except Exception as error:  # noqa: BLE001 - a worker that died would leave every later query unanswered
-            self._journal.error("work failed", lane=self._name, exc_info=error)
+        except Exception as error:
+            self._logger.error("work failed", queue=self._name, exc_info=error)

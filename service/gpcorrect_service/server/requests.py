@@ -1,34 +1,70 @@
-"""How a request is read, refused and answered, whatever it asks."""
+"""How a request is read, refused and answered, whatever it asks; no network here."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from dataclasses import dataclass
+
+import msgspec
 
 from gpcorrect.errors import DataError
-from gpcorrect_service.ops.logger import Journal
-from gpcorrect_service.protocol import wire
+from gpcorrect_service.ops.logger import Logger
+from gpcorrect_service.protocol.cdr import CDR_ENCODING
+from gpcorrect_service.protocol.codec import JSON, MSGPACK, Codec, codec_of
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.answers import (
-    Answer,
-    Clock,
-    Request,
-    check_age,
-    error_answer,
-    internal_error,
-    read_meta,
-)
-from gpcorrect_service.server.models import JointModel, Model
+from gpcorrect_service.protocol.messages import SCHEMA_VERSION, ErrorAnswer, Kind, ReplyMeta, RequestMeta
+from gpcorrect_service.server.models import Active, JointModel, Model
 
-__all__ = ["Reception", "Work"]
+__all__ = ["Clock", "Handler", "Parsed", "Request", "RequestParser", "Response", "Work", "plain_response", "refusal"]
 
-CORRECTIONS: frozenset[wire.Kind] = frozenset({"correct", "correct_path", "correct_joints"})
-# From the codec, what travels beside the request, and when work began (s, monotonic) to the answer.
-Work = Callable[[wire.Codec, wire.RequestMeta, float], Answer]
+CORRECTIONS: frozenset[Kind] = frozenset({"correct", "correct_path", "correct_joints"})
 
 
-class Reception:
-    """What every handler shares: how a request is read, refused and answered; safe to use from several threads.
+@dataclass(frozen=True)
+class Clock:
+    """The two clocks of a process, s: one for ages, which nobody can set, and one for the date."""
+
+    monotonic: Callable[[], float] = time.monotonic
+    wall: Callable[[], float] = time.time
+
+
+class Request(msgspec.Struct, frozen=True):
+    """A query as it came: bytes, zenoh encoding, attachment, and when it arrived (s, monotonic)."""
+
+    payload: bytes
+    encoding: str
+    attachment: bytes
+    arrived: float
+
+
+class Response(msgspec.Struct, frozen=True):
+    """A reply as it goes: bytes, zenoh encoding, attachment; status, poses and poses out of domain, for the counts."""
+
+    payload: bytes
+    encoding: str
+    attachment: bytes = b""
+    status: str = "OK"
+    is_error: bool = False
+    rows: int = 1
+    outside: int = 0
+
+
+class Parsed(msgspec.Struct, frozen=True):
+    """A request that will be answered: how its messages are written, what came beside it, when work began (s)."""
+
+    request: Request
+    codec: Codec
+    meta: RequestMeta
+    started: float
+
+
+Handler = Callable[[Request], Response]
+Work = Callable[[Parsed], Response]
+
+
+class RequestParser:
+    """Reads requests and turns what goes wrong into refusals; safe to use from several threads.
 
     Parameters
     ----------
@@ -36,61 +72,144 @@ class Reception:
         The models, and whether they may answer.
     arm, replica : str
         Names that the answers carry.
-    journal : Journal
+    logger : Logger
         Where failures of the model are written.
     clock : Clock
-        Where the time comes from.
     """
 
-    def __init__(self, active: Active, *, arm: str, replica: str, journal: Journal, clock: Clock) -> None:
+    def __init__(self, active: Active, *, arm: str, replica: str, logger: Logger, clock: Clock) -> None:
         self.active = active
         self.arm = arm
         self.replica = replica
-        self._journal = journal
+        self._logger = logger
         self._clock = clock
 
-    def answer(self, kind: wire.Kind, request: Request, work: Work, codec: wire.Codec | None = None) -> Answer:
-        """Return what `work` answers, or the refusal; `codec` where the encoding alone does not tell it."""
+    def handler(self, kind: Kind, work: Work) -> Handler:
+        """Return what answers the requests of a key.
+
+        Parameters
+        ----------
+        kind : str
+            The key.
+        work : callable
+            Answers a parsed request; may raise ServiceError and DataError.
+        """
+        return lambda request: self._answer(kind, work, request)
+
+    def meta(self, parsed: Parsed, model: Model | JointModel) -> ReplyMeta:
+        """Return what travels beside an answer.
+
+        Parameters
+        ----------
+        parsed : Parsed
+        model : Model or JointModel
+            Which one answered.
+        """
+        now, serving = self._clock.wall(), self._clock.monotonic() - parsed.started
+        return ReplyMeta(parsed.meta.request_id, model.id, model.hash, self.replica, now, serving)
+
+    def _answer(self, kind: Kind, work: Work, request: Request) -> Response:
         started = self._clock.monotonic()
-        chosen, meta = codec or wire.JSON, wire.RequestMeta()
+        codec, meta = JSON, RequestMeta()
         try:
-            chosen = codec or wire.choose_codec(request.encoding, kind)
-            meta = read_meta(chosen, request.attachment)
-            check_age(meta, started - request.arrived)
-            answer = work(chosen, meta, started)
-            if kind in CORRECTIONS:
-                self.active.answered()
-            return answer
+            # What travels beside CDR is JSON.
+            cdr = kind == "correct" and request.encoding.startswith(CDR_ENCODING)
+            codec = JSON if cdr else codec_of(request.encoding, kind)
+            meta = _read_meta(codec, request.attachment)
+            _check_age(meta, started - request.arrived)
+            response = work(Parsed(request, codec, meta, started))
         except ServiceError as error:
             if error.status == "INTERNAL":
                 self._failed(kind)
-                self._journal.error(
+                self._logger.error(
                     "unsafe command withheld", kind=kind, request_id=meta.request_id, cause=error.message
                 )
-            return error_answer(chosen, error, self.replica, meta.request_id)
+            return _error_response(codec, error, self.replica, meta.request_id)
         except DataError as error:
             bad = ServiceError("BAD_INPUT", error.message, hint=error.hint)
-            return error_answer(chosen, bad, self.replica, meta.request_id)
-        except Exception as error:  # noqa: BLE001 - whatever a model does, the planner gets a reply and the worker lives on
+            return _error_response(codec, bad, self.replica, meta.request_id)
+        except Exception as error:
             self._failed(kind)
-            self._journal.error("query failed inside", kind=kind, request_id=meta.request_id, exc_info=error)
-            return error_answer(chosen, internal_error(error), self.replica, meta.request_id)
+            self._logger.error("query failed inside", kind=kind, request_id=meta.request_id, exc_info=error)
+            fault = ServiceError(
+                "INTERNAL",
+                f"the server failed on this request ({type(error).__name__}).",
+                hint="Look the request id up in the server's log.",
+            )
+            return _error_response(codec, fault, self.replica, meta.request_id)
+        if kind in CORRECTIONS:
+            self.active.answered()
+        return response
 
-    def beside(
-        self,
-        codec: wire.Codec,
-        meta: wire.RequestMeta,
-        started: float,
-        model: Model | JointModel,
-    ) -> bytes:
-        """Return what travels beside an answer."""
-        now, serving = self._clock.wall(), self._clock.monotonic() - started
-        return codec.encode(wire.ReplyMeta(meta.request_id, model.id, model.hash, self.replica, now, serving))
-
-    def _failed(self, kind: wire.Kind) -> None:
+    def _failed(self, kind: Kind) -> None:
         if kind in CORRECTIONS:
             self.active.failed()
 
-    def elapsed(self, started: float) -> tuple[float, float]:
-        """Return the date, s since 1970, and the seconds since `started`."""
-        return self._clock.wall(), self._clock.monotonic() - started
+
+def plain_response(parsed: Parsed, kind: Kind, message: msgspec.Struct) -> Response:
+    """Return an answer that needs nothing beside it.
+
+    Parameters
+    ----------
+    parsed : Parsed
+    kind : str
+        The key.
+    message : Struct
+    """
+    return Response(parsed.codec.encode(message), parsed.codec.encoding(kind))
+
+
+def refusal(request: Request, error: ServiceError, replica: str) -> Response:
+    """Refuse a request that nobody read further than its id.
+
+    Parameters
+    ----------
+    request : Request
+    error : ServiceError
+    replica : str
+        Who refuses.
+    """
+    codec = MSGPACK if request.encoding.startswith(MSGPACK.media_type) else JSON
+    try:
+        request_id = _read_meta(codec, request.attachment).request_id
+    except ServiceError as unread:
+        request_id = unread.request_id
+    return _error_response(codec, error, replica, request_id)
+
+
+def _read_meta(codec: Codec, attachment: bytes) -> RequestMeta:
+    """Read what travels beside a request; nothing there means no deadline and no name."""
+    if not attachment:
+        return RequestMeta()
+    meta = codec.decode(RequestMeta, attachment)
+    if not 1 <= meta.schema_version <= SCHEMA_VERSION:
+        raise ServiceError(
+            "BAD_INPUT",
+            f"the request has schema {meta.schema_version}; this server speaks up to {SCHEMA_VERSION}.",
+            hint="Upgrade the server, or use the client of its version.",
+            request_id=meta.request_id,
+        )
+    if meta.deadline is not None and not meta.deadline > 0:
+        raise ServiceError(
+            "BAD_INPUT",
+            f"deadline {meta.deadline} s is no time span.",
+            hint="Send seconds above zero.",
+            request_id=meta.request_id,
+        )
+    return meta
+
+
+def _check_age(meta: RequestMeta, age: float) -> None:
+    """Refuse a request that waited (`age`, s) for longer than its answer is wanted."""
+    if meta.deadline is not None and age > meta.deadline:
+        raise ServiceError(
+            "STALE",
+            f"the request waited {age:.3f} s; its answer was wanted within {meta.deadline:.3f} s.",
+            hint="Ask less often, allow more time, or add a replica.",
+            request_id=meta.request_id,
+        )
+
+
+def _error_response(codec: Codec, error: ServiceError, replica: str, request_id: str) -> Response:
+    message = ErrorAnswer(error.status, error.message, error.hint, error.request_id or request_id, replica)
+    return Response(codec.encode(message), codec.encoding("error"), b"", error.status, is_error=True)

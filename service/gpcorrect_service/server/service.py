@@ -22,27 +22,24 @@ from threadpoolctl import threadpool_limits
 
 from gpcorrect.errors import DataError
 from gpcorrect.model_store import ModelStore
-from gpcorrect_service.ops.logger import Journal, open_journal
-from gpcorrect_service.ops.metrics import Tally
+from gpcorrect_service.ops.logger import Logger, open_logger
+from gpcorrect_service.ops.metrics import Counters
+from gpcorrect_service.protocol.messages import Kind
 from gpcorrect_service.protocol.sessions import open_server
 from gpcorrect_service.protocol.settings import ServerSettings
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.admin import Admin, load_entry
-from gpcorrect_service.server.answers import Clock
-from gpcorrect_service.server.health import Health
-from gpcorrect_service.server.jobs import Parcel, Post
-from gpcorrect_service.server.joints import JointHandlers
-from gpcorrect_service.server.models import Corrector, JointModel, Model, load_joint_model, load_model
-from gpcorrect_service.server.poses import Handlers
-from gpcorrect_service.server.queues import Lane
-from gpcorrect_service.server.requests import Reception
-from gpcorrect_service.server.routes import Route, routes
-from gpcorrect_service.server.stream import Estimator, stream_lane, stream_receiver
-from gpcorrect_service.server.throttle import Throttle
+from gpcorrect_service.server.admin import Admin, Health, load_entry
+from gpcorrect_service.server.bounds import Throttle
+from gpcorrect_service.server.corrections import Corrections
+from gpcorrect_service.server.dispatch import Dispatcher, Job
+from gpcorrect_service.server.models import Active, Corrector, JointModel, Model, load_joint_model, load_model
+from gpcorrect_service.server.queues import WorkerQueue
+from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, RequestParser
+from gpcorrect_service.server.stream import stream_queue
 
 __all__ = ["Server", "run", "serve"]
 
-REFUSALS = 4096  # BUSY answers that may wait to be sent; beyond it queries end without one
+REFUSALS = 4096  # chosen by hand: BUSY answers that may wait to be sent; beyond it queries end without one
+# s, a tenth of Python's own: a thread that loads a model hands the interpreter over when a query waits for it.
 SWITCH_SECONDS = 5e-4
 LAST_MOMENT = 0.2  # s: handing a full queue to the refusals takes a millisecond
 
@@ -64,7 +61,7 @@ class Server:
         What answers joints.
     store : ModelStore, optional
         From where models can be activated.
-    journal : Journal, optional
+    logger : Logger, optional
         Where the server logs; standard error by default.
     clock : Clock, optional
         Where the time comes from.
@@ -77,7 +74,7 @@ class Server:
         *,
         joints: JointModel | None = None,
         store: ModelStore | None = None,
-        journal: Journal | None = None,
+        logger: Logger | None = None,
         clock: Clock | None = None,
     ) -> None:
         given = settings or ServerSettings()
@@ -87,17 +84,17 @@ class Server:
         self.active = Active(model, joints)
         self._store = store
         self._clock = clock or Clock()
-        self._journal = journal or open_journal(arm=self.settings.arm, replica=self.settings.replica)
-        self._tally = Tally()
-        self._lanes: dict[str, Lane[Any]] = {}
-        self._post = Post(self.settings, self._tally, self._journal, self._clock.monotonic)
-        self._refusals = Lane(
+        self._logger = logger or open_logger(arm=self.settings.arm, replica=self.settings.replica)
+        self._counters = Counters()
+        self._queues: dict[str, WorkerQueue[Any]] = {}
+        self._dispatcher = Dispatcher(self.settings, self._counters, self._logger, self._clock.monotonic)
+        self._refusals = WorkerQueue(
             "refusals",
-            self._post.refuse,
-            self._post.drop,
+            self._dispatcher.refuse,
+            self._dispatcher.drop,
             workers=1,
             capacity=REFUSALS,
-            journal=self._journal,
+            logger=self._logger,
         )
         self._throttle = Throttle(self.settings.max_rate)
         self._queryables = ExitStack()
@@ -126,95 +123,95 @@ class Server:
             stack.callback(self._drain)
             self._declare(session)
             self._stack = stack.pop_all()
-        self._journal.info("serving", endpoint=self.settings.endpoint, **self._identity())
+        self._logger.info("serving", endpoint=self.settings.endpoint, **self._identity())
 
     def stop(self) -> None:
         """Take no more queries, answer those that wait (at most `drain_seconds`), and close."""
         self._queryables.close()
         self._stack.close()
-        self._journal.info("stopped", counts=self._tally.counts())
+        self._logger.info("stopped", counts=self._counters.counts())
 
     def _drain(self) -> None:
         """Let the workers finish; hand what they cannot finish in time to the refusals; end those last."""
         until = time.monotonic() + self.settings.drain_seconds
-        lanes = self._lanes.values()
-        for lane in lanes:
-            lane.seal()
-        in_time = [lane.join(until) for lane in lanes]
-        for lane in lanes:
-            lane.hurry()
-        ended = [lane.join(until + LAST_MOMENT) for lane in lanes]
-        self._refusals.seal()
+        queues = self._queues.values()
+        for queue in queues:
+            queue.close()
+        in_time = [queue.join(until) for queue in queues]
+        for queue in queues:
+            queue.hurry()
+        ended = [queue.join(until + LAST_MOMENT) for queue in queues]
+        self._refusals.close()
         self._refusals.join(until + 2 * LAST_MOMENT)
         if not all(in_time):
-            self._journal.warning("did not finish in time", hanging=ended.count(False))
+            self._logger.warning("did not finish in time", hanging=ended.count(False))
 
     def _identity(self) -> dict[str, str]:
         now = self.active.now
         named = (("model", now.pose), ("joint_model", now.joints))
-        told = [(f"{what}_{part}", getattr(m, part)) for what, m in named if m for part in ("id", "hash")]
-        return dict(told) or {"model_id": ""}
+        found = [(f"{what}_{part}", getattr(m, part)) for what, m in named if m for part in ("id", "hash")]
+        return dict(found) or {"model_id": ""}
 
     def _declare(self, session: zenoh.Session) -> None:
         """Declare the keys, the operator's and the monitor's last: who sees them finds the rest answering."""
         s = self.settings
-        names = {"arm": s.arm, "replica": s.replica}
-        reception = Reception(self.active, journal=self._journal, clock=self._clock, **names)
-        health = Health(self.active, tally=self._tally, lanes=self._lanes, monotonic=self._clock.monotonic, **names)
-        poses, admin = Handlers(reception, s.bound), Admin(reception, self._store, self._journal)
         self._refusals.start()
         if self._store is not None or self.active.now.joints is not None:
             self._declare_stream(session)
-        for route in routes(poses, JointHandlers(reception), admin, health):
-            self._declare_route(session, route)
+        for kind, handler in self._handlers().items():
+            self._declare_key(session, kind, handler)
         token = session.liveliness().declare_token(f"{s.arm}/live/{s.replica}")
         self._queryables.callback(token.undeclare)
 
-    def _declare_route(self, session: zenoh.Session, route: Route) -> None:
-        s = self.settings
-        lane: Lane[Parcel] = Lane(
-            route.kind,
-            self._post.answer,
-            self._refusals.offer,
-            workers=s.workers if route.kind == "correct" else 1,
-            capacity=s.queue_capacity,
-            journal=self._journal,
-        )
-        self._lanes[route.kind] = lane
-        lane.start()
-        # A direct callback runs on zenoh's thread: it only queues, and saves a change of threads.
-        callback = zenoh.handlers.Callback(self._receiver(route, lane), indirect=False)
-        self._queryables.enter_context(session.declare_queryable(self._post.key(route.kind), callback, complete=True))
+    def _handlers(self) -> dict[Kind, Handler]:
+        """Return which key is answered by what."""
+        names = {"arm": self.settings.arm, "replica": self.settings.replica}
+        parser = RequestParser(self.active, logger=self._logger, clock=self._clock, **names)
+        corrections = Corrections(parser, self.settings.bound)
+        admin = Admin(parser, self._store, self._logger)
+        monotonic = self._clock.monotonic
+        health = Health(self.active, counters=self._counters, queues=self._queues, monotonic=monotonic, **names)
+        return {
+            "correct": parser.handler("correct", corrections.correct),
+            "correct_path": parser.handler("correct_path", corrections.correct_path),
+            "correct_joints": parser.handler("correct_joints", corrections.correct_joints),
+            "model": parser.handler("model", corrections.model),
+            "model/list": parser.handler("model/list", admin.models),
+            "health": parser.handler("health", health.answer),
+            "metrics": health.metrics,
+            "admin/activate": parser.handler("admin/activate", admin.activate),
+            "admin/state": parser.handler("admin/state", admin.state),
+        }
 
-    def _receiver(self, route: Route, lane: Lane[Parcel]) -> Callable[[zenoh.Query], None]:
-        kind, handler, monotonic = route.kind, route.handler, self._clock.monotonic
-        passes, refuse = self._throttle.passes, self._refusals.offer
+    def _declare_key(self, session: zenoh.Session, kind: Kind, handler: Handler) -> None:
+        s = self.settings
+        queue: WorkerQueue[Job] = WorkerQueue(
+            kind,
+            self._dispatcher.answer,
+            self._refusals.offer,
+            workers=s.workers if kind == "correct" else 1,
+            capacity=s.queue_capacity,
+            logger=self._logger,
+        )
+        self._queues[kind] = queue
+        queue.start()
+        monotonic, throttled = self._clock.monotonic, kind in CORRECTIONS and math.isfinite(s.max_rate)
 
         def receive(query: zenoh.Query) -> None:
-            lane.offer(Parcel(query, kind, handler, monotonic()))
+            job = Job(query, kind, handler, monotonic())
+            refused = throttled and not self._throttle.passes(job.arrived)
+            (self._refusals if refused else queue).offer(job)
 
-        def receive_throttled(query: zenoh.Query) -> None:
-            parcel = Parcel(query, kind, handler, monotonic())
-            (lane.offer if passes(parcel.arrived) else refuse)(parcel)
-
-        return receive_throttled if route.throttled and math.isfinite(self.settings.max_rate) else receive
+        # A direct callback runs on zenoh's thread: it only queues, and saves a change of threads.
+        callback = zenoh.handlers.Callback(receive, indirect=False)
+        self._queryables.enter_context(session.declare_queryable(f"{s.arm}/{kind}", callback, complete=True))
 
     def _declare_stream(self, session: zenoh.Session) -> None:
         """Listen to the robot's joints, and publish estimates."""
         s = self.settings
-        estimator = Estimator(
-            self.active,
-            replica=s.replica,
-            tally=self._tally,
-            journal=self._journal,
-            monotonic=self._clock.monotonic,
-            max_age=s.stream_max_age,
-            rate=s.stream_rate,
-        )
-        lane = stream_lane(session, f"{s.arm}/estimate", estimator, self._tally, self._journal)
-        self._lanes["estimate"] = lane
-        lane.start()
-        receive = stream_receiver(self.active, lane, self._clock.monotonic)
+        queue, receive = stream_queue(session, self.active, s, self._counters, self._logger, self._clock.monotonic)
+        self._queues["estimate"] = queue
+        queue.start()
         callback = zenoh.handlers.Callback(receive, indirect=False)
         self._queryables.enter_context(session.declare_subscriber(f"{s.arm}/{s.stream_key}", callback))
 

@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import msgspec
 import numpy as np
 import zenoh
 
+from gpcorrect.correction import Reason
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
-from gpcorrect_service.ops.logger import Journal
-from gpcorrect_service.ops.metrics import Tally
-from gpcorrect_service.protocol import wire
-from gpcorrect_service.protocol.bounds import RateBound
+from gpcorrect_service.ops.logger import Logger
+from gpcorrect_service.ops.metrics import Counters
+from gpcorrect_service.protocol.answer import EstimateAnswer, pack
+from gpcorrect_service.protocol.codec import codec_of
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.wire_joints import JointEstimate, JointState
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.joints import checked_joints
-from gpcorrect_service.server.models import JointModel, JointStreamLike
-from gpcorrect_service.server.queues import Lane
+from gpcorrect_service.protocol.limits import bad_input, checked_joints
+from gpcorrect_service.protocol.messages import JointState
+from gpcorrect_service.protocol.settings import ServerSettings
+from gpcorrect_service.server.bounds import RateBound
+from gpcorrect_service.server.models import Active, JointModel, JointStream
+from gpcorrect_service.server.queues import WorkerQueue
 
-__all__ = ["Estimator", "StreamSample", "stream_lane", "stream_receiver"]
+__all__ = ["Estimator", "StreamSample", "stream_queue"]
 
-CLOCK_STEP = 1.0  # s that a stamp may lie behind the one before and still be a late sample; more is another clock
+CLOCK_STEP = 1.0  # chosen by hand: s that a stamp may lie behind the one before and be late; more is another clock
 SAMPLES_WAITING = 1000  # a second of a fast robot: the slack needs every sample, and a late one says that it is
-QUIET = 1000  # refused samples between two lines about them in the journal
+LOG_EVERY = 1000  # refused samples between two lines about them in the log
 
 
 class StreamSample(msgspec.Struct, frozen=True):
@@ -43,147 +46,145 @@ class Estimator:
     ----------
     active : Active
         The models, and whether they may answer.
-    replica : str
-        Name that the estimates carry.
-    tally : Tally
+    settings : ServerSettings
+        Replica, age after which an estimate is STALE, and the largest change of a correction.
+    counters : Counters
         Where samples are counted.
-    journal : Journal
-        Where refused samples are told, the first and every thousandth.
+    logger : Logger
+        Where refused samples are written, the first and every thousandth.
     monotonic : callable
         Clock, s.
-    max_age : float
-        s after which an estimate is called STALE.
-    rate : float
-        Largest change of a correction, rad/s and m/s; infinite for none.
     """
 
     def __init__(
         self,
         active: Active,
-        *,
-        replica: str,
-        tally: Tally,
-        journal: Journal,
+        settings: ServerSettings,
+        counters: Counters,
+        logger: Logger,
         monotonic: Callable[[], float],
-        max_age: float,
-        rate: float = np.inf,
     ) -> None:
         self._active = active
-        self._replica = replica
-        self._tally = tally
-        self._journal = journal
+        self._settings = settings
+        self._counters = counters
+        self._logger = logger
         self._monotonic = monotonic
-        self._max_age = max_age
-        self._rate = rate
         self._refused = 0
         self._model: JointModel | None = None
-        self._stream: JointStreamLike | None = None
+        self._stream: JointStream | None = None
         self._bound: RateBound | None = None
         self._last: JointState | None = None
 
     def estimate(self, sample: StreamSample) -> tuple[bytes, str] | None:
-        """Return the estimate's bytes and encoding, or None for a sample that is refused, which is counted."""
+        """Return the estimate's bytes and encoding, or None for a sample that is refused, which is counted.
+
+        Parameters
+        ----------
+        sample : StreamSample
+        """
         try:
-            codec = wire.choose_codec(sample.encoding, "joint_state")
+            codec = codec_of(sample.encoding, "joint_state")
             state = codec.decode(JointState, sample.payload)
             message = self._answer(state, self._monotonic() - sample.arrived)
         except (ServiceError, DataError) as error:
             self._refuse(error, sample.arrived)
             return None
-        self._tally.add("estimate", message.status, self._monotonic() - sample.arrived)
-        return codec.encode(message), wire.NAMES[codec.name, "estimate"]
+        self._counters.add("estimate", message.status, self._monotonic() - sample.arrived)
+        return codec.encode(message), codec.encoding("estimate")
 
-    def _answer(self, state: JointState, age: float) -> JointEstimate:
+    def _answer(self, state: JointState, age: float) -> EstimateAnswer:
         model = self._active.joint_model()
-        q = checked_joints((state.position,), model.types, "joints")[0]
+        q = checked_joints((state.position,), model.corrector.types)[0]
         effort = _effort(state, len(q))
         stream = self._stream_for(model, state)
         answer = stream.estimate(state.stamp, q, effort)
         self._last = state
-        position, status = answer.q, "OK"
+        assert answer.joints is not None
         if self._bound is not None:
-            correction, cut = self._bound.step(state.stamp, answer.q - q)
-            position, status = q + correction, ("LIMITED" if cut else "OK")
-        if not np.isfinite(position).all():
-            status = "MISSING"
-        elif age > self._max_age:
-            status = "STALE"
-        return JointEstimate(
-            state.stamp,
-            wire.gaps(position.tolist()),
-            wire.gaps(answer.std.tolist()),
-            status,
-            state.session,
-            model.hash,
-            self._replica,
+            correction, cut = self._bound.step(state.stamp, answer.joints - q)
+            answer = replace(answer, joints=q + correction).because(Reason.RATE_LIMITED, cut)
+        answer = answer.because(Reason.STALE, age > self._settings.stream_max_age)
+        return pack(
+            EstimateAnswer,
+            answer,
+            stamp=state.stamp,
+            session=state.session,
+            model_hash=model.hash,
+            replica=self._settings.replica,
         )
 
-    def _stream_for(self, model: JointModel, state: JointState) -> JointStreamLike:
+    def _stream_for(self, model: JointModel, state: JointState) -> JointStream:
         """Return the path that this sample goes on with; it begins anew with a model, a session or another clock."""
-        last = self._last
+        last, rate = self._last, self._settings.stream_rate
         if not (np.isfinite(state.stamp) and state.stamp > 0):
-            raise ServiceError("BAD_INPUT", f"the stamp of the sample is {state.stamp}.", hint="Stamp samples in s.")
+            raise bad_input(f"the stamp of the sample is {state.stamp}.", "Stamp samples in s.")
         if self._stream is None or model is not self._model:
-            self._model, self._stream = model, model.stream()
-            self._bound = RateBound(np.full(len(model.types), self._rate)) if np.isfinite(self._rate) else None
+            self._model, self._stream = model, model.corrector.stream()
+            self._bound = RateBound(np.full(len(model.corrector.types), rate)) if np.isfinite(rate) else None
         elif last is not None and (state.session != last.session or state.stamp < last.stamp - CLOCK_STEP):
             self._stream.reset()
             if self._bound is not None:
                 self._bound.reset()
         elif last is not None and state.stamp <= last.stamp:
-            raise ServiceError(
-                "BAD_INPUT",
+            raise bad_input(
                 f"a sample stamped {state.stamp:.6f} came after one stamped {last.stamp:.6f}.",
-                hint="Send every sample once, in order.",
+                "Send every sample once, in order.",
             )
         return self._stream
 
     def _refuse(self, error: ServiceError | DataError, arrived: float) -> None:
         status = error.status if isinstance(error, ServiceError) else "BAD_INPUT"
-        self._tally.add("estimate", status, self._monotonic() - arrived)
-        if self._refused % QUIET == 0:
-            self._journal.warning("sample refused", status=status, cause=error.message, refused=self._refused + 1)
+        self._counters.add("estimate", status, self._monotonic() - arrived)
+        if self._refused % LOG_EVERY == 0:
+            self._logger.warning("sample refused", status=status, cause=error.message, refused=self._refused + 1)
         self._refused += 1
 
 
-def stream_lane(
-    session: zenoh.Session, key: str, estimator: Estimator, tally: Tally, journal: Journal
-) -> Lane[StreamSample]:
-    """Return the lane that answers samples and publishes the estimates on `key`; what finds it full is only counted."""
-    # Not express: a packet for every estimate fills the two packets that zenoh holds, and more would be dropped.
-    publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP)
+def stream_queue(
+    session: zenoh.Session,
+    active: Active,
+    settings: ServerSettings,
+    counters: Counters,
+    logger: Logger,
+    monotonic: Callable[[], float],
+) -> tuple[WorkerQueue[StreamSample], Callable[[zenoh.Sample], None]]:
+    """Return the queue that answers samples and publishes estimates, and the callback that fills it.
 
-    def publish(sample: StreamSample) -> None:
+    Parameters
+    ----------
+    session : zenoh.Session
+    active, settings, counters, logger, monotonic
+        As for :class:`Estimator`.
+    """
+    estimator = Estimator(active, settings, counters, logger, monotonic)
+    # Not express: a packet for every estimate fills the two packets that zenoh holds, and more would be dropped.
+    drop = zenoh.CongestionControl.DROP
+    publisher = session.declare_publisher(f"{settings.arm}/estimate", congestion_control=drop)
+
+    def _publish(sample: StreamSample) -> None:
         answer = estimator.estimate(sample)
         if answer is not None:
             publisher.put(answer[0], encoding=answer[1])
 
-    def drop(_: StreamSample) -> None:
-        tally.add("estimate", "DROPPED")
-
-    return Lane("estimate", publish, drop, workers=1, capacity=SAMPLES_WAITING, journal=journal)
-
-
-def stream_receiver(
-    active: Active, lane: Lane[StreamSample], monotonic: Callable[[], float]
-) -> Callable[[zenoh.Sample], None]:
-    """Return the callback that queues samples, while there is a model to answer them."""
-
-    def receive(sample: zenoh.Sample) -> None:
+    def _receive(sample: zenoh.Sample) -> None:
         if active.now.joints is not None:
-            lane.offer(StreamSample(sample.payload.to_bytes(), str(sample.encoding), monotonic()))
+            queue.offer(StreamSample(sample.payload.to_bytes(), str(sample.encoding), monotonic()))
 
-    return receive
+    queue: WorkerQueue[StreamSample] = WorkerQueue(
+        "estimate",
+        _publish,
+        lambda _: counters.add("estimate", "DROPPED"),
+        workers=1,
+        capacity=SAMPLES_WAITING,
+        logger=logger,
+    )
+    return queue, _receive
 
 
 def _effort(state: JointState, dof: int) -> FloatArray | None:
     if state.effort is None:
         return None
     if len(state.effort) != dof:
-        raise ServiceError(
-            "BAD_INPUT",
-            f"{dof} joints came with {len(state.effort)} efforts.",
-            hint="Send one effort a joint, or none.",
-        )
+        raise bad_input(f"{dof} joints came with {len(state.effort)} efforts.", "Send one effort a joint, or none.")
     effort = np.array(state.effort, dtype=np.float64)
     return np.where(np.isfinite(effort), effort, np.nan)

@@ -10,17 +10,17 @@ from typing import Self, TypeVar
 import zenoh
 from numpy.typing import ArrayLike
 
-from gpcorrect_service.client.replies import CorrectionReply, JointsReply, PathReply
-from gpcorrect_service.client.requests import Call, ClientBase, Line
+from gpcorrect_service.client.connection import POLL_SECONDS, ClientBase, Querier
+from gpcorrect_service.client.replies import Reply
+from gpcorrect_service.client.requests import Question
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.wire import HealthAnswer, ModelAnswer
+from gpcorrect_service.protocol.messages import HealthAnswer, ModelAnswer
 
-__all__ = ["POLL_SECONDS", "REPLIES_KEPT", "CorrectionClient"]
+__all__ = ["CorrectionClient"]
 
-POLL_SECONDS = 0.002  # between looks at whether a server has appeared
 # Replies of one query that may wait to be read: more than there are replicas, so that zenoh's thread never
 # waits. A RingChannel would not do: it is gone, with what it holds, when the last reply overtakes the reader.
-REPLIES_KEPT = 64
+WAITING_REPLIES = 64
 
 R = TypeVar("R")
 
@@ -28,7 +28,7 @@ R = TypeVar("R")
 class CorrectionClient(ClientBase):
     """Asks a correction server from a planner; a context manager, safe to use from several threads.
 
-    Parameters: see :class:`gpcorrect_service.client.requests.ClientBase`.
+    Parameters: see :class:`gpcorrect_service.client.connection.ClientBase`.
     """
 
     def __enter__(self) -> Self:
@@ -41,9 +41,9 @@ class CorrectionClient(ClientBase):
 
     def close(self) -> None:
         """Close the connection; questions after that are answered NO_SERVICE."""
-        self._desk.close()
+        self._close()
 
-    def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> CorrectionReply:
+    def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> Reply:
         """Return what to command so that the robot reaches `pose`.
 
         Parameters
@@ -58,9 +58,9 @@ class CorrectionClient(ClientBase):
         ServiceError
             With the status of the failure; except for BAD_INPUT only when `on_failure` is "raise".
         """
-        return self._ask(self._desk.correct(pose, twist))
+        return self._ask(self._build.correct(pose, twist))
 
-    def correct_path(self, poses: ArrayLike, times: ArrayLike) -> PathReply:
+    def correct_path(self, poses: ArrayLike, times: ArrayLike) -> Reply:
         """Return what to command so that the robot follows a path; velocities are computed along it.
 
         Parameters
@@ -75,7 +75,7 @@ class CorrectionClient(ClientBase):
         ServiceError
             As for :meth:`correct`.
         """
-        return self._ask(self._desk.correct_path(poses, times))
+        return self._ask(self._build.correct_path(poses, times))
 
     def correct_joints(
         self,
@@ -83,7 +83,7 @@ class CorrectionClient(ClientBase):
         times: ArrayLike,
         efforts: ArrayLike | None = None,
         sessions: Sequence[int] | None = None,
-    ) -> JointsReply:
+    ) -> Reply:
         """Return the true joints of a path of reported ones, or what to command, by the model's direction.
 
         Parameters
@@ -102,7 +102,7 @@ class CorrectionClient(ClientBase):
         ServiceError
             As for :meth:`correct`.
         """
-        return self._ask(self._desk.correct_joints(q, times, efforts, sessions))
+        return self._ask(self._build.correct_joints(q, times, efforts, sessions))
 
     def metrics(self) -> str:
         """Return the server's numbers as OpenMetrics text.
@@ -112,7 +112,7 @@ class CorrectionClient(ClientBase):
         ServiceError
             As for :meth:`model`.
         """
-        return self._ask(self._desk.metrics())
+        return self._ask(self._build.metrics())
 
     def model(self) -> ModelAnswer:
         """Return which model is active and what it says of itself.
@@ -122,7 +122,7 @@ class CorrectionClient(ClientBase):
         ServiceError
             As for :meth:`correct`, whatever `on_failure` says.
         """
-        return self._ask(self._desk.model())
+        return self._ask(self._build.plain("model", ModelAnswer))
 
     def health(self) -> HealthAnswer:
         """Return the server's state, queues and counts.
@@ -132,56 +132,43 @@ class CorrectionClient(ClientBase):
         ServiceError
             As for :meth:`model`.
         """
-        return self._ask(self._desk.health())
+        return self._ask(self._build.plain("health", HealthAnswer))
 
-    def _ask(self, call: Call[R]) -> R:
+    def _ask(self, question: Question[R]) -> R:
         try:
-            return self._ask_servers(call)
+            return self._ask_servers(question)
         except ServiceError as error:
-            return call.rescue(error)
+            return question.rescue(error)
 
-    def _ask_servers(self, call: Call[R]) -> R:
-        line = self._desk.open_line(call.kind) or self._desk.line(call.kind)
-        if line.fresh:
-            self._await_server(line)
-        first, second = line.attempts()
-        answer = self._attempt(first, call)
+    def _ask_servers(self, question: Question[R]) -> R:
+        querier = self._queriers.get(question.kind) or self._querier(question.kind)
+        if querier.fresh:
+            self._await_server(querier)
+        answer = self._attempt(querier, querier.first, question)
         if isinstance(answer, ServiceError):
             # Asked only now: looking at who matches costs a tenth of a query.
-            if not line.matched:
-                self._await_server(line)
+            if not querier.matched:
+                self._await_server(querier)
             elif answer.status == "NO_SERVICE":
-                line.suspect()
-            answer = self._attempt(second, call)
+                querier.suspect()
+            answer = self._attempt(querier, querier.second, question)
         if isinstance(answer, ServiceError):
             raise answer
         return answer
 
-    def _await_server(self, line: Line) -> None:
-        until = time.monotonic() + self._desk.patience(line)
-        while not line.matched:
+    def _await_server(self, querier: Querier) -> None:
+        until = time.monotonic() + querier.patience()
+        while not querier.matched:
             if time.monotonic() > until:
-                raise self._desk.silence()
+                raise querier.silence()
             time.sleep(POLL_SECONDS)
 
-    def _attempt(self, querier: zenoh.Querier, call: Call[R]) -> R | ServiceError:
+    def _attempt(self, querier: Querier, target: zenoh.Querier, question: Question[R]) -> R | ServiceError:
         """Return the first answer without waiting for others; the channel closes when the time is over."""
         failure = None
-        for reply in self._send(querier, call):
-            answer = call.hear(reply)
+        for reply in querier.ask(target, zenoh.handlers.FifoChannel(WAITING_REPLIES), question):
+            answer = question.answer(reply)
             if not isinstance(answer, ServiceError):
                 return answer
             failure = answer
-        return failure or self._desk.silence()
-
-    def _send(self, querier: zenoh.Querier, call: Call[R]) -> zenoh.Handler[zenoh.Reply]:
-        message = call.message
-        try:
-            return querier.get(
-                zenoh.handlers.FifoChannel(REPLIES_KEPT),
-                payload=message.payload,
-                encoding=message.encoding,
-                attachment=message.attachment,
-            )
-        except zenoh.ZError as error:
-            raise self._desk.silence() from error
+        return failure or querier.silence()

@@ -1,0 +1,120 @@
+"""The client for planners on asyncio: the same conversation without a thread that waits."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Self, TypeVar
+
+import zenoh
+from numpy.typing import ArrayLike
+
+from gpcorrect_service.client.connection import POLL_SECONDS, ClientBase, Querier
+from gpcorrect_service.client.replies import Reply
+from gpcorrect_service.client.requests import Question
+from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.messages import HealthAnswer, ModelAnswer
+
+__all__ = ["AsyncCorrectionClient"]
+
+R = TypeVar("R")
+
+
+class AsyncCorrectionClient(ClientBase):
+    """:class:`gpcorrect_service.CorrectionClient` for asyncio: same parameters, same answers, awaited.
+
+    zenoh's own thread hands replies to the event loop; no call takes a thread of its own.
+    """
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """See :meth:`gpcorrect_service.CorrectionClient.close`."""
+        await asyncio.to_thread(self._close)
+
+    async def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> Reply:
+        """See :meth:`gpcorrect_service.CorrectionClient.correct`."""
+        return await self._ask(self._build.correct(pose, twist))
+
+    async def correct_path(self, poses: ArrayLike, times: ArrayLike) -> Reply:
+        """See :meth:`gpcorrect_service.CorrectionClient.correct_path`."""
+        return await self._ask(self._build.correct_path(poses, times))
+
+    async def correct_joints(
+        self,
+        q: ArrayLike,
+        times: ArrayLike,
+        efforts: ArrayLike | None = None,
+        sessions: Sequence[int] | None = None,
+    ) -> Reply:
+        """See :meth:`gpcorrect_service.CorrectionClient.correct_joints`."""
+        return await self._ask(self._build.correct_joints(q, times, efforts, sessions))
+
+    async def metrics(self) -> str:
+        """See :meth:`gpcorrect_service.CorrectionClient.metrics`."""
+        return await self._ask(self._build.metrics())
+
+    async def model(self) -> ModelAnswer:
+        """See :meth:`gpcorrect_service.CorrectionClient.model`."""
+        return await self._ask(self._build.plain("model", ModelAnswer))
+
+    async def health(self) -> HealthAnswer:
+        """See :meth:`gpcorrect_service.CorrectionClient.health`."""
+        return await self._ask(self._build.plain("health", HealthAnswer))
+
+    async def _ask(self, question: Question[R]) -> R:
+        try:
+            return await self._ask_servers(question)
+        except ServiceError as error:
+            return question.rescue(error)
+
+    async def _ask_servers(self, question: Question[R]) -> R:
+        # Connecting may wait for the network, which the event loop must not.
+        querier = self._queriers.get(question.kind)
+        if querier is None:
+            querier = await asyncio.to_thread(self._querier, question.kind)
+        if querier.fresh:
+            await self._await_server(querier)
+        answer = await self._attempt(querier, querier.first, question)
+        if isinstance(answer, ServiceError):
+            if not querier.matched:
+                await self._await_server(querier)
+            elif answer.status == "NO_SERVICE":
+                querier.suspect()
+            answer = await self._attempt(querier, querier.second, question)
+        if isinstance(answer, ServiceError):
+            raise answer
+        return answer
+
+    async def _await_server(self, querier: Querier) -> None:
+        loop = asyncio.get_running_loop()
+        until = loop.time() + querier.patience()
+        while not querier.matched:
+            if loop.time() > until:
+                raise querier.silence()
+            await asyncio.sleep(POLL_SECONDS)
+
+    async def _attempt(self, querier: Querier, target: zenoh.Querier, question: Question[R]) -> R | ServiceError:
+        """Return the first answer without waiting for others; None comes after the last, at the end of the time."""
+        loop = asyncio.get_running_loop()
+        inbox: asyncio.Queue[zenoh.Reply | None] = asyncio.Queue()
+
+        def _deliver(reply: zenoh.Reply | None) -> None:
+            if not loop.is_closed():
+                loop.call_soon_threadsafe(inbox.put_nowait, reply)
+
+        querier.ask(target, zenoh.handlers.Callback(_deliver, lambda: _deliver(None), indirect=False), question)
+        failure = None
+        while (reply := await inbox.get()) is not None:
+            answer = question.answer(reply)
+            if not isinstance(answer, ServiceError):
+                return answer
+            failure = answer
+        return failure or querier.silence()

@@ -1,0 +1,194 @@
+"""A client's session and its keys: who is asked first, who next, and how long a server is waited for."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any, Literal
+
+import zenoh
+
+from gpcorrect_service.client.requests import Question, RequestBuilder, no_service
+from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.messages import Kind
+from gpcorrect_service.protocol.sessions import open_client
+from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings, OnFailure
+
+__all__ = ["POLL_SECONDS", "ClientBase", "Querier", "matched"]
+
+POLL_SECONDS = 0.002  # chosen by hand: between looks at whether a server has appeared
+SUSPICION_SECONDS = 10.0  # after which zenoh itself drops a server that hangs (its lease)
+
+
+def matched(querier: zenoh.Querier) -> bool:
+    """Whether some server declares a querier's key now.
+
+    Parameters
+    ----------
+    querier : zenoh.Querier
+    """
+    status: Any = querier.matching_status  # zenoh's stubs say bool; it is a MatchingStatus
+    return bool(status.matching)
+
+
+class Querier:
+    """Two ways to ask one key: the nearest server, then every server.
+
+    zenoh always sends to the same nearest server and does not leave one that hangs, hence the second way; while the
+    nearest one is under suspicion, every server is asked at once.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+    key : str
+    settings : ClientSettings
+    timeout : float
+        Seconds for one answer, the retry included.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str, settings: ClientSettings, timeout: float) -> None:
+        self._nearest, self._everyone = (
+            session.declare_querier(
+                key,
+                target=target,
+                # Replies pass as they come; the default holds them back until every server has answered.
+                consolidation=zenoh.ConsolidationMode.NONE,
+                # A server that stopped reading must not stop the planner as well.
+                congestion_control=zenoh.CongestionControl.DROP,
+                timeout=timeout / 2,
+            )
+            for target in (zenoh.QueryTarget.BEST_MATCHING, zenoh.QueryTarget.ALL)
+        )
+        self._settings = settings
+        self._timeout = timeout
+        self._trusted_from = -math.inf
+        self.fresh = True
+
+    @property
+    def matched(self) -> bool:
+        """Whether some server declares this key now."""
+        return matched(self._nearest)
+
+    @property
+    def first(self) -> zenoh.Querier:
+        """Whom to ask first."""
+        return self._nearest if time.monotonic() >= self._trusted_from else self._everyone
+
+    @property
+    def second(self) -> zenoh.Querier:
+        """Whom to ask when that fails."""
+        return self._everyone
+
+    def patience(self) -> float:
+        """Return how long, s, to wait for a server to appear: only the first question may wait longer."""
+        fresh, self.fresh = self.fresh, False
+        connect = self._settings.connect_timeout
+        return connect if fresh else min(connect, self._timeout)
+
+    def suspect(self) -> None:
+        """Note that the nearest server kept silent: for a while it is not asked alone."""
+        self._trusted_from = time.monotonic() + SUSPICION_SECONDS
+
+    def ask(self, querier: zenoh.Querier, handler: Any, question: Question[Any]) -> Any:
+        """Send a question; return what zenoh makes of the handler.
+
+        Parameters
+        ----------
+        querier : zenoh.Querier
+            :attr:`first` or :attr:`second`.
+        handler
+            zenoh's, for the replies.
+        question : Question
+
+        Raises
+        ------
+        ServiceError
+            NO_SERVICE: the session is closed.
+        """
+        try:
+            return querier.get(
+                handler, payload=question.payload, encoding=question.encoding, attachment=question.attachment
+            )
+        except zenoh.ZError as error:
+            raise self.silence() from error
+
+    def silence(self) -> ServiceError:
+        """Return the error of a query that nobody answered."""
+        return no_service(settings=self._settings)
+
+
+class ClientBase:
+    """What makes a client, blocking or asynchronous.
+
+    Connects with the first question, and again by itself when a server comes back.
+
+    Parameters
+    ----------
+    endpoint : str or sequence of str
+        Addresses of the servers; with several, the retry reaches all of them.
+    arm, namespace : str
+        Second and first part of the keys that the server answers on.
+    encoding : str
+        "msgpack" (faster) or "json".
+    timeout : float
+        Seconds for one answer, the one retry included.
+    on_failure : str
+        "raise", or "identity": hand the desired pose back uncorrected, with `fallback="identity"` and the failure as
+        status. Bad input raises either way.
+    path_timeout, connect_timeout : float
+        Seconds for a path, and for a server to appear before the first question.
+    config_file : path, optional
+        A zenoh JSON5 configuration instead of `endpoint`.
+
+    Raises
+    ------
+    DataError, EndpointError
+        A setting that cannot be.
+    """
+
+    def __init__(
+        self,
+        endpoint: str | Sequence[str] = DEFAULT_ENDPOINT,
+        arm: str = "arm1",
+        namespace: str = "gpcorrect",
+        encoding: Literal["msgpack", "json"] = "msgpack",
+        timeout: float = 0.5,
+        on_failure: OnFailure = "raise",
+        *,
+        path_timeout: float = 10.0,
+        connect_timeout: float = 3.0,
+        config_file: Path | None = None,
+    ) -> None:
+        endpoints = (endpoint,) if isinstance(endpoint, str) else tuple(endpoint)
+        self._settings = ClientSettings(endpoints, arm, namespace, timeout, path_timeout, connect_timeout, config_file)
+        self._build = RequestBuilder(self._settings, encoding, on_failure)
+        self._stack = ExitStack()
+        self._session: zenoh.Session | None = None
+        self._queriers: dict[Kind, Querier] = {}
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def _querier(self, kind: Kind) -> Querier:
+        """Return the way to ask a key; connects at the first use, which may wait for the network."""
+        with self._lock:
+            if self._closed:
+                raise ServiceError("NO_SERVICE", "this client was closed.", hint="Open another one.")
+            if self._session is None:
+                self._session = self._stack.enter_context(open_client(self._settings))
+            if kind not in self._queriers:
+                key, timeout = f"{self._settings.arm}/{kind}", self._settings.timeout_of(kind)
+                self._queriers[kind] = Querier(self._session, key, self._settings, timeout)
+            return self._queriers[kind]
+
+    def _close(self) -> None:
+        with self._lock:
+            self._closed = True
+            self._queriers.clear()
+            self._session = None
+            # A server that hangs does not say goodbye: zenoh gives up on it after its own while, and so is it closed.
+            with suppress(zenoh.ZError):
+                self._stack.close()

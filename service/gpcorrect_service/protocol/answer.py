@@ -1,0 +1,147 @@
+"""The one answer on the wire, and its two conversions: from and to :class:`gpcorrect.correction.Correction`."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, Generic, TypeVar
+
+import msgspec
+import numpy as np
+from msgspec import UNSET, UnsetType
+
+from gpcorrect.correction import Correction, Reason
+from gpcorrect.types import FloatArray
+
+__all__ = ["Answer", "EstimateAnswer", "JointsAnswer", "PathAnswer", "PoseAnswer", "nullable", "pack", "unpack"]
+
+Command = TypeVar("Command")  # numbers that all exist
+Sizes = TypeVar("Sizes")  # numbers, or null where one does not exist
+Flag = TypeVar("Flag")
+Text = TypeVar("Text")
+Code = TypeVar("Code")
+A = TypeVar("A", bound="Answer[Any, Any, Any, Any, Any]")
+
+
+class Answer(msgspec.Struct, Generic[Command, Sizes, Flag, Text, Code], frozen=True, kw_only=True):
+    """A :class:`gpcorrect.correction.Correction` as it travels: one answer, or the columns of n.
+
+    `status` and `reason` are for people; `flags` holds the same reasons as bits, for programs.
+    """
+
+    position: Command | UnsetType = UNSET
+    quaternion: Command | UnsetType | None = UNSET
+    joints: Sizes | UnsetType = UNSET
+    std: Sizes
+    interval95: Sizes
+    in_domain: Flag
+    status: Text
+    reason: Text
+    flags: Code
+
+
+class _Single(Answer[list[float], list[float | None], bool, str, int], frozen=True, kw_only=True):
+    """One answer."""
+
+
+class _Rows(
+    Answer[list[list[float]], list[list[float | None]], list[bool], list[str], list[int]], frozen=True, kw_only=True
+):
+    """The columns of n answers."""
+
+
+class PoseAnswer(_Single, frozen=True, kw_only=True):
+    """Answer of `correct`."""
+
+
+class PathAnswer(_Rows, frozen=True, kw_only=True, rename={"position": "positions", "quaternion": "quaternions"}):
+    """Answer of `correct_path`."""
+
+
+class JointsAnswer(_Rows, frozen=True, kw_only=True, rename={"joints": "q"}):
+    """Answer of `correct_joints`."""
+
+
+class EstimateAnswer(_Single, frozen=True, kw_only=True, rename={"joints": "position", "position": "tool_position"}):
+    """One sample of the stream `estimate`: `stamp` and `session` of the robot's sample, and which model answered."""
+
+    stamp: float
+    session: int
+    model_hash: str
+    replica: str
+
+
+def pack(form: type[A], answer: Correction, **beside: Any) -> A:
+    """Return a correction as a message.
+
+    Parameters
+    ----------
+    form : type
+        The message; one for single answers or one for n, as the correction is.
+    answer : Correction
+    **beside
+        Further fields of the message.
+    """
+    flags: Any = answer.reasons
+    in_domain = answer.in_domain
+    if isinstance(flags, np.ndarray):
+        flags, in_domain = flags.tolist(), in_domain.tolist()
+        words = [_words(code) for code in flags]
+        status, reason = [first for first, _ in words], [second for _, second in words]
+    else:
+        flags = int(flags)
+        status, reason = _words(flags)  # type: ignore[assignment]  # a text for one, a list for n
+    posed = answer.position is not None
+    return form(
+        position=answer.position.tolist() if answer.position is not None else UNSET,
+        quaternion=answer.quaternion.tolist() if answer.quaternion is not None else (None if posed else UNSET),
+        joints=UNSET if answer.joints is None else nullable(answer.joints),
+        std=nullable(answer.std),
+        interval95=nullable(answer.interval95),
+        in_domain=in_domain,
+        status=status,
+        reason=reason,
+        flags=flags,
+        **beside,
+    )
+
+
+def unpack(message: Answer[Any, Any, Any, Any, Any]) -> Correction:
+    """Return the correction in a message.
+
+    Parameters
+    ----------
+    message : Answer
+    """
+    flags = message.flags
+    return Correction(
+        position=_array(message.position),
+        quaternion=_array(message.quaternion),
+        joints=_array(message.joints),
+        std=np.array(message.std, dtype=np.float64),
+        interval95=np.array(message.interval95, dtype=np.float64),
+        reasons=Reason(flags) if isinstance(flags, int) else np.array(flags, dtype=np.int64),
+    )
+
+
+def _array(values: Any) -> FloatArray | None:
+    return None if values is None or values is UNSET else np.array(values, dtype=np.float64)  # null becomes NaN
+
+
+def nullable(values: FloatArray) -> Any:
+    """Return nested lists with None where a number does not exist: JSON knows no NaN.
+
+    Parameters
+    ----------
+    values : (k,) or (n, k) array
+    """
+    listed: list[Any] = values.tolist()
+    if values.ndim == 1:
+        return listed if math.isfinite(sum(listed)) else [one if math.isfinite(one) else None for one in listed]
+    return listed if np.isfinite(values).all() else [nullable(row) for row in values]
+
+
+@lru_cache(maxsize=1024)  # all combinations of reasons
+def _words(code: int) -> tuple[str, str]:
+    reason = Reason(code)
+    return str(reason.status), reason.text

@@ -1,0 +1,206 @@
+"""The messages: what is asked, what is answered beside corrections, and what travels beside both.
+
+SI units; poses are `x y z qw qx qy qz`; null where a number does not exist.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, get_args
+
+import msgspec
+
+__all__ = [
+    "KINDS",
+    "SCHEMA_VERSION",
+    "ActivateAnswer",
+    "ActivateRequest",
+    "CorrectJointsRequest",
+    "CorrectPathRequest",
+    "CorrectRequest",
+    "ErrorAnswer",
+    "HealthAnswer",
+    "JointState",
+    "Kind",
+    "ModelAnswer",
+    "ModelEntry",
+    "ModelListAnswer",
+    "Numbers",
+    "ReplyMeta",
+    "RequestMeta",
+    "Row",
+    "StateAnswer",
+    "StateRequest",
+]
+
+SCHEMA_VERSION = 1  # of the messages; a server refuses a newer one
+Kind = Literal[
+    "correct",
+    "correct_path",
+    "correct_joints",
+    "model",
+    "model/list",
+    "health",
+    "metrics",
+    "admin/activate",
+    "admin/state",
+]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+Numbers = tuple[float, ...]
+Row = tuple[float | None, ...]
+
+
+class CorrectRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One desired pose: 7 numbers (or 3 for a position alone), and its twist (6) where known."""
+
+    pose: Numbers
+    twist: Numbers | None = None
+
+
+class CorrectPathRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A timed path: n poses of 7 (or 3) numbers, n times in s."""
+
+    poses: tuple[Numbers, ...]
+    times: Numbers
+
+
+class CorrectJointsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A timed path of joints: n rows of d positions (rad or m; null where missing), n times in s.
+
+    `efforts` are n rows as logged (N m or N), for models that use them; `sessions` are n numbers: where one differs
+    from that before, the arm was homed or moved by hand, and the path begins anew.
+    """
+
+    q: tuple[Row, ...]
+    times: Numbers
+    efforts: tuple[Row, ...] | None = None
+    sessions: tuple[int, ...] | None = None
+
+
+class JointState(msgspec.Struct, frozen=True):
+    """Joints as CRTK's `measured_js`: rad or m, a second, N m or N; `stamp` is the robot's clock, s, and never 0."""
+
+    stamp: float
+    position: Row
+    velocity: Row | None = None
+    effort: Row | None = None
+    session: int = 0
+
+
+class ModelAnswer(msgspec.Struct, frozen=True):
+    """The active model: name, SHA-256 of its file, and its own description (frames, features, fit report)."""
+
+    id: str
+    hash: str
+    arm: str
+    replica: str
+    info: dict[str, Any]
+
+
+class HealthAnswer(msgspec.Struct, frozen=True):
+    """State of one server: CRTK state, queue lengths, and how many queries of each key ended how."""
+
+    state: str
+    arm: str
+    replica: str
+    model_id: str
+    model_hash: str
+    uptime: float
+    queued: dict[str, int]
+    counts: dict[str, dict[str, int]]
+    joint_model_id: str = ""
+    joint_model_hash: str = ""
+
+
+class ActivateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Which model of the server's store is to answer: its name, or the beginning of its hash."""
+
+    model: str
+
+
+class ActivateAnswer(msgspec.Struct, frozen=True):
+    """Which model answers now, and which one did before."""
+
+    id: str
+    hash: str
+    kind: str
+    before: str
+    replica: str
+
+
+class ModelEntry(msgspec.Struct, frozen=True):
+    """One model of a store."""
+
+    id: str
+    hash: str
+    kind: str
+    added: float
+    active: bool
+
+
+class ModelListAnswer(msgspec.Struct, frozen=True):
+    """The models of the server's store, oldest first, and those that answered before, latest last, by kind."""
+
+    replica: str
+    models: list[ModelEntry]
+    history: dict[str, list[str]]
+    serving: dict[str, str]
+
+
+class StateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """PAUSED stops corrections, ENABLED goes on, and ends a FAULT."""
+
+    state: Literal["ENABLED", "PAUSED"]
+
+
+class StateAnswer(msgspec.Struct, frozen=True):
+    """The state after the change."""
+
+    state: str
+    replica: str
+
+
+class ErrorAnswer(msgspec.Struct, frozen=True):
+    """A refusal: what happened, why, and what to do next."""
+
+    status: str
+    cause: str
+    next_step: str
+    request_id: str
+    replica: str
+    schema_version: int = SCHEMA_VERSION
+
+
+class RequestMeta(msgspec.Struct, frozen=True):
+    """What travels beside a request.
+
+    `client_time` is the sender's clock (s since 1970), for logs only: clocks differ between machines. `deadline` is how
+    many seconds after its arrival the answer is still wanted, measured on the server's monotonic clock.
+    """
+
+    schema_version: int = SCHEMA_VERSION
+    request_id: str = ""
+    client_time: float | None = None
+    deadline: float | None = None
+
+
+class ReplyMeta(msgspec.Struct, frozen=True):
+    """What travels beside a reply, and where it comes from; empty in a fallback, which comes from nowhere.
+
+    Parameters
+    ----------
+    request_id, model_id, model_hash, replica : str
+        The request, the model file (name and SHA-256), and the server process.
+    served_at, serving_seconds : float
+        When the server answered (its clock, s since 1970), and how long it worked, s; NaN in a fallback.
+    schema_version : int
+        Of the messages.
+    """
+
+    request_id: str = ""
+    model_id: str = ""
+    model_hash: str = ""
+    replica: str = ""
+    served_at: float = math.nan
+    serving_seconds: float = math.nan
+    schema_version: int = SCHEMA_VERSION

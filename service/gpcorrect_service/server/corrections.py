@@ -1,0 +1,175 @@
+"""The keys that correct: one pose, a path, joints; and which model does it. From parsed requests to responses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from msgspec.structs import asdict
+
+from gpcorrect.correction import Correction, Reason
+from gpcorrect.types import FloatArray
+from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, pack
+from gpcorrect_service.protocol.cdr import CDR_ENCODING, read_pose, write_pose
+from gpcorrect_service.protocol.limits import (
+    LIMITS,
+    CorrectionBound,
+    bad_input,
+    check_command,
+    check_times,
+    checked_joints,
+    checked_path,
+    checked_pose,
+    checked_rows,
+    checked_twist,
+)
+from gpcorrect_service.protocol.messages import (
+    CorrectJointsRequest,
+    CorrectPathRequest,
+    CorrectRequest,
+    Kind,
+    ModelAnswer,
+    Numbers,
+)
+from gpcorrect_service.server.models import JointModel, Model
+from gpcorrect_service.server.requests import Parsed, RequestParser, Response, plain_response
+
+__all__ = ["Corrections"]
+
+BESIDE_CDR = ("std", "interval95", "in_domain", "status", "reason", "flags")
+
+
+class Corrections:
+    """Answers requests about poses, paths, joints and their models.
+
+    Parameters
+    ----------
+    parser : RequestParser
+        Whose requests are answered.
+    bound : CorrectionBound, optional
+        What no correction may exceed; the model's own bounds hold as well.
+    """
+
+    def __init__(self, parser: RequestParser, bound: CorrectionBound | None = None) -> None:
+        self._parser = parser
+        self._active = parser.active
+        self._bound = bound if bound is not None and bound.acts else None
+
+    def correct(self, parsed: Parsed) -> Response:
+        """Answer one desired pose, in the encoding in which it came.
+
+        Parameters
+        ----------
+        parsed : Parsed
+        """
+        request, codec = parsed.request, parsed.codec
+        if request.encoding.startswith(CDR_ENCODING):
+            return self._correct_cdr(parsed)
+        asked = codec.decode(CorrectRequest, request.payload)
+        model = self._active.pose_model()
+        message = self._corrected(model, asked.pose, asked.twist)
+        return Response(
+            codec.encode(message),
+            codec.encoding("correct"),
+            codec.encode(self._parser.meta(parsed, model)),
+            message.status,
+            outside=not message.in_domain,
+        )
+
+    def _correct_cdr(self, parsed: Parsed) -> Response:
+        asked = read_pose(parsed.request.payload)
+        model = self._active.pose_model()
+        message = self._corrected(model, asked.pose, None)
+        quaternion: Any = message.quaternion or asked.pose[3:]
+        payload = write_pose(replace(asked, pose=(*message.position, *quaternion)))  # type: ignore[misc]  # a pose's
+        # What a PoseStamped cannot carry travels beside it.
+        beside = {**asdict(self._parser.meta(parsed, model)), **{name: getattr(message, name) for name in BESIDE_CDR}}
+        return Response(
+            payload, CDR_ENCODING, parsed.codec.encode(beside), message.status, outside=not message.in_domain
+        )
+
+    def correct_path(self, parsed: Parsed) -> Response:
+        """Answer a timed path.
+
+        Parameters
+        ----------
+        parsed : Parsed
+        """
+        asked = parsed.codec.decode(CorrectPathRequest, parsed.request.payload)
+        model = self._active.pose_model()
+        poses, times = checked_path(asked.poses, asked.times, model.limit)
+        message = pack(PathAnswer, self._bounded(model, poses, model.corrector.correct_path(poses, times)))
+        positions: Any = message.position
+        quaternions: Any = message.quaternion or [None] * len(poses)
+        for position, quaternion in zip(positions, quaternions, strict=True):
+            check_command(position, quaternion, model.limit)
+        return self._rows(parsed, "correct_path", model, message)
+
+    def correct_joints(self, parsed: Parsed) -> Response:
+        """Answer a timed path of joints; each request is a path of its own, at rest before its first row.
+
+        Parameters
+        ----------
+        parsed : Parsed
+        """
+        asked = parsed.codec.decode(CorrectJointsRequest, parsed.request.payload)
+        model = self._active.joint_model()
+        n, types = len(asked.q), model.corrector.types
+        if not 0 < n <= LIMITS.rows:
+            raise bad_input(f"a path has 1 to {LIMITS.rows} rows, got {n}.", "Cut longer paths where the robot rests.")
+        for what, given in (("times", asked.times), ("efforts", asked.efforts), ("sessions", asked.sessions)):
+            if given is not None and len(given) != n:
+                raise bad_input(f"{n} rows of joints came with {len(given)} {what}.", f"Send one of {what} a row.")
+        times, q = check_times(asked.times), checked_joints(asked.q, types)
+        efforts = None if asked.efforts is None else checked_rows(asked.efforts, len(types), "efforts")
+        message = pack(JointsAnswer, model.corrector.correct_path(q, times, efforts, asked.sessions))
+        return self._rows(parsed, "correct_joints", model, message)
+
+    def model(self, parsed: Parsed) -> Response:
+        """Answer which model is active.
+
+        Parameters
+        ----------
+        parsed : Parsed
+        """
+        now = self._active.now
+        model = now.pose or now.joints or self._active.pose_model()
+        info = dict(model.corrector.info())
+        message = ModelAnswer(model.id, model.hash, self._parser.arm, self._parser.replica, info)
+        return plain_response(parsed, "model", message)
+
+    def _corrected(self, model: Model, pose: Numbers, twist: Numbers | None) -> PoseAnswer:
+        asked = checked_pose(pose, model.limit)
+        answer = model.corrector.correct(asked, checked_twist(twist))
+        message = pack(PoseAnswer, self._bounded(model, asked, answer))
+        check_command(message.position, message.quaternion, model.limit)  # type: ignore[arg-type]  # a pose's are set
+        return message
+
+    def _bounded(self, model: Model, asked: FloatArray, answer: Correction) -> Correction:
+        """Cut one answer, or each of n, to the operator's bound."""
+        if self._bound is None:
+            return answer
+        parts = [part for part in (answer.position, answer.quaternion) if part is not None]
+        command, cut = self._bound.apply(
+            model.reference(np.atleast_2d(asked)), np.atleast_2d(np.concatenate(parts, axis=-1))
+        )
+        if not cut.any():
+            return answer
+        if asked.ndim == 1:
+            command, cut = command[0], cut[0]
+        quaternion = None if answer.quaternion is None else command[..., 3:]
+        return replace(answer, position=command[..., :3], quaternion=quaternion).because(Reason.BOUNDED, cut)
+
+    def _rows(
+        self, parsed: Parsed, kind: Kind, model: Model | JointModel, message: PathAnswer | JointsAnswer
+    ) -> Response:
+        """Return n answers, counted under the first status that is not OK."""
+        return Response(
+            parsed.codec.encode(message),
+            parsed.codec.encoding(kind),
+            parsed.codec.encode(self._parser.meta(parsed, model)),
+            next((status for status in message.status if status != "OK"), "OK"),
+            rows=len(message.flags),
+            outside=message.in_domain.count(False),
+        )
