@@ -160,7 +160,7 @@ def path_of(model: Path) -> tuple[Any, Any]:
 
 def is_mixed(client: CorrectionClient, poses: Any, times: Any, expected: dict[str, Any]) -> bool:
     reply = client.correct_path(poses, times)
-    return not np.allclose(reply.positions, expected[reply.meta.model_hash], rtol=0, atol=1e-12)
+    return not np.allclose(reply.position, expected[reply.meta.model_hash], rtol=0, atol=1e-12)
 
 
 if __name__ == "__main__":

@@ -90,7 +90,7 @@ def test_activation_under_load(server: ServerProcess, operator: Operator, model_
     assert planner.failures == []
     assert {reply.meta.model_hash for reply in planner.replies} == set(expected)
     for reply in planner.replies:
-        np.testing.assert_allclose(reply.positions, expected[reply.meta.model_hash], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(reply.position, expected[reply.meta.model_hash], rtol=0, atol=1e-12)
 
 
 def test_what_is_activated_outlives_the_server(store: ModelStore, operator: Operator) -> None:

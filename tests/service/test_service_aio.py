@@ -32,7 +32,7 @@ def test_same_answers_as_the_waiting_client(server: ServerProcess, encoding: str
             path = await client.correct_path([POSE, POSE], [0.0, 0.1])
             return (
                 (await client.correct(POSE)).pose,
-                path.poses,
+                path.pose,
                 await client.model(),
                 (await client.health()).state,
             )
@@ -40,7 +40,7 @@ def test_same_answers_as_the_waiting_client(server: ServerProcess, encoding: str
     pose, poses, model, state = asyncio.run(ask())
     with server.client() as client:
         np.testing.assert_array_equal(pose, client.correct(POSE).pose)
-        np.testing.assert_array_equal(poses, client.correct_path([POSE, POSE], [0.0, 0.1]).poses)
+        np.testing.assert_array_equal(poses, client.correct_path([POSE, POSE], [0.0, 0.1]).pose)
         assert model == client.model()
     assert state == "ENABLED"
 

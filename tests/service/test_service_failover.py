@@ -50,7 +50,7 @@ def test_identity_when_nobody_is_there() -> None:
         with pytest.raises(ServiceError, match="NO_SERVICE"):
             client.health()
     np.testing.assert_array_equal(one.pose, POSE)
-    np.testing.assert_array_equal(path.poses, [POSE[:3]] * 2)
+    np.testing.assert_array_equal(path.pose, [POSE[:3]] * 2)
     assert (one.fallback, path.fallback) == ("identity", "identity")
     assert (one.status, path.status) == ("NO_SERVICE", ("NO_SERVICE",) * 2)
     assert not one.in_domain

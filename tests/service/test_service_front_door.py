@@ -92,8 +92,8 @@ def test_served_paths_are_the_models(model: Path, endpoint: str) -> None:
     here = corrector.correct_path(poses, times)
     with client_of(endpoint) as client:
         there = client.correct_path(poses, times)
-    np.testing.assert_allclose(there.positions, here.positions, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(there.quaternions, here.quaternions, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(there.position, here.positions, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(there.quaternion, here.quaternions, rtol=0, atol=1e-9)
     assert there.status == here.status
 
 

@@ -52,8 +52,8 @@ def test_correct_path(server: ServerProcess, encoding: str) -> None:
     poses[:, 1] = np.linspace(-0.1, 0.1, n)
     with server.client(encoding=encoding, path_timeout=PATIENT) as client:
         reply = client.correct_path(poses, np.arange(n) * 0.01)
-    np.testing.assert_allclose(reply.poses[:, :3], poses[:, :3] + SHIFT, rtol=0, atol=1e-15)
-    assert reply.poses.shape == (n, 7)
+    np.testing.assert_allclose(reply.pose[:, :3], poses[:, :3] + SHIFT, rtol=0, atol=1e-15)
+    assert reply.pose.shape == (n, 7)
     assert reply.in_domain.all()
     assert set(reply.status) == {"OK"}
 

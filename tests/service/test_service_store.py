@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,12 @@ from gpcorrect import atomic, model_store
 from gpcorrect.corrector import CommandCorrector
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect.model_store import ModelStore, compare
+from gpcorrect_service.ops.logger import open_logger
+from gpcorrect_service.protocol.codec import JSON
+from gpcorrect_service.protocol.messages import ActivateRequest
+from gpcorrect_service.server.admin import Admin
+from gpcorrect_service.server.models import Active
+from gpcorrect_service.server.requests import Clock, Request, RequestParser
 
 
 @pytest.fixture
@@ -147,6 +155,19 @@ def test_models_are_compared_by_what_they_command(store: ModelStore) -> None:
     apart = compare(store, monday, tuesday)
     assert "fit.n_train" in apart["differs"]
     assert 0.0 < apart["commands"]["mean_mm"] <= apart["commands"]["max_mm"]
+
+
+def test_an_activation_reads_its_model_once(store: ModelStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over the network a model file is read, and its check queries asked, once: before the store notes it."""
+    reads, read = [], np.load
+    monkeypatch.setattr(np, "load", lambda *given, **options: reads.append(given[0]) or read(*given, **options))
+    active, logger = Active(), open_logger(io.StringIO())
+    parser = RequestParser(active, arm="a", replica="r", logger=logger, clock=Clock())
+    activate = parser.handler("admin/activate", Admin(parser, store, logger).activate)
+    request = Request(JSON.encode(ActivateRequest("tuesday")), JSON.encoding("admin/activate"), b"", time.monotonic())
+    assert not activate(request).is_error
+    assert reads == [store.path(store.find("tuesday"))]
+    assert active.pose_model().id == names(store)[-1] == "tuesday"
 
 
 def load(store: ModelStore) -> CommandCorrector:

@@ -47,7 +47,7 @@ def test_a_thousand_samples_in_a_thousand_estimates_out(server: ServerProcess) -
     joints = path[0]
     for q, one in zip(path, told, strict=True):
         joints = np.clip(joints, q - SLACK, q + SLACK)
-        np.testing.assert_allclose(one.position, joints, atol=1e-12)
+        np.testing.assert_allclose(one.joints, joints, atol=1e-12)
     with server.client() as client:
         assert sum(client.health().counts["estimate"].values()) > len(path)
 
@@ -80,8 +80,8 @@ def test_joints_are_corrected_through_the_client(server: ServerProcess) -> None:
     with server.client(path_timeout=PATIENT) as client:
         reply = client.correct_joints(q, [0.0, 0.1, 0.2], efforts=np.zeros((3, 3)), sessions=[0, 0, 0])
         health = client.health()
-    np.testing.assert_allclose(reply.q[:2], [[0.0] * 3, [0.1 - SLACK] * 3], atol=1e-12)
-    assert np.isnan(reply.q[2]).all()
+    np.testing.assert_allclose(reply.joints[:2], [[0.0] * 3, [0.1 - SLACK] * 3], atol=1e-12)
+    assert np.isnan(reply.joints[2]).all()
     assert reply.status == ("OK", "OK", "MISSING")
     assert reply.meta.model_id == health.joint_model_id == "lagging"
 
@@ -91,5 +91,5 @@ def test_joints_fall_back_to_themselves(server: ServerProcess) -> None:
     q = np.array([[0.1, 0.2, 0.05]])
     with server.client(arm="arm9", on_failure="identity", path_timeout=0.1, connect_timeout=0.2) as client:
         reply = client.correct_joints(q, [0.0])
-    np.testing.assert_array_equal(reply.q, q)
+    np.testing.assert_array_equal(reply.joints, q)
     assert (reply.fallback, reply.status) == ("identity", ("NO_SERVICE",))
