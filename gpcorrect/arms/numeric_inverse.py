@@ -79,15 +79,7 @@ def _descend(forward: JointMap, jacobian: JointMap, limits: FloatArray, T: Float
 
     bounds = (limits[:, 0] - MARGIN, limits[:, 1] + MARGIN)
     result = least_squares(
-        residual,
-        start,
-        jac=slope,
-        bounds=bounds,
-        x_scale="jac",
-        ftol=NOISE,
-        xtol=NOISE,
-        gtol=NOISE,
-        max_nfev=STEPS,
+        residual, start, jac=slope, bounds=bounds, x_scale="jac", ftol=NOISE, xtol=NOISE, gtol=NOISE, max_nfev=STEPS
     )
     q: FloatArray = np.clip(result.x, limits[:, 0], limits[:, 1])
     return q

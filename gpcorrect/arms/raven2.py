@@ -123,14 +123,7 @@ def raven2(side: Side, instrument: Raven2Tool = RAVEN_TOOL, tool: ArrayLike | No
 
 def _chain(side: Side, instrument: Raven2Tool, tool: FloatArray) -> Chain:
     left = side == "left"
-    alphas = (
-        0.0 if left else np.pi,
-        ALPHA_12,
-        np.pi - ALPHA_23 if left else ALPHA_23,
-        0.0,
-        np.pi / 2,
-        np.pi / 2,
-    )
+    alphas = (0.0 if left else np.pi, ALPHA_12, np.pi - ALPHA_23 if left else ALPHA_23, 0.0, np.pi / 2, np.pi / 2)
     lengths = (0.0, 0.0, 0.0, 0.0, 0.0, instrument.wrist_length)
     shifts = (0.0, 0.0, 0.0, SHAFT_OFFSET, 0.0, 0.0)
     thetas = np.deg2rad(THETA_OFFSET_DEG[side])

@@ -55,10 +55,6 @@ class Posture:
         still = np.zeros(self.shape)
         return self.loads(still, still)[0]
 
-    def inertial_load(self, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-        """Torques or forces `(..., k)` that make the links follow joint rates and accelerations `(..., k)`."""
-        return self.loads(velocity, acceleration)[1]
-
     def inertia_diagonal(self) -> FloatArray:
         """Diagonal `(..., k)` of the joint-space mass matrix."""
         out = np.zeros((len(self.values), self.shape[-1]))

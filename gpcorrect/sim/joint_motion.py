@@ -67,13 +67,7 @@ def joint_motion_log(
     rng = np.random.default_rng([seed, 3])
     machine = machine_of(rehomed(model, sessions, rng))
     plan = joint_motion_plan(
-        joint_ranges(model),
-        trajectories,
-        seconds,
-        machine.log_rate_hz,
-        rng,
-        sessions=sessions,
-        payloads=payloads,
+        joint_ranges(model), trajectories, seconds, machine.log_rate_hz, rng, sessions=sessions, payloads=payloads
     )
     return simulate(machine, plan, seed)
 

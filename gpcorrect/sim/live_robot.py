@@ -30,7 +30,7 @@ UNRATED = 0.25  # of a joint's range a second, where no speed limit is published
 HOLD = 0.1  # s: a servo command that comes later than this after the one before is gone to at the speed limit
 HASTE = 3.0  # times the way of that time at the speed limit: a servo command further away is refused
 CARTESIAN = Pace(speed=0.03, acceleration=0.3, turn_rate=0.6)
-MOVE_RATE_HZ = 100.0
+MOVE_RATE_HZ = 100.0  # of the poses of a straight move, whose joints are interpolated: enough at hand speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +126,7 @@ class LiveRobot:
             Whether the tracker is asked, which takes longest.
         """
         here = self._live.moment
-        tip = here.T_base_tip[None, None] if tracked and here.T_base_tip is not None else None
-        seen = self._sensors.read(here.motion, here.torque[None, None], here.q[None, None], tip)
+        seen = self._sensors.read(here.motion, here.torque, here.q, here.tip if tracked else None)
         return Reading(
             time=here.time,
             position=seen.measured_jp[0, 0],

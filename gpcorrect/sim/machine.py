@@ -67,7 +67,7 @@ class Machine:
     log_rate_hz : float
         Of the recording.
     effects : tuple of Effect
-        Where it differs from the nominal machine; kept in the order in which they act.
+        Where it differs from the nominal machine; put in the order in which they act.
     noise : Noise
         Of the sensors.
     faults : TrackerFaults
@@ -104,13 +104,13 @@ class Machine:
         """Payload `(N,)` in each run: the plan's, or the model's own where the plan says none."""
         return np.where(np.isnan(plan.payload), self.body.links.payload, plan.payload)
 
-    def nominal_body(self, plan: Plan) -> Body:
+    def nominal_body(self, payload: FloatArray) -> Body:
         """Body as the controller knows it, with the known payloads."""
-        return replace(self.body, links=replace(self.body.links, payload=self.payload(plan))).compact()
+        return replace(self.body, links=replace(self.body.links, payload=payload)).compact()
 
-    def actual_body(self, plan: Plan) -> Body:
+    def actual_body(self, payload: FloatArray) -> Body:
         """Body as it really is: with the effects on masses and geometry."""
-        links, chain = replace(self.body.links, payload=self.payload(plan)), self.body.chain
+        links, chain = replace(self.body.links, payload=payload), self.body.chain
         for load in of_kind(self.effects, LoadEffect):
             links = load.act(links)
         for change in of_kind(self.effects, ChainEffect):

@@ -23,7 +23,7 @@ from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
 from gpcorrect.types import FloatArray
 
-__all__ = ["PASSES", "Command", "Driven", "Outcome", "follow_command", "joint_path", "run", "tip_path"]
+__all__ = ["PASSES", "Command", "Driven", "Outcome", "feedforward", "follow_command", "joint_path", "run", "tip_path"]
 
 PASSES = 2  # after the first guess; each shrinks an error of the load to a few per cent of it (load stiffness / kp)
 
@@ -52,7 +52,7 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """Motion of the motors, what they carried and were told, and the links' true path before anyone looks.
+    """What the motors did and carried, and the links' true path before any sensor's delay.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
     driven = follow_command(machine, Command.of(machine, plan), passes)
     motion = driven.motion
     seen = _through([e for e in machine.effects if e.stage == Stage.CLOCK], driven.q, motion)
-    tip = tip_path(machine.effects, machine.actual_body(plan).forward(seen), motion)
+    tip = tip_path(machine.effects, machine.actual_body(machine.payload(plan)).forward(seen), motion)
     return Outcome(motion, driven.torque, seen, tip)
 
 
@@ -107,7 +107,7 @@ def follow_command(machine: Machine, command: Command, passes: int = PASSES) -> 
     Driven
     """
     plan, clock = command.plan, command.clock
-    body = machine.actual_body(plan)
+    body = machine.actual_body(machine.payload(plan))
     mass = command.mass if machine.has_nominal_body else mean_inertia(body, plan.q)
     path, load = _first_guess(machine, body, command)
     for number in range(passes):
@@ -211,12 +211,16 @@ class Command:
     @classmethod
     def of(cls, machine: Machine, plan: Plan) -> Command:
         """Compute it for the arm and the drive of a machine; its effects do not count."""
-        clock, spline, body = Clock.of(machine.drive.rate_hz, plan.rate_hz), plan.spline(), machine.nominal_body(plan)
+        clock, spline, body = (
+            Clock.of(machine.drive.rate_hz, plan.rate_hz),
+            plan.spline(),
+            machine.nominal_body(machine.payload(plan)),
+        )
         samples = np.arange(len(plan.q)) / plan.rate_hz
         steps = np.arange((len(plan.q) - 1) * clock.stride + 1) * clock.step
         desired = JointPath(plan.q, spline(samples, 1), spline(samples, 2))
         load = link_load(body, desired)
-        fed = _feedforward(machine.drive, desired, load)
+        fed = feedforward(machine.drive, desired, load)
         position, velocity = (np.ascontiguousarray(spline(steps, order).swapaxes(0, 1)) for order in (0, 1))
         mass = mean_inertia(body, plan.q)
         return cls(plan, body, machine.drive, clock, desired, position, velocity, load, fed, mass)
@@ -245,7 +249,18 @@ def _pushed_aside(drive: Drive, desired: JointPath, load: LinkLoad, feedforward:
     return position
 
 
-def _feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> FloatArray:
+def feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> FloatArray:
+    """Return the torque `(n, N, dof)` that the controller feeds forward.
+
+    Parameters
+    ----------
+    drive : Drive
+        With its kind of feedforward.
+    desired : JointPath
+        Commanded motion.
+    nominal_load : LinkLoad
+        Of the nominal arm along it.
+    """
     match drive.feedforward:
         case "none":
             return np.zeros(desired.q.shape)

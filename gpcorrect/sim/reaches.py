@@ -18,7 +18,7 @@ from gpcorrect.sim.resolve import machine_of, rehomed
 from gpcorrect.sim.settings import TrackerFaults
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
-__all__ = ["random_reaches_log", "random_reaches_plan"]
+__all__ = ["random_reaches_log"]
 
 REACHES_PER_RUN = 10
 SIZE = np.array([0.06, 0.06, 0.04])  # m, the last one vertical
@@ -76,13 +76,13 @@ def random_reaches_log(
     machine = machine_of(rehomed(preset(arm) if model is None else model, sessions, rng))
     if not faults:
         machine = replace(machine, faults=TrackerFaults())
-    plan = random_reaches_plan(
+    plan = _random_reaches_plan(
         arm_named(machine.arm), n_trajectories, machine.log_rate_hz, rng, sessions=sessions, payloads=payloads
     )
     return simulate(machine, plan, seed, position_only=position_only)
 
 
-def random_reaches_plan(
+def _random_reaches_plan(
     arm: Arm,
     n_trajectories: int,
     rate_hz: float,

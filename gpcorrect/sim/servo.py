@@ -236,13 +236,7 @@ def _given(drive: Drive, reference: Reference, clock: Clock) -> _Given:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _advance(
-    first: int,
-    last: int,
-    given: _Given,
-    laws: _Laws,
-    position: FloatArray,
-    velocity: FloatArray,
-    samples: FloatArray,
+    first: int, last: int, given: _Given, laws: _Laws, position: FloatArray, velocity: FloatArray, samples: FloatArray
 ) -> None:
     """Move `position` and `velocity` `(N, dof)` of the runs `first` to `last` through the steps, in place.
 

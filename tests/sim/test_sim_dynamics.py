@@ -77,7 +77,7 @@ def test_load_is_the_euler_lagrange_derivative(name):
         - momentum(q - d * velocity, velocity - d * acceleration)
     ) / (2 * d)
     slope = np.array([(kinetic(q + d * e, velocity) - kinetic(q - d * e, velocity)) / (2 * d) for e in np.eye(6)])
-    load = posture_at(body, q[None, None]).inertial_load(velocity[None, None], acceleration[None, None])[0, 0]
+    load = posture_at(body, q[None, None]).loads(velocity[None, None], acceleration[None, None])[1][0, 0]
     np.testing.assert_allclose(load, rate - slope, atol=2e-4 * np.abs(load).max())
 
 
@@ -102,14 +102,14 @@ def test_inertia_diagonal_is_the_load_of_unit_acceleration(name):
     for j in range(6):
         unit = np.zeros((5, 1, 6))
         unit[..., j] = 1.0
-        load = posture.inertial_load(np.zeros((5, 1, 6)), unit)
+        load = posture.loads(np.zeros((5, 1, 6)), unit)[1]
         np.testing.assert_allclose(load[..., j], posture.inertia_diagonal()[..., j], atol=1e-12)
 
 
 def test_mass_matrix_is_symmetric():
     """Joint j's load for accelerating k is joint k's for accelerating j."""
     posture = posture_at(body_of("raven2_left"), states(1)[0])
-    columns = [posture.inertial_load(np.zeros((1, 1, 6)), e[None, None])[0, 0] for e in np.eye(6)]
+    columns = [posture.loads(np.zeros((1, 1, 6)), e[None, None])[1][0, 0] for e in np.eye(6)]
     np.testing.assert_allclose(np.array(columns), np.array(columns).T, atol=1e-12)
     assert np.linalg.eigvalsh(np.array(columns)).min() > 0
 

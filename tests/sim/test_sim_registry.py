@@ -15,19 +15,18 @@ ROOT = Path(__file__).parents[2]
 NEW = """
 from dataclasses import dataclass, replace
 
-from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.backlash import Backlash
 
 
 @dataclass(frozen=True)
-class LooseScrew(PathEffect):
+class LooseScrew(JointEffect):
     radius: float
     stage = Stage.JOINT
     about = replace(Backlash.about, name="loose_screw", number=30)
 
-    def act(self, q, motion):
-        j = self.column(motion.joints)
-        return with_column(q, j, q[..., j] + self.radius)
+    def _behind(self, q, j, motion, memory):
+        return q[..., j] + self.radius
 """
 
 

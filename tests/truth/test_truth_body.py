@@ -62,7 +62,7 @@ def test_agrees_with_the_products_inverse_dynamics() -> None:
         posture = posture_at(product, q[None, None])
         assert posture is not None
         np.testing.assert_allclose(posture.gravity_load()[0, 0], weight, atol=1e-9)
-        inertial = posture.inertial_load(v[None, None], a[None, None])[0, 0]
+        inertial = posture.loads(v[None, None], a[None, None])[1][0, 0]
         np.testing.assert_allclose(inertial, M @ a + bias, atol=1e-9)
 
 

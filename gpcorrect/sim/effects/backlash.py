@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gpcorrect.sim.effects.base import RememberingEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, play
 from gpcorrect.sim.motion import Motion
@@ -14,7 +14,7 @@ __all__ = ["Backlash"]
 
 
 @dataclass(frozen=True)
-class Backlash(RememberingEffect):
+class Backlash(JointEffect):
     """The joint follows the motor through a play.
 
     Parameters
@@ -54,7 +54,5 @@ class Backlash(RememberingEffect):
         sites=(Site.JOINT,),
     )
 
-    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
-        """Pass the path through the play."""
-        j = self.column(motion.joints)
-        return with_column(q, j, play(q[..., j], self.radius, memory))
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return play(q[..., j], self.radius, memory)

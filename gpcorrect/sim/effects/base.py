@@ -32,12 +32,12 @@ __all__ = [
     "ChainEffect",
     "Effect",
     "FrictionEffect",
+    "JointEffect",
     "LoadEffect",
     "PathEffect",
     "PathOperator",
     "ReadingEffect",
     "ReadingOperator",
-    "RememberingEffect",
     "Stage",
     "TipEffect",
     "TorqueEffect",
@@ -220,16 +220,30 @@ class PathEffect(Effect):
     joint_by_joint: ClassVar[bool] = False  # whether it does the same to each joint's path, whatever the others do
 
     @abstractmethod
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Return the joint path behind the effect.
+    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
+        """Return the path of a stretch behind the effect, and bring the memory up to the stretch's end.
 
         Parameters
         ----------
         q : (n, N, dof) array
-            Path before it, rad or m.
+            Path before the effect, rad or m.
         motion : Motion
-            The whole motion, or, of an effect without memory, any stretch of it.
+            The stretch.
+        memory : dict
+            Empty at the start of a motion.
         """
+
+    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Return the path `(n, N, dof)` behind the effect, taking a whole motion as one stretch.
+
+        Parameters
+        ----------
+        q : (n, N, dof) array
+            Path before the effect, rad or m.
+        motion : Motion
+            The whole motion.
+        """
+        return self.advance(q, motion, {})
 
     def operator(self) -> PathOperator:
         """Return the effect at the start of a motion, to be called on one stretch of it after the other.
@@ -239,23 +253,20 @@ class PathEffect(Effect):
         DataError
             The effect would need to know the future.
         """
-        return self.act
+        return partial(self.advance, memory={})
 
 
-class RememberingEffect(PathEffect):
-    """A path effect that remembers what was before."""
+class JointEffect(PathEffect):
+    """A path effect that changes the path of its own joint alone."""
+
+    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
+        """Change one column."""
+        j = self.column(motion.joints)
+        return with_column(q, j, self._behind(q, j, motion, memory))
 
     @abstractmethod
-    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
-        """Return the path `(n, N, dof)` of a stretch behind the effect, and bring the memory up to its end."""
-
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Take the whole motion as one stretch."""
-        return self.advance(q, motion, {})
-
-    def operator(self) -> PathOperator:
-        """Start with an empty memory."""
-        return partial(self.advance, memory={})
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        """Return the path `(n, N)` of joint column `j` behind the effect, given all joints' paths `q` before it."""
 
 
 class TipEffect(Effect):

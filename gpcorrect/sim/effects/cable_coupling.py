@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import RememberingEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, play
 from gpcorrect.sim.motion import Motion
@@ -15,7 +15,7 @@ __all__ = ["CableCoupling"]
 
 
 @dataclass(frozen=True)
-class CableCoupling(RememberingEffect):
+class CableCoupling(JointEffect):
     """An off-diagonal term of the coupling matrix is wrong or missing; it may drag behind the source.
 
     A cable that is wound by friction first sticks to the source's motion and lets go of it at a reversal: this part is
@@ -94,10 +94,9 @@ class CableCoupling(RememberingEffect):
         """Both joints."""
         return (*super().joints, self.source)
 
-    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
-        """Take what the source winds off this joint's path."""
-        j, k = self.column(motion.joints), self.column(motion.joints, self.source)
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        k = self.column(motion.joints, self.source)
         wound = self.coefficient * q[..., k]
         if self.drag:
             wound = wound + self.drag * (q[..., k] - play(q[..., k], self.drag_radius, memory))
-        return with_column(q, j, q[..., j] - wound)
+        return q[..., j] - wound

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -14,7 +15,7 @@ __all__ = ["CableSlip"]
 
 
 @dataclass(frozen=True)
-class CableSlip(PathEffect):
+class CableSlip(JointEffect):
     """A step of the offset between reported and true position; the next homing takes it away.
 
     Parameters
@@ -72,8 +73,7 @@ class CableSlip(PathEffect):
         if not (isinstance(self.session, int) and self.session >= 0):
             raise DataError(f"effect cable_slip: session must be an index from 0, got {self.session!r}.")
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Take the step off the path from its instant on."""
-        j = self.column(motion.joints)
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         slipped = (motion.time >= self.instant) & (motion.session == self.session)
-        return with_column(q, j, q[..., j] - self.step * slipped)
+        behind: FloatArray = q[..., j] - self.step * slipped
+        return behind

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -13,7 +14,7 @@ __all__ = ["CableStretch"]
 
 
 @dataclass(frozen=True)
-class CableStretch(PathEffect):
+class CableStretch(JointEffect):
     """The joint lags behind the motor by the torque it takes, over the cable's stiffness.
 
     Parameters
@@ -55,7 +56,5 @@ class CableStretch(PathEffect):
         sites=(Site.JOINT,),
     )
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Take the stretch off the path."""
-        j = self.column(motion.joints)
-        return with_column(q, j, q[..., j] - motion.load[..., j] / self.stiffness)
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return q[..., j] - motion.load[..., j] / self.stiffness

@@ -38,10 +38,7 @@ class CapstanFriction(FrictionEffect):
         source="Euler and Eytelwein's belt; Kaneko, Yamashita, Tanie 1991, tendon transmissions, ICAR",
         parameters=(
             Parameter(
-                "wrap",
-                "friction coefficient times wrap angle",
-                revolute=Range("1", 0.0, 3.0, 0.15),
-                positive=True,
+                "wrap", "friction coefficient times wrap angle", revolute=Range("1", 0.0, 3.0, 0.15), positive=True
             ),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gpcorrect.sim.effects.base import RememberingEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, lag
 from gpcorrect.sim.motion import Motion
@@ -14,7 +14,7 @@ __all__ = ["Creep"]
 
 
 @dataclass(frozen=True)
-class Creep(RememberingEffect):
+class Creep(JointEffect):
     """The joint lags behind the motor by a stretch that follows the load with a delay of seconds to minutes.
 
     It starts in balance with the first load of a session and goes on from run to run; between two runs the load is
@@ -66,8 +66,6 @@ class Creep(RememberingEffect):
         sites=(Site.JOINT,),
     )
 
-    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
-        """Take the slow stretch off the path."""
-        j = self.column(motion.joints)
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         slow = lag(motion.load[..., j], motion.time, self.time_constant, motion.session, memory)
-        return with_column(q, j, q[..., j] - self.compliance * slow)
+        return q[..., j] - self.compliance * slow

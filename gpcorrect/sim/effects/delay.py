@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import PathOperator, RememberingEffect, Stage
+from gpcorrect.sim.effects.base import PathEffect, PathOperator, Stage
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
@@ -21,7 +21,7 @@ _DELAY = Range("s", -0.5, 0.5, 0.03)
 
 
 @dataclass(frozen=True)
-class Delay(RememberingEffect):
+class Delay(PathEffect):
     """Every joint is seen where it was `delay` seconds ago; outside the recorded time it stood still.
 
     Between samples the path is a monotone cubic, which never overshoots a play's corners.

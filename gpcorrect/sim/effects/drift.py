@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -15,7 +16,7 @@ __all__ = ["Drift"]
 
 
 @dataclass(frozen=True)
-class Drift(PathEffect):
+class Drift(JointEffect):
     """An offset that grows with session time: steadily, or towards a limit.
 
     Parameters
@@ -64,13 +65,7 @@ class Drift(PathEffect):
         sites=(Site.JOINT,),
     )
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Take the offset at each moment off the path."""
-        j = self.column(motion.joints)
-        return with_column(q, j, q[..., j] - self.offset(motion.time))
-
-    def offset(self, session_time: FloatArray) -> FloatArray:
-        """Offset at seconds since the session began, of any shape."""
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         if np.isinf(self.time_constant):
-            return self.rate * session_time
-        return -self.rate * self.time_constant * np.expm1(-session_time / self.time_constant)
+            return q[..., j] - self.rate * motion.time
+        return q[..., j] + self.rate * self.time_constant * np.expm1(-motion.time / self.time_constant)

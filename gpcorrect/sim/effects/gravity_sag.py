@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -13,7 +14,7 @@ __all__ = ["GravitySag"]
 
 
 @dataclass(frozen=True)
-class GravitySag(PathEffect):
+class GravitySag(JointEffect):
     """The effective joint value falls behind by the gravity torque over the link's stiffness.
 
     Parameters
@@ -54,7 +55,5 @@ class GravitySag(PathEffect):
         sites=(Site.JOINT,),
     )
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Take the sag off the path."""
-        j = self.column(motion.joints)
-        return with_column(q, j, q[..., j] - motion.gravity_load[..., j] / self.stiffness)
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return q[..., j] - motion.gravity_load[..., j] / self.stiffness

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -16,7 +17,7 @@ __all__ = ["HomingOffset"]
 
 
 @dataclass(frozen=True)
-class HomingOffset(PathEffect):
+class HomingOffset(JointEffect):
     """The robot reports the true position plus an offset.
 
     Parameters
@@ -61,19 +62,15 @@ class HomingOffset(PathEffect):
             object.__setattr__(self, "offset", tuple(self.offset))
         super().__post_init__()
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Take the offset of each run's session off the reported path."""
-        j = self.column(motion.joints)
-        return with_column(q, j, q[..., j] - self._of_runs(motion))
-
-    def _of_runs(self, motion: Motion) -> FloatArray:
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         offsets = np.atleast_1d(np.asarray(self.offset, dtype=np.float64))
         if len(offsets) == 1:
-            return np.full(len(motion.session), offsets[0])
+            return q[..., j] - offsets[0]
         if motion.session.max(initial=0) >= len(offsets):
             raise DataError(
                 f"homing_offset of joint {self.joint} has {len(offsets)} offsets, the data have "
                 f"{motion.session.max() + 1} sessions.",
                 hint="Give one offset for all sessions, or one for each.",
             )
-        return offsets[motion.session]
+        behind: FloatArray = q[..., j] - offsets[motion.session]
+        return behind

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import RememberingEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, bouc_wen
 from gpcorrect.sim.motion import Motion
@@ -15,7 +15,7 @@ __all__ = ["Hysteresis"]
 
 
 @dataclass(frozen=True)
-class Hysteresis(RememberingEffect):
+class Hysteresis(JointEffect):
     """The joint lags behind the motor by the state of a Bouc-Wen element with A = 1 and beta = gamma.
 
     Parameters
@@ -71,7 +71,5 @@ class Hysteresis(RememberingEffect):
         if not self.sharpness > 0:
             raise DataError(f"effect hysteresis: sharpness must be > 0, got {self.sharpness!r}.")
 
-    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
-        """Take the element's state off the path."""
-        j = self.column(motion.joints)
-        return with_column(q, j, q[..., j] - bouc_wen(q[..., j], self.radius, self.sharpness, memory))
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return q[..., j] - bouc_wen(q[..., j], self.radius, self.sharpness, memory)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -16,7 +17,7 @@ __all__ = ["LengthDependentStiffness"]
 
 
 @dataclass(frozen=True)
-class LengthDependentStiffness(PathEffect):
+class LengthDependentStiffness(JointEffect):
     """The joint lags behind the motor by its torque over a stiffness that falls with the cable's length.
 
     Parameters
@@ -80,8 +81,7 @@ class LengthDependentStiffness(PathEffect):
         """The joint and the one that pays its cable out."""
         return (*super().joints, self.source)
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Take the stretch off the path."""
-        j, k = self.column(motion.joints), self.column(motion.joints, self.source)
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        k = self.column(motion.joints, self.source)
         length = np.maximum(self.length + motion.position[..., k], 0.0)
-        return with_column(q, j, q[..., j] - motion.load[..., j] * length / self.rigidity)
+        return q[..., j] - motion.load[..., j] * length / self.rigidity

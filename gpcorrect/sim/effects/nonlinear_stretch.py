@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -15,7 +16,7 @@ __all__ = ["NonlinearStretch"]
 
 
 @dataclass(frozen=True)
-class NonlinearStretch(PathEffect):
+class NonlinearStretch(JointEffect):
     """The joint lags behind the motor by the stretch d of a hardening spring.
 
     Parameters
@@ -68,12 +69,10 @@ class NonlinearStretch(PathEffect):
         sites=(Site.JOINT,),
     )
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Take the stretch off the path."""
-        j = self.column(motion.joints)
-        return with_column(q, j, q[..., j] - self.stretch(motion.load[..., j]))
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return q[..., j] - self._stretch(motion.load[..., j])
 
-    def stretch(self, torque: FloatArray) -> FloatArray:
+    def _stretch(self, torque: FloatArray) -> FloatArray:
         """Stretch at torques of any shape: the real root of the cubic, by hyperbolic functions."""
         if np.isinf(self.stiffness) or self.cubic == 0:
             return torque / self.stiffness

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -15,7 +16,7 @@ __all__ = ["PulleyEccentricity"]
 
 
 @dataclass(frozen=True)
-class PulleyEccentricity(PathEffect):
+class PulleyEccentricity(JointEffect):
     """The reported position swings around the true one as the pulley turns.
 
     Parameters
@@ -92,7 +93,5 @@ class PulleyEccentricity(PathEffect):
             for shift in (0.0, np.pi / 2)
         )
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Take the wave off the path."""
-        j = self.column(motion.joints)
-        return with_column(q, j, q[..., j] - self.amplitude * np.sin(self.waves * q[..., j] + self.phase))
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return q[..., j] - self.amplitude * np.sin(self.waves * q[..., j] + self.phase)

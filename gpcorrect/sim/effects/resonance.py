@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import RememberingEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, ring
 from gpcorrect.sim.motion import Motion
@@ -15,7 +15,7 @@ __all__ = ["Resonance"]
 
 
 @dataclass(frozen=True)
-class Resonance(RememberingEffect):
+class Resonance(JointEffect):
     """The joint follows the motor as a second-order system: overshoot and ringing after fast changes.
 
     Samples slower than twice its frequency do not show it.
@@ -73,7 +73,5 @@ class Resonance(RememberingEffect):
         if not self.frequency > 0:
             raise DataError(f"effect resonance: frequency must be > 0, got {self.frequency!r}.")
 
-    def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
-        """Let the joint swing after the path."""
-        j = self.column(motion.joints)
-        return with_column(q, j, ring(q[..., j], motion.time, self.frequency, self.damping_ratio, memory))
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return ring(q[..., j], motion.time, self.frequency, self.damping_ratio, memory)

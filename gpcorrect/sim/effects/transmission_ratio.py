@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gpcorrect.sim.effects.base import PathEffect, Stage, with_column
+from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -13,7 +14,7 @@ __all__ = ["TransmissionRatio"]
 
 
 @dataclass(frozen=True)
-class TransmissionRatio(PathEffect):
+class TransmissionRatio(JointEffect):
     """The reported position is the true one times `1 + error`.
 
     Parameters
@@ -35,12 +36,7 @@ class TransmissionRatio(PathEffect):
         equation="q_reported = (1 + s) q",
         source="RAVEN-II control software, motor-to-joint map q = C^-1 m / N",
         parameters=(
-            Parameter(
-                "error",
-                "relative error of the ratio",
-                revolute=Range("1", -0.2, 0.2, 0.02),
-                positive=False,
-            ),
+            Parameter("error", "relative error of the ratio", revolute=Range("1", -0.2, 0.2, 0.02), positive=False),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
         neighbours=(Neighbour("gravity_sag", "the same joint value at another pose of the outer joints; payload"),),
@@ -48,7 +44,5 @@ class TransmissionRatio(PathEffect):
         sites=(Site.JOINT,),
     )
 
-    def act(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Divide the path by `1 + error`."""
-        j = self.column(motion.joints)
-        return with_column(q, j, q[..., j] / (1.0 + self.error))
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return q[..., j] / (1.0 + self.error)

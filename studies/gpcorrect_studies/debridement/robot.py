@@ -100,8 +100,8 @@ class SimulatedRobot:
     def look(self) -> FloatArray:
         """Return the tool's pose as the tracker sees it, (4, 4), tracker frame."""
         here = self._live.moment
-        assert here.T_base_tip is not None
-        seen: FloatArray = self._sensors.track(here.motion.time, here.T_base_tip[None, None])[0, 0]
+        assert here.tip is not None
+        seen: FloatArray = self._sensors.track(here.motion.time, here.tip)[0, 0]
         return seen
 
     def _drive(self, desired: FloatArray) -> None:
