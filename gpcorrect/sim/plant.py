@@ -211,11 +211,8 @@ class Command:
     @classmethod
     def of(cls, machine: Machine, plan: Plan) -> Command:
         """Compute it for the arm and the drive of a machine; its effects do not count."""
-        clock, spline, body = (
-            Clock.of(machine.drive.rate_hz, plan.rate_hz),
-            plan.spline(),
-            machine.nominal_body(machine.payload(plan)),
-        )
+        clock, spline = Clock.of(machine.drive.rate_hz, plan.rate_hz), plan.spline()
+        body = machine.nominal_body(machine.payload(plan))
         samples = np.arange(len(plan.q)) / plan.rate_hz
         steps = np.arange((len(plan.q) - 1) * clock.stride + 1) * clock.step
         desired = JointPath(plan.q, spline(samples, 1), spline(samples, 2))

@@ -64,13 +64,11 @@ class HomingOffset(JointEffect):
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         offsets = np.atleast_1d(np.asarray(self.offset, dtype=np.float64))
-        if len(offsets) == 1:
-            return q[..., j] - offsets[0]
-        if motion.session.max(initial=0) >= len(offsets):
+        if len(offsets) > 1 and motion.session.max(initial=0) >= len(offsets):
             raise DataError(
                 f"homing_offset of joint {self.joint} has {len(offsets)} offsets, the data have "
                 f"{motion.session.max() + 1} sessions.",
                 hint="Give one offset for all sessions, or one for each.",
             )
-        behind: FloatArray = q[..., j] - offsets[motion.session]
+        behind: FloatArray = q[..., j] - (offsets[motion.session] if len(offsets) > 1 else offsets[0])
         return behind
