@@ -22,7 +22,7 @@ from gpcorrect.discrepancy.protocol.score_text import score_text
 from gpcorrect.discrepancy.resume import find_or_resume
 from gpcorrect.discrepancy.run import RunSettings
 from gpcorrect.logs import write_log
-from gpcorrect.logs.digest import recording_digest
+from gpcorrect.logs.reader import recording_digest
 from gpcorrect.parallel import workers
 from gpcorrect.sim import read_model, write_model
 

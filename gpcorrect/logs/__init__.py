@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from gpcorrect.logs.beside import with_tracker
-from gpcorrect.logs.combine import combine
-from gpcorrect.logs.join import join_logs
+from gpcorrect.logs.join import join_logs, with_tracker
 from gpcorrect.logs.reader import read_log
-from gpcorrect.logs.streams import Stream, interpolate
+from gpcorrect.logs.streams import Stream, combine, interpolate
 from gpcorrect.logs.sync import Clocks, TimeOffset, align, log_offset, match_clocks
 from gpcorrect.logs.validate import ValidationReport, refuse_misread, validate_log
 from gpcorrect.logs.writer import write_log

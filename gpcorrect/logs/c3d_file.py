@@ -16,8 +16,8 @@ import numpy as np
 
 from gpcorrect.errors import LogError, MissingExtraError
 from gpcorrect.logs.c3d_child import UNREADABLE
+from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.mocap.take import Take, log_of, scale_of
-from gpcorrect.logs.settings import ReadSettings, check_size
 from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["read"]
@@ -44,7 +44,6 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     MissingExtraError
         The library ezc3d is not installed.
     """
-    check_size(path, settings.max_bytes)
     if importlib.util.find_spec("ezc3d") is None:
         raise MissingExtraError("ezc3d", extra="c3d", purpose="Reading C3D files")
     _check_whole(path)

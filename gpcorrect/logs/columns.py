@@ -1,8 +1,9 @@
-"""Mapping files: which columns of a foreign table are which signals, in which units."""
+"""How to read: mapping files, which columns of a foreign table are which signals in which units; and the settings."""
 
 from __future__ import annotations
 
 import tomllib
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -10,9 +11,11 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, StrictStr, ValidationError, model_validator
 
 from gpcorrect.errors import LogError
+from gpcorrect.logs.order import Disorder
 from gpcorrect.logs.orientation import CONVERTERS
 
 __all__ = [
+    "DEFAULT_MAX_BYTES",
     "ArrayColumns",
     "BagOptions",
     "Column",
@@ -21,8 +24,12 @@ __all__ = [
     "EulerOrder",
     "MocapOptions",
     "PoseColumns",
+    "ReadSettings",
     "load_columns",
 ]
+
+DEFAULT_MAX_BYTES = 2 * 1024**3
+"""Largest table that is read into memory unless the caller allows more."""
 
 Column = StrictStr | Annotated[StrictInt, Field(ge=0)]
 """A column by its name, or by its number counted from zero."""
@@ -162,6 +169,28 @@ class ColumnMap(_Section):
             elif isinstance(section, PoseColumns):
                 named += [*section.position, *(section.orientation or ("", ()))[1]]
         return tuple(named)
+
+
+@dataclass(frozen=True)
+class ReadSettings:
+    """What the caller said about a recording.
+
+    Parameters
+    ----------
+    columns : ColumnMap
+        The mapping; empty when none was given.
+    mapped : bool
+        Whether a mapping was given.
+    disorder : {"refuse", "drop", "keep"}
+        What to do about time that does not increase.
+    max_bytes : int
+        Largest table to read into memory.
+    """
+
+    columns: ColumnMap = field(default_factory=ColumnMap)
+    mapped: bool = False
+    disorder: Disorder = "refuse"
+    max_bytes: int = DEFAULT_MAX_BYTES
 
 
 def load_columns(path: str | Path) -> ColumnMap:

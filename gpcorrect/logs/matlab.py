@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 
 from gpcorrect.errors import LogError, MissingExtraError
-from gpcorrect.logs.native import orientation_names, position_names
+from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.orientation import CONVERTERS
-from gpcorrect.logs.settings import ReadSettings, check_size
-from gpcorrect.logs.table import Table, log_from_table
+from gpcorrect.logs.table import Table, log_from_table, orientation_names, position_names
 from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["MARKS", "read"]
@@ -45,7 +44,6 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     MissingExtraError
         The file is of version 7.3 and h5py is not installed.
     """
-    check_size(path, settings.max_bytes)
     with path.open("rb") as file:
         old = file.read(len(MARKS[0])) == MARKS[0]
     arrays, left_out = _version_5(path) if old else _version_73(path)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gpcorrect.errors import LogError
-from gpcorrect.logs.settings import ReadSettings, check_size
+from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.table import Table, log_from_table
 from gpcorrect.types import CalibrationLog, FloatArray
 
@@ -24,7 +24,6 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is damaged, too large, holds pickled objects, or is a plain array without a mapping.
     """
-    check_size(path, settings.max_bytes)
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError, SyntaxError, TokenError) as error:

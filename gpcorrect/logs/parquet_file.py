@@ -10,7 +10,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from gpcorrect.errors import LogError
-from gpcorrect.logs.settings import ReadSettings, check_size
+from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.table import Table, log_from_table
 from gpcorrect.types import CalibrationLog, FloatArray
 
@@ -27,7 +27,6 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is damaged, too large, or does not hold a log.
     """
-    check_size(path, settings.max_bytes)
     try:
         with parquet.ParquetFile(path) as file:
             arrow = file.read()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -9,28 +10,27 @@ from pathlib import Path
 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import c3d_file, csv_file, matlab, npy_file, parquet_file, rosbag
-from gpcorrect.logs.columns import ColumnMap, load_columns
-from gpcorrect.logs.digest import recording_digest
+from gpcorrect.logs.columns import DEFAULT_MAX_BYTES, ColumnMap, ReadSettings, load_columns
 from gpcorrect.logs.mocap import motive, trc, vicon
 from gpcorrect.logs.order import Disorder
-from gpcorrect.logs.settings import DEFAULT_MAX_BYTES, ReadSettings
 from gpcorrect.logs.sidecar import read_sidecar, sidecar_path
 from gpcorrect.types import CalibrationLog, LogMeta
 
-__all__ = ["read_log"]
+__all__ = ["read_log", "recording_digest"]
 
 HEAD = 1024  # bytes that tell a format
 
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: what its files are called, how they begin, and who reads them."""
+    """A file format: what its files are called, how they begin, who reads them, and whether as a whole."""
 
     title: str
     suffixes: tuple[str, ...]
     marks: tuple[bytes, ...]
     read: Callable[[Path, ReadSettings], CalibrationLog]
     text: bool = False
+    whole: bool = True
 
     def begins(self, head: bytes) -> bool:
         """Whether a file with these first bytes is one; a text may begin with empty lines and a byte order mark."""
@@ -46,9 +46,9 @@ def _titles(*titles: str) -> tuple[bytes, ...]:
 FORMATS = (
     Format("Parquet", (".parquet", ".pq"), (b"PAR1",), parquet_file.read),
     Format("NumPy", (".npy",), (b"\x93NUMPY",), npy_file.read),
-    Format("ROS 1 bag", (".bag",), (b"#ROSBAG V",), rosbag.read),
-    Format("MCAP", (".mcap",), (b"\x89MCAP0\r\n",), rosbag.read),
-    Format("ROS 2 database", (".db3",), (b"SQLite format 3\0",), rosbag.read),
+    Format("ROS 1 bag", (".bag",), (b"#ROSBAG V",), rosbag.read, whole=False),
+    Format("MCAP", (".mcap",), (b"\x89MCAP0\r\n",), rosbag.read, whole=False),
+    Format("ROS 2 database", (".db3",), (b"SQLite format 3\0",), rosbag.read, whole=False),
     Format("MATLAB", (".mat",), matlab.MARKS, matlab.read),
     Format("OptiTrack Motive CSV", (), (b"Format Version,",), motive.read, text=True),
     Format("Vicon CSV", (), _titles(*vicon.TITLES), vicon.read, text=True),
@@ -58,7 +58,7 @@ FORMATS = (
 )
 """A new format is a new file with a `read` function, and one line here."""
 
-FOLDER = Format("folder of a ROS 2 recording", (), (), rosbag.read)
+FOLDER = Format("folder of a ROS 2 recording", (), (), rosbag.read, whole=False)
 
 
 def read_log(
@@ -112,14 +112,13 @@ def read_log(
     bag = mapping.bag.model_copy(update={k: v for k, v in said.items() if v is not None})
     settings = ReadSettings(mapping.model_copy(update={"bag": bag}), columns is not None, disorder, max_bytes)
     with _naming(source):
-        log = _format(source).read(source, settings)
+        found = _format(source)
+        if found.whole:
+            _check_size(source, max_bytes)
+        log = found.read(source, settings)
         meta = LogMeta() if columns and sidecar_path(source) == Path(columns) else read_sidecar(source)
-        return replace(log, name=str(source), meta=_over(meta, log.meta), digest=recording_digest(source))
-
-
-def _over(said: LogMeta, found: LogMeta) -> LogMeta:
-    """Take what the sidecar says, and what the recording itself says where the sidecar does not."""
-    return replace(found, **{name: value for name, value in asdict(said).items() if value})
+        stated = {name: value for name, value in asdict(meta).items() if value}  # the sidecar comes first
+        return replace(log, name=str(source), meta=replace(log.meta, **stated), digest=recording_digest(source))
 
 
 def _format(path: Path) -> Format:
@@ -151,11 +150,36 @@ def _naming(path: Path) -> Iterator[None]:
     """Put the name of the file into every error on the way out."""
     try:
         yield
-    except LogError as error:
-        if error.path:
+    except (LogError, DataError) as error:
+        if isinstance(error, LogError) and error.path:
             raise
-        raise LogError(error.message, hint=error.hint, path=str(path)) from error
-    except DataError as error:
         raise LogError(error.message, hint=error.hint, path=str(path)) from error
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror or error}.", path=str(path)) from error
+
+
+def _check_size(path: Path, max_bytes: int) -> None:
+    """Refuse a file that would not fit in memory, or is empty."""
+    size = path.stat().st_size
+    if size > max_bytes:
+        hint = "Convert it to Parquet, split it, or raise the limit with max_bytes."
+        raise LogError(f"expected at most {max_bytes / 1e9:.3g} GB, got {size / 1e9:.3g} GB.", hint=hint)
+    if size == 0:
+        raise LogError("the file is empty.")
+
+
+def recording_digest(path: Path) -> str:
+    """SHA-256 of a file; of a folder, the SHA-256 over the names and digests of the files directly in it.
+
+    Parameters
+    ----------
+    path : Path
+        A recording.
+    """
+    if not path.is_dir():
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    whole = hashlib.sha256()
+    for part in sorted(p for p in path.iterdir() if p.is_file()):
+        whole.update(f"{part.name}\0{recording_digest(part)}\n".encode())
+    return whole.hexdigest()

@@ -12,8 +12,8 @@ from pyarrow import csv, parquet
 
 from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import LogError
-from gpcorrect.logs.native import INDEX, joint_names, orientation_names, position_names
 from gpcorrect.logs.sidecar import format_sidecar, sidecar_path
+from gpcorrect.logs.table import INDEX, joint_names, orientation_names, position_names
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta
 
 __all__ = ["write_log"]

@@ -12,7 +12,7 @@ from read_support import assert_same_log, random_log, write
 
 from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.logs import read_log, write_log
-from gpcorrect.logs.digest import recording_digest
+from gpcorrect.logs.reader import recording_digest
 from gpcorrect.logs.sidecar import format_sidecar, read_sidecar
 from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 

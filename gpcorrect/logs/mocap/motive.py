@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from gpcorrect.errors import LogError
+from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.mocap.take import Body, Take, log_of, scale_of
 from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.logs.orientation import quaternion_from_euler, unit_quaternions
-from gpcorrect.logs.settings import ReadSettings, check_size
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 __all__ = ["read"]
@@ -48,7 +48,6 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is cut off, too large, or its header is not one of Motive's.
     """
-    check_size(path, settings.max_bytes)
     return log_of(_take(read_export(path)), settings.columns.mocap)
 
 

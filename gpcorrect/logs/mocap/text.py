@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gpcorrect.errors import LogError
-from gpcorrect.logs.dialect import encoding_of
+from gpcorrect.logs.csv_file import encoding_of
 from gpcorrect.types import FloatArray
 
 __all__ = ["Export", "read_export", "seen_only"]

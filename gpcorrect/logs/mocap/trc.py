@@ -10,9 +10,9 @@ import re
 from pathlib import Path
 
 from gpcorrect.errors import LogError
+from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.mocap.take import Take, log_of, scale_of
 from gpcorrect.logs.mocap.text import Export, read_export, seen_only
-from gpcorrect.logs.settings import ReadSettings, check_size
 from gpcorrect.types import CalibrationLog
 
 __all__ = ["read"]
@@ -29,7 +29,6 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is cut off, too large, of another layout, or in an unknown unit.
     """
-    check_size(path, settings.max_bytes)
     return log_of(_take(read_export(path)), settings.columns.mocap)
 
 

@@ -15,11 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from gpcorrect.errors import LogError
-from gpcorrect.logs.columns import MocapOptions
+from gpcorrect.logs.columns import MocapOptions, ReadSettings
 from gpcorrect.logs.mocap.take import Body, Take, log_of, scale_of
 from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.logs.orientation import CONVERTERS, quaternion_from_euler
-from gpcorrect.logs.settings import ReadSettings, check_size
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 __all__ = ["TITLES", "read"]
@@ -66,7 +65,6 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is cut off, too large, in an unknown unit, or holds neither objects, segments nor trajectories.
     """
-    check_size(path, settings.max_bytes)
     export, options = read_export(path), settings.columns.mocap
     starts = [k for k in range(len(export)) if export.cells(k)[:1] and export.cells(k)[0] in TITLES]
     wanted = MARKERS if options.markers is not None else (*BODIES, *MARKERS)
