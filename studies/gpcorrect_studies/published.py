@@ -7,13 +7,28 @@ of the comparison, not guessed. "As quoted to this project" means that the figur
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
-__all__ = ["MAHLER_2014", "MAHLER_MISSING", "PENG_2020", "PENG_2020_MISSING", "PENG_2024", "PENG_MISSING", "Figures"]
+__all__ = [
+    "MAHLER_2014",
+    "MAHLER_MISSING",
+    "PENG_2020",
+    "PENG_2020_MISSING",
+    "PENG_2024",
+    "PENG_MISSING",
+    "Figures",
+    "Source",
+]
 
-ABSTRACT = "abstract of the paper"
-QUOTED = "as quoted to this project"
-JOINTS = "joints 1, 2, 3"
-LENGTHS = "deg, deg, mm"
+
+class Source(StrEnum):
+    """Where a figure stands."""
+
+    ABSTRACT = "abstract of the paper"
+    DRAFT = "abstract of an earlier draft (April 2014)"
+    TABLE_I = "Table I, dirty set, as quoted to this project"
+    FIG_5 = "Fig. 5, as quoted to this project"
+    QUOTED = "as quoted to this project"
 
 
 @dataclass(frozen=True)
@@ -23,28 +38,24 @@ class Figures:
     values: tuple[float, ...]
     of: str
     unit: str
-    source: str
+    source: Source
 
 
-def _mahler(value: float, unit: str, source: str) -> Figures:
+def _mahler(value: float, unit: str, source: Source) -> Figures:
     return Figures((value,), "", unit, source)
 
 
-DRAFT = "abstract of an earlier draft (April 2014)"
-TABLE_I = "Table I, dirty set, as quoted to this project"
-FIG_5 = "Fig. 5, as quoted to this project"
-
 MAHLER_2014 = {
-    "position_raw": _mahler(26.0, "mm", ABSTRACT),
-    "position_corrected": _mahler(2.0, "mm", ABSTRACT),
-    "rotation_raw": _mahler(20.6, "deg", ABSTRACT),
-    "rotation_corrected": _mahler(2.8, "deg", ABSTRACT),
-    "position_percent_of_raw_dirty": _mahler(9.8, "%", TABLE_I),
-    "rotation_percent_of_raw_dirty": _mahler(10.4, "%", TABLE_I),
-    "position_gain_of_velocity": _mahler(50.0, "%", DRAFT),
-    "rotation_gain_of_velocity": _mahler(21.0, "%", DRAFT),
-    "fit_seconds_460_states": _mahler(18.6, "s", FIG_5),
-    "fit_seconds_all_states": _mahler(4228.8, "s", FIG_5),
+    "position_raw": _mahler(26.0, "mm", Source.ABSTRACT),
+    "position_corrected": _mahler(2.0, "mm", Source.ABSTRACT),
+    "rotation_raw": _mahler(20.6, "deg", Source.ABSTRACT),
+    "rotation_corrected": _mahler(2.8, "deg", Source.ABSTRACT),
+    "position_percent_of_raw_dirty": _mahler(9.8, "%", Source.TABLE_I),
+    "rotation_percent_of_raw_dirty": _mahler(10.4, "%", Source.TABLE_I),
+    "position_gain_of_velocity": _mahler(50.0, "%", Source.DRAFT),
+    "rotation_gain_of_velocity": _mahler(21.0, "%", Source.DRAFT),
+    "fit_seconds_460_states": _mahler(18.6, "s", Source.FIG_5),
+    "fit_seconds_all_states": _mahler(4228.8, "s", Source.FIG_5),
 }
 """Mahler, Krishnan, Laskey, Sen, Murali, Kehoe, Patil, Wang, Franklin, Abbeel, Goldberg: "Learning accurate kinematic
 control of cable-driven surgical robots using data cleaning and Gaussian Process Regression", CASE 2014."""
@@ -64,18 +75,26 @@ PENG_2020 = {
 """Peng et al.: "Real-time data driven precision estimator for RAVEN-II surgical robot end effector position", 2020; as
 quoted to this project."""
 
-PENG_2020_MISSING = "Table I axis by axis, and the errors in mm behind the two reductions"
+PENG_2020_MISSING = "Table I axis by axis, and the errors in mm behind the two reductions"  # of what is compared
 
 PENG_2024 = {
-    "raw": Figures((2.0, 8.0, 11.7), f"RMSE of {JOINTS} as reported", LENGTHS, QUOTED),
-    "fixed_offset": Figures((0.87, 1.1, 0.5), f"RMSE of {JOINTS} after a fixed offset", LENGTHS, QUOTED),
-    "network": Figures((0.104, 0.120, 0.118), f"error of {JOINTS} after the network", LENGTHS, ABSTRACT),
-    "network_share": Figures((12.0, 11.0, 24.0), f"the network's, of the fixed offset's, {JOINTS}", "%", QUOTED),
-    "reduction": Figures((76.0,), "of the fixed offset's error that the network takes away further", "%", ABSTRACT),
-    "minutes": Figures((8.0, 21.0), "the whole calibration, shortest and longest", "min", ABSTRACT),
-    "drift": Figures((0.4, 0.75), "joint 1 after 6 h, unloaded and under 500 g", "deg", QUOTED),
-    "inference": Figures((61.0, 0.38), "an estimate by the network and by linear regression", "ms", QUOTED),
-    "speedup": Figures((160.0,), "linear regression over the network, inference", "times", ABSTRACT),
+    "raw": Figures((2.0, 8.0, 11.7), "RMSE of joints 1, 2, 3 as reported", "deg, deg, mm", Source.QUOTED),
+    "fixed_offset": Figures(
+        (0.87, 1.1, 0.5), "RMSE of joints 1, 2, 3 after a fixed offset", "deg, deg, mm", Source.QUOTED
+    ),
+    "network": Figures(
+        (0.104, 0.120, 0.118), "error of joints 1, 2, 3 after the network", "deg, deg, mm", Source.ABSTRACT
+    ),
+    "network_share": Figures(
+        (12.0, 11.0, 24.0), "the network's, of the fixed offset's, joints 1, 2, 3", "%", Source.QUOTED
+    ),
+    "reduction": Figures(
+        (76.0,), "of the fixed offset's error that the network takes away further", "%", Source.ABSTRACT
+    ),
+    "minutes": Figures((8.0, 21.0), "the whole calibration, shortest and longest", "min", Source.ABSTRACT),
+    "drift": Figures((0.4, 0.75), "joint 1 after 6 h, unloaded and under 500 g", "deg", Source.QUOTED),
+    "inference": Figures((61.0, 0.38), "an estimate by the network and by linear regression", "ms", Source.QUOTED),
+    "speedup": Figures((160.0,), "linear regression over the network, inference", "times", Source.ABSTRACT),
 }
 """Peng, Lewis, Su, Lin, Chiang, Jiang, Lai, Hannaford: "Efficient data-driven joint-level calibration of cable-driven
 surgical robots", npj Robotics 2 (2024), arXiv 2408.01604. The two inference times are quoted without their methods; the

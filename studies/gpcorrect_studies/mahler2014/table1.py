@@ -20,7 +20,7 @@ from gpcorrect.types import CalibrationLog, FloatArray, Progress
 
 __all__ = ["COMPONENTS", "FULL", "MEMORY", "METHODS", "NORMS", "Errors", "TableOne", "table_one"]
 
-FULL = "offset + GPR + velocity + cleaning"
+FULL = "offset + GPR + velocity + cleaning"  # the paper's last column
 MEMORY = FULL + " + memory"  # not in the paper
 FITS: dict[str, dict[str, Any]] = {
     "GPR": {"features": ("pose",), "rigid": False, "clean": False},

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from gpcorrect.plots.style import COLOURS, new_figure, png
 from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
@@ -126,7 +125,7 @@ def _table1(result: Peng2024) -> Section:
         columns = [NAMES[name] for name in next(iter(result.table1.values()))]
         tables.append(TableData([f"{head}, trained along", *columns], rows))
     words = [
-        f"Zig-zags of sparsity 1/{result.scope.middle}. {RMSE} The paper's table is {NOT_PUBLISHED}.",
+        f"Zig-zags of sparsity 1/{result.scope.middle.sparsity}. {RMSE} The paper's table is {NOT_PUBLISHED}.",
         "A joint that hardly turns back in training (joints 2 and 3 along J1) shows too little of its friction and "
         "slack to any method; ours leaves out what the motion does not show, and says so.",
     ]
@@ -139,8 +138,17 @@ def _fig5(result: Peng2024) -> Section:
         cells = (point["rmse"][method] for method in ("linear", "network", "gp"))
         rows.append([f"1/{point['sparsity']}", f"{point['minutes']:.1f}", *(_list(cell["mean"]) for cell in cells)])
     table = TableData(["sparsity", "minutes", "linear", "network", "ours (gp)"], rows, "Deg, deg, mm.")
+    minutes = [point["minutes"] for point in result.fig5]
+    curves = [
+        (
+            minutes,
+            [point["rmse"][method] for point in result.fig5],
+            {"color": COLOURS[colour], "marker": marker, "label": NAMES[method]},
+        )
+        for method, (colour, marker) in ALL_DRAWN.items()
+    ]
     figure = FigureImage(
-        png(_accuracy_over_minutes(result.fig5)),
+        _by_joint(curves, "zig-zag [min]", PENG_2024["network"].values),
         f"RMSE by minutes of the zig-zag along {result.scope.directions[-1]}; bands are one SD of the repeats.",
     )
     return Section("Fig. 5: sparsity and time", (), (table,), (figure,))
@@ -153,7 +161,16 @@ def _fig6(result: Peng2024) -> Section:
             rows.append([f"{use}, {NAMES[method]}", _list(cells[0]["mean"]), _list(cells[-1]["mean"])])
     hours = result.scope.hours
     table = TableData(["", f"after {hours[0]:g} h", f"after {hours[-1]:g} h"], rows, "RMSE, deg, deg, mm.")
-    figure = FigureImage(png(_accuracy_over_hours(result.fig6)), "Errors of models of the fresh robot, hours later.")
+    curves = [
+        (
+            hours,
+            result.fig6[use]["rmse"][method],
+            {"color": COLOURS[colour], "linestyle": line, "label": f"{NAMES[method]}, {use}"},
+        )
+        for use, line in {"idle": ":", "unloaded": "--", "loaded 500 g": "-"}.items()
+        for method, (colour, _) in DRAWN.items()
+    ]
+    figure = FigureImage(_by_joint(curves, "hours of use"), "Errors of models of the fresh robot, hours later.")
     words = [
         "Published to us: joint 1 drifts by about 0.4 deg unloaded and 0.75 deg under 500 g. No model was trained "
         "under load: what it does at once is seen at 0 h.",
@@ -176,7 +193,16 @@ def _fig8(result: Peng2024) -> Section:
 
 
 def _fig9(result: Peng2024) -> Section:
-    rows = []
+    homings, rows = [point["homings"] for point in result.fig9], []
+    curves = [
+        (
+            homings,
+            [point["rmse"][method][seen] for point in result.fig9],
+            {"color": COLOURS[colour], "linestyle": line, "marker": marker, "label": f"{NAMES[method]}, {seen}"},
+        )
+        for seen, line in {"none seen": "-", "one seen": "--", "new zero": ":"}.items()
+        for method, (colour, marker) in DRAWN.items()
+    ]
     for point in result.fig9:
         for method in DRAWN:
             cells = point["rmse"][method]
@@ -184,7 +210,7 @@ def _fig9(result: Peng2024) -> Section:
     heads = list(next(iter(result.fig9[0]["rmse"].values())))
     table = TableData(["homings", *(f"{head} (deg, deg, mm)" for head in heads)], rows)
     figure = FigureImage(
-        png(_accuracy_over_homings(result.fig9)),
+        _by_joint(curves, "homings after the training"),
         "Errors after homings; the zeros were set anew from one minute of the same session.",
     )
     words = ["Published to us: each homing shifts joint 2 by a few tenths of a degree. The new zero is ours."]
@@ -245,61 +271,28 @@ def _list(values: Sequence[float], form: str = ".3f") -> str:
     return ", ".join(format(value, form) for value in values)
 
 
-def _accuracy_over_minutes(points: Sequence[Mapping[str, Any]]) -> Figure:
-    """RMSE of each joint by minutes of zig-zag, mean and SD of the repeats; the paper's network as a dotted line."""
-    minutes = [point["minutes"] for point in points]
+def _by_joint(
+    curves: Sequence[tuple[Sequence[float], Sequence[Mapping[str, Any]], dict[str, Any]]],
+    label: str,
+    published: Sequence[float] = (),
+) -> bytes:
+    """Draw the RMSE of each of the three joints, mean and SD of the repeats, with one legend for all.
 
-    def draw(ax: Axes, joint: int) -> None:
-        for method, (colour, marker) in ALL_DRAWN.items():
-            cells = [point["rmse"][method] for point in points]
-            _line(ax, minutes, cells, joint, color=COLOURS[colour], marker=marker, label=NAMES[method])
-        published = PENG_2024["network"].values[joint]
-        ax.axhline(published, color=COLOURS["ink"], linestyle=":", linewidth=1.0, label="the paper's network")
-
-    return _by_joint(draw, "zig-zag [min]")
-
-
-def _accuracy_over_hours(uses: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """RMSE of each joint after hours of each use, of models of the fresh robot."""
-
-    def draw(ax: Axes, joint: int) -> None:
-        for use, line in {"idle": ":", "unloaded": "--", "loaded 500 g": "-"}.items():
-            for method, (colour, _) in DRAWN.items():
-                style = {"color": COLOURS[colour], "linestyle": line, "label": f"{NAMES[method]}, {use}"}
-                _line(ax, uses[use]["hours"], uses[use]["rmse"][method], joint, **style)
-
-    return _by_joint(draw, "hours of use")
-
-
-def _accuracy_over_homings(points: Sequence[Mapping[str, Any]]) -> Figure:
-    """RMSE of each joint after each homing: none or one seen in training, and with a new zero."""
-    homings = [point["homings"] for point in points]
-
-    def draw(ax: Axes, joint: int) -> None:
-        for seen, line in {"none seen": "-", "one seen": "--", "new zero": ":"}.items():
-            for method, (colour, marker) in DRAWN.items():
-                cells = [point["rmse"][method][seen] for point in points]
-                style = {"linestyle": line, "marker": marker, "label": f"{NAMES[method]}, {seen}"}
-                _line(ax, homings, cells, joint, color=COLOURS[colour], **style)
-        ax.set_xticks(homings)
-
-    return _by_joint(draw, "homings after the training")
-
-
-def _by_joint(draw: Callable[[Axes, int], None], label: str) -> Figure:
-    """Draw an axes for each of the three joints, its origin at zero, and one legend for all."""
+    A curve is its x, a cell for each, and how it is drawn; published errors are dotted lines.
+    """
     figure, axes = new_figure(9.5, 3.3, 1, 3)
     for joint, ax in enumerate(axes):
-        draw(ax, joint)
+        for x, cells, style in curves:
+            mean, sd = (np.array([cell[leaf][joint] for cell in cells]) for leaf in ("mean", "sd"))
+            ax.plot(x, mean, markersize=4, linewidth=1.4, **style)
+            ax.fill_between(x, mean - sd, mean + sd, color=style["color"], alpha=0.15, linewidth=0)
+        for error in published[joint : joint + 1]:
+            ax.axhline(error, color=COLOURS["ink"], linestyle=":", linewidth=1.0, label="the paper's network")
         top = max(float(np.max(np.asarray(line.get_ydata(), dtype=np.float64))) for line in ax.get_lines())
         ax.set(xlabel=label, ylabel=f"joint {joint + 1}: RMSE [{('deg', 'deg', 'mm')[joint]}]", ylim=(0, 1.1 * top))
+        if isinstance(curves[0][0][0], int):
+            ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     handles, labels = axes[0].get_legend_handles_labels()
     columns = 3 if len(labels) > 6 else 6
     figure.legend(handles, labels, frameon=False, fontsize=8, ncols=columns, loc="outside upper left")
-    return figure
-
-
-def _line(ax: Axes, x: Sequence[float], cells: Sequence[Mapping[str, Any]], joint: int, **style: Any) -> None:
-    mean, sd = (np.array([cell[leaf][joint] for cell in cells]) for leaf in ("mean", "sd"))
-    ax.plot(x, mean, markersize=4, linewidth=1.4, **style)
-    ax.fill_between(x, mean - sd, mean + sd, color=style["color"], alpha=0.15, linewidth=0)
+    return png(figure)

@@ -17,8 +17,8 @@ from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["ARM", "RavenStudy", "all_joints", "whole_state"]
 
-ARM = "raven2_left"
-PRESET = "raven2_calibration"
+ARM = "raven2_left"  # its kinematics are those of the study's arm
+PRESET = "raven2_calibration"  # the simulated machine
 DEGREE = np.deg2rad(1.0)
 
 # Block of the zig-zags, rad, rad, m; random tests stay in its middle 60 %. Chosen by hand inside the joint limits.
