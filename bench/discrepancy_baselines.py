@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gpcorrect.discrepancy.run import RunSettings
 from gpcorrect.discrepancy.search.candidates import all_candidates
-from gpcorrect.discrepancy.search.laid import lay_out
+from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.sim import Model
 from gpcorrect.types import CalibrationLog
@@ -45,17 +44,17 @@ class Library:
     places: tuple[Place, ...]
 
 
-def library_of(log: CalibrationLog, model: Model, settings: RunSettings) -> Library:
+def library_of(log: CalibrationLog, model: Model, seed: int) -> Library:
     """Take residual and signatures of discovery and confirmation, as the workflow itself does."""
-    laid = lay_out(log, model, settings.max_rows, np.random.default_rng(settings.seed))
-    bench = laid.bench
-    state = start_search(bench, all_candidates(bench.scene))
-    std = np.array([n.std for n in state.lens.noises])
-    residual = bench.residual()[bench.seen] / std
+    prepared = prepare_data(log, model, np.random.default_rng(seed))
+    dataset = prepared.dataset
+    state = start_search(dataset, all_candidates(dataset.scene))
+    std = np.array([n.std for n in state.whitener.noises])
+    residual = dataset.residual()[dataset.training] / std
     good = np.isfinite(residual)
     columns, places = [], []
     for trace in state.traces:
-        change = trace.change[bench.seen].sum(axis=2) / std
+        change = trace.change[dataset.training].sum(axis=2) / std
         size = float(np.sqrt(np.mean(change[good] ** 2)))
         if size > 0:
             columns.append(change[good] / size)

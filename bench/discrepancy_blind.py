@@ -25,8 +25,7 @@ from support import RESULTS, print_table
 from truth import SUITES, short, specs
 
 from gpcorrect.discrepancy.advice.next_experiment import ENOUGH
-from gpcorrect.discrepancy.protocol.score_reports import Score, Share, score_cases
-from gpcorrect.discrepancy.protocol.score_text import score_text
+from gpcorrect.discrepancy.protocol.score_reports import Proportion, Score, score_cases, score_text
 from gpcorrect.parallel import each_as_done, workers
 
 FIRST_SEED = 930_000
@@ -119,14 +118,14 @@ def compare(entries: list[dict[str, Any]]) -> None:
         for name in BASELINES:
             verdicts[name] = [(e["baselines"][name]["exact"], e["baselines"][name]["wrong"]) for e in part]
         for name, pairs in verdicts.items():
-            exact, wrong = (Share(sum(p[i] for p in pairs), len(pairs)) for i in (0, 1))
+            exact, wrong = (Proportion(sum(p[i] for p in pairs), len(pairs)) for i in (0, 1))
             rows.append([f"{suite}: {name}", str(len(pairs)), _percent(exact), _percent(wrong)])
     if rows:
         print()
         print_table(["the same cases", "n", "exact (95 %)", "a wrong name (95 %)"], rows)
 
 
-def _percent(share: Share) -> str:
+def _percent(share: Proportion) -> str:
     low, high = share.interval
     return f"{100 * share.value:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
 

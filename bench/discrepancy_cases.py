@@ -11,9 +11,8 @@ from discrepancy_baselines import BASELINES, library_of
 from threadpoolctl import threadpool_limits
 from truth import Spec, further_recording, joined, make_case, make_truth
 
-from gpcorrect.discrepancy.outcome.result import Discrepancy
+from gpcorrect.discrepancy import DiscrepancyResult, Level, find_discrepancy
 from gpcorrect.discrepancy.protocol.outcomes import CaseOutcome, case_outcome
-from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.sim import Model, model_from_dict
 from gpcorrect.types import CalibrationLog
@@ -58,37 +57,36 @@ def solve(job: Job) -> dict[str, Any]:
         warnings.simplefilter("ignore")
         case = make_case(job.spec, job.seed)
         label, model = label_of(dict(case.labels)), model_from_dict(case.nominal)
-        settings = RunSettings(seed=job.seed)
         try:
-            found = find_discrepancy(case.log, model, settings)
+            found = find_discrepancy(model, case.log, seed=job.seed)
             if job.spec.suite == ADVISED:
                 return _advised(job, found, label, model)
-            report = found.to_dict()
+            report = found.to_report()
         except GpCorrectError as error:
             return {"key": job.key, "suite": job.spec.suite, "refused": str(error), "outcome": _refused(job, label)}
         outcome = asdict(case_outcome(job.key, label, report))
-        others = _baselines(case.log, model, settings, label) if job.baselines else {}
+        others = _baselines(case.log, model, job.seed, label) if job.baselines else {}
         said = {"level": report["verdict"]["level"], "effects": [_brief(e) for e in report["verdict"]["effects"]]}
         return {"key": job.key, "suite": job.spec.suite, "outcome": outcome, "said": said, "baselines": others}
 
 
-def _advised(job: Job, found: Discrepancy, label: dict[str, Any], model: Model) -> dict[str, Any]:
+def _advised(job: Job, found: DiscrepancyResult, label: dict[str, Any], model: Model) -> dict[str, Any]:
     """Make the advised run on the same hidden machine, give both recordings to the workflow, and score what it says.
 
     A case that is not ambiguous, or in which no run is advised, has no outcome and is not counted; a run with other
     gains is left out too, for one model file holds one controller.
     """
-    entry: dict[str, Any] = {"key": job.key, "suite": job.spec.suite, "outcome": None, "first": found.level}
+    entry: dict[str, Any] = {"key": job.key, "suite": job.spec.suite, "outcome": None, "first": str(found.level)}
     advice = found.next_experiment
-    if found.level not in ("CLASS", "SET") or advice is None:
+    if found.level not in (Level.CLASS, Level.SET) or advice is None:
         return entry
-    entry["advice"] = advice.to_dict()
-    if not advice.plans or any(gain != 1.0 for _, gain in advice.plans):
+    entry["advice"] = found.to_report()["next_experiment"]
+    if not found.advised_plans or any(gain != 1.0 for _, gain in found.advised_plans):
         return entry
     truth = make_truth(job.spec, job.seed)
     rng = np.random.default_rng([job.seed, 77])
-    logs = [truth.case.log, *(further_recording(truth, plan, rng) for plan, _ in advice.plans)]
-    report = find_discrepancy(joined(logs), model, RunSettings(seed=job.seed)).to_dict()
+    logs = [truth.case.log, *(further_recording(truth, plan, rng) for plan, _ in found.advised_plans)]
+    report = find_discrepancy(model, joined(logs), seed=job.seed).to_report()
     said = {"level": report["verdict"]["level"], "effects": [_brief(e) for e in report["verdict"]["effects"]]}
     return entry | {"outcome": asdict(case_outcome(job.key, label, report)), "said": said}
 
@@ -103,8 +101,8 @@ def _brief(effect: dict[str, Any]) -> str:
     return f"{effect['level']} {effect['name']} {effect['joint']} {effect['probability']:.3f}"
 
 
-def _baselines(log: CalibrationLog, model: Model, settings: RunSettings, label: dict[str, Any]) -> dict[str, Any]:
-    library = library_of(log, model, settings)
+def _baselines(log: CalibrationLog, model: Model, seed: int, label: dict[str, Any]) -> dict[str, Any]:
+    library = library_of(log, model, seed)
     true = {(e["name"], e["joint"]) for e in label["effects"] if e["known"]}
     found = {}
     for name, method in BASELINES.items():

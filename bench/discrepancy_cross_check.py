@@ -15,7 +15,7 @@ import numpy as np
 from support import print_table, real_data, save_results
 
 from gpcorrect.discrepancy.recording.build import build_scene
-from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
+from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.logs import read_log
 from gpcorrect.sim import Model, model_from_dict
 from gpcorrect.types import CalibrationLog, FloatArray
@@ -36,12 +36,12 @@ def main() -> None:
     given = options.parse_args()
     warnings.simplefilter("ignore")
     nominal = model_from_dict({"arm": "joints", "joints": list(JOINTS), "joint_types": "RRR"})
-    found = find_discrepancy(read_log(real_data("dvrk_random.csv")), nominal, RunSettings(seed=given.seed))
+    found = find_discrepancy(nominal, read_log(real_data("dvrk_random.csv")), seed=given.seed)
     for effect in found.effects:
-        print(f"{effect.named.level:6} {effect.named.member.candidate.label}")
+        print(f"{effect.level:6} {effect.name} {effect.joint}")
     rows = {}
     for g in found.gap:
-        rows[f"dvrk_random, sealed, {g.channel}"] = np.degrees([g.figures.before, g.figures.after])
+        rows[f"dvrk_random, test set, {g.channel.name}"] = np.degrees([g.before, g.after])
     for number in (1, 2):
         log = read_log(real_data(f"dvrk_wiggle_{number}.csv"))
         before, after = residual_deg(log, nominal), residual_deg(log, found.model)

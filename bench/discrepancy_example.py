@@ -11,7 +11,7 @@ from pathlib import Path
 
 from gpcorrect import plots
 from gpcorrect.discrepancy.outcome.words import next_step, verdict_sentence
-from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
+from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.report import write_discrepancy_report
 from gpcorrect.sim import Model, effect_from_dict, machine_of, model_from_dict
 from gpcorrect.sim.joint_motion import joint_motion_log
@@ -44,28 +44,22 @@ def main() -> None:
     arguments = parser.parse_args()
     nominal, true = machine()
     log = joint_motion_log(true, TRAJECTORIES, SECONDS, SEED, payloads=PAYLOADS)
-    found = find_discrepancy(log, nominal, RunSettings(seed=0))
-    report, evidence = found.to_dict(), found.evidence
-    print(verdict_sentence(report))
-    print("next:", next_step(report))
-    body = machine_of(nominal).body
-    names = [c for c in report["gap"] if c.startswith("external_jp")]
-    channels = [(list(report["gap"]).index(n), n, report["gap"][n]["unit"]) for n in names]
-    shown = [c for c in channels if c[1] in ("external_jp_2", "external_jp_3")]
-    bars = [
-        (f"joint {e['joint']}: {e['name'].replace('_', ' ')}", e["alternatives"]) for e in report["verdict"]["effects"]
-    ]
+    found = find_discrepancy(nominal, log)
+    print(verdict_sentence(found))
+    print("next:", next_step(found))
+    shown = [(i, g.channel) for i, g in enumerate(found.gap) if g.channel.name in ("external_jp_2", "external_jp_3")]
+    bars = [(f"joint {e.joint}: {e.name.replace('_', ' ')}", e.alternatives) for e in found.effects]
     figures = {
-        "discrepancy_loops": plots.loop_plots(evidence, shown, body),
-        "discrepancy_gap": plots.gap_chart(report["gap"]),
+        "discrepancy_loops": plots.loop_plots(found.evidence, shown, machine_of(nominal).body),
+        "discrepancy_gap": plots.gap_chart(found.gap),
     }
     if bars:
         figures["discrepancy_bars"] = plots.posterior_bars(bars)
     for name, figure in figures.items():
         (arguments.output / f"{name}.png").write_bytes(plots.png(figure))
     if arguments.page:
-        write_discrepancy_report(report, evidence, found.model, arguments.page)
-        arguments.page.with_suffix(".json").write_text(json.dumps(report, indent=2))
+        write_discrepancy_report(found, arguments.page)
+        arguments.page.with_suffix(".json").write_text(json.dumps(found.to_report(), indent=2))
 
 
 if __name__ == "__main__":

@@ -24,8 +24,8 @@ from typing import Any
 from support import print_table, real_data, save_results
 from truth import Spec, make_case
 
-from gpcorrect.discrepancy.outcome.result import Discrepancy
-from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
+from gpcorrect.discrepancy.outcome.result import DiscrepancyResult
+from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.logs import read_log
 from gpcorrect.report import write_discrepancy_report
 from gpcorrect.sim import Model, model_from_dict
@@ -53,11 +53,11 @@ class Clock(Progress):
         self._last = now
 
 
-def solve(log: CalibrationLog, model: Model, seed: int, clock: Progress) -> Discrepancy:
+def solve(log: CalibrationLog, model: Model, seed: int, clock: Progress) -> DiscrepancyResult:
     """Do what the command does."""
-    found = find_discrepancy(log, model, RunSettings(seed=seed), clock)
+    found = find_discrepancy(model, log, seed=seed, progress=clock)
     with tempfile.TemporaryDirectory() as folder:
-        write_discrepancy_report(found.to_dict(), found.evidence, found.model, Path(folder) / "report.html")
+        write_discrepancy_report(found, Path(folder) / "report.html")
     clock.step("page", 1.0)
     return found
 
@@ -89,7 +89,7 @@ def _case(options: argparse.Namespace) -> tuple[CalibrationLog, Model]:
 def _warm(options: argparse.Namespace) -> None:
     """Load compiled code: a short run of the same kind."""
     case = make_case(Spec("one", ("coulomb_friction",), 2.0, options.signals, trajectories=8, seconds=4.0), SEED)
-    find_discrepancy(case.log, model_from_dict(case.nominal), RunSettings(rounds=1))
+    find_discrepancy(model_from_dict(case.nominal), case.log)
 
 
 def main() -> None:
@@ -111,7 +111,7 @@ def main() -> None:
         _warm(options)
     clock, load = Clock(), os.getloadavg()[0]
     found = solve(log, model, options.seed, clock)
-    report = json.loads(json.dumps(found.to_dict()))
+    report = json.loads(json.dumps(found.to_report()))
     _show(report, clock, load)
     if options.report:
         options.report.write_text(json.dumps(report, indent=1))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json as json_text
-from collections.abc import Mapping
+from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,14 +14,13 @@ from rich.table import Table
 from gpcorrect.atomic import atomic_path, make_folder
 from gpcorrect.cli.console import err, out, print_json, progress_bar
 from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler, read_logs
+from gpcorrect.discrepancy.outcome.result import ChannelGap
 from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units, next_step, number, verdict_sentence
 from gpcorrect.discrepancy.protocol.generate import LABELS as SEALED
 from gpcorrect.discrepancy.protocol.generate import generate as generate_cases
 from gpcorrect.discrepancy.protocol.generate import label_of, read_spec, seal
-from gpcorrect.discrepancy.protocol.score_reports import read_labels, read_reports, score_reports
-from gpcorrect.discrepancy.protocol.score_text import score_text
-from gpcorrect.discrepancy.resume import find_or_resume
-from gpcorrect.discrepancy.run import RunSettings
+from gpcorrect.discrepancy.protocol.score_reports import read_labels, read_reports, score_reports, score_text
+from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.logs import write_log
 from gpcorrect.logs.reader import recording_digest
 from gpcorrect.parallel import workers
@@ -70,40 +70,37 @@ def run(
     make_folder(output)
     machine, recording = read_model(model), read_logs(log, columns)
     with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
-        done = find_or_resume(recording, machine, RunSettings(seed=seed), output, progress)
+        result = find_discrepancy(machine, recording, seed=seed, progress=progress, stages=output / "stages")
+    report = result.to_report()
     with atomic_path(output / "report.json") as path:
-        path.write_text(json_text.dumps(done.report, indent=2), encoding="utf-8")
-    write_model(done.model, output / "model.toml")
-    write_discrepancy_report(done.report, done.evidence, done.model, output / "report.html")
-    if done.kept:
+        path.write_text(json_text.dumps(report, indent=2), encoding="utf-8")
+    write_model(result.model, output / "model.toml")
+    write_discrepancy_report(result, output / "report.html")
+    if result.read_back:
         err.print(f"[yellow]note:[/] {output} already held this run, finished; only its files were written anew")
     if json:
-        print_json(done.report)
-    else:
-        _show(done.report, output)
-
-
-def _show(report: Mapping[str, Any], output: Path) -> None:
-    out.print(f"[bold]{verdict_sentence(report)}[/]")
-    out.print(_gap_table(report["gap"]))
-    out.print(f"next: {next_step(report)}")
+        print_json(report)
+        return
+    out.print(f"[bold]{verdict_sentence(result)}[/]")
+    out.print(_gap_table(result.gap))
+    out.print(f"next: {next_step(result)}")
     out.print(f"page: {output / 'report.html'}   model: {output / 'model.toml'}")
 
 
-def _gap_table(gaps: Mapping[str, Mapping[str, Any]]) -> Table:
+def _gap_table(gaps: Sequence[ChannelGap]) -> Table:
     table = Table(
-        title="Measured - simulated on the sealed part, root mean square",
+        title="Measured - simulated on the test set, root mean square",
         title_justify="left",
         box=None,
         pad_edge=False,
     )
     for column in ("", "before", "after", "noise", "closed"):
         table.add_column(column, justify="left" if not column else "right", no_wrap=True)
-    for name, gap in gaps.items():
-        scale, symbol = in_reader_units(1.0, gap["unit"])
-        sizes = [number(None if gap[k] is None else scale * gap[k]) for k in ("before", "after", "noise")]
-        closed = "–" if gap["closed"] is None else f"{100 * gap['closed']:.0f} %"
-        table.add_row(f"{channel_words(name)} [{symbol}]".replace("[", r"\["), *sizes, closed)
+    for gap in gaps:
+        scale, symbol = in_reader_units(1.0, gap.channel.unit)
+        sizes = [number(scale * size) for size in (gap.before, gap.after, gap.noise)]
+        closed = f"{100 * gap.closed:.0f} %" if isfinite(gap.closed) else "–"
+        table.add_row(f"{channel_words(gap.channel)} [{symbol}]".replace("[", r"\["), *sizes, closed)
     return table
 
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from gpcorrect.discrepancy.outcome.result import Evidence
 from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units
+from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.plots.style import COLOURS, new_figure
 from gpcorrect.sim.body import Body
 from gpcorrect.types import FloatArray
@@ -21,27 +22,28 @@ BINS = 24
 DIRECTIONS = ((1.0, "raw", "forward"), (-1.0, "corrected", "back"))
 
 
-def loop_plots(evidence: Evidence, channels: Sequence[tuple[int, str, str]], body: Body) -> Figure:
-    """Draw residual against position on the sealed part, a row for each channel, before and after.
+def loop_plots(evidence: Evidence, channels: Sequence[tuple[int, Channel]], body: Body) -> Figure:
+    """Draw residual against position on the test set, a row for each channel, before and after.
 
     Parameters
     ----------
     evidence : Evidence
         Condensed rows.
-    channels : sequence of (index, name, unit)
-        Which channels; one of no single joint is drawn against the joint that spreads it most.
+    channels : sequence of (int, Channel)
+        Which ones, with their columns; one of no single joint is drawn against the joint that spreads it most.
     body : Body
         For the joints' numbers and types.
     """
     figure, axes = new_figure(9.0, 0.5 + 2.5 * len(channels), len(channels), 2)
-    for row, (index, name, unit) in enumerate(channels):
+    for row, (index, channel) in enumerate(channels):
+        unit = channel.unit
         left, right = axes[2 * row : 2 * row + 2]
-        column = joint_column(evidence, index)
+        column = _joint_column(evidence, index)
         pair = (evidence.before[:, index], evidence.after[:, index])
         for ax, values, title in zip((left, right), pair, ("before", "with the named effects"), strict=True):
             _panel(ax, evidence, values, column, (unit, "m" if body.types[column] == "P" else "rad"))
-            ax.set_title(f"{channel_words(name)}: {title}", fontsize=9, loc="left")
-        limits = _limits(pair[0][evidence.sealed], unit)
+            ax.set_title(f"{channel_words(channel)}: {title}", fontsize=9, loc="left")
+        limits = _limits(pair[0][evidence.test], unit)
         left.set_ylim(limits)
         right.set_ylim(limits)
         left.set_ylabel(f"measured - simulated [{in_reader_units(0.0, unit)[1]}]", fontsize=8)
@@ -53,7 +55,7 @@ def loop_plots(evidence: Evidence, channels: Sequence[tuple[int, str, str]], bod
     return figure
 
 
-def joint_column(evidence: Evidence, index: int) -> int:
+def _joint_column(evidence: Evidence, index: int) -> int:
     """Return the joint column to draw a channel against: its own, or the one that explains most of it."""
     if evidence.joint[index] >= 0:
         return evidence.joint[index]
@@ -75,7 +77,7 @@ def _explained(position: FloatArray, residual: FloatArray) -> float:
 def _panel(ax: Axes, evidence: Evidence, values: FloatArray, column: int, units: tuple[str, str]) -> None:
     scale, along = in_reader_units(1.0, units[0])[0], in_reader_units(1.0, units[1])[0]
     for direction, colour, label in DIRECTIONS:
-        rows = evidence.sealed & (evidence.direction[:, column] * direction > 0.5) & np.isfinite(values)
+        rows = evidence.test & (evidence.direction[:, column] * direction > 0.5) & np.isfinite(values)
         chosen = np.flatnonzero(rows)
         if len(chosen) == 0:
             continue

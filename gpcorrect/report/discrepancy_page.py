@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from gpcorrect import plots
 from gpcorrect.discrepancy.advice.next_experiment import ENOUGH
-from gpcorrect.discrepancy.evidence.localise import EQUIVALENCE
-from gpcorrect.discrepancy.outcome.result import Evidence
+from gpcorrect.discrepancy.evidence.localise import EQUIVALENCE, Finding
+from gpcorrect.discrepancy.naming.posterior import Level
+from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect
 from gpcorrect.discrepancy.outcome.words import (
     MEANING,
     VISIBLE,
     channel_words,
+    estimate_words,
     in_reader_units,
     next_step,
+    noise_source_words,
     number,
-    parameter_words,
     place,
+    region_words,
     variable_words,
     verdict_sentence,
 )
-from gpcorrect.plots.discrepancy_gap import rms_at
+from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
-from gpcorrect.sim import Model, machine_of
+from gpcorrect.sim import machine_of
 
 __all__ = ["write_discrepancy_report"]
 
@@ -34,17 +38,13 @@ MOST_FINDINGS = 10
 MOST_LABELS = 14  # in the correlation matrix
 
 
-def write_discrepancy_report(report: Mapping[str, Any], evidence: Evidence, model: Model, path: Path) -> None:
+def write_discrepancy_report(result: DiscrepancyResult, path: Path) -> None:
     """Write the self-contained page of a run.
 
     Parameters
     ----------
-    report : mapping
-        `Discrepancy.to_dict()`, or the same read back from report.json.
-    evidence : Evidence
-        What the figures are drawn from.
-    model : Model
-        For the joints' numbers and types.
+    result : DiscrepancyResult
+        Of the run.
     path : Path
         Page to write.
 
@@ -53,108 +53,102 @@ def write_discrepancy_report(report: Mapping[str, Any], evidence: Evidence, mode
     GpCorrectError
         The folder cannot be written.
     """
-    write_page(_page(report, evidence, model), path)
-
-
-def _page(report: Mapping[str, Any], evidence: Evidence, model: Model) -> Page:
     sections = [
-        _where(report, evidence, model),
-        _what(report),
-        _how_much(report),
-        _loops(report, evidence, model),
-        _search(evidence),
-        _next(report),
-        _not_nameable(report),
-        _assumed(report),
+        _where(result),
+        _what(result),
+        _how_much(result),
+        _loops(result),
+        _search(result),
+        _next(result),
+        _not_nameable(result),
+        _assumed(result),
     ]
-    return Page(
-        "gpcorrect discrepancy", verdict_sentence(report), _facts(report), [s for s in sections if s is not None]
+    page = Page(
+        "gpcorrect discrepancy", verdict_sentence(result), _facts(result), [s for s in sections if s is not None]
     )
+    write_page(page, path)
 
 
-def _facts(report: Mapping[str, Any]) -> list[tuple[str, str]]:
-    told = report["provenance"]
-    data = [f"{d['name']}, {d['rows']} samples (SHA-256 {(d['sha256'] or 'not a file')[:16]})" for d in told["data"]]
-    level = report["verdict"]["level"]
+def _facts(result: DiscrepancyResult) -> list[tuple[str, str]]:
+    source = result.provenance
+    data = [f"{d.name}, {d.rows} samples (SHA-256 {(d.sha256 or 'not a file')[:16]})" for d in source.data]
     return [
-        ("verdict", f"{level}: {MEANING[level]}"),
-        ("next", next_step(report)),
+        ("verdict", f"{result.level}: {MEANING[result.level]}"),
+        ("next", next_step(result)),
         *(("recording", words) for words in data),
-        ("run", f"{told['seconds']:.0f} s, seed {told['seed']}"),
+        ("run", f"{source.seconds:.0f} s, seed {source.seed}"),
     ]
 
 
-def _where(report: Mapping[str, Any], evidence: Evidence, model: Model) -> Section:
-    found = report["localisation"]
-    limit = report["provenance"]["thresholds"]["localisation_nats"]
+def _where(result: DiscrepancyResult) -> Section:
+    found = result.localisation.findings
+    limit = result.provenance.thresholds.localisation_nats
     if not found:
-        words = [f"None of the tests beats {limit:.1f} nats, the 99 % quantile of the luckiest test in noise."]
-        return Section("Where", [*words, *_equivalence(report)])
+        words = [f"None of the tests beats {limit:.1f} nats, the 99 % quantile of the largest of all tests in noise."]
+        return Section("Where", [*words, *_equivalence(result)])
     words = [
-        "Measured minus simulated, before anything was added, depends on these variables. Gains are in nats, "
-        "logarithms of likelihood on whole trajectories that the test had not seen (5 nats are odds of 150 to 1); "
-        f"noise alone stays below {limit:.1f} nats in 99 of 100 recordings, the luckiest test included."
+        "Measured minus simulated, before anything was added, depends on these variables. Gains are log Bayes factors "
+        "in nats, on whole trajectories that the test had not seen (5 nats are odds of 150 to 1); noise alone stays "
+        f"below {limit:.1f} nats in 99 of 100 recordings, the largest of all tests included."
     ]
     rows = [
-        [channel_words(f["channel"]), _depends(f), f["region"], f"{f['nats']:,.0f}".replace(",", " ")]
+        [channel_words(f.channel), _depends(f), region_words(f.region), f"{f.nats:,.0f}".replace(",", " ")]
         for f in found[:MOST_FINDINGS]
     ]
     table = TableData(["channel", "depends on", "most at", "nats"], rows, text=(1, 2))
-    if not found[0].get("counts", True):
+    if not found[0].counts:
         words.append(
             f"All of these are in paths that the motors' encoders report, and below {100 * EQUIVALENCE:.0f} % of the "
             "noise of the sensors outside: they do not matter, and count only where an effect explains them."
         )
-    left = report["provenance"]["remainder"]
-    after = "Nothing is left after the named effects." if not left else f"After the named effects, {_left(left)}."
-    machine = machine_of(model).body
+    left = () if result.remainder is None else result.remainder.findings
+    after = f"After the named effects, {_left(left)}." if left else "Nothing is left after the named effects."
+    machine = machine_of(result.model).body
     figures = [
         FigureImage(
-            plots.png(plots.residual_over_joints(evidence, i, unit, machine.joints, machine.types)),
-            f"Mean of measured minus simulated, {channel_words(name)}, over the joints that spread it most.",
+            plots.png(plots.residual_over_joints(result.evidence, i, channel.unit, machine.joints, machine.types)),
+            f"Mean of measured minus simulated, {channel_words(channel)}, over the joints that spread it most.",
         )
-        for i, name, unit in _worst(report)[:MOST_MAPS]
+        for i, channel in _worst(result)[:MOST_MAPS]
     ]
-    words += [after] if report["verdict"]["effects"] else []
+    words += [after] if result.effects else []
     return Section("Where", words, (table,), figures)
 
 
-def _equivalence(report: Mapping[str, Any]) -> list[str]:
+def _equivalence(result: DiscrepancyResult) -> list[str]:
     return [
-        f"{channel_words(e['channel'])[:1].upper()}{channel_words(e['channel'])[1:]}: a systematic part is below "
-        f"{100 * e['systematic_upper']:.0f} % of the noise (95 % bound; {100 * e['limit']:.0f} % was asked for)."
-        for e in report["provenance"]["equivalence"]
-        if e["systematic_upper"] is not None
+        f"{channel_words(e.channel)[:1].upper()}{channel_words(e.channel)[1:]}: a systematic part is below "
+        f"{100 * e.upper:.0f} % of the noise (95 % bound; {100 * e.limit:.0f} % was asked for)."
+        for e in (result.remainder or result.localisation).equivalence
+        if np.isfinite(e.upper)
     ]
 
 
-def _left(left: Sequence[Mapping[str, Any]]) -> str:
-    first = left[0]
-    where = f"{channel_words(first['channel'])} over {_depends(first)}"
+def _left(left: Sequence[Finding]) -> str:
+    where = f"{channel_words(left[0].channel)} over {_depends(left[0])}"
     count = "1 test still beats" if len(left) == 1 else f"{len(left)} tests still beat"
-    return f"{count} noise, the strongest {where} ({first['nats']:.0f} nats)"
+    return f"{count} noise, the strongest {where} ({left[0].nats:.0f} nats)"
 
 
-def _depends(finding: Mapping[str, Any]) -> str:
-    return " and ".join(map(variable_words, finding["variables"]))
+def _depends(finding: Finding) -> str:
+    return " and ".join(map(variable_words, finding.variables))
 
 
-def _worst(report: Mapping[str, Any]) -> list[tuple[int, str, str]]:
-    """Channels with something to see, as (index, name, unit).
+def _worst(result: DiscrepancyResult) -> list[tuple[int, Channel]]:
+    """Channels with something to see, with their columns.
 
     The largest gap over its noise first; where no gap is to be seen, those in which the tests found something.
     """
-    numbered = [(i, name, g) for i, (name, g) in enumerate(report["gap"].items())]
-    seen = [(i, n, g) for i, n, g in numbered if g["before"] is not None and g["noise"]]
-    found = [f["channel"] for f in report["localisation"]]
-    seen.sort(key=lambda entry: -entry[2]["before"] / entry[2]["noise"])
-    worth = [(i, n, g["unit"]) for i, n, g in seen if g["before"] > VISIBLE * g["noise"]]
-    heard = [(i, n, g["unit"]) for i, n, g in seen if n in found]
-    return worth or heard or [(i, n, g["unit"]) for i, n, g in seen[:1]]
+    seen = [(i, g) for i, g in enumerate(result.gap) if np.isfinite(g.before) and g.noise]
+    found = {f.channel for f in result.localisation.findings}
+    seen.sort(key=lambda entry: -entry[1].before / entry[1].noise)
+    worth = [(i, g.channel) for i, g in seen if g.before > VISIBLE * g.noise]
+    in_tests = [(i, g.channel) for i, g in seen if g.channel in found]
+    return worth or in_tests or [(i, g.channel) for i, g in seen[:1]]
 
 
-def _what(report: Mapping[str, Any]) -> Section | None:
-    effects, unnamed = report["verdict"]["effects"], report["provenance"]["not_named"]
+def _what(result: DiscrepancyResult) -> Section | None:
+    effects, unnamed = result.effects, result.not_named
     if not effects and not unnamed:
         return None
     words = [
@@ -163,9 +157,9 @@ def _what(report: Mapping[str, Any]) -> Section | None:
     ]
     tables = [_effect_table(effects)] if effects else []
     if unnamed:
-        rows = [[u["label"], u["level"], f"{u['nats']:.0f}", "; ".join(u["why"]) or "–"] for u in unnamed]
+        rows = [[u.label, str(u.level), f"{u.nats:.0f}", "; ".join(u.reasons) or "–"] for u in unnamed]
         tables.append(TableData(["helped in the search, but is not named", "level", "nats", "why"], rows, text=(1, 3)))
-    bars = [(f"{place(e['joint'])}: {e['name'].replace('_', ' ')}", _alternatives(e)) for e in effects]
+    bars = [(_title(e), e.alternatives) for e in effects]
     figures = []
     if bars:
         caption = "What could stand in each effect's place. Grey: nothing, and anything outside the catalogue."
@@ -173,139 +167,136 @@ def _what(report: Mapping[str, Any]) -> Section | None:
     return Section("What", words, tables, figures)
 
 
-def _effect_table(effects: Sequence[Mapping[str, Any]]) -> TableData:
+def _title(effect: NamedEffect) -> str:
+    return f"{place(effect.joint)}: {effect.name.replace('_', ' ')}"
+
+
+def _effect_table(effects: Sequence[NamedEffect]) -> TableData:
     rows = [
         [
-            f"{place(e['joint'])}: {e['name'].replace('_', ' ')}",
-            e["class"],
-            e["level"],
-            f"{e['probability']:.3f}",
-            ", ".join(f"{name} {parameter_words(p)}" for name, p in e["parameters"].items()),
-            ", ".join(f"{r['name'].replace('_', ' ')} ({place(r['joint'])})" for r in e["rivals"]) or "none",
-            f"{e['nats']:.0f}",
+            _title(e),
+            e.family,
+            str(e.level),
+            f"{e.probability:.3f}",
+            ", ".join(f"{name} {estimate_words(p)}" for name, p in e.parameters.items()),
+            ", ".join(f"{r.name.replace('_', ' ')} ({place(r.joint)})" for r in e.rivals) or "none",
+            f"{e.nats:.0f}",
         ]
         for e in effects
     ]
     head = ["effect", "class", "level", "probability", "numbers (95 % interval)", "rivals", "nats"]
-    return TableData(head, rows, "Nats: gain of log-likelihood on held-out trajectories.", (1, 2, 4, 5))
+    return TableData(head, rows, "Nats: log Bayes factor on held-out trajectories.", (1, 2, 4, 5))
 
 
-def _alternatives(effect: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
-    alternatives: Sequence[Mapping[str, Any]] = effect["alternatives"]
-    return alternatives
-
-
-def _how_much(report: Mapping[str, Any]) -> Section:
+def _how_much(result: DiscrepancyResult) -> Section:
     words = [
-        "On the sealed part, which nothing was fitted to. Closed: 1 - (after² - noise²) / (before² - noise²). The "
-        "black box is a Gaussian process on the same inputs: what can be explained without a name. The placebo is the "
-        "same fit to shuffled trajectories."
+        "On the test set, which nothing was fitted to. Closed: 1 - (after² - noise²) / (before² - noise²). The black "
+        "box is a Gaussian process on the same inputs: what can be explained without a name. The permutation control "
+        "is the same fit to exchanged trajectories."
     ]
-    rows = [_gap_row(name, gap) for name, gap in report["gap"].items()]
-    head = ["channel", "before", "after", "noise", "closed", "95 % interval", "black box", "placebo"]
-    tails = [_tail_row(name, gap) for name, gap in report["gap"].items()]
+    head = ["channel", "before", "after", "noise", "closed", "95 % interval", "black box", "permutation control"]
     tail_head = ["channel", "95 %, before", "95 %, after", "maximum, before", "maximum, after"]
     tables = (
-        TableData(head, rows, "Root mean squares; intervals by drawing whole trajectories."),
-        TableData(tail_head, tails, "Sizes that 95 % of the samples stay below, and the largest."),
+        TableData(
+            head, [_gap_row(g) for g in result.gap], "Root mean squares; intervals by drawing whole trajectories."
+        ),
+        TableData(
+            tail_head,
+            [[channel_words(g.channel), *_sizes(g, *g.p95, *g.largest)] for g in result.gap],
+            "Sizes that 95 % of the samples stay below, and the largest.",
+        ),
     )
     caption = "Root mean squares: the grey line is what the named effects close."
-    return Section("How much", words, tables, (FigureImage(plots.png(plots.gap_chart(report["gap"])), caption),))
+    return Section("How much", words, tables, (FigureImage(plots.png(plots.gap_chart(result.gap)), caption),))
 
 
-def _gap_row(name: str, gap: Mapping[str, Any]) -> list[str]:
-    scale, symbol = in_reader_units(1.0, gap["unit"])
-    sizes = [_size(scale * rms_at(gap, key), symbol) for key in ("before", "after", "noise")]
-    interval = " to ".join(_share(end) for end in gap["closed_ci95"])
-    yardsticks = [_share(gap["black_box_ceiling"]), _share(gap["placebo"])]
-    return [channel_words(name), *sizes, _share(gap["closed"]), interval, *yardsticks]
+def _gap_row(gap: ChannelGap) -> list[str]:
+    interval = " to ".join(_fraction(end) for end in gap.closed_ci95)
+    controls = [_fraction(gap.black_box_ceiling), _fraction(gap.permutation_control)]
+    sizes = _sizes(gap, gap.before, gap.after, gap.noise)
+    return [channel_words(gap.channel), *sizes, _fraction(gap.closed), interval, *controls]
 
 
-def _tail_row(name: str, gap: Mapping[str, Any]) -> list[str]:
-    scale, symbol = in_reader_units(1.0, gap["unit"])
-    sizes = [None if v is None else scale * v for v in (*gap["p95"], *gap["max"])]
-    return [channel_words(name), *(_size(size, symbol) for size in sizes)]
+def _sizes(gap: ChannelGap, *values: float) -> list[str]:
+    scale, symbol = in_reader_units(1.0, gap.channel.unit)
+    return [_size(scale * value, symbol) for value in values]
 
 
-def _size(value: float | None, symbol: str) -> str:
+def _size(value: float, symbol: str) -> str:
     return f"{number(value)}{'' if symbol == '°' else ' '}{symbol}"
 
 
-def _share(value: float | None) -> str:
-    if value is None:
+def _fraction(value: float) -> str:
+    if not np.isfinite(value):
         return "–"
     return f"{100 * value:.0f} %" if value > -1 else "< -100 %"
 
 
-def _loops(report: Mapping[str, Any], evidence: Evidence, model: Model) -> Section:
-    shown = _worst(report)[:MOST_CHANNELS]
-    figure = plots.loop_plots(evidence, shown, machine_of(model).body)
+def _loops(result: DiscrepancyResult) -> Section:
+    shown = _worst(result)[:MOST_CHANNELS]
+    figure = plots.loop_plots(result.evidence, shown, machine_of(result.model).body)
     caption = (
-        "Sealed part. Two separate lines are a loop: play, friction or hysteresis; one bent line is geometry or load; "
+        "Test set. Two separate lines are a loop: play, friction or hysteresis; one bent line is geometry or load; "
         "a line at zero is explained. Lines are running medians."
     )
-    return Section(
-        "Residual against position, by direction of travel", (), (), (FigureImage(plots.png(figure), caption),)
-    )
+    title = "Residual against position, by direction of travel"
+    return Section(title, (), (), (FigureImage(plots.png(figure), caption),))
 
 
-def _search(evidence: Evidence) -> Section | None:
+def _search(result: DiscrepancyResult) -> Section | None:
+    evidence = result.evidence
     if not evidence.waterfall:
         return None
-    caption = "Held-out nats of every step of the search; orange steps took an effect out again."
+    caption = "Held-out log Bayes factor of every step of the search; orange steps took an effect out again."
     figures = [FigureImage(plots.png(plots.nats_waterfall(evidence.waterfall)), caption)]
-    n = len(evidence.labels)
-    if n > 1:
-        part = min(n, MOST_LABELS)
+    if len(evidence.labels) > 1:
+        part = min(len(evidence.labels), MOST_LABELS)
         matrix = plots.signature_correlation(evidence.correlation[:part, :part], evidence.labels[:part])
-        likeness = "Likeness of the signatures as seen through the noise; near 1 or -1 two effects look the same here."
+        likeness = "Likeness of the whitened signatures; near 1 or -1 two effects look the same here."
         figures.append(FigureImage(plots.png(matrix), likeness))
     return Section("How the search went", (), (), figures)
 
 
-def _next(report: Mapping[str, Any]) -> Section:
-    advice = report["next_experiment"]
-    if advice is None:
-        decided = report["verdict"]["level"] in ("EXACT", "NONE")
-        words = (
-            "Nothing is left to tell apart."
-            if decided
-            else "No two names compete: more trajectories, or another outside signal."
-        )
-        return Section("What to record next", [words])
-    first, second = advice["separates"]
-    words = f"{advice['run'][:1].upper()}{advice['run'][1:]}."
-    nats = advice["expected_nats"]
+def _next(result: DiscrepancyResult) -> Section:
+    title, experiment = "What to record next", result.next_experiment
+    if experiment is None and result.level in (Level.EXACT, Level.NONE):
+        return Section(title, ["Nothing is left to tell apart."])
+    if experiment is None:
+        return Section(title, ["No two names compete: more trajectories, or another outside signal."])
+    first, second = experiment.separates
+    words = f"{experiment.run[:1].upper()}{experiment.run[1:]}."
     gain = (
-        f"It should bring {nats:.0f} nats between {first} and {second}, the rival refitted, in "
-        f"{advice['minutes']:.1f} minutes."
-        if nats >= ENOUGH
-        else f"The best run of all would bring {nats:.1f} nats between {first} and {second}; 3 are needed."
+        f"It should bring {experiment.expected_nats:.0f} nats between {first} and {second}, the rival refitted, in "
+        f"{experiment.minutes:.1f} minutes."
+        if experiment.decisive
+        else f"The best run of all would bring {experiment.expected_nats:.1f} nats between {first} and {second}; "
+        f"{ENOUGH:g} are needed."
     )
-    return Section("What to record next", [words, gain])
+    return Section(title, [words, gain])
 
 
-def _assumed(report: Mapping[str, Any]) -> Section:
-    told = report["provenance"]
+def _assumed(result: DiscrepancyResult) -> Section:
+    channels = {g.channel.name: g.channel for g in result.gap}
     rows = []
-    for name, noise in told["noise"].items():
-        scale, symbol = in_reader_units(1.0, report["gap"][name]["unit"])
-        tail = "normal" if noise["tail"] is None else f"Student t, {noise['tail']:.1f}"
-        sizes = [_size(scale * noise[part], symbol) for part in ("white", "slow")]
-        rows.append([channel_words(name), *sizes, f"{number(noise['time_constant'])} s", tail, noise["basis"]])
+    for name, noise in result.provenance.noise.items():
+        scale, symbol = in_reader_units(1.0, channels[name].unit)
+        tail = f"Student t, {noise.tail:.1f}" if np.isfinite(noise.tail) else "normal"
+        sizes = [_size(scale * part, symbol) for part in (noise.white, noise.slow)]
+        words = noise_source_words(noise)
+        rows.append([channel_words(channels[name]), *sizes, f"{number(noise.time_constant)} s", tail, words])
     head = ["channel", "white", "slow", "time constant", "tails", "taken from"]
     tables = [TableData(head, rows, "Noise of each channel.", (4, 5))]
-    return Section("What was assumed", [f"{r[:1].upper()}{r[1:]}." for r in told["remarks"]], tables)
+    return Section("What was assumed", [f"{r[:1].upper()}{r[1:]}." for r in result.provenance.remarks], tables)
 
 
-def _not_nameable(report: Mapping[str, Any]) -> Section | None:
+def _not_nameable(result: DiscrepancyResult) -> Section | None:
     """Effects that these data cannot show: their absence from the verdict says nothing."""
-    lacks = report["provenance"]["not_nameable"]
+    lacks = result.provenance.not_nameable
     if not lacks:
         return None
     by_reason: dict[str, list[str]] = {}
     for lack in lacks:
-        by_reason.setdefault(lack["why"], []).append(lack["effect"].replace("_", " "))
+        by_reason.setdefault(lack.why, []).append(lack.effect.replace("_", " "))
     rows = [[", ".join(effects), why] for why, effects in by_reason.items()]
     words = [f"Of the catalogue, {len(lacks)} effects cannot be named from these data, whether they are there or not."]
     return Section("What these data cannot show", words, (TableData(["effects", "because"], rows, "", (0, 1)),))

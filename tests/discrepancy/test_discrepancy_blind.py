@@ -1,4 +1,4 @@
-"""The blind bench in small: another simulator's recordings, made, solved and scored end to end."""
+"""The blind dataset in small: another simulator's recordings, made, solved and scored end to end."""
 
 from __future__ import annotations
 

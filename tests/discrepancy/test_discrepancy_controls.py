@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from gpcorrect.discrepancy.outcome.controls import black_box
+from gpcorrect.discrepancy.outcome.figures import black_box, exchanged
 
 
 def test_the_black_box_learns_what_is_smooth_and_nothing_else() -> None:
@@ -27,3 +28,16 @@ def test_missing_samples_and_still_inputs_do_no_harm() -> None:
     assert np.isnan(left).sum() == 1
     assert np.nanstd(left) < 0.05
     assert not black_box(inputs, np.zeros(600), np.arange(600) < 400, rng).any()
+
+
+@pytest.mark.parametrize("trajectories", [2, 3, 7])
+def test_no_trajectory_of_the_permutation_control_stays_on_its_own_motion(trajectories: int) -> None:
+    """Whatever is drawn, each takes another one's content, and each one's is taken once; the test set takes no part."""
+    block = np.repeat(np.arange(trajectories + 1), 5)
+    train = block < trajectories
+    for seed in range(50):
+        taken = exchanged(block + 1.0, block, train, np.random.default_rng(seed))
+        assert np.isnan(taken[~train]).all()
+        source = np.abs(taken[train]).reshape(trajectories, 5)[:, 0] - 1.0
+        assert (source != np.arange(trajectories)).all()
+        assert sorted(source) == list(range(trajectories))

@@ -10,13 +10,12 @@ from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log
 from discrepancy_support import nominal
 
 from gpcorrect.discrepancy.naming.intervals import half_widths
-from gpcorrect.discrepancy.naming.weigh import wander
+from gpcorrect.discrepancy.naming.weigh import size_overdispersion
 from gpcorrect.discrepancy.run import find_discrepancy
-from gpcorrect.discrepancy.search.candidates import Member, all_candidates
-from gpcorrect.discrepancy.search.laid import lay_out
+from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates, watched
+from gpcorrect.discrepancy.search.linearisation import refine
+from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import Search, start_search
-from gpcorrect.discrepancy.search.trial import refine
-from gpcorrect.discrepancy.search.watch import watched
 from gpcorrect.sim.effects import CableSlip, HomingOffset
 from gpcorrect.types import CalibrationLog
 
@@ -25,17 +24,17 @@ SEEN = (3 * 60.0 + 8.0, 6 * 60.0)  # the discovery motions around it
 
 
 @pytest.fixture(scope="module")
-def slipped() -> tuple[Search, Member]:
+def slipped() -> tuple[Search, FittedEffect]:
     """Return a search on a recording with a slip, and the slip refined from the nearest rung."""
     log = joint_log(3, CableSlip(joint=1, step=4 * NOISE, instant=INSTANT))
-    bench = lay_out(log, nominal(), 9000, np.random.default_rng(0)).bench
-    state = start_search(bench, (c for c in all_candidates(bench.scene) if c.name == "cable_slip" and c.joint == 1))
+    dataset = prepare_data(log, nominal(), np.random.default_rng(0)).dataset
+    state = start_search(dataset, (c for c in all_candidates(dataset.scene) if c.name == "cable_slip" and c.joint == 1))
     start = min((t.candidate for t in state.traces), key=lambda c: abs(c.build(np.array(c.start)).instant - INSTANT))
-    (found,) = refine(bench, state.lens, state.observed, [], [Member(start, np.array(start.start))])
+    (found,) = refine(state.whitener, [], [FittedEffect(start, np.array(start.start))])
     return state, found
 
 
-def test_a_slip_is_found_between_the_rungs(slipped: tuple[Search, Member]) -> None:
+def test_a_slip_is_found_between_the_rungs(slipped: tuple[Search, FittedEffect]) -> None:
     """Between the right motions, as exactly as the recording can tell; step within a tenth."""
     effect = slipped[1].effect
     assert isinstance(effect, CableSlip)
@@ -48,19 +47,19 @@ def test_a_slip_in_the_middle_of_a_motion_is_found_there(seed: int) -> None:
     """Not in the pause before it, wherever the search began: the jump itself tells, and shows in one row."""
     instant = 9 * 60.0 + 4.3  # of the discovery part
     log = joint_log(seed, CableSlip(joint=2, step=6 * NOISE, instant=instant))
-    bench = lay_out(log, nominal(), 9000, np.random.default_rng(0)).bench
-    state = start_search(bench, (c for c in all_candidates(bench.scene) if c.name == "cable_slip" and c.joint == 2))
-    assert bench.part[np.searchsorted(bench.time, instant)] == 0
+    dataset = prepare_data(log, nominal(), np.random.default_rng(0)).dataset
+    state = start_search(dataset, (c for c in all_candidates(dataset.scene) if c.name == "cable_slip" and c.joint == 2))
+    assert dataset.part[np.searchsorted(dataset.time, instant)] == 0
     for trace in state.traces[:: len(state.traces) // 4]:
-        start = Member(trace.candidate, np.array(trace.candidate.start))
-        (found,) = refine(bench, state.lens, state.observed, [], [start])
+        start = FittedEffect(trace.candidate, np.array(trace.candidate.start))
+        (found,) = refine(state.whitener, [], [start])
         assert isinstance(found.effect, CableSlip)
         assert found.effect.instant == pytest.approx(instant, abs=0.5)
 
 
 def test_a_slip_takes_two_motions_on_either_side() -> None:
     """The instants that are looked at leave out the session's first and last two motions; three are too few."""
-    scene = lay_out(joint_log(3), nominal(), 9000, np.random.default_rng(0)).bench.scene
+    scene = prepare_data(joint_log(3), nominal(), np.random.default_rng(0)).dataset.scene
     low, high = watched(scene, 0)
     assert low == pytest.approx(60.0 + 8.0, abs=0.1)
     assert high == pytest.approx((RUNS - 2) * 60.0)
@@ -69,15 +68,15 @@ def test_a_slip_takes_two_motions_on_either_side() -> None:
 
 def test_an_effect_is_asked_to_help_only_where_it_acts() -> None:
     """A slip late in a session leaves half of the motions alone, and is named all the same."""
-    found = find_discrepancy(joint_log(6, CableSlip(joint=1, step=6 * NOISE, instant=7 * 60.0 - 20.0)), nominal())
-    assert [(e.named.member.candidate.name, e.named.level) for e in found.effects] == [("cable_slip", "EXACT")]
+    found = find_discrepancy(nominal(), joint_log(6, CableSlip(joint=1, step=6 * NOISE, instant=7 * 60.0 - 20.0)))
+    assert [(e.name, e.level) for e in found.effects] == [("cable_slip", "EXACT")]
 
 
-def test_the_interval_of_an_instant_holds_it_and_is_no_point(slipped: tuple[Search, Member]) -> None:
+def test_the_interval_of_an_instant_holds_it_and_is_no_point(slipped: tuple[Search, FittedEffect]) -> None:
     """No slope leads to an instant, and yet its interval is neither empty nor the whole session."""
     state, found = slipped
     place = next(i for i, c in enumerate(found.candidate.coordinates) if c.parameter.change_point)
-    coordinate, width = found.candidate.coordinates[place], half_widths(state, state.lens, [found], 0)[place]
+    coordinate, width = found.candidate.coordinates[place], half_widths(state, state.whitener, [found], 0)[place]
     low, high = (coordinate.value(float(found.u[place]) + side * width) for side in (-1, 1))
     assert low < INSTANT < high
     assert high - low < 4 * 60.0  # of the motions on either side, one is not of the discovery part
@@ -85,13 +84,13 @@ def test_the_interval_of_an_instant_holds_it_and_is_no_point(slipped: tuple[Sear
 
 def test_zeros_that_differ_at_random_from_motion_to_motion_are_no_slip() -> None:
     """Every motion has an offset of its own, as slow noise gives it: nothing on time gets an exact name."""
-    found = find_discrepancy(_wandering(), nominal())
-    exact = {e.named.member.candidate.name for e in found.effects if e.named.level == "EXACT"}
+    found = find_discrepancy(nominal(), _wandering())
+    exact = {e.name for e in found.effects if e.level == "EXACT"}
     assert not exact & {"cable_slip", "drift", "creep", "homing_offset"}
 
 
 def test_evidence_counts_less_where_a_size_differs_from_motion_to_motion() -> None:
-    """An offset that every motion has anew is worth less than its samples say; one that all share is worth them."""
+    """An offset that every motion has anew is worth less than its samples say; one that all fraction is worth them."""
     shared = joint_log(4, HomingOffset(joint=1, offset=1.5 * NOISE))
     assert _wander_of_offset(shared) == 1.0
     assert _wander_of_offset(_wandering()) > 3.0
@@ -103,8 +102,8 @@ def _wandering() -> CalibrationLog:
 
 
 def _wander_of_offset(log: CalibrationLog) -> float:
-    bench = lay_out(log, nominal(), 9000, np.random.default_rng(0)).bench
-    offset = next(c for c in all_candidates(bench.scene) if c.name == "homing_offset" and c.joint == 1)
-    state = start_search(bench, [offset])
-    (member,) = refine(bench, state.lens, state.observed, [], [Member(offset, np.array(offset.start))])
-    return wander(replace(state, members=(member,)).refreshed(), member)
+    dataset = prepare_data(log, nominal(), np.random.default_rng(0)).dataset
+    offset = next(c for c in all_candidates(dataset.scene) if c.name == "homing_offset" and c.joint == 1)
+    state = start_search(dataset, [offset])
+    (fit,) = refine(state.whitener, [], [FittedEffect(offset, np.array(offset.start))])
+    return size_overdispersion(replace(state, fitted=(fit,)).refreshed(), fit)

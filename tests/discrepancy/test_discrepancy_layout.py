@@ -1,4 +1,4 @@
-"""Recordings laid side by side: how they are cut must not matter."""
+"""Recordings prepared side by side: how they are cut must not matter."""
 
 from __future__ import annotations
 

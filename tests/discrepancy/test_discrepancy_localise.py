@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from discrepancy_support import outside
 
-from gpcorrect.discrepancy.evidence.cells import all_cells
 from gpcorrect.discrepancy.evidence.localise import ChannelData, Localisation, localise
-from gpcorrect.discrepancy.recording.covariates import Covariates
+from gpcorrect.discrepancy.evidence.variables import Covariates, Quantity, Variable, all_cells
 from gpcorrect.discrepancy.recording.noise import estimate_noise
 
 RUNS, ROWS, STEP, NOISE = 14, 300, 0.05, 1e-3
+POSITION_1, POSITION_2 = Variable(Quantity.POSITION, 1), Variable(Quantity.POSITION, 2)
+DIRECTION_1, SESSION_TIME = Variable(Quantity.DIRECTION, 1), Variable(Quantity.SESSION_TIME)
 
 
 def found(seed: int, size: float = 0.0, tail: float = np.inf, least: float = 0.0) -> Localisation:
@@ -25,10 +27,11 @@ def found(seed: int, size: float = 0.0, tail: float = np.inf, least: float = 0.0
     q = np.sin(rate[block] * time[:, None] + phase[block])
     white = rng.standard_normal(len(block)) if np.isinf(tail) else rng.standard_t(tail, len(block))
     r = NOISE * (white + size * q[:, 0] * np.sqrt(2))
-    values = {"position 1": q[:, 0], "position 2": q[:, 1], "direction 1": np.sign(np.gradient(q[:, 0])), "time": time}
+    direction = np.sign(np.gradient(q[:, 0]))
+    values = {POSITION_1: q[:, 0], POSITION_2: q[:, 1], DIRECTION_1: direction, SESSION_TIME: time}
     noise = estimate_noise(time, r, block, np.zeros(len(r), dtype=np.bool_))
-    tests = all_cells(Covariates(values, ("position 1", "direction 1"), {}))
-    channel = ChannelData("one", time, r, block, noise, tests, least)
+    tests = all_cells(Covariates(values, (POSITION_1, DIRECTION_1), {}))
+    channel = ChannelData(outside(1), time, r, block, noise, tests, least)
     return localise([channel], np.random.default_rng(seed + 99), draws=100)
 
 
@@ -42,7 +45,7 @@ def test_a_small_effect_is_found_where_it_is() -> None:
     """A systematic part of a third of the noise is found, and the best test speaks of the right variable."""
     result = found(0, size=0.33)
     assert result.something
-    assert "position 1" in result.findings[0].variables
+    assert POSITION_1 in result.findings[0].variables
 
 
 def test_nothing_missing_needs_the_equivalence_too() -> None:

@@ -14,7 +14,7 @@ sys.path.append(str(Path(__file__).resolve().parents[2] / "bench"))
 
 from truth import Spec, make_case
 
-from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
+from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.sim import EFFECTS, Model, machine_of, model_from_dict, read_model, simulate, write_model
 from gpcorrect.sim.model import model_text
 from gpcorrect.sim.plan import Segment, plan_of
@@ -88,7 +88,7 @@ def what_it_does(model: Model, log: CalibrationLog) -> FloatArray:
 def test_the_written_model_does_what_was_hidden_and_leaves_none_of_it(name: str, seed: int, tmp_path: Path) -> None:
     """On another simulator's recording: the model simulates the recorded error, and a second run asks for no more."""
     log, model, label = bare_case(name, seed)
-    found = find_discrepancy(log, model, RunSettings(0))
+    found = find_discrepancy(model, log)
     assert [(e.about.name, e.joint) for e in found.model.effects] == [(name, label["joint"])]
     write_model(found.model, tmp_path / "model.toml")
     again = read_model(tmp_path / "model.toml")
@@ -99,4 +99,4 @@ def test_the_written_model_does_what_was_hidden_and_leaves_none_of_it(name: str,
     good = np.isfinite(recorded) & (np.abs(recorded) < 6 * np.nanstd(recorded))
     left = np.std(recorded[good] - made[good]) ** 2 + np.mean(recorded[good] - made[good]) ** 2
     assert left < 0.4 * np.mean(recorded[good] ** 2), "the effect is twice as large as the noise: a fifth is noise"
-    assert not find_discrepancy(log, again, RunSettings(0)).effects
+    assert not find_discrepancy(again, log).effects

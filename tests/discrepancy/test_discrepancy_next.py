@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.advice.future import Site, futures
 from gpcorrect.discrepancy.advice.next_experiment import ENOUGH, advise
-from gpcorrect.discrepancy.naming.named import Alternative, EffectLevel, Named
+from gpcorrect.discrepancy.advice.planned_runs import Site, planned_runs
+from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.search.candidates import Candidate, Member, all_candidates
+from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.sim.effects import Run
 from gpcorrect.sim.joint_motion import joint_motion_log
 
@@ -27,15 +29,12 @@ def candidate(scene: Scene, name: str, joint: int = 1) -> Candidate:
     return next(c for c in all_candidates(scene) if c.name == name and c.joint == joint)
 
 
-def question(own: Candidate, rival: Candidate | None, level: EffectLevel = "SET", u: float = 1.0) -> Named:
+def question(own: Candidate, rival: Candidate | None, level: Level = Level.SET, u: float = 1.0) -> Named:
     """Return an effect of `u` times its start, that cannot be told from a rival (or from nothing)."""
-    other = (
-        Alternative("nothing", "", None, "", 0.0, 0, 0.4)
-        if rival is None
-        else Alternative(rival.label, rival.name, rival.joint, rival.family, 0.0, 0, 0.4)
-    )
-    mine = Alternative(own.label, own.name, own.joint, own.family, 1.0, 0, 0.6)
-    return Named(Member(own, u * np.array(own.start)), level, 0.6, 50.0, (mine, other), ())
+    nothing = Alternative(Explanation.NOTHING, 0.0, "nothing", probability=0.4)
+    other = nothing if rival is None else replace(Alternative.of(rival, 0.0), extra=0, probability=0.4)
+    mine = replace(Alternative.of(own, 1.0), extra=0, probability=0.6)
+    return Named(FittedEffect(own, u * np.array(own.start)), level, 0.6, 50.0, (mine, other), ())
 
 
 def noises(scene: Scene) -> tuple[ChannelNoise, ...]:
@@ -45,7 +44,7 @@ def noises(scene: Scene) -> tuple[ChannelNoise, ...]:
 def test_an_offset_and_a_drift_are_told_apart_by_a_run_of_their_descriptions(scene: Scene) -> None:
     """The advised run is one that either description recommends, and brings enough evidence with the rival refitted."""
     own, rival = candidate(scene, "homing_offset"), candidate(scene, "drift")
-    advice = advise(scene, (), [question(own, rival)], noises(scene), 0)
+    advice, _ = advise(scene, (), [question(own, rival)], noises(scene))
     assert advice is not None
     recommended = {run.value for c in (own, rival) for run in c.kind.about.separating_runs}
     assert advice.run.split(":")[0] in recommended
@@ -57,15 +56,16 @@ def test_an_offset_and_a_drift_are_told_apart_by_a_run_of_their_descriptions(sce
 def test_nothing_is_advised_when_nothing_is_open(scene: Scene) -> None:
     """An exact name, or no name at all, asks for no run."""
     own = candidate(scene, "homing_offset")
-    assert advise(scene, (), [], noises(scene), 0) is None
-    assert advise(scene, (), [question(own, None, "EXACT")], noises(scene), 0) is None
+    assert advise(scene, (), [], noises(scene)) == (None, ())
+    assert advise(scene, (), [question(own, None, Level.EXACT)], noises(scene)) == (None, ())
 
 
 def test_an_effect_too_small_for_any_run_asks_for_a_sensor(scene: Scene) -> None:
     """Where no run brings three nats, the two are called equivalent and a sensor is named."""
-    advice = advise(scene, (), [question(candidate(scene, "transmission_ratio"), None, u=1e-4)], noises(scene), 0)
+    advice, _ = advise(scene, (), [question(candidate(scene, "transmission_ratio"), None, u=1e-4)], noises(scene))
     assert advice is not None
     assert advice.expected_nats < ENOUGH
+    assert not advice.decisive
     assert "equivalent" in advice.run
     assert "measure" in advice.run
 
@@ -73,7 +73,7 @@ def test_an_effect_too_small_for_any_run_asks_for_a_sensor(scene: Scene) -> None
 def test_the_evidence_grows_with_the_effect(scene: Scene) -> None:
     """A larger effect promises more nats, about with its square."""
     own = candidate(scene, "transmission_ratio")
-    small, large = (advise(scene, (), [question(own, None, u=u)], noises(scene), 0) for u in (0.01, 0.02))
+    small, large = (advise(scene, (), [question(own, None, u=u)], noises(scene))[0] for u in (0.01, 0.02))
     assert small is not None
     assert large is not None
     assert large.expected_nats == pytest.approx(4 * small.expected_nats, rel=0.05)
@@ -84,10 +84,10 @@ def test_runs_stay_in_the_range_and_begin_and_end_at_rest(column: int | None) ->
     """No advised path leaves where the joints have been, and every one starts and stops without a jump."""
     ranges = np.array([[-0.4, 0.2], [0.1, 0.15], [-1.0, 1.0]])
     site = Site(ranges, "RPR", column, 50.0, loads=True, servo=True)
-    made = futures(site, list(Run))
+    made = planned_runs(site, list(Run))
     assert len(made) >= 9
-    for future in made:
-        for plan, gain in future.plans:
+    for planned in made:
+        for plan, gain in planned.plans:
             assert (plan.q >= ranges[:, 0] - 1e-9).all()
             assert (plan.q <= ranges[:, 1] + 1e-9).all()
             assert gain > 0
@@ -98,6 +98,6 @@ def test_runs_stay_in_the_range_and_begin_and_end_at_rest(column: int | None) ->
 def test_what_cannot_be_simulated_is_not_advised() -> None:
     """Without masses no payload is swapped, without a servo model no gain is changed."""
     site = Site(np.array([[-1.0, 1.0], [-1.0, 1.0]]), "RR", 0, 50.0, loads=False, servo=False)
-    kinds = {future.run for future in futures(site, list(Run))}
+    kinds = {planned.run for planned in planned_runs(site, list(Run))}
     assert not kinds & {Run.LOAD_SWAP, Run.GAIN_CHANGE, Run.TWO_INSERTIONS}
     assert Run.SPEED_LADDER in kinds

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise, outliers, whiten
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource, estimate_noise, outliers, whiten
 from gpcorrect.types import FloatArray, IntArray
 
 STEP, CORRELATION = 0.05, 0.3
@@ -92,4 +92,4 @@ def test_noise_of_holds_is_known_well_whatever_is_constant_in_them(offsets: floa
     residual = 0.5 * rng.standard_t(6, len(block)) + slow + offsets * rng.standard_normal(holds)[block]
     noise = estimate_noise(time, residual, block, np.ones(len(block), dtype=np.bool_))
     assert noise.slow**2 * noise.time_constant == pytest.approx(tau, rel=0.33)
-    assert noise.basis == "holds"
+    assert noise.source == NoiseSource.HOLDS

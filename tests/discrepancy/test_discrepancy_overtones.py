@@ -8,12 +8,12 @@ import numpy as np
 from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log, motors
 from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.naming.overtones import MOST_OVERTONES, overtone_nats
+from gpcorrect.discrepancy.naming.name import MOST_OVERTONES, overtone_nats
 from gpcorrect.discrepancy.naming.weigh import view_of
-from gpcorrect.discrepancy.search.candidates import Member, all_candidates
-from gpcorrect.discrepancy.search.laid import lay_out
+from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
+from gpcorrect.discrepancy.search.linearisation import refine
+from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import start_search
-from gpcorrect.discrepancy.search.trial import refine
 from gpcorrect.sim.effects import HomingOffset, PulleyEccentricity
 from gpcorrect.types import CalibrationLog
 
@@ -22,15 +22,17 @@ SEED, WAVES, SIZE = 2, 6.0, 10 * NOISE
 
 def gains(log: CalibrationLog) -> tuple[float, float]:
     """Nats of the fitted first wave (its own energy over two), and of its overtones."""
-    laid = lay_out(log, nominal(), 9000, np.random.default_rng(0))
-    candidate = next(c for c in all_candidates(laid.bench.scene) if c.name == "pulley_eccentricity" and c.joint == 1)
-    state = start_search(laid.bench, [candidate])
+    prepared = prepare_data(log, nominal(), np.random.default_rng(0))
+    candidate = next(
+        c for c in all_candidates(prepared.dataset.scene) if c.name == "pulley_eccentricity" and c.joint == 1
+    )
+    state = start_search(prepared.dataset, [candidate])
     near = candidate.coordinates[0].coordinate(SIZE), candidate.coordinates[1].coordinate(WAVES), 0.3
-    (member,) = refine(laid.bench, state.lens, state.observed, [], [Member(candidate, np.array(near))], 30)
-    state = replace(state, members=(member,)).refreshed()
-    view = view_of(state, laid.tests, laid.inputs)
-    change = state.lens.look_one(state.residual([]) - state.residual([member]))
-    return 0.5 * float(change @ change), overtone_nats(view, member)
+    (fit,) = refine(state.whitener, [], [FittedEffect(candidate, np.array(near))], 30)
+    state = replace(state, fitted=(fit,)).refreshed()
+    view = view_of(state, prepared.tests, prepared.inputs)
+    change = state.whitener.whiten(state.residual([]) - state.residual([fit]))
+    return 0.5 * float(change @ change), overtone_nats(view, fit)
 
 
 def wave(more: float) -> CalibrationLog:

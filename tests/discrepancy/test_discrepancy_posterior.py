@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpcorrect.discrepancy.naming.named import STABLE
-from gpcorrect.discrepancy.naming.posterior import posterior
+from gpcorrect.discrepancy.naming.posterior import STABLE, posterior
 from gpcorrect.discrepancy.naming.weigh import Rival, Unknown, Weighed
 from gpcorrect.discrepancy.recording.build import build_scene
-from gpcorrect.discrepancy.search.candidates import Candidate, Member, all_candidates
+from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.sim import model_from_dict
 from gpcorrect.types import CalibrationLog
 
@@ -30,9 +29,9 @@ def catalogue() -> dict[str, Candidate]:
 
 
 def _weighed(own: float, rival: Candidate, nats: float, *, beside: float = 0.0, instead: float = 0.0) -> Weighed:
-    member = Member(rival, np.array(rival.start))
+    fit = FittedEffect(rival, np.array(rival.start))
     return Weighed(
-        np.array([own]), np.zeros(1), np.ones(2, dtype=np.bool_), (Rival(member, nats),), Unknown(instead, beside), 1.0
+        np.array([own]), np.zeros(1), np.ones(2, dtype=np.bool_), (Rival(fit, nats),), Unknown(instead, beside), 1.0
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from support import real_data
 
-from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
+from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.logs import read_log
 from gpcorrect.sim import model_from_dict
 
@@ -15,13 +15,15 @@ def test_the_wrist_is_explained() -> None:
     """Offset in joint 4, coupling between joints 5 and 6, memory in both; J5 and J6 closed by 55 and 60 %."""
     log = read_log(real_data("dvrk_random.csv"))
     model = model_from_dict({"arm": "joints", "joints": [4, 5, 6], "joint_types": "RRR"})
-    found = find_discrepancy(log, model, RunSettings(seed=0))
-    members = [e.named.member.candidate for e in found.effects]
-    named = {(c.name, c.joint) for c in members}
+    found = find_discrepancy(model, log)
+    named = {(e.name, e.joint) for e in found.effects}
     assert ("homing_offset", 4) in named
-    assert {(c.joint, dict(c.fixed)["source"]) for c in members if c.name == "cable_coupling"} & {(5, 6), (6, 5)}
+    assert {(e.joint, e.parameters["source"].value) for e in found.effects if e.name == "cable_coupling"} & {
+        (5, 6),
+        (6, 5),
+    }
     for joint in (5, 6):
         assert {(n, joint) for n in ("backlash", "hysteresis")} & named
-    shares = {g.channel: 1.0 - g.figures.after / g.figures.before for g in found.gap}
+    shares = {g.channel.name: 1.0 - g.after / g.before for g in found.gap}
     assert shares["external_jp_5"] >= 0.55
     assert shares["external_jp_6"] >= 0.60

@@ -7,22 +7,21 @@ import pytest
 from discrepancy.discrepancy_core import joint_log, motors
 from discrepancy.discrepancy_support import nominal
 
-from gpcorrect.discrepancy.outcome.result import Discrepancy
-from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
+from gpcorrect.discrepancy import DiscrepancyResult, Level, find_discrepancy
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Backlash, CableCoupling, Effect, HomingOffset, TransmissionRatio
 
 
-def names(found: Discrepancy) -> set[tuple[str, int | str]]:
-    return {(e.named.member.candidate.name, e.named.member.candidate.joint) for e in found.effects}
+def names(found: DiscrepancyResult) -> set[tuple[str, int | str]]:
+    return {(e.name, e.joint) for e in found.effects}
 
 
 @pytest.mark.parametrize(("tail", "sessions"), [(np.inf, 1), (3.0, 1), (np.inf, 4)])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_noise_gets_no_name(tail: float, sessions: int, seed: int) -> None:
     """White noise with slow noise beside it, heavy tails or several sessions: no effect is named."""
-    found = find_discrepancy(joint_log(seed, tail=tail, sessions=sessions), nominal(), RunSettings(seed))
-    assert found.level in ("NONE", "INCONCLUSIVE")
+    found = find_discrepancy(nominal(), joint_log(seed, tail=tail, sessions=sessions), seed=seed)
+    assert found.level in (Level.NONE, Level.INCONCLUSIVE)
     assert not found.effects
 
 
@@ -37,12 +36,12 @@ def test_noise_gets_no_name(tail: float, sessions: int, seed: int) -> None:
 )
 def test_the_hidden_effect_is_named_with_its_number(hidden: Effect) -> None:
     """One effect about as large as the noise: its name, its joint and a number near the true one; the gap is closed."""
-    found = find_discrepancy(joint_log(3, hidden), nominal(), RunSettings(0))
+    found = find_discrepancy(nominal(), joint_log(3, hidden))
     assert names(found) == {(hidden.about.name, hidden.joint)}
     parameter = hidden.about.parameters[0].name
-    value = found.effects[0].parameters[parameter]["value"]
+    value = found.effects[0].parameters[parameter].value
     assert value == pytest.approx(getattr(hidden, parameter), rel=0.15)
-    assert found.gap[int(hidden.joint) - 1].figures.closed > 0.8
+    assert found.gap[int(hidden.joint) - 1].closed > 0.8
 
 
 def test_what_the_catalogue_lacks_gets_no_exact_name() -> None:
@@ -50,15 +49,15 @@ def test_what_the_catalogue_lacks_gets_no_exact_name() -> None:
     q = motors(np.random.default_rng(4))[1]
     more = np.zeros(q.shape)
     more[..., 0] = 0.05 * q[..., 0] * q[..., 1]
-    found = find_discrepancy(joint_log(4, more=more), nominal(), RunSettings(0))
-    assert found.level == "UNKNOWN"
+    found = find_discrepancy(nominal(), joint_log(4, more=more))
+    assert found.level == Level.UNKNOWN
     assert not found.effects
 
 
 def test_the_same_seed_gives_the_same_report() -> None:
     """Splits and draws come from the seed alone."""
     log = joint_log(5, HomingOffset(1, 0.004))
-    first, second = (find_discrepancy(log, nominal(), RunSettings(7)).to_dict() for _ in range(2))
+    first, second = (find_discrepancy(nominal(), log, seed=7).to_report() for _ in range(2))
     for report in (first, second):
         report["provenance"].pop("seconds")
     assert first == second
@@ -67,8 +66,8 @@ def test_the_same_seed_gives_the_same_report() -> None:
 def test_the_written_model_leaves_nothing_to_find() -> None:
     """A model that has the named effect is not asked for it again."""
     log = joint_log(6, TransmissionRatio(2, 0.02))
-    once = find_discrepancy(log, nominal(), RunSettings(0))
-    again = find_discrepancy(log, once.model, RunSettings(0))
+    once = find_discrepancy(nominal(), log)
+    again = find_discrepancy(once.model, log)
     assert not again.effects
 
 
@@ -77,4 +76,4 @@ def test_a_log_without_outside_truth_is_refused() -> None:
     log = joint_log(0).select(slice(0, 500))
     object.__setattr__(log, "external_jp", None)
     with pytest.raises(DataError, match="external_jp"):
-        find_discrepancy(log, nominal(), RunSettings(0))
+        find_discrepancy(nominal(), log)

@@ -9,12 +9,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from discrepancy_support import named, report
+from discrepancy_support import named, result, rival
 
+from gpcorrect.discrepancy.outcome.result import NamedEffect
 from gpcorrect.discrepancy.protocol.outcomes import case_outcome
-from gpcorrect.discrepancy.protocol.score_reports import Share, read_labels, read_reports, score_cases, score_reports
-from gpcorrect.discrepancy.protocol.score_text import score_text
+from gpcorrect.discrepancy.protocol.score_reports import (
+    Proportion,
+    read_labels,
+    read_reports,
+    score_cases,
+    score_reports,
+    score_text,
+)
 from gpcorrect.errors import DataError
+
+
+def report(level: str, *effects: NamedEffect, sha256: str = "abc") -> dict[str, Any]:
+    """Return report.json of a result."""
+    return result(level, *effects, sha256=sha256).to_report()
 
 
 def label(*effects: dict[str, Any], group: str = "single", ratio: float | None = 1.0) -> dict[str, Any]:
@@ -40,13 +52,13 @@ def test_another_joint_or_name_is_wrong() -> None:
         outcome = case_outcome("a", label(BACKLASH), report("EXACT", entry))
         assert outcome.wrong
         assert not outcome.exact
-        assert outcome.answers == (entry["name"],)
+        assert outcome.answers == (entry.name,)
 
 
 def test_a_set_with_the_truth_is_no_wrong_name() -> None:
     """A set that holds the truth among its rivals is right_or_set; one without it is wrong."""
-    rival = {"name": "backlash", "joint": 2, "class": "reversal", "probability": 0.3}
-    holding = case_outcome("a", label(BACKLASH), report("SET", named("coulomb_friction", 2, "SET", rivals=[rival])))
+    other = rival("backlash", 2, 0.3)
+    holding = case_outcome("a", label(BACKLASH), report("SET", named("coulomb_friction", 2, "SET", rivals=(other,))))
     assert (holding.right_or_set, holding.wrong, holding.answers) == (True, False, ("set",))
     without = case_outcome("a", label(BACKLASH), report("SET", named("coulomb_friction", 2, "SET")))
     assert (without.right_or_set, without.wrong, without.answers) == (False, True, ("wrong set",))
@@ -91,12 +103,12 @@ def test_the_target_table_counts_each_set() -> None:
 
 
 def test_the_wilson_interval_holds_the_share_and_shrinks() -> None:
-    """The interval lies inside 0 to 1, holds the share, and is narrower for more cases; of none it is undefined."""
-    few, many = Share(9, 10).interval, Share(900, 1000).interval
+    """The interval lies inside 0 to 1, holds the fraction, and is narrower for more cases; of none it is undefined."""
+    few, many = Proportion(9, 10).interval, Proportion(900, 1000).interval
     assert 0.0 <= few[0] < 0.9 < few[1] <= 1.0
     assert many[1] - many[0] < few[1] - few[0]
     assert few == pytest.approx((0.5958, 0.9821), abs=1e-4)
-    assert np.isnan(Share(0, 0).interval).all()
+    assert np.isnan(Proportion(0, 0).interval).all()
 
 
 def test_reports_are_matched_by_the_recordings_hash(tmp_path: Path) -> None:

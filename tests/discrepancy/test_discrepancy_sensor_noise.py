@@ -10,10 +10,10 @@ from discrepancy.discrepancy_core import joint_log
 from discrepancy.discrepancy_support import nominal
 from scipy.signal import lfilter
 
-from gpcorrect.discrepancy.evidence.loudness import Growth, growth_of, levels_of, stated_level
-from gpcorrect.discrepancy.recording.counts import counts_of
+from gpcorrect.discrepancy.naming.sensor_noise import Growth, growth_of, levels_of, stated_level
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
+from gpcorrect.discrepancy.recording.quantisation import quantisation_of
+from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.sim.effects import EncoderQuantisation, NoiseChange
 from gpcorrect.types import FloatArray
 
@@ -21,7 +21,7 @@ TRAJECTORIES, SAMPLES = 16, 300
 
 
 def noise(rng: np.random.Generator, tail: float = np.inf, uneven: float = 0.0) -> FloatArray:
-    """White noise of unit deviation with slow noise beside it, each trajectory louder or softer by chance."""
+    """White noise of unit deviation with slow noise beside it, each trajectory noisier or softer by chance."""
     shape = (TRAJECTORIES, SAMPLES)
     white = rng.standard_normal(shape) if np.isinf(tail) else rng.standard_t(tail, shape) / np.sqrt(tail / (tail - 2))
     slow = lfilter([np.sqrt(1 - 0.95**2)], [1.0, -0.95], rng.standard_normal(shape), axis=1)
@@ -57,14 +57,14 @@ def test_further_noise_is_found_with_size_and_moment(since: int) -> None:
 
 
 def test_noise_beyond_the_stated_is_found_and_the_stated_itself_is_not() -> None:
-    """A sensor as loud as stated is no discrepancy; one that is half as loud again all along is."""
+    """A sensor as noisy as stated is no discrepancy; one that is half as noisy again all along is."""
     stated = stated_level(ChannelNoise(1.0, 0.5, -0.01 / np.log(0.95)), 0.01)
     rng = np.random.default_rng(0)
     assert grown(noise(rng), stated) is None
-    louder = grown(1.5 * noise(rng), stated)
-    assert louder is not None
-    assert louder.since == 0.0
-    assert louder.std == pytest.approx(np.sqrt(1.5**2 - 1.0), rel=0.05)
+    noisier = grown(1.5 * noise(rng), stated)
+    assert noisier is not None
+    assert noisier.since == 0.0
+    assert noisier.std == pytest.approx(np.sqrt(1.5**2 - 1.0), rel=0.05)
 
 
 def test_softer_noise_is_no_further_noise() -> None:
@@ -79,7 +79,7 @@ def test_the_step_of_counts_is_found(step: float) -> None:
     """Values on a grid give its step, rounded a second time or not; the interval holds the true step."""
     path = 0.3 * np.sin(np.linspace(0, 40, 5000)) + 0.1 * np.sin(np.linspace(0, 93, 5000))
     for values in (step * np.round(path / step), np.round(step * np.round(path / step), 5)):
-        found = counts_of(values)
+        found = quantisation_of(values)
         assert found is not None
         assert abs(found.step - step) <= found.error
 
@@ -90,8 +90,8 @@ def test_smooth_values_are_on_no_grid() -> None:
     for _ in range(60):
         path = np.cumsum(rng.standard_normal(int(rng.integers(9, 2000))))
         path[len(path) // 3 : len(path) // 2] = path[len(path) // 3]
-        assert counts_of(path) is None
-        assert counts_of(rng.uniform(size=500)) is None
+        assert quantisation_of(path) is None
+        assert quantisation_of(rng.uniform(size=500)) is None
 
 
 def test_noise_effects_are_named_written_and_then_known() -> None:
@@ -101,7 +101,7 @@ def test_noise_effects_are_named_written_and_then_known() -> None:
     seen = np.array(log.external_jp)
     late = log.time > np.median(log.time)
     seen[late, 1] += 2e-3 * rng.standard_normal(int(late.sum()))
-    found = find_discrepancy(replace(log, external_jp=seen), nominal(), RunSettings(0))
+    found = find_discrepancy(nominal(), replace(log, external_jp=seen))
     assert found.level == "EXACT"
     (effect,) = found.model.effects
     assert isinstance(effect, NoiseChange)
@@ -117,7 +117,7 @@ def test_a_coarse_encoder_is_named_and_then_known() -> None:
     coarse = np.array(log.measured_jp)
     coarse[:, 0] = step * np.round(coarse[:, 0] / step)
     log = replace(log, measured_jp=coarse)
-    found = find_discrepancy(log, nominal(), RunSettings(0))
+    found = find_discrepancy(nominal(), log)
     assert [(type(e), e.joint) for e in found.model.effects] == [(EncoderQuantisation, 1)]
-    assert found.effects[0].parameters["step"]["value"] == pytest.approx(step, rel=1e-3)
-    assert not find_discrepancy(log, found.model, RunSettings(0)).effects
+    assert found.effects[0].parameters["step"].value == pytest.approx(step, rel=1e-3)
+    assert not find_discrepancy(found.model, log).effects

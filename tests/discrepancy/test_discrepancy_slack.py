@@ -6,7 +6,7 @@ import numpy as np
 
 from gpcorrect.arms import raven2
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.slack import rotation_onto, slack_of, table_slopes, without_registration
+from gpcorrect.discrepancy.recording.tolerance import rotation_onto, slack_of, table_slopes, without_registration
 
 
 def test_noise_and_tolerance_together_become_white() -> None:
@@ -21,7 +21,7 @@ def test_noise_and_tolerance_together_become_white() -> None:
 
 
 def test_what_is_taken_follows_the_rows_that_may_be_looked_at() -> None:
-    """The sealed rows change nothing of what is taken, and get their share of it."""
+    """The sealed rows change nothing of what is taken, and get their fraction of it."""
     rng = np.random.default_rng(1)
     slopes, rows = rng.standard_normal((30, 3, 4)), np.ones((30, 3), dtype=np.bool_)
     rows[20:] = False

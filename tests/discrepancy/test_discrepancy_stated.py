@@ -1,4 +1,4 @@
-"""Noise that the model states is what counts, unless the recording is clearly louder."""
+"""Noise that the model states is what counts, unless the recording is clearly noisier."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from discrepancy.discrepancy_core import NOISE, joint_log
 from discrepancy.discrepancy_support import nominal
 from scipy.signal import lfilter
 
-from gpcorrect.discrepancy.evidence.lens import estimate_noises
-from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.stated import GIVEN, LOUDER_WORDS, averaged, rounded_to
-from gpcorrect.discrepancy.search.laid import lay_out
+from gpcorrect.discrepancy.evidence.whitener import estimate_noises
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource
+from gpcorrect.discrepancy.recording.stated_noise import averaged, rounded_to
+from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.sim import Noise
 
 
 def noises(noise: Noise | None) -> tuple[ChannelNoise, ...]:
     model = nominal().model_copy(update={"noise": noise})
-    bench = lay_out(joint_log(3), model, 9000, np.random.default_rng(0)).bench
-    return estimate_noises(bench, bench.residual(), bench.seen)
+    dataset = prepare_data(joint_log(3), model, np.random.default_rng(0)).dataset
+    return estimate_noises(dataset, dataset.residual(), dataset.training)
 
 
 def test_stated_noise_is_used() -> None:
     """White and slow part are those of the model file; the time constant is that of its correlation."""
     stated = Noise(external_jp_white=(NOISE, 2 * NOISE), external_jp_ar_std=(5e-4, 5e-4), external_jp_ar_phi=0.9)
     first, second = noises(stated)
-    assert first.basis == second.basis == GIVEN
+    assert first.source == second.source == NoiseSource.STATED
     assert first.white == pytest.approx(NOISE)
     assert second.white == pytest.approx(2 * NOISE)
     assert first.time_constant == pytest.approx(-0.05 / np.log(0.9))
@@ -36,14 +36,14 @@ def test_stated_noise_is_used() -> None:
 def test_noise_that_is_not_stated_is_estimated() -> None:
     """Without a table, the noise comes from the recording and says so."""
     for noise in noises(None):
-        assert noise.basis != GIVEN
+        assert noise.source != NoiseSource.STATED
         assert noise.std == pytest.approx(NOISE, rel=0.25)
 
 
 def test_too_small_a_noise_is_not_believed() -> None:
     """A stated noise far below the recording's would give names to noise: the recording's is taken, and said so."""
     for noise in noises(Noise(external_jp_white=(1e-5, 1e-5))):
-        assert LOUDER_WORDS in noise.basis
+        assert noise.times_stated == pytest.approx(NOISE / 1e-5, rel=0.25)
         assert noise.std == pytest.approx(NOISE, rel=0.25)
 
 
@@ -52,7 +52,7 @@ def test_a_coarse_sensor_is_not_silent_because_it_stands_still() -> None:
     still = ChannelNoise(1e-9, 0.0, 1.0)
     coarse = rounded_to(still, 1e-3)
     assert coarse.std == pytest.approx(1e-3 / np.sqrt(12))
-    assert "rounded" in coarse.basis
+    assert coarse.rounding_step == 1e-3
     assert rounded_to(coarse, 1e-4) is coarse
 
 
@@ -61,10 +61,12 @@ def test_a_recording_in_coarse_steps_has_the_noise_of_its_steps() -> None:
     assert log.external_jp is not None
     step = 8 * NOISE
     rounded = replace(log, external_jp=np.round(log.external_jp / step) * step)
-    bench = lay_out(rounded, nominal(), 9000, np.random.default_rng(0)).bench
-    assert bench.resolution == pytest.approx([step, step], rel=1e-3)
-    assert all(n.std >= 0.99 * step / np.sqrt(12) for n in estimate_noises(bench, bench.residual(), bench.seen))
-    fine = lay_out(log, nominal(), 9000, np.random.default_rng(0)).bench
+    dataset = prepare_data(rounded, nominal(), np.random.default_rng(0)).dataset
+    assert dataset.resolution == pytest.approx([step, step], rel=1e-3)
+    assert all(
+        n.std >= 0.99 * step / np.sqrt(12) for n in estimate_noises(dataset, dataset.residual(), dataset.training)
+    )
+    fine = prepare_data(log, nominal(), np.random.default_rng(0)).dataset
     assert fine.resolution == pytest.approx([0.0, 0.0])
 
 

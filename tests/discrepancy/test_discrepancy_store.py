@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from discrepancy_core import joint_log
+from discrepancy_support import finding, named, outside, result, rival
 
 from gpcorrect.discrepancy import run as workflow
+from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
 from gpcorrect.discrepancy.outcome.result import Evidence
 from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key
-from gpcorrect.discrepancy.run import RunSettings, find_discrepancy
+from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.sim import model_from_dict
 from gpcorrect.sim.effects import HomingOffset
@@ -22,8 +24,8 @@ def test_a_stage_comes_back_for_the_same_inputs_only(tmp_path: Path) -> None:
     """Another seed, a damaged file and a stage that never was all count as absent."""
     store = StageStore(tmp_path / "stages", inputs_key("hash", 0))
     assert store.load("search") is None
-    store.save("search", {"members": [{"u": [0.1, 2.0]}]})
-    assert store.load("search") == {"members": [{"u": [0.1, 2.0]}]}
+    store.save("search", {"fitted": [{"u": [0.1, 2.0]}]})
+    assert store.load("search") == {"fitted": [{"u": [0.1, 2.0]}]}
     assert StageStore(tmp_path / "stages", inputs_key("hash", 1)).load("search") is None
     (tmp_path / "stages" / "search.json").write_text('{"key": "')
     assert store.load("search") is None
@@ -38,7 +40,7 @@ def test_evidence_comes_back_as_it_was(tmp_path: Path) -> None:
         motor=rng.standard_normal((5, 3)),
         direction=np.sign(rng.standard_normal((5, 3))),
         joint=(0, -1),
-        sealed=np.array([True, False, True, False, False]),
+        test=np.array([True, False, True, False, False]),
         correlation=np.eye(1),
         labels=("backlash (2)",),
         waterfall=(Step("backlash (2)", 12.5),),
@@ -47,7 +49,7 @@ def test_evidence_comes_back_as_it_was(tmp_path: Path) -> None:
     store.save_evidence(evidence)
     kept = store.load_evidence()
     assert kept is not None
-    for name in ("before", "after", "motor", "direction", "sealed", "correlation"):
+    for name in ("before", "after", "motor", "direction", "test", "correlation"):
         np.testing.assert_array_equal(getattr(kept, name), getattr(evidence, name))
     assert (kept.joint, kept.labels, kept.waterfall) == (evidence.joint, evidence.labels, evidence.waterfall)
     assert StageStore(tmp_path, "other").load_evidence() is None
@@ -61,12 +63,27 @@ def test_a_run_killed_after_the_naming_goes_on_to_the_same_report(
 ) -> None:
     """Search and names are taken from the store, not made again, and the report is the same."""
     log, model = joint_log(3, HomingOffset(2, 0.02)), model_from_dict({"arm": "joints", "joints": [1, 2]})
-    store = StageStore(tmp_path, "key")
-    first = find_discrepancy(log, model, RunSettings(), store=store).to_dict()
-    for stage in ("search", "name_members"):
+    first = find_discrepancy(model, log, stages=tmp_path).to_report()
+    (tmp_path / "result.json").unlink()
+    for stage in ("search", "name_effects"):
         monkeypatch.setattr(workflow, stage, None)
-    second = find_discrepancy(log, model, RunSettings(), store=store).to_dict()
+    second = find_discrepancy(model, log, stages=tmp_path).to_report()
     for report in (first, second):
         del report["provenance"]["seconds"]
     assert first["verdict"]["effects"]
     assert json.dumps(first) == json.dumps(second)
+
+
+def test_a_finished_result_comes_back_whole(tmp_path: Path) -> None:
+    """Verdict, findings, gaps, noise and model survive the folder: the report is the same to the last digit."""
+    effect = named("backlash", 2, "SET", rivals=(rival("coulomb_friction", 2, 0.3),))
+    span = Span(Variable(Quantity.POSITION, 2), 0.1, 0.2, "rad")
+    whole = result("SET", effect, findings=(finding(outside(2), span),))
+    store = StageStore(tmp_path, "key")
+    assert store.load_result() is None
+    store.save_result(whole)
+    stored = store.load_result()
+    assert stored is not None
+    assert stored.read_back
+    assert (stored.verdict, stored.gap, stored.provenance) == (whole.verdict, whole.gap, whole.provenance)
+    assert json.dumps(stored.to_report()) == json.dumps(whole.to_report())

@@ -4,38 +4,39 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "bench"))
 
+from discrepancy_support import result
 from truth import Spec, make_case
 
-from gpcorrect.discrepancy.evidence.tolerated import MOST_TOLERATED
+from gpcorrect.discrepancy import DiscrepancyResult, Level
+from gpcorrect.discrepancy.outcome.verdict import MOST_TOLERATED
 from gpcorrect.discrepancy.outcome.words import verdict_sentence
+from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.sim import model_from_dict
 
 
-def report(*hidden: str, ratio: float = 1.0) -> dict[str, Any]:
-    """Report of a tracker's recording by another simulator: 12 trajectories of 5 s."""
+def found_in(*hidden: str, ratio: float = 1.0) -> DiscrepancyResult:
+    """Return the result on a tracker's recording by another simulator: 12 trajectories of 5 s."""
     case = make_case(Spec("one", hidden, ratio, signals="tracker", trajectories=12, seconds=5.0), 5)
-    return find_discrepancy(case.log, model_from_dict(case.nominal)).to_dict()
+    return find_discrepancy(model_from_dict(case.nominal), case.log)
 
 
 @pytest.mark.slow
 def test_a_registration_that_is_off_is_never_nothing() -> None:
     """At half the noise it may be within the tolerance of a table, and is not called nothing for that."""
-    found = report("registration_error", ratio=0.5)
-    assert found["verdict"]["level"] != "NONE"
-    assert max(found["provenance"]["tolerated"].values()) > MOST_TOLERATED or found["verdict"]["effects"]
+    found = found_in("registration_error", ratio=0.5)
+    assert found.level != Level.NONE
+    assert max(found.provenance.tolerated.values()) > MOST_TOLERATED or found.effects
 
 
-def stub(share: float, level: str) -> dict[str, Any]:
-    bounds = [{"channel": "tracker_cp_x", "systematic_upper": 0.1, "limit": 0.25}]
-    told = {"equivalence": bounds, "tolerated": {"tracker_cp_x": share}, "bursts": []}
-    return {"verdict": {"level": level, "effects": []}, "localisation": [], "provenance": told}
+def stub(tolerated: float, level: str) -> DiscrepancyResult:
+    axes = tuple(Channel(f"tracker_cp_{axis}", "tracker_cp", i, 0, "m") for i, axis in enumerate("xy"))
+    return result(level, channels=axes, tolerated={"tracker_cp_x": tolerated})
 
 
 def test_the_sentence_says_how_much_is_tolerated() -> None:

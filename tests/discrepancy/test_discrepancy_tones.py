@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from discrepancy_support import outside
 from scipy.signal import lfilter
 
-from gpcorrect.discrepancy.evidence.cells import all_cells
 from gpcorrect.discrepancy.evidence.localise import SURE, ChannelData, localise
 from gpcorrect.discrepancy.evidence.tones import strongest_tone
-from gpcorrect.discrepancy.recording.covariates import Covariates
+from gpcorrect.discrepancy.evidence.variables import Covariates, Quantity, Variable, all_cells
 from gpcorrect.discrepancy.recording.noise import estimate_noise
 from gpcorrect.types import FloatArray, IntArray
 
 RUNS, ROWS, STEP = 19, 375, 0.06
 
 Recording = tuple[FloatArray, FloatArray, IntArray]
+
+SESSION_TIME = Variable(Quantity.SESSION_TIME)
 
 
 def recording(
@@ -75,15 +77,15 @@ def test_a_short_recording_says_nothing() -> None:
     assert strongest_tone(time[:700], values[:700], block[:700]) is None
 
 
-def localised(size: float) -> tuple[list[tuple[str, ...]], bool]:
+def localised(size: float) -> tuple[list[tuple[Variable, ...]], bool]:
     time, values, block = recording(5, size)
     noise = estimate_noise(time, values, block, np.zeros(len(time), dtype=np.bool_))
-    tests = all_cells(Covariates({"time": time}, ("time",), {}))
-    result = localise([ChannelData("one", time, values, block, noise, tests)], np.random.default_rng(0), draws=50)
+    tests = all_cells(Covariates({SESSION_TIME: time}, (SESSION_TIME,), {}))
+    result = localise([ChannelData(outside(1), time, values, block, noise, tests)], np.random.default_rng(0), draws=50)
     return [f.variables for f in result.findings], result.nothing
 
 
 def test_a_tone_that_matters_is_a_finding() -> None:
     """One as large as the noise is; one of a tenth of it does not matter."""
-    assert localised(1.0) == ([("frequency",)], False)
+    assert localised(1.0) == ([(Variable(Quantity.FREQUENCY),)], False)
     assert localised(0.1) == ([], True)

@@ -5,38 +5,41 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from discrepancy_support import outside
 
 from gpcorrect.discrepancy.evidence.localise import Equivalence, Finding, Localisation
-from gpcorrect.discrepancy.naming.named import EffectLevel, Named
-from gpcorrect.discrepancy.outcome.verdict import PLAIN, SAID, is_plain
+from gpcorrect.discrepancy.evidence.variables import Quantity, Variable
+from gpcorrect.discrepancy.naming.posterior import Level, Named
+from gpcorrect.discrepancy.outcome.verdict import EXPLAINED, PLAIN, is_plain
 
 THRESHOLD = 10.0
+A, B = outside(1), outside(2)
 
 
 def localisation(nats: float, upper: float = 1.0) -> Localisation:
-    """One finding in channel "a"; "b" is quiet."""
-    finding = Finding("a", ("position 1",), (), nats, 0.5)
-    return Localisation((finding,), THRESHOLD, nats, (Equivalence("a", upper, 0.25), Equivalence("b", 0.1, 0.25)))
+    """One finding in channel A; B is quiet."""
+    finding = Finding(A, (Variable(Quantity.POSITION, 1),), (), nats, 0.5)
+    return Localisation((finding,), THRESHOLD, nats, (Equivalence(A, upper, 0.25), Equivalence(B, 0.1, 0.25)))
 
 
-def dropped(level: EffectLevel, nats: float) -> Named:
-    member: Any = None
-    return Named(member, level, 0.5, nats, (), ())
+def dropped(level: Level, nats: float) -> Named:
+    fit: Any = None
+    return Named(fit, level, 0.5, nats, (), ())
 
 
 def test_a_finding_far_above_the_luckiest_test_is_plain() -> None:
-    assert is_plain(localisation(PLAIN * THRESHOLD + 1), {"a", "b"}, ())
-    assert not is_plain(localisation(PLAIN * THRESHOLD - 1), {"a", "b"}, ())
+    assert is_plain(localisation(PLAIN * THRESHOLD + 1), {A, B}, ())
+    assert not is_plain(localisation(PLAIN * THRESHOLD - 1), {A, B}, ())
 
 
 def test_it_must_be_in_one_of_the_channels_and_large_enough_to_matter() -> None:
-    assert not is_plain(localisation(500.0), {"b"}, ())
-    assert not is_plain(localisation(500.0, upper=0.2), {"a", "b"}, ())
+    assert not is_plain(localisation(500.0), {B}, ())
+    assert not is_plain(localisation(500.0, upper=0.2), {A, B}, ())
 
 
-@pytest.mark.parametrize(("level", "plain"), [("INCONCLUSIVE", False), ("UNKNOWN", True)])
-def test_what_the_catalogue_says_half_of_is_not_plain(level: EffectLevel, plain: bool) -> None:
+@pytest.mark.parametrize(("level", "plain"), [(Level.INCONCLUSIVE, False), (Level.UNKNOWN, True)])
+def test_what_the_catalogue_says_half_of_is_not_plain(level: Level, plain: bool) -> None:
     """Unless what says it is but a part of something else."""
-    half = SAID * 500.0
-    assert is_plain(localisation(500.0), {"a"}, [dropped(level, half + 1.0)]) == plain
-    assert is_plain(localisation(500.0), {"a"}, [dropped(level, half - 1.0)])
+    half = EXPLAINED * 500.0
+    assert is_plain(localisation(500.0), {A}, [dropped(level, half + 1.0)]) == plain
+    assert is_plain(localisation(500.0), {A}, [dropped(level, half - 1.0)])

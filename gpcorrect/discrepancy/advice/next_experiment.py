@@ -8,19 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from gpcorrect.discrepancy.advice.future import Future, Site, futures
-from gpcorrect.discrepancy.evidence.lens import Lens, lens_on
-from gpcorrect.discrepancy.naming.named import Alternative, Named
+from gpcorrect.discrepancy.advice.planned_runs import PlannedRun, Site, planned_runs
+from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
+from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
 from gpcorrect.discrepancy.outcome.result import Experiment
-from gpcorrect.discrepancy.recording.bench import Bench, build_bench
 from gpcorrect.discrepancy.recording.build import build_scene
+from gpcorrect.discrepancy.recording.dataset import MOST_ROWS, Dataset, build_dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Split
-from gpcorrect.discrepancy.search.candidates import Candidate, Member, all_candidates
+from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Model, Noise, TrackerFaults, effect_from_dict, machine_of, simulate
 from gpcorrect.sim.effects import Effect, Run
+from gpcorrect.sim.plan import Plan
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
 
 __all__ = ["ENOUGH", "advise", "expected_nats"]
@@ -30,62 +31,64 @@ OPEN = 0.01  # posterior from which on an alternative is worth an experiment
 STEP = 0.02  # of a coordinate, for slopes
 EVALUATIONS = 6  # of a refit: the rival starts near, and only the order of magnitude counts
 BULK = (2.0, 98.0)  # percentiles of the motor path: the range that runs stay in
+Plans = tuple[tuple[Plan, float], ...]
 REHOMED = {"R": 5e-3, "P": 5e-4}  # by which a homing moves a joint's zero
 
 
 def advise(
-    scene: Scene, members: Sequence[Member], named: Sequence[Named], noises: Sequence[ChannelNoise], seed: int
-) -> Experiment | None:
+    scene: Scene, fitted: Sequence[FittedEffect], named: Sequence[Named], noises: Sequence[ChannelNoise]
+) -> tuple[Experiment | None, Plans]:
     """Find the run that tells the two leaders apart whose question is the most open.
 
     Parameters
     ----------
     scene : Scene
         The recording that there is.
-    members : sequence of Member
+    fitted : sequence of FittedEffect
         Effects that were named.
     named : sequence of Named
         All that were weighed, with their alternatives.
     noises : sequence of ChannelNoise
         Of each channel.
-    seed : int
-        Not used for chance: everything is simulated without noise.
 
     Returns
     -------
-    Experiment or None
+    experiment : Experiment or None
         None when nothing is open.
+    plans : tuple of (Plan, float)
+        Desired paths of it, each with the factor on the controller's gains; none when a sensor is advised.
     """
     question = _question(named)
     if question is None:
-        return None
+        return None, ()
     leader, rival = question
-    own = leader.member.candidate
-    rest = [m for m in members if m.candidate.key != own.key]
-    duel = Duel(scene, tuple(rest), leader.member, _variants(scene, rival), tuple(noises))
-    runs = _separating(own, duel.rivals)
-    best = _best(duel, runs)
+    own = leader.fit.candidate
+    rest = [m for m in fitted if m.candidate.key != own.key]
+    comparison = Comparison(scene, tuple(rest), leader.fit, _variants(scene, rival), tuple(noises))
+    runs = _separating(own, comparison.rivals)
+    best = _best(comparison, runs)
     if best is None or best[1] < ENOUGH:
-        tried = (best, _best(duel, [run for run in Run if run not in runs]))
+        tried = (best, _best(comparison, [run for run in Run if run not in runs]))
         best = max((t for t in tried if t is not None), key=lambda t: t[1], default=None)
     if best is None:
-        return None
+        return None, ()
     names, enough = (own.label, rival.label), best[1] >= ENOUGH
     words = best[0].words if enough else _sensor(scene, own)
-    return Experiment(words, names, best[1], best[0].minutes, best[0].plans if enough else ())
+    experiment = Experiment(words, enough, names, best[1], best[0].minutes)
+    return experiment, best[0].plans if enough else ()
 
 
 @dataclass(frozen=True, eq=False)
-class Duel:
+class Comparison:
     """Two explanations of one recording.
 
     Parameters
     ----------
     scene : Scene
         Recording.
-    rest : tuple of Member
-        What both share.
-    leader : Member
+    rest : tuple of FittedEffect
+        What both have.
+    leader : FittedEffect
         Taken for true.
     rivals : tuple of Candidate
         The other one, in its shape variants; none for "nothing".
@@ -94,16 +97,16 @@ class Duel:
     """
 
     scene: Scene
-    rest: tuple[Member, ...]
-    leader: Member
+    rest: tuple[FittedEffect, ...]
+    leader: FittedEffect
     rivals: tuple[Candidate, ...]
     noises: tuple[ChannelNoise, ...]
 
 
 def _question(named: Sequence[Named]) -> tuple[Named, Alternative] | None:
     """Return the most open effect with its best alternative: among rivals, else, if no name holds, among all."""
-    asked = [n for n in named if n.level in ("CLASS", "SET")]
-    if not asked and not any(n.level == "EXACT" for n in named):
+    asked = [n for n in named if n.level in (Level.CLASS, Level.SET)]
+    if not asked and not any(n.level == Level.EXACT for n in named):
         asked = list(named)
     pairs = [(n, a) for n in asked for a in n.alternatives if _is_open(n, a)]
     return max(pairs, key=lambda pair: pair[1].probability * pair[0].nats, default=None)
@@ -111,7 +114,11 @@ def _question(named: Sequence[Named]) -> tuple[Named, Alternative] | None:
 
 def _is_open(named: Named, other: Alternative) -> bool:
     """Return whether another explanation that can be simulated is still worth an experiment."""
-    return other.label not in (named.member.candidate.label, "unknown") and other.probability >= OPEN
+    return (
+        other.explanation != Explanation.UNKNOWN
+        and other.label != named.fit.candidate.label
+        and other.probability >= OPEN
+    )
 
 
 def _variants(scene: Scene, rival: Alternative) -> tuple[Candidate, ...]:
@@ -137,49 +144,49 @@ def _site(scene: Scene, joint: int | str) -> Site:
     )
 
 
-def _best(duel: Duel, runs: Sequence[Run]) -> tuple[Future, float] | None:
+def _best(comparison: Comparison, runs: Sequence[Run]) -> tuple[PlannedRun, float] | None:
     """Return the run with the largest gain over the rival's first shape; its others then have their say."""
-    first = replace(duel, rivals=duel.rivals[:1])
-    made = futures(_site(duel.scene, duel.leader.candidate.joint), runs)
-    gains = [(future, expected_nats(first, future)) for future in made]
+    first = replace(comparison, rivals=comparison.rivals[:1])
+    made = planned_runs(_site(comparison.scene, comparison.leader.candidate.joint), runs)
+    gains = [(planned, expected_nats(first, planned)) for planned in made]
     best = max(gains, key=lambda g: g[1], default=None)
-    if best is None or len(duel.rivals) < 2 or best[1] < ENOUGH:
+    if best is None or len(comparison.rivals) < 2 or best[1] < ENOUGH:
         return best
-    return best[0], min(best[1], expected_nats(replace(duel, rivals=duel.rivals[1:]), best[0]))
+    return best[0], min(best[1], expected_nats(replace(comparison, rivals=comparison.rivals[1:]), best[0]))
 
 
-def expected_nats(duel: Duel, future: Future) -> float:
+def expected_nats(comparison: Comparison, planned: PlannedRun) -> float:
     """Return the evidence that a run should bring: half the whitened squares between leader and refitted rival.
 
     Only the run counts, not what the present recording says of the rival's numbers: the true gain is at least this.
     """
-    views = [_view(duel, future, index) for index in range(len(future.plans))]
-    fits = [_misfit(duel, views, c) for c in duel.rivals]
-    return min(fits, default=_unexplained(duel, views))
+    views = [_view(comparison, planned, index) for index in range(len(planned.plans))]
+    fits = [_misfit(comparison, views, c) for c in comparison.rivals]
+    return min(fits, default=_unexplained(comparison, views))
 
 
 @dataclass(frozen=True, eq=False)
 class _View:
     """One recording of a run as it would be seen, with what the leader says of it."""
 
-    bench: Bench
-    lens: Lens
+    dataset: Dataset
+    whitener: DatasetWhitener
     said: FloatArray
 
 
-def _view(duel: Duel, future: Future, index: int) -> _View:
-    plan, gain = future.plans[index]
-    model = _changed(duel.scene.model, gain)
+def _view(comparison: Comparison, planned: PlannedRun, index: int) -> _View:
+    plan, gain = planned.plans[index]
+    model = _changed(comparison.scene.model, gain)
     quiet = model.model_copy(update={"noise": Noise(), "faults": TrackerFaults()})
-    log = _same_signals(simulate(machine_of(quiet.model_copy(update={"effects": ()})), plan), duel.scene)
-    scene = build_scene(log, quiet, np.ones(len(log), dtype=np.bool_), duel.noises)
-    effects = [m.effect for m in duel.rest] + [_homed(duel.leader.effect, duel, future)]
+    log = _same_signals(simulate(machine_of(quiet.model_copy(update={"effects": ()})), plan), comparison.scene)
+    scene = build_scene(log, quiet, np.ones(len(log), dtype=np.bool_), comparison.noises)
+    effects = [m.effect for m in comparison.rest] + [_homed(comparison.leader.effect, comparison, planned)]
     scene = replace(scene, observed=scene.predict(effects))  # the tracker would be registered on what it then sees
     whole = Split(log.trajectory, np.zeros(len(log), dtype=np.int64), "")
-    bench = build_bench(scene, whole, max_rows=max(1, len(log) // _stride(duel.scene)))
-    said = bench.predict(effects)
-    every: BoolArray = np.ones(len(bench), dtype=np.bool_)
-    return _View(bench, lens_on(bench, np.zeros(said.shape), every, duel.noises), said)
+    dataset = build_dataset(scene, whole, max_rows=max(1, len(log) // _stride(comparison.scene)))
+    said = dataset.predict(effects)
+    every: BoolArray = np.ones(len(dataset), dtype=np.bool_)
+    return _View(dataset, whitener_on(dataset, np.zeros(said.shape), every, comparison.noises), said)
 
 
 def _changed(model: Model, gain: float) -> Model:
@@ -198,34 +205,34 @@ def _same_signals(log: CalibrationLog, scene: Scene) -> CalibrationLog:
 
 def _stride(scene: Scene) -> int:
     """Return samples that are condensed into one row, as for the present recording."""
-    return max(1, int(np.ceil(len(scene) / 9000)))
+    return max(1, int(np.ceil(len(scene) / MOST_ROWS)))
 
 
-def _homed(effect: Effect, duel: Duel, future: Future) -> Effect:
+def _homed(effect: Effect, comparison: Comparison, planned: PlannedRun) -> Effect:
     """Return the leader with another value after a homing, where it has one a session."""
     single = [p for p in effect.about.parameters if p.per_session]
-    if future.sessions == 1 or not single:
+    if planned.sessions == 1 or not single:
         return effect
     name = single[0].name
     value = float(np.atleast_1d(getattr(effect, name))[0])
-    scene = duel.scene
+    scene = comparison.scene
     kind = scene.machine.body.types[scene.joints.index(effect.joint)] if effect.joint in scene.joints else "R"
     return effect_from_dict(effect.to_dict() | {name: [value, value + REHOMED[kind]]})
 
 
-def _unexplained(duel: Duel, views: Sequence[_View]) -> float:
-    shared = [m.effect for m in duel.rest]
-    return sum(0.5 * float((v.lens.look_one(v.said - v.bench.predict(shared)) ** 2).sum()) for v in views)
+def _unexplained(comparison: Comparison, views: Sequence[_View]) -> float:
+    shared = [m.effect for m in comparison.rest]
+    return sum(0.5 * float((v.whitener.whiten(v.said - v.dataset.predict(shared)) ** 2).sum()) for v in views)
 
 
-def _misfit(duel: Duel, views: Sequence[_View], candidate: Candidate) -> float:
+def _misfit(comparison: Comparison, views: Sequence[_View], candidate: Candidate) -> float:
     """Half the squares that a rival leaves after its numbers were fitted to the run."""
-    shared = [m.effect for m in duel.rest]
-    low, high = np.array([c.bounds for c in candidate.coordinates]).T
+    shared = [m.effect for m in comparison.rest]
+    low, high = candidate.bounds
 
     def errors(u: FloatArray) -> FloatArray:
         effects = [*shared, candidate.build(u)]
-        return np.concatenate([v.lens.look_one(v.said - v.bench.predict(effects)) for v in views])
+        return np.concatenate([v.whitener.whiten(v.said - v.dataset.predict(effects)) for v in views])
 
     def slopes(u: FloatArray) -> FloatArray:
         here, columns = errors(u), []
@@ -238,7 +245,7 @@ def _misfit(duel: Duel, views: Sequence[_View], candidate: Candidate) -> float:
     try:
         fit = least_squares(errors, inside, jac=slopes, bounds=(low, high), max_nfev=EVALUATIONS, ftol=1e-4)
     except DataError:  # the rival does not fit this run, such as two homings
-        return _unexplained(duel, views)
+        return _unexplained(comparison, views)
     return float(fit.cost)
 
 

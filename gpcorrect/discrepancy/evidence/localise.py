@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.cells import Cells, Span, indicator
 from gpcorrect.discrepancy.evidence.linear import Grams, fold_of, grams, held_out_nats, solve
 from gpcorrect.discrepancy.evidence.tones import strongest_tone
+from gpcorrect.discrepancy.evidence.variables import Cells, Quantity, Span, Variable
+from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, Whitener, standard_draws
 from gpcorrect.types import FloatArray, IntArray
 
@@ -34,8 +35,8 @@ class ChannelData:
 
     Parameters
     ----------
-    name : str
-        Of the channel.
+    channel : Channel
+        Which one.
     time, residual : (n,) arrays
         Seconds, and measured minus simulated; NaN is missing.
     block : (n,) int array
@@ -45,10 +46,10 @@ class ChannelData:
     cells : sequence of Cells
         The tests.
     least : float
-        Size below which a finding does not count, as a share of the noise.
+        Size below which a finding does not count, as a fraction of the noise.
     """
 
-    name: str
+    channel: Channel
     time: FloatArray
     residual: FloatArray
     block: IntArray
@@ -63,22 +64,22 @@ class Finding:
 
     Parameters
     ----------
-    channel : str
+    channel : Channel
         Where.
-    variables : tuple of str
+    variables : tuple of Variable
         What the residual depends on.
     region : tuple of Span
         The cell in which it is largest.
     nats : float
         Gain of log-likelihood on held-out trajectories.
     size : float
-        Root mean square of what depends on the variables, as a share of the noise.
+        Root mean square of what depends on the variables, as a fraction of the noise.
     counts : bool
         Whether it is large enough to matter.
     """
 
-    channel: str
-    variables: tuple[str, ...]
+    channel: Channel
+    variables: tuple[Variable, ...]
     region: tuple[Span, ...]
     nats: float
     size: float
@@ -87,9 +88,9 @@ class Finding:
 
 @dataclass(frozen=True)
 class Equivalence:
-    """Upper 95 % bound of a channel's systematic part, as a share of its noise, and the bound it has to be under."""
+    """Upper 95 % bound of a channel's systematic part, as a fraction of its noise, and the bound it has to be under."""
 
-    channel: str
+    channel: Channel
     upper: float
     limit: float
 
@@ -142,7 +143,7 @@ def localise(
     *,
     level: float = LEVEL,
     draws: int = DRAWS,
-    tolerance: dict[str, float] | None = None,
+    tolerance: float = 0.0,
 ) -> Localisation:
     """Run every test of every channel, and the null law of the largest of them by parametric bootstrap from the noise.
 
@@ -156,9 +157,8 @@ def localise(
         Quantile of the largest gain in noise that a finding must beat.
     draws : int
         Bootstrap samples.
-    tolerance : dict, optional
-        Task tolerance of a channel in its unit; the equivalence limit is then the larger of it and a quarter of the
-        noise.
+    tolerance : float
+        Of the task, rad or m; the equivalence limit is the larger of it and a quarter of the noise.
     """
     results = [_test_channel(c, rng, draws) for c in channels if (c.block >= 0).any()]
     if not results:
@@ -167,7 +167,7 @@ def localise(
     threshold = max(0.0, float(np.quantile(null, level)))
     findings = sorted((f for r in results for f in r.findings if f.nats > threshold), key=_rank)
     largest = max(r.largest for r in results)
-    bounds = tuple(_equivalence(r, (tolerance or {}).get(r.data.name, 0.0)) for r in results)
+    bounds = tuple(_equivalence(r, tolerance) for r in results)
     return Localisation(tuple(findings), threshold, largest, bounds)
 
 
@@ -194,14 +194,14 @@ def _test_channel(data: ChannelData, rng: np.random.Generator, draws: int) -> _C
     null = np.full(draws, -np.inf)
     found, systematic = [], 0.0
     for cells in data.cells:
-        columns = indicator(cells, rows)
+        columns = cells.indicator(rows)
         sums = grams(whitener(columns), both, fold)
         gains = held_out_nats(sums, np.arange(len(sums.gram)), 1.0 / (PRIOR_STD * size) ** 2).sum(axis=0)
         null = np.maximum(null, gains[1:])
         part = _systematic(sums, columns.mean(axis=0))
-        share = part.size / data.noise.std
+        fraction = part.size / data.noise.std
         where = _region(sums, cells)
-        found.append(Finding(data.name, cells.variables, where, float(gains[0]), share, share >= data.least))
+        found.append(Finding(data.channel, cells.variables, where, float(gains[0]), fraction, fraction >= data.least))
         if len(cells.variables) == 1:
             systematic = max(systematic, part.upper(rng))
     if (tone := _tone(data)) is not None:
@@ -217,8 +217,9 @@ def _tone(data: ChannelData) -> Finding | None:
     tone = strongest_tone(data.time, data.residual, data.block)
     if tone is None or tone.nats < SURE or tone.rms < EQUIVALENCE * data.noise.std:
         return None
-    where = Span("frequency", tone.low, tone.high, "Hz")
-    return Finding(data.name, ("frequency",), (where,), tone.nats, tone.rms / data.noise.std)
+    frequency = Variable(Quantity.FREQUENCY)
+    where = Span(frequency, tone.low, tone.high, "Hz")
+    return Finding(data.channel, (frequency,), (where,), tone.nats, tone.rms / data.noise.std)
 
 
 def _rows_by_fold(data: ChannelData) -> tuple[IntArray, IntArray, IntArray]:
@@ -254,18 +255,18 @@ class _Systematic:
         Estimated value in each cell.
     covariance : (k, k) array
         Of the estimate.
-    share : (k,) array
+    fraction : (k,) array
         Of the rows in each cell; sums to 1.
     """
 
     beta: FloatArray
     covariance: FloatArray
-    share: FloatArray
+    fraction: FloatArray
 
     @property
     def size(self) -> float:
         """Its root mean square, the estimate's scatter taken off."""
-        square = float(self.share @ (self.beta**2 - np.diag(self.covariance)))
+        square = float(self.fraction @ (self.beta**2 - np.diag(self.covariance)))
         return float(np.sqrt(max(0.0, square)))
 
     def upper(self, rng: np.random.Generator, draws: int = 400) -> float:
@@ -274,18 +275,18 @@ class _Systematic:
         # Posterior draws scatter once more than the estimate did; that scatter taken off twice leaves the true part.
         root = np.linalg.cholesky(self.covariance + 1e-12 * np.trace(self.covariance) * np.eye(k))
         scattered = self.beta[:, None] + root @ rng.standard_normal((k, draws))
-        squares = self.share @ scattered**2 - 2 * float(self.share @ np.diag(self.covariance))
+        squares = self.fraction @ scattered**2 - 2 * float(self.fraction @ np.diag(self.covariance))
         return float(np.sqrt(max(0.0, np.quantile(squares, 0.95))))
 
 
-def _systematic(sums: Grams, share: FloatArray) -> _Systematic:
+def _systematic(sums: Grams, fraction: FloatArray) -> _Systematic:
     gram, moment = sums.gram.sum(axis=0), sums.moment[:, :, 0].sum(axis=0)
     occupied = np.diag(gram) > 1e-9 * np.diag(gram).max()
     inverse = np.linalg.pinv(gram[np.ix_(occupied, occupied)], hermitian=True)
-    share = share[occupied] / share[occupied].sum()
-    return _Systematic(inverse @ moment[occupied], inverse, share)
+    fraction = fraction[occupied] / fraction[occupied].sum()
+    return _Systematic(inverse @ moment[occupied], inverse, fraction)
 
 
 def _equivalence(result: _ChannelResult, tolerance: float) -> Equivalence:
     std = result.data.noise.std
-    return Equivalence(result.data.name, result.systematic / std, max(EQUIVALENCE, tolerance / std))
+    return Equivalence(result.data.channel, result.systematic / std, max(EQUIVALENCE, tolerance / std))

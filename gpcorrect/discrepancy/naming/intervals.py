@@ -8,12 +8,12 @@ import numpy as np
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
-from gpcorrect.discrepancy.evidence.lens import Lens
 from gpcorrect.discrepancy.evidence.linear import solve
-from gpcorrect.discrepancy.search.candidates import Member
+from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
+from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.instants import instant_half_width
+from gpcorrect.discrepancy.search.linearisation import linearise
 from gpcorrect.discrepancy.search.state import Search
-from gpcorrect.discrepancy.search.trial import try_set
 from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["SHAPE_ERROR", "away_from_nothing", "explained_by_others", "half_widths"]
@@ -22,8 +22,10 @@ SHAPE_ERROR = 0.03  # of a signature, relative: how well an operator and its int
 TANGENT_ERROR = SHAPE_ERROR / 2  # the part of it that a change of a single number could make
 
 
-def half_widths(search: Search, lens: Lens, members: Sequence[Member], index: int) -> dict[int, float]:
-    """Half widths of the 95 % intervals of one member's coordinates.
+def half_widths(
+    search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], index: int
+) -> dict[int, float]:
+    """Half widths of the 95 % intervals of one fit's coordinates.
 
     The larger of sandwich (by trajectory) and Gauss-Newton, and what an error in the shape of our own signatures adds:
     an effect that is seen a hundred times above noise is still only known as well as its operator describes it.
@@ -32,28 +34,28 @@ def half_widths(search: Search, lens: Lens, members: Sequence[Member], index: in
     -----
     Sandwich with whole trajectories as units: Liang and Zeger 1986, Biometrika 73(1).
     """
-    sandwich, plain, freedom = _covariances(search, lens, members)
-    energy = _energy(search, lens, members, members[index])
+    sandwich, plain, freedom = _covariances(search, whitener, fitted)
+    energy = _energy(search, whitener, fitted, fitted[index])
     variance = np.maximum(np.diag(sandwich), np.diag(plain)) + TANGENT_ERROR**2 * energy * np.diag(plain)
     half = student.ppf(0.975, freedom) * np.sqrt(variance)
-    widths: dict[int, float] = dict(enumerate(half[_own(members, index)].tolist()))
-    others = [m for i, m in enumerate(members) if i != index]
-    for i, coordinate in enumerate(members[index].candidate.coordinates):
+    widths: dict[int, float] = dict(enumerate(half[_own(fitted, index)].tolist()))
+    others = [m for i, m in enumerate(fitted) if i != index]
+    for i, coordinate in enumerate(fitted[index].candidate.coordinates):
         if coordinate.parameter.change_point:  # no slope says how well an instant is known
-            widths[i] = instant_half_width(search.bench, lens, search.observed, others, members[index])
+            widths[i] = instant_half_width(whitener, others, fitted[index])
     return widths
 
 
-def _energy(search: Search, lens: Lens, members: Sequence[Member], own: Member) -> float:
-    """Sum of squares of what each member that shows in the same channels changes, as the lens sees it."""
-    whole = search.residual(members)
-    near = [m for m in members if search.alike(m.candidate, own.candidate)]
-    changes = [search.residual([m for m in members if m is not member]) - whole for member in near]
-    return sum(float((lens.look_one(change) ** 2).sum()) for change in changes)
+def _energy(search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], own: FittedEffect) -> float:
+    """Sum of squares of what each fit that shows in the same channels changes, as the whitener sees it."""
+    whole = search.residual(fitted)
+    near = [m for m in fitted if search.alike(m.candidate, own.candidate)]
+    changes = [search.residual([m for m in fitted if m is not fit]) - whole for fit in near]
+    return sum(float((whitener.whiten(change) ** 2).sum()) for change in changes)
 
 
-def away_from_nothing(search: Search, lens: Lens, members: Sequence[Member], index: int) -> bool:
-    """Whether one member's sizes, all together and in its present shape, differ from those of no effect (5 % level).
+def away_from_nothing(search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], index: int) -> bool:
+    """Whether one fit's sizes, all together and in its present shape, differ from those of no effect (5 % level).
 
     Together, because two sizes may trade places: neither is known well alone, and yet not both can be nothing. In its
     present shape, because an effect of no size has none (Davies 1977, Biometrika 64(2)).
@@ -62,14 +64,14 @@ def away_from_nothing(search: Search, lens: Lens, members: Sequence[Member], ind
     -----
     Hotelling's T-squared of the sizes, with either covariance.
     """
-    member, own = members[index], _own(members, index)
-    sizes = list(member.candidate.sizes)
+    fit, own = fitted[index], _own(fitted, index)
+    sizes = list(fit.candidate.sizes)
     shape = np.delete(own, sizes)
-    sandwich, plain, freedom = _covariances(search, lens, members, without=shape)
+    sandwich, plain, freedom = _covariances(search, whitener, fitted, without=shape)
     places = own[sizes] - np.searchsorted(shape, own[sizes])
     k = min(len(sizes), freedom)
     limit = k * freedom / max(freedom - k + 1, 1) * fisher.ppf(0.95, k, max(freedom - k + 1, 1))
-    distance = np.array([member.u[i] - member.candidate.coordinates[i].identity for i in sizes])
+    distance = np.array([fit.u[i] - fit.candidate.coordinates[i].identity for i in sizes])
     if not np.isfinite(distance).all():  # a size that only its logarithm measures has no nothing
         return True
     covariances = [v[np.ix_(places, places)] for v in (sandwich, plain)]
@@ -77,32 +79,32 @@ def away_from_nothing(search: Search, lens: Lens, members: Sequence[Member], ind
 
 
 def _covariances(
-    search: Search, lens: Lens, members: Sequence[Member], without: IntArray | None = None
+    search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], without: IntArray | None = None
 ) -> tuple[FloatArray, FloatArray, int]:
     """Sandwich and Gauss-Newton covariance of all coordinates (but some), and the sandwich's degrees of freedom."""
-    trial = try_set(search.bench, lens, search.observed, members)
-    slopes = trial.slopes if without is None else np.delete(trial.slopes, without, axis=1)
-    block = lens.block
+    linearised = linearise(whitener, fitted)
+    slopes = linearised.slopes if without is None else np.delete(linearised.slopes, without, axis=1)
+    block = whitener.block
     n_blocks = int(block.max()) + 1
     gram: FloatArray = slopes.T @ slopes
     inverse: FloatArray = np.linalg.pinv(gram, hermitian=True).astype(np.float64)
-    scores = np.stack([slopes[block == b].T @ trial.z[block == b] for b in range(n_blocks)])
+    scores = np.stack([slopes[block == b].T @ linearised.z[block == b] for b in range(n_blocks)])
     meat = scores.T @ scores * n_blocks / max(n_blocks - 1, 1)
     sandwich: FloatArray = inverse @ meat @ inverse
     return sandwich, inverse, max(n_blocks - 1, 1)
 
 
-def _own(members: Sequence[Member], index: int) -> IntArray:
-    """Places of one member's coordinates among all."""
-    begin = sum(len(m.u) for m in members[:index])
-    return np.arange(begin, begin + len(members[index].u))
+def _own(fitted: Sequence[FittedEffect], index: int) -> IntArray:
+    """Places of one fit's coordinates among all."""
+    begin = sum(len(m.u) for m in fitted[:index])
+    return np.arange(begin, begin + len(fitted[index].u))
 
 
-def explained_by_others(search: Search, members: Sequence[Member], index: int) -> float:
-    """Share of a member's tangent (along its amplitude) that the other members' tangents make up."""
-    slopes = try_set(search.bench, search.lens, search.observed, members).slopes
-    ends = np.cumsum([0, *(len(m.u) for m in members)])
-    own = slopes[:, ends[index] + members[index].candidate.sizes[0]]
+def explained_by_others(search: Search, fitted: Sequence[FittedEffect], index: int) -> float:
+    """Proportion of a fit's tangent (along its amplitude) that the other fitted' tangents make up."""
+    slopes = linearise(search.whitener, fitted).slopes
+    ends = np.cumsum([0, *(len(m.u) for m in fitted)])
+    own = slopes[:, ends[index] + fitted[index].candidate.sizes[0]]
     others = np.delete(slopes, np.arange(ends[index], ends[index + 1]), axis=1)
     if others.shape[1] == 0 or not own.any():
         return 0.0

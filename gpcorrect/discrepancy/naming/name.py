@@ -10,69 +10,109 @@ from collections.abc import Sequence
 import numpy as np
 
 from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others
-from gpcorrect.discrepancy.naming.named import EXACT, STABLE, Alternative, EffectLevel, Named
-from gpcorrect.discrepancy.naming.overtones import MOST_OVERTONES, overtone_nats
-from gpcorrect.discrepancy.naming.posterior import posterior
-from gpcorrect.discrepancy.naming.share import LEAST_SHARE, share_closed
-from gpcorrect.discrepancy.naming.weigh import View, Weighed, weigh
-from gpcorrect.discrepancy.search.candidates import Member
-from gpcorrect.discrepancy.search.state import penalty
+from gpcorrect.discrepancy.naming.posterior import EXACT, STABLE, Alternative, Level, Named, posterior
+from gpcorrect.discrepancy.naming.weigh import View, Weighed, smooth_nats, weigh
+from gpcorrect.discrepancy.search.candidates import FittedEffect
+from gpcorrect.discrepancy.search.state import Search, penalty
+from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["name_member"]
+__all__ = ["LEAST_FRACTION", "MOST_OVERTONES", "fraction_closed", "name_effect", "overtone_nats"]
 
+LEAST_FRACTION = 0.4  # of the mean square above noise
+PLAIN = 1.25  # noise levels: what is left above is no noise
+MOST_OVERTONES = 0.25  # of its own nats: then it is a part of something else
 CONFIRMED = 3.0  # nats on the confirmation part
-POSITIVE_SHARE = 0.6  # of the trajectories in which it acts
+POSITIVE_FRACTION = 0.6  # of the trajectories in which it acts
 FEW = 3  # of those: below, they may be odd for a reason of their own
 EXPLAINED = 0.95  # of a signature by the others: not nameable
 
 
-def name_member(view: View, member: Member) -> tuple[Named, Weighed]:
-    """Weigh one member of a finished search, and say at what level it may be named."""
-    weighed = weigh(view, member)
+def fraction_closed(search: Search, fit: FittedEffect) -> float:
+    """Proportion of the mean square above noise that the set closes in a fit's channels, the best of them.
+
+    On discovery and confirmation, sample by sample. 1 where what is left may be noise.
+    """
+    rows = search.dataset.training
+    before, after = (_mean_square(search.residual(fitted), rows) for fitted in ((), search.fitted))
+    noise = search.whitener.std**2
+    change = _mean_square(search.dataset.predict([fit.effect]) - search.dataset.predict(), rows)
+    touched = search.touched(fit.candidate) & (change > 0.0)
+    if not touched.any():
+        return 1.0
+    strongest = int(np.argmax(np.where(touched, change / noise, -1.0)))
+    if after[strongest] <= PLAIN**2 * noise[strongest]:
+        return 1.0
+    worth = touched & (before > noise)
+    closed = 1.0 - (after - noise)[worth] / (before - noise)[worth]
+    return float(np.max(closed, initial=0.0))
+
+
+def _mean_square(values: FloatArray, rows: BoolArray) -> FloatArray:
+    return np.asarray(np.nanmean(values[rows] ** 2, axis=0))
+
+
+def overtone_nats(view: View, fit: FittedEffect) -> float:
+    """Nats that a fit's overtones gain beside the set; 0 for effects that have none."""
+    effects = fit.effect.overtones()
+    if not effects:
+        return 0.0
+    dataset = view.search.dataset
+    columns = np.stack([dataset.predict([e]) - dataset.predict() for e in effects], axis=2)
+    return smooth_nats(view, view.search.fitted, view.search.touched(fit.candidate), columns)
+
+
+def name_effect(view: View, fit: FittedEffect) -> tuple[Named, Weighed]:
+    """Weigh one fit of a finished search, and say at what level it may be named."""
+    weighed = weigh(view, fit)
     cost = penalty(view.search.n_kinds)
-    alternatives = posterior(member.candidate, weighed, cost)
-    doubts, partial = _doubts(view, member, weighed, cost), _partial(view, member, weighed, cost)
+    alternatives = posterior(fit.candidate, weighed, cost)
+    doubts, partial = _doubts(view, fit, weighed, cost), _partial(view, fit, weighed, cost)
     level, more = _level(alternatives, doubts, partial)
     ordered = tuple(sorted(alternatives, key=lambda a: -a.probability))
-    nats = weighed.nats / weighed.temper
-    return Named(member, level, alternatives[0].probability, nats, ordered, (*doubts, *more)), weighed
+    nats = weighed.nats / weighed.overdispersion
+    return Named(fit, level, alternatives[0].probability, nats, ordered, (*doubts, *more)), weighed
 
 
-def _doubts(view: View, member: Member, weighed: Weighed, cost: float) -> list[str]:
+def _doubts(view: View, fit: FittedEffect, weighed: Weighed, cost: float) -> list[str]:
     """Conditions of an exact name that an effect does not meet."""
-    found, confirmed = weighed.discovery.sum() / weighed.temper, weighed.confirmation.sum() / weighed.temper
+    found, confirmed = (
+        weighed.discovery.sum() / weighed.overdispersion,
+        weighed.confirmation.sum() / weighed.overdispersion,
+    )
     doubts = []
     if found < cost:
         doubts.append(f"gains only {found:.1f} nats on the discovery part, {cost:.1f} are needed")
     if confirmed < CONFIRMED:
         doubts.append(f"not confirmed: {confirmed:.1f} nats on the confirmation part")
-    gains = np.concatenate([weighed.discovery, weighed.confirmation])[weighed.heard]
+    gains = np.concatenate([weighed.discovery, weighed.confirmation])[weighed.active]
     if len(gains) < FEW:
         doubts.append(f"acts in only {len(gains)} of the trajectories")
-    elif (share := float((gains > 0).mean())) < POSITIVE_SHARE:
-        doubts.append(f"helps in only {100 * share:.0f} % of the trajectories in which it acts")
-    return doubts + _doubts_of_numbers(view, member)
+    elif (fraction := float((gains > 0).mean())) < POSITIVE_FRACTION:
+        doubts.append(f"helps in only {100 * fraction:.0f} % of the trajectories in which it acts")
+    return doubts + _doubts_of_numbers(view, fit)
 
 
-def _partial(view: View, member: Member, weighed: Weighed, cost: float) -> list[str]:
+def _partial(view: View, fit: FittedEffect, weighed: Weighed, cost: float) -> list[str]:
     """Signs that an effect is but a part of something that is not in the catalogue."""
     signs = []
-    if (closed := share_closed(view.search, member)) < LEAST_SHARE:
+    if (closed := fraction_closed(view.search, fit)) < LEAST_FRACTION:
         signs.append(f"{100 * closed:.0f} % of the gap is closed where it shows, and the rest is no noise")
-    if (more := overtone_nats(view, member)) > max(MOST_OVERTONES * weighed.nats, cost * weighed.temper):
-        signs.append(f"its overtones gain {more / weighed.temper:.0f} nats more: a part of another periodic error")
+    if (more := overtone_nats(view, fit)) > max(MOST_OVERTONES * weighed.nats, cost * weighed.overdispersion):
+        signs.append(
+            f"its overtones gain {more / weighed.overdispersion:.0f} nats more: a part of another periodic error"
+        )
     return signs
 
 
-def _doubts_of_numbers(view: View, member: Member) -> list[str]:
+def _doubts_of_numbers(view: View, fit: FittedEffect) -> list[str]:
     search = view.search
-    fixed, near = search.parted(search.members, member.candidate)
-    members = [*fixed, *near]
-    index = next(i for i, m in enumerate(members) if m is member)
-    doubts = [f"{name} is at the edge of its physical range" for name in member.at_edge]
-    if not away_from_nothing(search, search.lens, members, index):
+    fixed, near = search.parted(search.fitted, fit.candidate)
+    fitted = [*fixed, *near]
+    index = next(i for i, m in enumerate(fitted) if m is fit)
+    doubts = [f"{name} is at the edge of its physical range" for name in fit.at_edge]
+    if not away_from_nothing(search, search.whitener, fitted, index):
         doubts.append("its size cannot be told from zero")
-    explained = explained_by_others(search, members, index)
+    explained = explained_by_others(search, fitted, index)
     if explained > EXPLAINED:
         doubts.append(
             f"{100 * explained:.1f} % of its signature is explained by the others: not nameable from these data"
@@ -80,21 +120,19 @@ def _doubts_of_numbers(view: View, member: Member) -> list[str]:
     return doubts
 
 
-def _level(
-    alternatives: Sequence[Alternative], doubts: Sequence[str], partial: list[str]
-) -> tuple[EffectLevel, list[str]]:
+def _level(alternatives: Sequence[Alternative], doubts: Sequence[str], partial: list[str]) -> tuple[Level, list[str]]:
     if partial:
-        return "UNKNOWN", partial
-    mine, others = alternatives[0], alternatives[1:]
-    stable = [a for a in others if a.name and a.probability >= STABLE]
+        return Level.UNKNOWN, partial
+    own, others = alternatives[0], alternatives[1:]
+    stable = [a for a in others if a.is_effect and a.probability >= STABLE]
     nothing, unknown = others[0].probability, others[1].probability
     if unknown > 0.5:
-        return "UNKNOWN", ["a smooth model outside the catalogue explains more"]
+        return Level.UNKNOWN, ["a smooth model outside the catalogue explains more"]
     if doubts or nothing > STABLE:
-        return "INCONCLUSIVE", []
-    if mine.probability >= EXACT:
-        return "EXACT", []
+        return Level.INCONCLUSIVE, []
+    if own.probability >= EXACT:
+        return Level.EXACT, []
     if not stable:
-        return "INCONCLUSIVE", ["the catalogue and a smooth model explain it equally well"]
+        return Level.INCONCLUSIVE, ["the catalogue and a smooth model explain it equally well"]
     words = [f"cannot be told from {a.label} ({100 * a.probability:.0f} %)" for a in stable]
-    return ("CLASS" if all(a.family == mine.family for a in stable) else "SET"), words
+    return (Level.CLASS if all(a.family == own.family for a in stable) else Level.SET), words

@@ -1,22 +1,134 @@
-"""Probabilities of an effect, of nothing, of something outside the catalogue, and of what could stand in its place."""
+"""What an effect may be called: its level, its probability, and what else could stand in its place."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
 from gpcorrect.discrepancy.naming.intervals import SHAPE_ERROR
-from gpcorrect.discrepancy.naming.named import STABLE, Alternative
 from gpcorrect.discrepancy.naming.weigh import Weighed
-from gpcorrect.discrepancy.search.candidates import Candidate
+from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import COMPLEXITY
 
-__all__ = ["UNKNOWN_SHARE", "posterior"]
+__all__ = ["EXACT", "STABLE", "UNKNOWN_FRACTION", "Alternative", "Explanation", "Level", "Named", "posterior"]
 
-UNKNOWN_SHARE = 0.25  # of an effect's nats, found beside it by the smooth model: then that model competes in full
+EXACT = 0.95
+STABLE = 0.05  # posterior above which a rival cannot be told apart
+UNKNOWN_FRACTION = 0.25  # of an effect's nats, found beside it by the smooth model: then that model competes in full
 STRONG = 30.0  # nats from which an effect with a small remainder stands against any smooth model
+
+
+class Level(StrEnum):
+    """What can be said: of a whole recording, and (all but NONE) of an effect."""
+
+    NONE = "NONE"
+    EXACT = "EXACT"
+    CLASS = "CLASS"
+    SET = "SET"
+    UNKNOWN = "UNKNOWN"
+    INCONCLUSIVE = "INCONCLUSIVE"
+
+
+class Explanation(StrEnum):
+    """Kinds of things that could stand in an effect's place."""
+
+    EFFECT = "effect"
+    NOTHING = "nothing"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One thing that could stand in an effect's place.
+
+    Parameters
+    ----------
+    explanation : Explanation
+        An effect, nothing, or something outside the catalogue.
+    nats : float
+        Held-out log Bayes factor against nothing, the prior's penalty taken off.
+    label : str
+        The candidate's; "nothing" or "unknown".
+    name : str
+        Canonical name; empty for nothing and unknown.
+    joint : int, str or None
+        Where.
+    family : str
+        Class of the effect.
+    extra : int
+        How many numbers it has beyond the first.
+    probability : float
+        Posterior among the alternatives.
+    """
+
+    explanation: Explanation
+    nats: float
+    label: str
+    name: str = ""
+    joint: int | str | None = None
+    family: str = ""
+    extra: int = 0
+    probability: float = 0.0
+
+    @classmethod
+    def of(cls, candidate: Candidate, nats: float) -> Alternative:
+        """Return a candidate as an alternative.
+
+        Parameters
+        ----------
+        candidate : Candidate
+            The effect.
+        nats : float
+            Its log Bayes factor against nothing.
+        """
+        c = candidate
+        return cls(Explanation.EFFECT, nats, c.label, c.name, c.joint, c.family, c.extra)
+
+    @property
+    def is_effect(self) -> bool:
+        """Whether it is an effect of the catalogue."""
+        return self.explanation == Explanation.EFFECT
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An effect with the level at which it may be named.
+
+    Parameters
+    ----------
+    fit : FittedEffect
+        The effect.
+    level : Level
+        EXACT, CLASS, SET, UNKNOWN or INCONCLUSIVE.
+    probability : float
+        Posterior of this very effect.
+    nats : float
+        Held-out log Bayes factor on discovery and confirmation, divided by the overdispersion.
+    alternatives : tuple of Alternative
+        With nothing and unknown, most probable first.
+    reasons : tuple of str
+        Why it is not EXACT.
+    """
+
+    fit: FittedEffect
+    level: Level
+    probability: float
+    nats: float
+    alternatives: tuple[Alternative, ...]
+    reasons: tuple[str, ...]
+
+    @property
+    def may_be_named(self) -> bool:
+        """Whether the level is one with names."""
+        return self.level in (Level.EXACT, Level.CLASS, Level.SET)
+
+    @property
+    def rivals(self) -> tuple[Alternative, ...]:
+        """Other effects that cannot be ruled out."""
+        own = self.fit.candidate.label
+        return tuple(a for a in self.alternatives if a.is_effect and a.label != own and a.probability >= STABLE)
 
 
 def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alternative]:
@@ -36,30 +148,18 @@ def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alter
     list of Alternative
         The effect itself, nothing, unknown, and the rivals that would be called something else; probabilities sum to 1.
     """
-    return _with_probabilities(_alternatives(candidate, weighed, cost), weighed, cost)
-
-
-def _alternatives(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alternative]:
-    """Effect, nothing, unknown, and the rivals; not those rivals that would be called the same."""
     rivals = [r for r in weighed.rivals if not r.candidate.called_like(candidate)]
-    return [
-        _alternative(candidate, weighed.nats - cost),
-        Alternative("nothing", "", None, "", 0.0),
-        Alternative("unknown", "", None, "", _unknown_nats(weighed, cost) - cost),
-        *(_alternative(r.candidate, r.nats - cost) for r in rivals),
+    alternatives = [
+        Alternative.of(candidate, weighed.nats - cost),
+        Alternative(Explanation.NOTHING, 0.0, "nothing"),
+        Alternative(Explanation.UNKNOWN, _unknown_nats(weighed, cost) - cost, "unknown"),
+        *(Alternative.of(r.candidate, r.nats - cost) for r in rivals),
     ]
-
-
-def _alternative(candidate: Candidate, nats: float) -> Alternative:
-    return Alternative(candidate.label, candidate.name, candidate.joint, candidate.family, nats, candidate.extra)
-
-
-def _with_probabilities(alternatives: Sequence[Alternative], weighed: Weighed, cost: float) -> list[Alternative]:
-    """Probabilities from nats, tempered, and from the price of every number that an effect has beyond its first."""
-    mine, rival_temper = alternatives[0], _rival_temper(weighed, cost)
+    own, between_effects = alternatives[0], _rival_overdispersion(weighed, cost)
     odds = np.array(
         [
-            (a.nats - mine.nats) / (rival_temper if a.name else weighed.temper) - COMPLEXITY * (a.extra - mine.extra)
+            (a.nats - own.nats) / (between_effects if a.is_effect else weighed.overdispersion)
+            - COMPLEXITY * (a.extra - own.extra)
             for a in alternatives
         ]
     )
@@ -67,7 +167,7 @@ def _with_probabilities(alternatives: Sequence[Alternative], weighed: Weighed, c
     return [replace(a, probability=float(w)) for a, w in zip(alternatives, weight / weight.sum(), strict=True)]
 
 
-def _rival_temper(weighed: Weighed, cost: float) -> float:
+def _rival_overdispersion(weighed: Weighed, cost: float) -> float:
     """By how much nats between two effects count less while something else is still missing.
 
     What neither explains, and the smooth model sees beside them, may favour either by as much as it is: a lead of that
@@ -75,7 +175,7 @@ def _rival_temper(weighed: Weighed, cost: float) -> float:
     signatures could make: both are models, and neither is exact.
     """
     tolerated = max(weighed.unknown.beside - cost, SHAPE_ERROR**2 * weighed.nats)
-    return max(weighed.temper, tolerated / float(-np.log(STABLE)))
+    return max(weighed.overdispersion, tolerated / float(-np.log(STABLE)))
 
 
 def _unknown_nats(weighed: Weighed, cost: float) -> float:
@@ -88,7 +188,7 @@ def _unknown_nats(weighed: Weighed, cost: float) -> float:
     """
     unknown = weighed.unknown
     nats = unknown.instead - max(0.0, unknown.beside - cost)
-    strong = weighed.nats > STRONG * weighed.temper
-    if strong and unknown.beside <= UNKNOWN_SHARE * weighed.nats:
-        return min(nats, weighed.nats - 2 * cost * weighed.temper)
+    strong = weighed.nats > STRONG * weighed.overdispersion
+    if strong and unknown.beside <= UNKNOWN_FRACTION * weighed.nats:
+        return min(nats, weighed.nats - 2 * cost * weighed.overdispersion)
     return nats

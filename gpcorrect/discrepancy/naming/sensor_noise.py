@@ -7,31 +7,192 @@ leave, or on the reported values themselves.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import t as student
 
-from gpcorrect.discrepancy.evidence.loudness import Growth, growth_of, levels_of, roughness, stated_level
-from gpcorrect.discrepancy.naming.named import EXACT, Alternative, Named
-from gpcorrect.discrepancy.recording.bench import Bench
+from gpcorrect.discrepancy.naming.posterior import EXACT, Alternative, Explanation, Level, Named
 from gpcorrect.discrepancy.recording.channels import Channel
-from gpcorrect.discrepancy.recording.counts import Counts, counts_of
+from gpcorrect.discrepancy.recording.dataset import Dataset
+from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise
+from gpcorrect.discrepancy.recording.quantisation import Quantisation, quantisation_of
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.recording.stated import UNIFORM, sampling_step, stated_noises
-from gpcorrect.discrepancy.search.candidates import Candidate, Member
-from gpcorrect.discrepancy.search.coordinates import coordinate_of
+from gpcorrect.discrepancy.recording.stated_noise import UNIFORM, samples_are_dense, sampling_step, stated_noises
+from gpcorrect.discrepancy.search.candidates import Candidate, Estimate, FittedEffect, coordinate_of
 from gpcorrect.discrepancy.search.state import penalty
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Effect
 from gpcorrect.sim.effects.encoder_quantisation import EncoderQuantisation
 from gpcorrect.sim.effects.homing_offset import HomingOffset
 from gpcorrect.sim.effects.noise_change import NoiseChange
-from gpcorrect.types import BoolArray, FloatArray
+from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["NoiseEffect", "noise_effects"]
+__all__ = ["Growth", "NoiseEffect", "growth_of", "levels_of", "noise_effects", "roughness", "stated_level"]
 
-DENSE = 0.06  # s between samples at most: else second differences are motion
+FEWEST = 60  # second differences of a trajectory
+SIDE = 2  # trajectories on either side of a change
+TRIM = 5.0  # robust standard deviations: what is farther out is a fault
+NORM = np.sqrt(6.0)  # deviation of a second difference of unit white noise
+SURE = 1e-3  # chance of a change in noise that does not change, shared by the channels
+LEAST = 0.02  # of the logarithm of the level: a smaller change is none
+BEYOND = 1.2  # times the stated level, in nearly every trajectory
+NEARLY = 0.9
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Noise beyond what was there before, or beyond what is stated.
+
+    Parameters
+    ----------
+    std : float
+        Of the further noise, unit of the channel.
+    std_ci95 : pair of float
+        By the scatter of the trajectories.
+    since, since_ci95 : float, pair of float
+        Session time from which on it is there, s.
+    nats : float
+        Gain of log-likelihood of the trajectories' levels.
+    chance : float
+        Of a change at least as clear in noise that does not change.
+    """
+
+    std: float
+    std_ci95: tuple[float, float]
+    since: float
+    since_ci95: tuple[float, float]
+    nats: float
+    chance: float
+
+
+def levels_of(residual: FloatArray, trajectory: IntArray, rows: BoolArray) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Levels `(k,)` of white noise of the trajectories that have enough samples, their numbers, relative errors `(k,)`.
+
+    Parameters
+    ----------
+    residual : (n,) array
+        Single samples; NaN is missing.
+    trajectory : (n,) int array
+        Of each sample.
+    rows : (n,) bool array
+        Samples that may be looked at.
+    """
+    levels, numbers, errors = [], [], []
+    for number in np.unique(trajectory[rows]):
+        values = residual[rows & (trajectory == number)]
+        second = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / NORM
+        second = second[np.isfinite(second)]
+        scale = float(np.median(np.abs(second))) / NORMAL_MAD if len(second) else 0.0
+        kept = second[np.abs(second) < TRIM * scale]
+        if len(kept) < FEWEST:
+            continue
+        levels.append(float(np.sqrt(np.mean(kept**2))))
+        numbers.append(number)
+        # neighbouring second differences fraction samples: their squares count 35 / 18 times less than independent ones
+        errors.append(float(0.5 * np.std(kept**2) / np.mean(kept**2) * np.sqrt(35.0 / 18.0 / len(kept))))
+    return np.array(levels), np.array(numbers, dtype=np.int64), np.array(errors)
+
+
+def roughness(residual: FloatArray) -> float:
+    """Root mean square of all second differences of single samples `(n,)`, as white noise would have it."""
+    second = (residual[2:] - 2.0 * residual[1:-1] + residual[:-2]) / NORM
+    return float(np.sqrt(np.nanmean(second**2))) if np.isfinite(second).any() else 0.0
+
+
+def stated_level(noise: ChannelNoise, step: float) -> float:
+    """Return the level that :func:`levels_of` gives noise as it is stated."""
+    phi = np.exp(-step / noise.time_constant)
+    slow = noise.slow**2 * (6.0 - 8.0 * phi + 2.0 * phi**2) / 6.0
+    return float(np.sqrt(noise.white**2 + slow))
+
+
+def growth_of(
+    levels: FloatArray,
+    errors: FloatArray,
+    start: FloatArray,
+    end: FloatArray,
+    stated: float | None,
+    channels: int,
+) -> Growth | None:
+    """Return by how much noise grew at some moment, or exceeds what is stated; None when neither is beyond doubt.
+
+    Parameters
+    ----------
+    levels, errors : (k,) arrays
+        Level of each trajectory, and its relative error.
+    start, end : (k,) arrays
+        Session time at which each begins and ends, s.
+    stated : float or None
+        Level as the model states it.
+    channels : int
+        That are looked at: each has its fraction of the chance of a false alarm.
+    """
+    grown = _change(np.log(levels), errors, start, end, channels) if len(levels) >= 2 * SIDE else None
+    if grown is None and stated is not None and len(levels):
+        return _excess(levels, errors, start, stated)
+    return grown
+
+
+def _change(height: FloatArray, errors: FloatArray, start: FloatArray, end: FloatArray, channels: int) -> Growth | None:
+    order = np.argsort(start, kind="stable")
+    height, start, end = height[order], start[order], end[order]
+    splits = np.flatnonzero(np.diff(start) > 0) + 1
+    splits = splits[(splits >= SIDE) & (splits <= len(height) - SIDE)]
+    if len(splits) == 0:
+        return None
+    floor = float(np.median(errors))
+    rises = [_rise(height[:at], height[at:], floor) for at in splits]
+    best = int(np.argmax(rises))
+    chance = min(1.0, len(splits) * float(student.sf(rises[best], len(height) - 2)))
+    at = int(splits[best])
+    before, after = height[:at], height[at:]
+    if chance > SURE / channels or after.mean() - before.mean() < LEAST:
+        return None
+    spread = np.sqrt(max(_within(before, after), floor**2))
+    low, high = _extra(before, after, spread)
+    total = max(float(np.mean((height - height.mean()) ** 2)), floor**2)
+    nats = 0.5 * len(height) * float(np.log(total / spread**2))
+    std = _further(float(after.mean()), float(before.mean()))
+    return Growth(std, (low, high), float(start[at]), (float(start[at - 1]), float(end[at])), nats, chance)
+
+
+def _rise(before: FloatArray, after: FloatArray, floor: float) -> float:
+    """Student's statistic of a rise; trajectories scatter at least as their samples do."""
+    spread = np.sqrt(max(_within(before, after), floor**2) * (1.0 / len(before) + 1.0 / len(after)))
+    return float((after.mean() - before.mean()) / spread)
+
+
+def _within(before: FloatArray, after: FloatArray) -> float:
+    left = ((before - before.mean()) ** 2).sum() + ((after - after.mean()) ** 2).sum()
+    return float(left / (len(before) + len(after) - 2))
+
+
+def _further(after: float, before: float) -> float:
+    """Further standard deviation from the logarithms of two levels."""
+    return float(np.sqrt(max(np.exp(2.0 * after) - np.exp(2.0 * before), 0.0)))
+
+
+def _extra(before: FloatArray, after: FloatArray, spread: float) -> tuple[float, float]:
+    """95 % interval of the further noise."""
+    half = 1.96 * spread * np.hypot(1.0 / np.sqrt(len(after)), 1.0 / np.sqrt(len(before)))
+    a, b = float(after.mean()), float(before.mean())
+    return _further(a - half, b), _further(a + half, b)
+
+
+def _excess(levels: FloatArray, errors: FloatArray, start: FloatArray, stated: float) -> Growth | None:
+    """Return noise beyond the stated one, when nearly every trajectory has it."""
+    if float(np.mean(levels > BEYOND * stated)) < NEARLY:
+        return None
+    height, floor = np.log(levels), float(np.median(errors))
+    spread = max(float(height.std()), floor)
+    half = 1.96 * spread / np.sqrt(len(height))
+    middle, nominal = float(height.mean()), float(np.log(stated))
+    nats = 0.5 * float((((height - nominal) / spread) ** 2 - ((height - middle) / spread) ** 2).sum())
+    ends = _further(middle - half, nominal), _further(middle + half, nominal)
+    return Growth(_further(middle, nominal), ends, 0.0, (0.0, float(start.min())), nats, 0.0)
+
+
 MATTERS = 0.1  # of the outside sensors' noise: rounding by less is no discrepancy
 COARSER = 2.0  # times the stated encoder step
 
@@ -41,37 +202,37 @@ class NoiseEffect:
     """A named effect on noise, with its numbers as reports have them."""
 
     named: Named
-    parameters: Mapping[str, Mapping[str, Any]]
+    parameters: Mapping[str, Estimate]
 
 
-def noise_effects(bench: Bench, effects: Sequence[Effect], level: FloatArray) -> tuple[NoiseEffect, ...]:
+def noise_effects(dataset: Dataset, effects: Sequence[Effect], level: FloatArray) -> tuple[NoiseEffect, ...]:
     """Return what the sensors' noise has that the model does not know of.
 
     Parameters
     ----------
-    bench : Bench
+    dataset : Dataset
         Recording and simulator.
     effects : sequence of Effect
         Named so far.
     level : (c,) array
         Standard deviation of the noise of single samples of every channel.
     """
-    found = [_rounded(bench.scene, i, level) for i in range(len(bench.scene.joints))]
-    coarse = {e.named.member.candidate.joint for e in found if e is not None}
-    grown = _grown(bench, effects, coarse)
+    found = [_rounded(dataset.scene, i, level) for i in range(len(dataset.scene.joints))]
+    coarse = {e.named.fit.candidate.joint for e in found if e is not None}
+    grown = _grown(dataset, effects, coarse)
     return tuple(e for e in (*found, *grown) if e is not None)
 
 
-def _grown(bench: Bench, effects: Sequence[Effect], coarse: set[int | str]) -> list[NoiseEffect]:
+def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) -> list[NoiseEffect]:
     """Louder outside sensors; a joint whose encoder counts in steps is louder by that."""
-    scene = bench.scene
-    if sampling_step(scene) > DENSE:
+    scene = dataset.scene
+    if not samples_are_dense(scene):
         return []
     groups: dict[int | str, list[int]] = {}
     for i, channel in enumerate(scene.channels):
         if channel.signal != "measured_jp" and channel.joint not in coarse:
             groups.setdefault(channel.joint or "tool", []).append(i)
-    residual, seen = scene.residual(effects), _seen(bench)
+    residual, seen = scene.residual(effects), _seen(dataset)
     found = []
     for joint, indices in groups.items():
         growth = _growth(scene, residual[:, indices], seen, indices, len(groups))
@@ -80,10 +241,10 @@ def _grown(bench: Bench, effects: Sequence[Effect], coarse: set[int | str]) -> l
     return found
 
 
-def _seen(bench: Bench) -> BoolArray:
+def _seen(dataset: Dataset) -> BoolArray:
     """(n,) log rows of discovery and confirmation."""
-    rows = bench.group >= 0
-    rows[rows] = bench.seen[bench.group[rows]]
+    rows = dataset.group >= 0
+    rows[rows] = dataset.training[dataset.group[rows]]
     return rows
 
 
@@ -113,18 +274,18 @@ def _noise_change(channel: Channel, joint: int | str, growth: Growth, channels: 
     coordinates = tuple(coordinate_of(parameters[name], kind, amplitude=True) for name in ("std", "since"))
     u = (growth.std / coordinates[0].typical, growth.since / coordinates[1].typical)
     candidate = Candidate(NoiseChange, joint, (), coordinates, (1, 0, 1), u, (0,))
-    said = {
-        "std": {"value": growth.std, "ci95": list(growth.std_ci95), "unit": channel.unit},
-        "since": {"value": growth.since, "ci95": list(growth.since_ci95), "unit": "s"},
+    numbers = {
+        "std": Estimate(growth.std, growth.std_ci95, channel.unit),
+        "since": Estimate(growth.since, growth.since_ci95, "s"),
     }
-    return NoiseEffect(_named(Member(candidate, np.array(u)), growth.nats, channels), said)
+    return NoiseEffect(_named(FittedEffect(candidate, np.array(u)), growth.nats, channels), numbers)
 
 
 def _rounded(scene: Scene, column: int, level: FloatArray) -> NoiseEffect | None:
     """Return the encoder of one joint, when it counts in steps that matter."""
     if not scene.measured:
         return None
-    counts = counts_of(scene.motor_path()[:, column])
+    counts = quantisation_of(scene.motor_path()[:, column])
     if counts is None or not _matters(scene, column, counts, level):
         return None
     joint, kind = scene.joints[column], scene.machine.body.types[column]
@@ -132,14 +293,14 @@ def _rounded(scene: Scene, column: int, level: FloatArray) -> NoiseEffect | None
     coordinate = coordinate_of(step, kind, amplitude=True)
     u = (counts.step / coordinate.typical,)
     candidate = Candidate(EncoderQuantisation, joint, (), (coordinate,), (1, 0), u, (0,))
-    ends = [counts.step - counts.error, counts.step + counts.error]
-    said = {"step": {"value": counts.step, "ci95": ends, "unit": "m" if kind == "P" else "rad"}}
+    ends = (counts.step - counts.error, counts.step + counts.error)
+    numbers = {"step": Estimate(counts.step, ends, "m" if kind == "P" else "rad")}
     # Each visited count beyond those that fix step and remainder agrees by chance in one of a hundred cases.
     nats = (counts.visited - 2) * float(np.log(100.0))
-    return NoiseEffect(_named(Member(candidate, np.array(u)), nats, len(scene.joints)), said)
+    return NoiseEffect(_named(FittedEffect(candidate, np.array(u)), nats, len(scene.joints)), numbers)
 
 
-def _matters(scene: Scene, column: int, counts: Counts, level: FloatArray) -> bool:
+def _matters(scene: Scene, column: int, counts: Quantisation, level: FloatArray) -> bool:
     """Whether rounding is coarser than the model says, and large enough to be seen from outside."""
     joint = scene.joints[column]
     stated = scene.model.noise.encoder_step if scene.model.noise is not None else ()
@@ -157,14 +318,14 @@ def _matters(scene: Scene, column: int, counts: Counts, level: FloatArray) -> bo
     return bool((size > MATTERS * np.maximum(level[outside], raw)).any())
 
 
-def _named(member: Member, nats: float, tried: int) -> Named:
+def _named(fit: FittedEffect, nats: float, tried: int) -> Named:
     """Named effect; against it stands only that nothing is there."""
     gain = nats - penalty(tried)
     probability = float(1.0 / (1.0 + np.exp(-np.clip(gain, -50.0, 50.0))))
-    candidate = member.candidate
-    mine = Alternative(
-        candidate.label, candidate.name, candidate.joint, candidate.family, gain, probability=probability
+    alternatives = (
+        replace(Alternative.of(fit.candidate, gain), extra=0, probability=probability),
+        Alternative(Explanation.NOTHING, 0.0, "nothing", probability=1.0 - probability),
+        Alternative(Explanation.UNKNOWN, 0.0, "unknown"),
     )
-    nothing = Alternative("nothing", "", None, "", 0.0, probability=1.0 - probability)
-    others = (nothing, Alternative("unknown", "", None, "", 0.0))
-    return Named(member, "EXACT" if probability >= EXACT else "INCONCLUSIVE", probability, nats, (mine, *others), ())
+    level = Level.EXACT if probability >= EXACT else Level.INCONCLUSIVE
+    return Named(fit, level, probability, nats, alternatives, ())

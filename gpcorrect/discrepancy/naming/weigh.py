@@ -11,22 +11,21 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from gpcorrect.discrepancy.evidence.cells import Cells
-from gpcorrect.discrepancy.evidence.lens import Lens, lens_on
-from gpcorrect.discrepancy.naming.unknown import smooth_columns, smooth_fit
-from gpcorrect.discrepancy.recording.covariates import Covariates
-from gpcorrect.discrepancy.search.candidates import Candidate, Member
-from gpcorrect.discrepancy.search.rank import rank
+from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
+from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
+from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_fit
+from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
+from gpcorrect.discrepancy.search.linearisation import held_out, linearise
 from gpcorrect.discrepancy.search.state import Search
-from gpcorrect.discrepancy.search.trial import held_out, try_set
+from gpcorrect.discrepancy.search.stepwise import rank
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["Rival", "Unknown", "View", "Weighed", "view_of", "wander", "weigh"]
+__all__ = ["Rival", "Unknown", "View", "Weighed", "size_overdispersion", "view_of", "weigh"]
 
 RIVALS = 2  # names that are refined in each effect's place, beside its simpler look-alikes
 TRIED = 8  # looked at for likeness
 LIKENESS = 0.5  # cosine of two signatures, beyond what the other effects explain, below which they are no rivals
-HEARD = 0.01  # of the loudest trajectory's energy: below, one says nothing of a size
+ACTIVE = 0.01  # of the strongest trajectory's energy: below, one says nothing of a size
 SMOOTH_CHANNELS = 3  # of those an effect shows in, the ones where it shows most
 
 
@@ -35,20 +34,20 @@ class View:
     """Both parts as they are seen: discovery and confirmation."""
 
     search: Search
-    confirmation: Lens
+    confirmation: DatasetWhitener
     tests: Sequence[Sequence[Cells]]
     inputs: Sequence[Covariates]
 
-    def look(self, members: Sequence[Member]) -> tuple[FloatArray, FloatArray]:
+    def whitened_residuals(self, fitted: Sequence[FittedEffect]) -> tuple[FloatArray, FloatArray]:
         """Seen residual of a set on discovery and confirmation."""
-        left = self.search.residual(members)
-        return self.search.lens.look_one(left), self.confirmation.look_one(left)
+        left = self.search.residual(fitted)
+        return self.search.whitener.whiten(left), self.confirmation.whiten(left)
 
 
 def view_of(search: Search, tests: Sequence[Sequence[Cells]], inputs: Sequence[Covariates]) -> View:
     """Look at confirmation with the noise that discovery has taught."""
-    residual = search.residual(search.members)
-    confirmation = lens_on(search.bench, residual, search.bench.confirmation, search.lens.noises)
+    residual = search.residual(search.fitted)
+    confirmation = whitener_on(search.dataset, residual, search.dataset.confirmation, search.whitener.noises)
     return View(search, confirmation, tests, inputs)
 
 
@@ -56,13 +55,13 @@ def view_of(search: Search, tests: Sequence[Sequence[Cells]], inputs: Sequence[C
 class Rival:
     """Another candidate in an effect's place, refined, and its nats."""
 
-    member: Member
+    fit: FittedEffect
     nats: float
 
     @property
     def candidate(self) -> Candidate:
         """Which one."""
-        return self.member.candidate
+        return self.fit.candidate
 
 
 @dataclass(frozen=True)
@@ -75,28 +74,28 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """Evidence for one member, in nats beyond the set without it.
+    """Evidence for one fit, in nats beyond the set without it.
 
     Parameters
     ----------
     discovery, confirmation : (b,) arrays
         Its own, of each trajectory of either part.
-    heard : (b,) bool array
+    active : (b,) bool array
         Trajectories of discovery, then confirmation, in which it acts: a slip does not before it happens.
     rivals : tuple of Rival
         Those like it, best first.
     unknown : Unknown
         The smooth model's.
-    temper : float
+    overdispersion : float
         By how much evidence counts less, because the residual is still larger than noise.
     """
 
     discovery: FloatArray
     confirmation: FloatArray
-    heard: BoolArray
+    active: BoolArray
     rivals: tuple[Rival, ...]
     unknown: Unknown
-    temper: float
+    overdispersion: float
 
     @property
     def nats(self) -> float:
@@ -104,87 +103,91 @@ class Weighed:
         return float(self.discovery.sum() + self.confirmation.sum())
 
 
-def weigh(view: View, member: Member) -> Weighed:
-    """Weigh a member of the search's set against what could stand in its place."""
+def weigh(view: View, fit: FittedEffect) -> Weighed:
+    """Weigh a fit of the search's set against what could stand in its place."""
     search = view.search
-    candidate = member.candidate
-    rest = search.refit([m for m in search.members if m is not member], candidate)
-    reference = view.look(rest)
-    discovery, confirmation = _gains(view, reference, search.members, candidate)
+    candidate = fit.candidate
+    rest = search.refit([m for m in search.fitted if m is not fit], candidate)
+    reference = view.whitened_residuals(rest)
+    discovery, confirmation = _gains(view, reference, search.fitted, candidate)
     channels = search.touched(candidate)
     return Weighed(
         discovery,
         confirmation,
-        _heard(view, member),
-        tuple(_rivals(view, rest, member, reference)),
-        _unknown(view, rest, _loudest(view, member, channels)),
-        max(search.tempering(view.look(search.members)[0], channels), wander(search, member)),
+        _active(view, fit),
+        tuple(_rivals(view, rest, fit, reference)),
+        _unknown(view, rest, _strongest_channels(view, fit, channels)),
+        max(
+            search.overdispersion(view.whitened_residuals(search.fitted)[0], channels), size_overdispersion(search, fit)
+        ),
     )
 
 
-def wander(search: Search, member: Member) -> float:
-    """How much more a member's size seems to differ from trajectory to trajectory than noise lets it, 1 at least.
+def size_overdispersion(search: Search, fit: FittedEffect) -> float:
+    """How much more a fit's size seems to differ from trajectory to trajectory than noise lets it, 1 at least.
 
     Noise that wanders slowly gives every trajectory a size of its own; nats counted sample by sample do not know that.
     Each trajectory's score along the signature, in its standard deviations, has a mean square of one; what the sum of
     squares is above its 95 % quantile says by how much evidence counts less.
     """
-    trial = search.trial(search.members, member.candidate)
-    begin, near = 0, search.parted(search.members, member.candidate)[1]
+    linearised = search.linearise_near(search.fitted, fit.candidate)
+    begin, near = 0, search.parted(search.fitted, fit.candidate)[1]
     for other in near:
-        if other is member:
+        if other is fit:
             break
         begin += len(other.u)
-    own = trial.slopes[:, [begin + i for i in member.candidate.sizes]].sum(axis=1)
-    block = search.lens.block
-    energy, score = np.bincount(block, own**2), np.bincount(block, own * trial.z)
-    heard = energy > HEARD * energy.max(initial=0.0)
-    if not heard.any():
+    own = linearised.slopes[:, [begin + i for i in fit.candidate.sizes]].sum(axis=1)
+    block = search.whitener.block
+    energy, score = np.bincount(block, own**2), np.bincount(block, own * linearised.z)
+    active = energy > ACTIVE * energy.max(initial=0.0)
+    if not active.any():
         return 1.0
-    return max(1.0, float((score[heard] ** 2 / energy[heard]).sum() / chi2.ppf(0.95, heard.sum())))
+    return max(1.0, float((score[active] ** 2 / energy[active]).sum() / chi2.ppf(0.95, active.sum())))
 
 
-def _heard(view: View, member: Member) -> BoolArray:
-    """Trajectories of both parts in which a member changes what is seen by more than a little of what it can."""
-    without = view.look([m for m in view.search.members if m is not member])
-    parts = zip(without, view.look(view.search.members), (view.search.lens, view.confirmation), strict=True)
-    energy = np.concatenate([np.bincount(lens.block, (a - b) ** 2) for a, b, lens in parts])
-    return np.asarray(energy > HEARD * energy.max(initial=0.0), dtype=np.bool_)
+def _active(view: View, fit: FittedEffect) -> BoolArray:
+    """Trajectories of both parts in which a fit changes what is seen by more than a little of what it can."""
+    without = view.whitened_residuals([m for m in view.search.fitted if m is not fit])
+    parts = zip(
+        without, view.whitened_residuals(view.search.fitted), (view.search.whitener, view.confirmation), strict=True
+    )
+    energy = np.concatenate([np.bincount(whitener.block, (a - b) ** 2) for a, b, whitener in parts])
+    return np.asarray(energy > ACTIVE * energy.max(initial=0.0), dtype=np.bool_)
 
 
 def _gains(
-    view: View, reference: tuple[FloatArray, FloatArray], members: Sequence[Member], candidate: Candidate
+    view: View, reference: tuple[FloatArray, FloatArray], fitted: Sequence[FittedEffect], candidate: Candidate
 ) -> tuple[FloatArray, FloatArray]:
     search = view.search
-    trial = search.trial(members, candidate)
-    discovery = held_out(search.lens, reference[0], trial.z, trial.slopes)
-    change = 0.5 * (reference[1] ** 2 - view.look(members)[1] ** 2)
+    linearised = search.linearise_near(fitted, candidate)
+    discovery = held_out(search.whitener, reference[0], linearised.z, linearised.slopes)
+    change = 0.5 * (reference[1] ** 2 - view.whitened_residuals(fitted)[1] ** 2)
     block = view.confirmation.block
     return discovery, np.bincount(block, change).astype(np.float64) if len(block) else np.zeros(0)
 
 
 def _rivals(
-    view: View, rest: tuple[Member, ...], member: Member, reference: tuple[FloatArray, FloatArray]
+    view: View, rest: tuple[FittedEffect, ...], fit: FittedEffect, reference: tuple[FloatArray, FloatArray]
 ) -> list[Rival]:
     search = view.search
-    bare = search.trial(rest, member.candidate)
-    own = reference[0] - view.look(search.members)[0]
-    ranked = [r for r in rank(search, bare, [member.candidate], search.touched(member.candidate)) if r.nats > 0]
+    bare = search.linearise_near(rest, fit.candidate)
+    own = reference[0] - view.whitened_residuals(search.fitted)[0]
+    ranked = [r for r in rank(search, bare, [fit.candidate], search.touched(fit.candidate)) if r.nats > 0]
     found: list[Rival] = []
     for place, leader in enumerate(ranked):
-        enough = sum(not r.candidate.called_like(member.candidate) for r in found) >= RIVALS
-        if (enough or place >= TRIED) and not _is_simpler(leader.candidate, member.candidate):
+        enough = sum(not r.candidate.called_like(fit.candidate) for r in found) >= RIVALS
+        if (enough or place >= TRIED) and not _is_simpler(leader.candidate, fit.candidate):
             continue
         if any(leader.candidate.called_like(r.candidate) for r in found):
             continue
-        first = reference[0] - view.look((*rest, leader.member))[0]
+        first = reference[0] - view.whitened_residuals((*rest, leader.fit))[0]
         if _likeness(first, own, bare.slopes) < LIKENESS:
             continue
-        members = search.refit((*rest, leader.member), leader.candidate)
-        if members[-1].at_edge:
+        fitted = search.refit((*rest, leader.fit), leader.candidate)
+        if fitted[-1].at_edge:
             continue
-        gains = _gains(view, reference, members, leader.candidate)
-        found.append(Rival(members[-1], float(gains[0].sum() + gains[1].sum())))
+        gains = _gains(view, reference, fitted, leader.candidate)
+        found.append(Rival(fitted[-1], float(gains[0].sum() + gains[1].sum())))
     return sorted(found, key=lambda r: -r.nats)
 
 
@@ -202,35 +205,37 @@ def _likeness(a: FloatArray, b: FloatArray, slopes: FloatArray) -> float:
     return float(abs(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300))
 
 
-def _loudest(view: View, member: Member, channels: BoolArray) -> BoolArray:
-    """Return the few channels in which a member is largest beside the noise."""
+def _strongest_channels(view: View, fit: FittedEffect, channels: BoolArray) -> BoolArray:
+    """Return the few channels in which a fit is largest beside the noise."""
     search = view.search
-    change = search.bench.predict([member.effect]) - search.bench.predict()
-    size = np.sqrt(np.mean(change**2, axis=0)) / np.array([n.std for n in search.lens.noises])
+    change = search.dataset.predict([fit.effect]) - search.dataset.predict()
+    size = np.sqrt(np.mean(change**2, axis=0)) / search.whitener.std
     few = np.argsort(np.where(channels, size, -1.0))[::-1][:SMOOTH_CHANNELS]
     mask = np.zeros(len(channels), dtype=np.bool_)
     mask[few] = channels[few]
     return mask
 
 
-def _unknown(view: View, rest: Sequence[Member], channels: BoolArray) -> Unknown:
+def _unknown(view: View, rest: Sequence[FittedEffect], channels: BoolArray) -> Unknown:
     left = view.search.residual(rest)
-    columns = smooth_columns(view.inputs, view.tests, channels, left, view.search.bench.discovery)
-    return Unknown(
-        smooth_nats(view, rest, channels, columns), smooth_nats(view, view.search.members, channels, columns)
-    )
+    columns = smooth_columns(view.inputs, view.tests, channels, left, view.search.dataset.discovery)
+    return Unknown(smooth_nats(view, rest, channels, columns), smooth_nats(view, view.search.fitted, channels, columns))
 
 
-def smooth_nats(view: View, members: Sequence[Member], channels: BoolArray, columns: FloatArray | None = None) -> float:
+def smooth_nats(
+    view: View, fitted: Sequence[FittedEffect], channels: BoolArray, columns: FloatArray | None = None
+) -> float:
     """Nats that the smooth model gains in these channels beyond a set, on discovery (held out) and confirmation."""
     search = view.search
-    left, discovery = search.residual(members), search.bench.discovery
+    left, discovery = search.residual(fitted), search.dataset.discovery
     if columns is None:
         columns = smooth_columns(view.inputs, view.tests, channels, left, discovery)
-    touching = [m for m in members if (search.touched(m.candidate) & channels).any()]
-    others = [m for m in members if not any(m is t for t in touching)]
-    first = try_set(search.bench, search.lens, search.observed, touching, others)
-    second = try_set(search.bench, view.confirmation, search.observed, touching, others)
+    touching = [m for m in fitted if (search.touched(m.candidate) & channels).any()]
+    others = [m for m in fitted if not any(m is t for t in touching)]
+    first = linearise(search.whitener, touching, others)
+    second = linearise(view.confirmation, touching, others)
     size = float(np.sqrt(np.nanmean(left[discovery][:, channels] ** 2)))
-    fit = smooth_fit(search.lens, view.confirmation, (first.z, second.z), (first.slopes, second.slopes), columns, size)
+    fit = smooth_fit(
+        search.whitener, view.confirmation, (first.z, second.z), (first.slopes, second.slopes), columns, size
+    )
     return fit.nats

@@ -1,25 +1,36 @@
-"""What a run of the workflow found, and its fixed form as JSON."""
+"""What a run of the workflow found: frozen values from the verdict down to where every number comes from."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-
-from gpcorrect.discrepancy.evidence.localise import Finding, Localisation
-from gpcorrect.discrepancy.naming.named import Alternative, Named
-from gpcorrect.discrepancy.outcome.gap import GapFigures
-from gpcorrect.discrepancy.outcome.words import region_words
+from gpcorrect.discrepancy.evidence.localise import Localisation
+from gpcorrect.discrepancy.naming.posterior import Alternative, Level, Named
+from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.search.candidates import Estimate
+from gpcorrect.discrepancy.search.needs import Lack
 from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.plan import Plan
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["ChannelGap", "Discrepancy", "Evidence", "Experiment", "Level", "NamedEffect"]
-
-Level = Literal["NONE", "EXACT", "CLASS", "SET", "UNKNOWN", "INCONCLUSIVE"]
+__all__ = [
+    "Burst",
+    "ChannelGap",
+    "DataSource",
+    "DecisionThresholds",
+    "DiscrepancyResult",
+    "Evidence",
+    "Experiment",
+    "GapFigures",
+    "NamedEffect",
+    "Provenance",
+    "UnnamedEffect",
+    "Verdict",
+]
 
 
 @dataclass(frozen=True)
@@ -28,67 +39,111 @@ class NamedEffect:
 
     Parameters
     ----------
-    named : Named
-        Name, level and posterior.
-    parameters : dict
-        For each parameter its value, 95 % interval and unit.
+    name, family : str
+        Canonical name and class in the catalogue.
+    joint : int or str
+        Number of the joint, or "all", "tool", "base".
+    level : Level
+        EXACT, CLASS or SET.
+    probability : float
+        Posterior of this very effect.
+    nats : float
+        Log Bayes factor against nothing, on trajectories that the fit had not seen.
+    parameters : dict of str to Estimate
+        Value, 95 % interval and unit of each; a field that is no number to estimate (a source) has no interval.
+    alternatives : tuple of Alternative
+        What could stand in its place, itself, nothing and the unknown among them, most probable first.
+    rivals : tuple of Alternative
+        Those other effects that cannot be ruled out.
     """
 
-    named: Named
-    parameters: Mapping[str, Mapping[str, Any]]
+    name: str
+    joint: int | str
+    family: str
+    level: Level
+    probability: float
+    nats: float
+    parameters: Mapping[str, Estimate]
+    alternatives: tuple[Alternative, ...]
+    rivals: tuple[Alternative, ...]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        candidate = self.named.member.candidate
-        return {
-            "name": candidate.name,
-            "joint": candidate.joint,
-            "class": candidate.family,
-            "level": self.named.level,
-            "probability": self.named.probability,
-            "parameters": {k: dict(v) for k, v in self.parameters.items()}
-            | {k: {"value": v, "ci95": None, "unit": ""} for k, v in candidate.fixed},
-            "rivals": [_alternative(r) for r in self.named.rivals],
-            "alternatives": [_alternative(a) for a in self.named.alternatives],
-            "nats": self.named.nats,
-        }
+    @classmethod
+    def of(cls, named: Named, numbers: Mapping[str, Estimate]) -> NamedEffect:
+        """Take over what was named.
 
-
-def _alternative(entry: Alternative) -> dict[str, Any]:
-    return {
-        "label": entry.label,
-        "name": entry.name,
-        "joint": entry.joint,
-        "class": entry.family,
-        "probability": entry.probability,
-    }
+        Parameters
+        ----------
+        named : Named
+            The effect.
+        numbers : mapping of str to Estimate
+            Of its parameters.
+        """
+        candidate = named.fit.candidate
+        fixed = {k: Estimate(v, None, "") for k, v in candidate.fixed}
+        return cls(
+            candidate.name,
+            candidate.joint,
+            candidate.family,
+            named.level,
+            named.probability,
+            named.nats,
+            {**numbers, **fixed},
+            named.alternatives,
+            named.rivals,
+        )
 
 
 @dataclass(frozen=True)
-class ChannelGap:
-    """Figures of one channel on the sealed part, with the two yardsticks."""
+class UnnamedEffect:
+    """What helped in the search but may not be named, and why: `reasons` are for people."""
 
-    channel: str
-    unit: str
-    figures: GapFigures
+    label: str
+    level: Level
+    probability: float
+    nats: float
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The level of the whole, and the effects that are named."""
+
+    level: Level
+    effects: tuple[NamedEffect, ...] = ()
+
+
+@dataclass(frozen=True)
+class GapFigures:
+    """One channel on the test set, in its unit; NaN for what does not exist.
+
+    Parameters
+    ----------
+    before, after, noise : float
+        Root mean squares of the residual without and with the effects, and of noise alone.
+    p95, largest : pairs of float
+        95th percentile and maximum of the absolute residual, before and after.
+    closed : float
+        1 - (after^2 - noise^2) / (before^2 - noise^2); NaN where there is no gap to close.
+    closed_ci95 : pair of float
+        Bootstrap over trajectories.
+    """
+
+    before: float
+    after: float
+    noise: float
+    p95: tuple[float, float]
+    largest: tuple[float, float]
+    closed: float
+    closed_ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ChannelGap(GapFigures):
+    """The same with the channel, and what a black box and a permutation control close (fractions)."""
+
+    channel: Channel
     black_box_ceiling: float
-    placebo: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        f = self.figures
-        return {
-            "before": f.before,
-            "after": f.after,
-            "noise": f.noise,
-            "unit": self.unit,
-            "closed": f.closed,
-            "closed_ci95": list(f.closed_ci95),
-            "black_box_ceiling": self.black_box_ceiling,
-            "placebo": self.placebo,
-            "p95": list(f.p95),
-            "max": list(f.largest),
-        }
+    permutation_control: float
 
 
 @dataclass(frozen=True)
@@ -98,31 +153,104 @@ class Experiment:
     Parameters
     ----------
     run : str
-        What to record.
+        What to record, for people; or which sensor to add, where no run is enough.
+    decisive : bool
+        Whether it is expected to tell them apart.
     separates : pair of str
         The two.
     expected_nats : float
-        Evidence it should bring after the rival was refitted.
+        Log Bayes factor that it should bring after the rival was refitted.
     minutes : float
         How long it takes.
-    plans : tuple of (Plan, float)
-        Desired paths, each with the factor on the controller's gains; none when a sensor is advised.
     """
 
     run: str
+    decisive: bool
     separates: tuple[str, str]
     expected_nats: float
     minutes: float
-    plans: tuple[tuple[Plan, float], ...] = ()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        return {
-            "run": self.run,
-            "separates": list(self.separates),
-            "expected_nats": self.expected_nats,
-            "minutes": self.minutes,
-        }
+
+@dataclass(frozen=True)
+class Burst:
+    """A channel in which something rare happens, far above its noise.
+
+    Parameters
+    ----------
+    channel : Channel
+        Which one.
+    trajectories : tuple of int
+        Numbers, as in the log, of those above the limit; never empty.
+    largest, noise : float
+        Largest residual there, and standard deviation of the noise, unit of the channel.
+    """
+
+    channel: Channel
+    trajectories: tuple[int, ...]
+    largest: float
+    noise: float
+
+
+@dataclass(frozen=True)
+class DataSource:
+    """A recording that was used: its name, its file's SHA-256 (empty for no file), and its rows."""
+
+    name: str
+    sha256: str
+    rows: int
+
+
+@dataclass(frozen=True)
+class DecisionThresholds:
+    """What evidence was held against: nats of a test and of an effect, and the probabilities of a name and a rival."""
+
+    localisation_nats: float
+    effect_nats: float
+    exact_probability: float
+    rival_probability: float
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a result comes from, and what had to be assumed.
+
+    Parameters
+    ----------
+    data : tuple of DataSource
+        Recordings.
+    seed : int
+        Of the split and of everything drawn.
+    versions : dict
+        Of this package, Python and the numerical libraries.
+    thresholds : DecisionThresholds
+        Of this run.
+    seconds : float
+        Time of the run.
+    noise : dict of str to ChannelNoise
+        By the channel's name.
+    tolerated : dict of str to float
+        What is put down to tolerances of a table, over each channel's noise.
+    bursts : tuple of Burst
+        Rare moments far above the noise, where nothing is named.
+    remarks : tuple of str
+        Assumptions, for people.
+    no_trace : tuple of str
+        Labels of candidates that leave no trace in these channels.
+    not_nameable : tuple of Lack
+        Effects that these data cannot show.
+    """
+
+    data: tuple[DataSource, ...]
+    seed: int
+    versions: Mapping[str, str]
+    thresholds: DecisionThresholds
+    seconds: float
+    noise: Mapping[str, ChannelNoise]
+    tolerated: Mapping[str, float]
+    bursts: tuple[Burst, ...]
+    remarks: tuple[str, ...]
+    no_trace: tuple[str, ...]
+    not_nameable: tuple[Lack, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +265,8 @@ class Evidence:
         Motor path and direction of travel of each joint.
     joint : (c,) tuple of int
         Column of the joint that each channel speaks of, -1 for none.
-    sealed : (m,) bool array
-        Rows of the sealed part.
+    test : (m,) bool array
+        Rows of the test set.
     correlation : (p, p) array
         Of the named effects' signatures and their rivals'.
     labels : tuple of str
@@ -152,102 +280,67 @@ class Evidence:
     motor: FloatArray
     direction: FloatArray
     joint: tuple[int, ...]
-    sealed: BoolArray
+    test: BoolArray
     correlation: FloatArray
     labels: tuple[str, ...]
     waterfall: tuple[Step, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Discrepancy:
+class DiscrepancyResult:
     """Outcome of a run.
 
     Parameters
     ----------
-    level : str
-        NONE, EXACT, CLASS, SET, UNKNOWN or INCONCLUSIVE.
-    effects : tuple of NamedEffect
-        Named ones.
-    unnamed : tuple of Named
+    verdict : Verdict
+        Level and named effects.
+    not_named : tuple of UnnamedEffect
         What helped in the search but may not be named.
     localisation : Localisation
-        Before any effect was added.
+        Where the nominal model and the recording disagree.
     remainder : Localisation or None
-        After; None when nothing was looked for.
+        The same with the named effects; None when nothing was looked for.
     gap : tuple of ChannelGap
-        Each channel on the sealed part.
+        Each channel on the test set.
     next_experiment : Experiment or None
-        What to record next.
+        What to record next; None when nothing is open.
+    provenance : Provenance
+        Data, seed, versions, thresholds, assumptions.
     model : Model
         With the named effects.
     evidence : Evidence
         For the figures.
-    provenance : dict
-        Data hashes, seed, versions, thresholds, seconds, remarks.
+    advised_plans : tuple of (Plan, float)
+        Desired paths of the next experiment, each with the factor on the controller's gains; none when a sensor is
+        advised, or when the result was read back.
+    read_back : bool
+        Whether the result is that of an earlier, finished run, read from its stages.
     """
 
-    level: Level
-    effects: tuple[NamedEffect, ...]
-    unnamed: tuple[Named, ...]
+    verdict: Verdict
+    not_named: tuple[UnnamedEffect, ...]
     localisation: Localisation
     remainder: Localisation | None
     gap: tuple[ChannelGap, ...]
     next_experiment: Experiment | None
+    provenance: Provenance
     model: Model
     evidence: Evidence
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    advised_plans: tuple[tuple[Plan, float], ...] = ()
+    read_back: bool = False
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the report's JSON form, numbers that do not exist as None."""
-        report: dict[str, Any] = _finite(
-            {
-                "verdict": {"level": self.level, "effects": [e.to_dict() for e in self.effects]},
-                "localisation": [_finding(f) for f in self.localisation.findings],
-                "gap": {g.channel: g.to_dict() for g in self.gap},
-                "next_experiment": None if self.next_experiment is None else self.next_experiment.to_dict(),
-                "provenance": {
-                    **self.provenance,
-                    "remainder": [] if self.remainder is None else [_finding(f) for f in self.remainder.findings],
-                    "equivalence": [
-                        {"channel": e.channel, "systematic_upper": e.upper, "limit": e.limit}
-                        for e in (self.remainder or self.localisation).equivalence
-                    ],
-                    "not_named": [
-                        {
-                            "label": n.member.candidate.label,
-                            "level": n.level,
-                            "probability": n.probability,
-                            "nats": n.nats,
-                            "why": list(n.reasons),
-                        }
-                        for n in self.unnamed
-                    ],
-                },
-            }
-        )
-        return report
+    @property
+    def level(self) -> Level:
+        """Of the verdict."""
+        return self.verdict.level
 
+    @property
+    def effects(self) -> tuple[NamedEffect, ...]:
+        """The named effects."""
+        return self.verdict.effects
 
-def _finding(finding: Finding) -> dict[str, Any]:
-    return {
-        "channel": finding.channel,
-        "variables": list(finding.variables),
-        "region": region_words(finding.region),
-        "bounds": [asdict(span) for span in finding.region],
-        "nats": finding.nats,
-        "size": finding.size,
-        "counts": finding.counts,
-    }
+    def to_report(self) -> dict[str, Any]:
+        """Return the content of report.json; numbers that do not exist are None."""
+        from gpcorrect.discrepancy.outcome.report import report_of  # it makes words of results: above this module
 
-
-def _finite(value: Any) -> Any:
-    """Replace what JSON cannot say."""
-    if isinstance(value, Mapping):
-        return {str(k): _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    if isinstance(value, np.generic | np.ndarray):
-        return _finite(value.tolist())
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
+        return report_of(self)

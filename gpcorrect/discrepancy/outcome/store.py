@@ -1,28 +1,46 @@
-"""A run's finished stages, kept in its folder as JSON and plain arrays, so that a killed run goes on."""
+"""A run's finished stages in a folder, as JSON and plain arrays, so that a killed run goes on."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import zipfile
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from gpcorrect.atomic import atomic_path
-from gpcorrect.discrepancy.outcome.result import Evidence
-from gpcorrect.discrepancy.search.state import Step
+from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
+from gpcorrect.discrepancy.outcome.result import DiscrepancyResult, Evidence
+from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
+from gpcorrect.discrepancy.search.state import Search, Step
+from gpcorrect.sim.model import model_from_dict
 
-__all__ = ["StageStore", "inputs_key"]
+__all__ = ["StageStore", "inputs_key", "load_or_name", "load_or_search"]
 
-ARRAYS = ("before", "after", "motor", "direction", "sealed", "correlation")
+ARRAYS = ("before", "after", "motor", "direction", "test", "correlation")
+APART = (
+    "model",
+    "evidence",
+    "advised_plans",
+    "read_back",
+)  # fields of a result with a form of their own, or without one
+Names = tuple[Search, tuple[Named, ...], tuple[Named, ...]]  # with the named effects only, those, and the others
 
 
 def inputs_key(*parts: object) -> str:
-    """Return the SHA-256 over what a run depends on: hashes of the data, the model, seed, versions."""
+    """Return the SHA-256 over what a run depends on.
+
+    Parameters
+    ----------
+    *parts : object
+        Hashes of the data, the model, seed, versions; each as its text.
+    """
     text = json.dumps([str(p) for p in parts])
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -43,18 +61,31 @@ class StageStore:
     key: str
 
     def load(self, stage: str) -> dict[str, Any] | None:
-        """Return what was saved of a stage; None when there is nothing, or it is of other inputs or damaged."""
+        """Return what was saved of a stage; None when there is nothing, or it is of other inputs or damaged.
+
+        Parameters
+        ----------
+        stage : str
+            Its name.
+        """
         try:
-            kept = json.loads((self.folder / f"{stage}.json").read_text(encoding="utf-8"))
+            stored = json.loads((self.folder / f"{stage}.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return None
-        if not isinstance(kept, dict) or kept.get("key") != self.key or not isinstance(kept.get("content"), dict):
+        if not isinstance(stored, dict) or stored.get("key") != self.key or not isinstance(stored.get("content"), dict):
             return None
-        content: dict[str, Any] = kept["content"]
+        content: dict[str, Any] = stored["content"]
         return content
 
     def save(self, stage: str, content: Mapping[str, Any]) -> None:
-        """Keep a stage: whole, or not at all.
+        """Store a stage: whole, or not at all.
+
+        Parameters
+        ----------
+        stage : str
+            Its name.
+        content : mapping
+            Plain values.
 
         Raises
         ------
@@ -66,23 +97,26 @@ class StageStore:
             path.write_text(json.dumps({"key": self.key, "content": content}), encoding="utf-8")
 
     def save_evidence(self, evidence: Evidence) -> None:
-        """Keep what the figures are drawn from."""
+        """Store what the figures are drawn from.
+
+        Parameters
+        ----------
+        evidence : Evidence
+            Of a run.
+        """
         self.folder.mkdir(parents=True, exist_ok=True)
-        texts = {
-            "joint": evidence.joint,
-            "labels": evidence.labels,
-            "waterfall": [asdict(s) for s in evidence.waterfall],
-        }
+        waterfall = [asdict(s) for s in evidence.waterfall]
+        header = {"key": self.key, "joint": evidence.joint, "labels": evidence.labels, "waterfall": waterfall}
         arrays = {name: getattr(evidence, name) for name in ARRAYS}
         with atomic_path(self.folder / "evidence.npz") as path:
-            np.savez_compressed(path, header=np.array(json.dumps({"key": self.key} | texts)), **arrays)
+            np.savez_compressed(path, header=np.array(json.dumps(header)), **arrays)
 
     def load_evidence(self) -> Evidence | None:
-        """Return what :meth:`save_evidence` kept; None when there is nothing, or it is of other inputs or damaged."""
+        """Return what :meth:`save_evidence` stored; None when there is nothing, or it is of other inputs or damaged."""
         try:
-            with np.load(self.folder / "evidence.npz", allow_pickle=False) as kept:
-                header = json.loads(str(kept["header"]))
-                arrays = {name: kept[name] for name in ARRAYS}
+            with np.load(self.folder / "evidence.npz", allow_pickle=False) as stored:
+                header = json.loads(str(stored["header"]))
+                arrays = {name: stored[name] for name in ARRAYS}
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             return None
         if header.get("key") != self.key:
@@ -94,3 +128,115 @@ class StageStore:
             labels=tuple(header["labels"]),
             waterfall=tuple(Step(s["label"], s["nats"]) for s in steps),
         )
+
+    def save_result(self, result: DiscrepancyResult) -> None:
+        """Store a finished run, all but the plans of the advised one.
+
+        Parameters
+        ----------
+        result : DiscrepancyResult
+            Of the run.
+        """
+        self.save_evidence(result.evidence)
+        content = {n: a.dump_python(getattr(result, n), mode="json") for n, a in _adapters().items()}
+        self.save("result", content | {"model": result.model.model_dump(mode="json", exclude_none=True)})
+
+    def load_result(self) -> DiscrepancyResult | None:
+        """Return what :meth:`save_result` stored; None when there is nothing, or it is of other inputs or damaged."""
+        content, evidence = self.load("result"), self.load_evidence()
+        if content is None or evidence is None:
+            return None
+        try:
+            values = {name: adapter.validate_python(content[name]) for name, adapter in _adapters().items()}
+        except (KeyError, ValidationError):
+            return None
+        return DiscrepancyResult(**values, model=model_from_dict(content["model"]), evidence=evidence, read_back=True)
+
+
+@cache
+def _adapters() -> dict[str, TypeAdapter[Any]]:
+    """Of every field of a result that is stored as plain values."""
+    hints = get_type_hints(DiscrepancyResult)
+    return {f.name: TypeAdapter(hints[f.name]) for f in fields(DiscrepancyResult) if f.name not in APART}
+
+
+def load_or_search(
+    state: Search, candidates: Sequence[Candidate], store: StageStore | None, run: Callable[[Search], Search]
+) -> Search:
+    """Return the state after a search, from the store where it was run before with the same inputs.
+
+    Parameters
+    ----------
+    state : Search
+        Where the search starts.
+    candidates : sequence of Candidate
+        All of them, always in the same order.
+    store : StageStore or None
+        None stores nothing.
+    run : callable
+        The search.
+    """
+    stored = None if store is None else store.load("search")
+    if stored is not None:
+        fitted = tuple(_fit_of(f, candidates) for f in stored["fitted"])
+        steps = tuple(Step(s["label"], s["nats"]) for s in stored["waterfall"])
+        return replace(state, fitted=fitted, waterfall=steps).refreshed()
+    done = run(state)
+    if store is not None:
+        fits = [_plain_fit(f, candidates) for f in done.fitted]
+        store.save("search", {"fitted": fits, "waterfall": [asdict(step) for step in done.waterfall]})
+    return done
+
+
+def load_or_name(
+    state: Search, candidates: Sequence[Candidate], store: StageStore | None, run: Callable[[Search], Names]
+) -> Names:
+    """Return what the naming makes of a finished search, from the store where it was run before with the same inputs.
+
+    Parameters
+    ----------
+    state, candidates, store
+        As for :func:`load_or_search`.
+    run : callable
+        The naming.
+    """
+    stored = None if store is None else store.load("naming")
+    if stored is not None:
+        named, dropped = (tuple(_named_of(n, candidates) for n in stored[part]) for part in ("named", "dropped"))
+        return replace(state, fitted=tuple(n.fit for n in named)), named, dropped
+    state, named, dropped = run(state)
+    if store is not None:
+        parts = {"named": named, "dropped": dropped}
+        store.save("naming", {part: [_plain_named(n, candidates) for n in names] for part, names in parts.items()})
+    return state, named, dropped
+
+
+def _plain_named(named: Named, candidates: Sequence[Candidate]) -> dict[str, Any]:
+    return {
+        "fit": _plain_fit(named.fit, candidates),
+        "level": named.level,
+        "probability": named.probability,
+        "nats": named.nats,
+        "alternatives": [asdict(a) for a in named.alternatives],
+        "reasons": list(named.reasons),
+    }
+
+
+def _named_of(stored: dict[str, Any], candidates: Sequence[Candidate]) -> Named:
+    return Named(
+        _fit_of(stored["fit"], candidates),
+        Level(stored["level"]),
+        stored["probability"],
+        stored["nats"],
+        tuple(Alternative(**{**a, "explanation": Explanation(a["explanation"])}) for a in stored["alternatives"]),
+        tuple(stored["reasons"]),
+    )
+
+
+def _plain_fit(fit: FittedEffect, candidates: Sequence[Candidate]) -> dict[str, Any]:
+    place = next(i for i, c in enumerate(candidates) if c is fit.candidate)
+    return {"candidate": place, "u": np.asarray(fit.u).tolist()}
+
+
+def _fit_of(stored: dict[str, Any], candidates: Sequence[Candidate]) -> FittedEffect:
+    return FittedEffect(candidates[stored["candidate"]], np.array(stored["u"]))

@@ -6,79 +6,122 @@ from collections.abc import Sequence, Set
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
-from gpcorrect.discrepancy.evidence.tolerated import MOST_TOLERATED, tolerated
-from gpcorrect.discrepancy.naming.named import Named
+from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.weigh import smooth_nats, view_of
-from gpcorrect.discrepancy.outcome.result import Level, NamedEffect
-from gpcorrect.discrepancy.search.candidates import Member
-from gpcorrect.discrepancy.search.laid import Laid
+from gpcorrect.discrepancy.outcome.result import Burst, NamedEffect
+from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.recording.dataset import Dataset
+from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.search.candidates import FittedEffect
+from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search, penalty
 
-__all__ = ["PLAIN", "SAID", "is_plain", "verdict"]
+__all__ = ["MOST_TOLERATED", "bursts_of", "is_plain", "verdict_level"]
 
-ORDER: tuple[Level, ...] = ("EXACT", "CLASS", "SET")
-PLAIN = 3.0  # thresholds of the luckiest test
-SAID = 0.5  # of a finding's nats: what an effect that was not named may have gained, and the finding stay unexplained
+BURST = 3.0  # noise levels
+MOST_TOLERATED = 0.5  # of the noise: more of it put down to tolerances may hide what is missing
+PLAIN = 3.0  # thresholds of the largest of all tests in noise
+EXPLAINED = 0.5  # of a finding's nats: what an unnamed effect may have gained, and the finding stay unexplained
+SURENESS = (Level.EXACT, Level.CLASS, Level.SET)
 
 
-def verdict(
-    laid: Laid,
+def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise]) -> tuple[Burst, ...]:
+    """Return channels that are far above their noise in one of the parts: too rare for a name, too large for NONE.
+
+    The test set counts as well: nothing is fitted to it, and "nothing is missing" must hold there too.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Recording and simulator.
+    noises : sequence of ChannelNoise
+        Of each channel.
+    """
+    residual, part = dataset.residual(), dataset.part
+    first = np.unique(dataset.group[dataset.group >= 0], return_index=True)[1]
+    trajectory = dataset.scene.trajectory[np.flatnonzero(dataset.group >= 0)[first]]
+    found = []
+    for channel, column, noise in zip(dataset.scene.channels, residual.T, noises, strict=True):
+        limit = BURST * noise.std
+        if all(_rms(column[part == p]) <= limit for p in np.unique(part)):
+            continue
+        size = {int(t): _rms(column[trajectory == t]) for t in np.unique(trajectory)}
+        above = [t for t, rms in size.items() if rms > limit] or [max(size, key=lambda t: size[t])]
+        found.append(Burst(channel, tuple(above), float(np.nanmax(np.abs(column))), noise.std))
+    return tuple(found)
+
+
+def _rms(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
+
+
+def verdict_level(
+    prepared: PreparedData,
     state: Search,
     before: Localisation,
     effects: Sequence[NamedEffect],
-    members: Sequence[Member],
+    fitted: Sequence[FittedEffect],
     dropped: Sequence[Named],
 ) -> Level:
     """Return what a run comes to.
 
     Parameters
     ----------
-    laid : Laid
+    prepared : PreparedData
         The recording.
     state : Search
-        Settled.
+        After the naming.
     before : Localisation
         Of the nominal model's residual.
     effects : sequence of NamedEffect
         Those that may be named, effects on noise too.
-    members : sequence of Member
-        Of those that change a mean, with their final numbers.
+    fitted : sequence of FittedEffect
+        Those of them that change a mean, with their final numbers.
     dropped : sequence of Named
         What was looked at and may not be named.
     """
     if not before.something and not effects:
-        return "NONE" if before.nothing and _all_told(state) else "INCONCLUSIVE"
-    if effects and (members or not before.something):
+        return Level.NONE if before.nothing and _nothing_hides(state) else Level.INCONCLUSIVE
+    if effects and (fitted or not before.something):
         return _least_sure(effects)
-    joints = {e.named.member.candidate.joint for e in effects}  # of effects on noise, which say what is odd there
-    elsewhere = np.array([c.joint not in joints for c in laid.bench.scene.channels])
-    left = smooth_nats(view_of(state, laid.tests, laid.inputs), members, elsewhere)
-    names = {c.name for c, other in zip(laid.bench.scene.channels, elsewhere, strict=True) if other}
-    if left > penalty(max(state.n_kinds, 1)) or is_plain(before, names, dropped):
-        return "UNKNOWN"
-    return _least_sure(effects) if effects else "INCONCLUSIVE"
+    joints = {e.joint for e in effects}  # of effects on noise, which say what is odd there
+    elsewhere = np.array([c.joint not in joints for c in prepared.dataset.scene.channels])
+    left = smooth_nats(view_of(state, prepared.tests, prepared.inputs), fitted, elsewhere)
+    channels = {c for c, other in zip(prepared.dataset.scene.channels, elsewhere, strict=True) if other}
+    if left > penalty(max(state.n_kinds, 1)) or is_plain(before, channels, dropped):
+        return Level.UNKNOWN
+    return _least_sure(effects) if effects else Level.INCONCLUSIVE
 
 
-def _all_told(state: Search) -> bool:
+def _nothing_hides(state: Search) -> bool:
     """Whether neither rare moments nor the tolerance of the arm's table can hide what is missing."""
-    bench, noises = state.bench, state.lens.noises
-    small = all(share <= MOST_TOLERATED for share in tolerated(bench, noises).values())
-    return small and not bursts_of(bench, noises)
+    dataset, noises = state.dataset, state.whitener.noises
+    small = all(fraction <= MOST_TOLERATED for fraction in dataset.tolerated(noises).values())
+    return small and not bursts_of(dataset, noises)
 
 
-def is_plain(before: Localisation, channels: Set[str], dropped: Sequence[Named]) -> bool:
-    """Whether one of these channels plainly differs, as far as it matters, and the catalogue has hardly a word for it.
+def is_plain(before: Localisation, channels: Set[Channel], dropped: Sequence[Named]) -> bool:
+    """Return whether a channel differs beyond doubt, as far as it matters, and the catalogue explains hardly any of it.
 
     The smooth model may miss what comes and goes: small tests see it all the same. Effects that were dropped because
-    they are but a part of something else are no word for it.
+    they are but a part of something else explain nothing.
+
+    Parameters
+    ----------
+    before : Localisation
+        Of the nominal model's residual.
+    channels : set of Channel
+        Those that may count.
+    dropped : sequence of Named
+        What was looked at and may not be named.
     """
     matters = {e.channel for e in before.equivalence if not e.shown}
     found = [f.nats for f in before.findings if f.counts and f.channel in channels & matters]
-    said = max((n.nats for n in dropped if n.level != "UNKNOWN"), default=0.0)
-    return max(found, default=0.0) > max(PLAIN * before.threshold, said / SAID)
+    explained = max((n.nats for n in dropped if n.level != Level.UNKNOWN), default=0.0)
+    return max(found, default=0.0) > max(PLAIN * before.threshold, explained / EXPLAINED)
 
 
 def _least_sure(effects: Sequence[NamedEffect]) -> Level:
-    return ORDER[max(ORDER.index(e.named.level) for e in effects)]  # kept effects have one of these
+    return SURENESS[max(SURENESS.index(e.level) for e in effects)]  # named effects have one of these

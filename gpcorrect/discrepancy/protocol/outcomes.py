@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gpcorrect.discrepancy.outcome.report import gaps_of_report
 from gpcorrect.discrepancy.outcome.words import closed_by
 
 __all__ = ["NO_NAME", "CaseOutcome", "case_outcome"]
@@ -37,7 +38,7 @@ class CaseOutcome:
     covered : tuple of bool
         For every comparable parameter of the rightly named: whether its 95 % interval holds the truth.
     closed : float or None
-        Share of the gap closed where it was largest.
+        Proportion of the gap closed where it was largest.
     seconds : float
         Time of the run.
     """
@@ -84,7 +85,7 @@ def case_outcome(name: str, label: Mapping[str, Any], report: Mapping[str, Any])
     false = [e for e in named if not _possible(e) & allowed]
     single = [e for e in named if e["level"] == "EXACT"]
     answers = tuple(_answer(e, named, false, report["verdict"]["level"]) for e in label["effects"] or [{}])
-    closed = closed_by(report, label["effects"][0]["joint"] if label["effects"] else None)
+    closed = closed_by(gaps_of_report(report), label["effects"][0]["joint"] if label["effects"] else None)
     return CaseOutcome(
         name=name,
         group=label["set"],
@@ -95,7 +96,7 @@ def case_outcome(name: str, label: Mapping[str, Any], report: Mapping[str, Any])
         unknown=report["verdict"]["level"] == "UNKNOWN" and not false,
         probabilities=tuple((float(e["probability"]), _key(_flat(e)) in allowed) for e in single),
         covered=_covered(label["effects"], single),
-        closed=None if closed is None else closed.share,
+        closed=None if closed is None else closed.fraction,
         seconds=float(report["provenance"]["seconds"]),
     )
 

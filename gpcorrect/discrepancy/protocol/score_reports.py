@@ -15,16 +15,16 @@ from scipy.stats import binomtest
 from gpcorrect.discrepancy.protocol.outcomes import NO_NAME, CaseOutcome, case_outcome
 from gpcorrect.errors import DataError
 
-__all__ = ["Score", "Share", "Target", "read_labels", "read_reports", "score_cases", "score_reports"]
+__all__ = ["Proportion", "Score", "Target", "read_labels", "read_reports", "score_cases", "score_reports", "score_text"]
 
 EXACT_TARGETS = {2.0: 0.97, 1.0: 0.95, 0.5: 0.90, 0.25: 0.70}  # of single effects, by effect to noise
-DETECTED = 0.7  # share of exact names from which on an effect counts as detected
+DETECTED = 0.7  # fraction of exact names from which on an effect counts as detected
 SURE = (0.90, 0.95)  # posterior bin whose names are checked
 SECONDS = 120.0
 
 
 @dataclass(frozen=True)
-class Share:
+class Proportion:
     """k of n with the 95 % Wilson interval; NaN for none."""
 
     k: int
@@ -57,7 +57,7 @@ class Target:
     value : float
         Measured.
     interval : pair of float
-        95 % Wilson interval of a share, else NaN.
+        95 % Wilson interval of a fraction, else NaN.
     low, high : float
         Range that was asked for.
     """
@@ -218,8 +218,8 @@ def _rows(part: Sequence[CaseOutcome], words: str, measures: Sequence[Measure]) 
 
 
 def _row(what: str, hits: Sequence[bool], low: float, high: float) -> Target:
-    share = Share(sum(hits), len(hits))
-    return Target(what, share.n, share.value, share.interval, low, high)
+    fraction = Proportion(sum(hits), len(hits))
+    return Target(what, fraction.n, fraction.value, fraction.interval, low, high)
 
 
 def _honesty(outcomes: Sequence[CaseOutcome]) -> list[Target]:
@@ -302,3 +302,52 @@ def _limits(outcomes: Sequence[CaseOutcome]) -> dict[str, float | None]:
             limit = ratio
         limits[name] = limit
     return limits
+
+
+def score_text(score: Score) -> str:
+    """Return target table, confusion matrix and detection limits as text with aligned columns."""
+    parts = [_table([["target", "n", "measured", "95 % interval", "asked for", "met"], *map(_target, score.targets)])]
+    if score.confusion:
+        columns = list(next(iter(score.confusion.values())))
+        used = [c for c in columns if c in NO_NAME or any(row[c] for row in score.confusion.values())]
+        rows = [[truth, *(str(row[c] or ".") for c in used)] for truth, row in score.confusion.items()]
+        parts.append(_table([["truth \\ answer", *used], *rows]))
+    if score.limits:
+        rows = [[name, "not reached" if limit is None else f"{limit:g}"] for name, limit in score.limits.items()]
+        parts.append(_table([["effect", "named from effect/noise"], *rows]))
+    if score.missing:
+        parts.append(f"{len(score.missing)} labels have no report: {', '.join(score.missing)}")
+    return "\n\n".join(parts)
+
+
+def _target(target: Target) -> list[str]:
+    fraction = np.isfinite(target.interval[0])
+    value = f"{100 * target.value:.1f} %" if fraction else f"{target.value:.3g}"
+    interval = " to ".join(f"{100 * end:.1f}" for end in target.interval) if fraction else ""
+    return [
+        target.what,
+        str(target.n),
+        value,
+        interval,
+        _asked(target, fraction=bool(fraction)),
+        "yes" if target.met else "no",
+    ]
+
+
+def _asked(target: Target, *, fraction: bool) -> str:
+    low, high = (f"{100 * v:g} %" if fraction else f"{v:g}" for v in (target.low, target.high))
+    unbounded = target.high == 1.0 if fraction else np.isinf(target.high)
+    if target.low == 0.0:
+        return "" if unbounded else f"at most {high}"
+    return f"at least {low}" if unbounded else f"{low} to {high}"
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = [
+        "  ".join(
+            cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    ]
+    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])

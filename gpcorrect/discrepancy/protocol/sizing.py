@@ -139,6 +139,6 @@ def _at(candidate: Candidate, shape: FloatArray, sign: FloatArray, factor: float
         u[i] = base + factor * sign[i] * (candidate.start[i] - base)
     if not candidate.amplitudes:  # its size is a number on a logarithmic scale, such as the radius of a play
         u[0] += np.log(factor)
-    low, high = np.array([c.bounds for c in candidate.coordinates]).T
+    low, high = candidate.bounds
     clipped: FloatArray = np.clip(u, low, high)
     return clipped

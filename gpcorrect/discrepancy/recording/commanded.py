@@ -22,7 +22,7 @@ STEP = 0.3  # rad, and LENGTH times that in m: longest Newton step
 DAMPING = 1e-9  # of the squared Jacobian: only keeps singular poses finite
 REACHED = 2e-5  # rad, and LENGTH times that in m: a pose written down to a micrometre is nearer
 SOLVED = 1e-11  # rad, and LENGTH times that in m: no further step is made
-FEW = 0.01  # share of the poses that may be out of reach: faults of the recording
+FEW = 0.01  # fraction of the poses that may be out of reach: faults of the recording
 
 
 def with_joint_paths(log: CalibrationLog, body: Body) -> tuple[CalibrationLog, tuple[str, ...]]:

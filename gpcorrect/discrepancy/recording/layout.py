@@ -42,7 +42,7 @@ class Layout:
 
     @cached_property
     def _cell_of_row(self) -> IntArray:
-        """Where each row up to the last one laid out stands in the flat grid; -1 for nowhere."""
+        """Where each row up to the last one prepared out stands in the flat grid; -1 for nowhere."""
         cell = np.full(int(self.rows.max(initial=-1)) + 1, -1)
         cell[self.rows[self.valid]] = np.flatnonzero(self.valid)
         return cell

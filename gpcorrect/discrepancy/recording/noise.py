@@ -6,6 +6,7 @@ White plus slowly varying (first-order autoregressive) noise with heavy tails, i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from numba import njit
@@ -14,19 +15,27 @@ from scipy.stats import t as student
 
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["ChannelNoise", "Whitener", "estimate_noise", "outliers", "standard_draws", "whiten"]
+__all__ = ["ChannelNoise", "NoiseSource", "Whitener", "estimate_noise", "outliers", "standard_draws", "whiten"]
 
-HOLDS = "holds"
 MIN_PAIRS = 200  # of samples in holds, without which the whole recording is used
 LONGEST_LAG = 0.8  # s; beyond, motion and noise can no longer be told apart
 CORRELATION_TIMES = np.geomspace(0.02, 0.5, 20)  # s; longer ones would take motion effects for noise
 LIKELY_TAIL = 8.0  # degrees of freedom, between normal noise and the heavy tails of sensors
 NORMAL_MAD = 0.6744897501960817
 TAILS = (3.0, 4.0, 6.0, 10.0, np.inf)
-MANY, BULK = 0.2, 0.99  # share of unchanged samples from which on a sensor rounds, and the share that is no fault
+MANY, BULK = 0.2, 0.99  # fraction of unchanged samples from which on a sensor rounds, and the fraction that is no fault
 SPIKE = 6.0  # robust standard deviations from the running median
 LONGEST_SPIKE = 2  # samples in a row that a sensor's fault may last
 SPIKE_REACH = 3  # samples on either side
+
+
+class NoiseSource(Enum):
+    """What a channel's noise is taken from."""
+
+    STATED = "the [noise] table of the model"
+    HOLDS = "holds of the recording"
+    SHORT_LAGS = "changes of the residual over short lags"
+    TOO_FEW = "too few samples: the smallest noise is assumed"
 
 
 @dataclass(frozen=True)
@@ -43,15 +52,21 @@ class ChannelNoise:
         Its correlation time, s.
     tail : float
         Degrees of freedom of Student's t that the whitened noise follows; infinite is normal.
-    basis : str
-        What it was estimated from.
+    source : NoiseSource
+        What it was taken from.
+    rounding_step : float or None
+        Step in which the channel is written down, where that makes the noise.
+    times_stated : float or None
+        How many times what the model states it is, where the recording is believed against it.
     """
 
     white: float
     slow: float
     time_constant: float
     tail: float = float("inf")
-    basis: str = "stated"
+    source: NoiseSource = NoiseSource.STATED
+    rounding_step: float | None = None
+    times_stated: float | None = None
 
     @property
     def std(self) -> float:
@@ -85,18 +100,18 @@ def estimate_noise(
     usable = np.isfinite(residual) & (block >= 0)
     holds = _hold_labels(block, still & usable)
     if (holds >= 0).sum() >= MIN_PAIRS:
-        label, basis = holds, HOLDS
+        label, source = holds, NoiseSource.HOLDS
     else:
-        label, basis = np.where(usable, block, -1), "changes over short lags (assumes that motion effects are smoother)"
+        label, source = np.where(usable, block, -1), NoiseSource.SHORT_LAGS
     lags, halves = _structure(time, residual, label)
     if len(lags) == 0:
-        return ChannelNoise(floor, 0.0, 1.0, basis="too few samples; the smallest noise is assumed")
+        return ChannelNoise(floor, 0.0, 1.0, source=NoiseSource.TOO_FEW)
     white, slow, time_constant = _fit_structure(lags, halves, floor)
-    if basis == HOLDS:
+    if source == NoiseSource.HOLDS:
         white, slow, time_constant = _most_likely(time, residual, holds, (white, slow, time_constant), floor)
-    core = ChannelNoise(max(white, floor), slow, time_constant, basis=basis)
+    core = ChannelNoise(max(white, floor), slow, time_constant, source=source)
     z = whiten(core, time, label, residual[:, None])[:, 0]
-    return ChannelNoise(core.white, slow, time_constant, _tail(z[np.isfinite(z)]), basis)
+    return ChannelNoise(core.white, slow, time_constant, _tail(z[np.isfinite(z)]), source)
 
 
 def _hold_labels(block: IntArray, still: BoolArray) -> IntArray:

@@ -15,7 +15,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 __all__ = ["NOT_USED", "Parts", "Split", "split_rows"]
 
 NOT_USED = -1
-SHARES = (0.6, 0.2, 0.2)
+FRACTIONS = (0.6, 0.2, 0.2)
 MIN_UNITS = 10  # fewer whole trajectories are cut into blocks
 MIN_SESSIONS = 3
 OPENING = 0.2  # of a session's trajectories
@@ -38,7 +38,7 @@ class Parts:
         return np.asarray(self.part == 1)
 
     @property
-    def sealed(self) -> BoolArray:
+    def test(self) -> BoolArray:
         """(n,) rows that only the final figures see."""
         return np.asarray(self.part == 2)
 
@@ -62,7 +62,7 @@ class Split(Parts):
     remark: str
 
     @property
-    def seen(self) -> BoolArray:
+    def training(self) -> BoolArray:
         """(n,) rows of discovery and confirmation."""
         return np.asarray((self.part == 0) | (self.part == 1))
 
@@ -125,8 +125,8 @@ def _openings(block: IntArray, session: IntArray) -> BoolArray:
 
 def _dealt(n: int, rng: np.random.Generator) -> IntArray:
     """Part of each of n units in a random order, none of the parts empty."""
-    n_sealed = max(1, round(SHARES[2] * n))
-    n_confirmation = max(1, round(SHARES[1] * n))
+    n_sealed = max(1, round(FRACTIONS[2] * n))
+    n_confirmation = max(1, round(FRACTIONS[1] * n))
     parts = np.zeros(n, dtype=np.int64)
     parts[:n_sealed] = 2
     parts[n_sealed : n_sealed + n_confirmation] = 1

@@ -12,15 +12,124 @@ from typing import Any
 import numpy as np
 
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.search.coordinates import Coordinate, coordinate_of
-from gpcorrect.discrepancy.search.watch import watched
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Candidate as Shape
-from gpcorrect.sim.effects import Effect, Family, Scope
+from gpcorrect.sim.effects import Effect, Family, Parameter, Scope
 from gpcorrect.sim.effects import candidates as shapes
 from gpcorrect.types import FloatArray
 
-__all__ = ["Candidate", "Member", "all_candidates"]
+__all__ = [
+    "WATCHED",
+    "Candidate",
+    "Coordinate",
+    "Estimate",
+    "FittedEffect",
+    "all_candidates",
+    "coordinate_of",
+    "watched",
+]
+
+WIDEST = np.log(1e4)  # of a shape parameter's logarithm around its typical value
+PRIOR_LOG = np.log(3.0)
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """How one parameter is stretched.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        From the effect's description.
+    kind : str
+        "scaled" (in units of the typical value), "inverse" (typical over value, for stiffness-like amplitudes) or
+        "log".
+    typical, low, high : float
+        From its range on this type of joint.
+    unit : str
+        Of the parameter.
+    amplitude : bool
+        Whether the effect grows with it.
+    """
+
+    parameter: Parameter
+    kind: str
+    typical: float
+    low: float
+    high: float
+    unit: str
+    amplitude: bool
+
+    @property
+    def identity(self) -> float:
+        """Coordinate at which the effect does nothing."""
+        if self.kind == "log":
+            return -np.inf
+        return 0.0 if self.kind == "inverse" else self.parameter.identity / self.typical
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of the coordinate."""
+        if self.kind == "inverse":
+            return self.typical / self.high, self.typical / self.low
+        if self.kind == "log":
+            low = np.log(max(self.low, 1e-300) / self.typical)
+            return max(low, -WIDEST), min(np.log(self.high / self.typical), WIDEST)
+        return self.low / self.typical, self.high / self.typical
+
+    def value(self, u: float) -> float:
+        """Parameter at a coordinate."""
+        if self.kind == "inverse":
+            return self.typical / u if u > 0 else float("inf")
+        if self.kind == "log":
+            return float(self.typical * np.exp(u))
+        return self.typical * u
+
+    def coordinate(self, value: float) -> float:
+        """Coordinate of a parameter's value."""
+        if self.kind == "inverse":
+            return self.typical / value
+        if self.kind == "log":
+            return float(np.log(max(value, 1e-300) / self.typical))
+        return value / self.typical
+
+    def prior_residual(self, u: float) -> float:
+        """Return standard score of a shape parameter under its prior; amplitudes are left free."""
+        free = self.amplitude or self.kind != "log" or self.parameter.change_point
+        return 0.0 if free else u / PRIOR_LOG
+
+
+def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> Coordinate:
+    """Choose the coordinate of a parameter on a joint of this type."""
+    span = parameter.range(joint_type)
+    if np.isinf(parameter.identity):
+        kind = "inverse"
+    elif parameter.positive and not amplitude and span.typical > 0:
+        kind = "log"
+    else:
+        kind = "scaled"
+    return Coordinate(parameter, kind, span.typical or 1.0, span.low, span.high, span.unit, amplitude)
+
+
+WATCHED = 2  # motions before and after: one alone may be odd for a reason of its own
+
+
+def watched(scene: Scene, session: int) -> tuple[float, float]:
+    """Session time from the end of the first motions to the start of the last ones, s; inf, -inf for too few.
+
+    Parameters
+    ----------
+    scene : Scene
+        The recording.
+    session : int
+        Index of the session, from 0.
+    """
+    here, time = scene.session == session, scene.layout.gather(scene.motion.time, len(scene))
+    motions = [time[here & (scene.trajectory == t)] for t in np.unique(scene.trajectory[here])]
+    if len(motions) < 2 * WATCHED:
+        return np.inf, -np.inf
+    return sorted(float(m.max()) for m in motions)[WATCHED - 1], sorted(float(m.min()) for m in motions)[-WATCHED]
+
 
 EDGE = 0.01  # of a bound
 
@@ -67,7 +176,7 @@ class Candidate:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """What it is, whatever its numbers: two members of a set with one key are one."""
+        """What it is, whatever its numbers: two fitted of a set with one key are one."""
         return (self.name, self.joint, self.fixed)
 
     def called_like(self, other: Candidate) -> bool:
@@ -90,6 +199,12 @@ class Candidate:
     def sizes(self) -> tuple[int, ...]:
         """Indices of the coordinates that say how large it is."""
         return self.amplitudes or (0,)
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds of the coordinates."""
+        low, high = np.array([c.bounds for c in self.coordinates]).T
+        return low, high
 
     def single(self, index: int) -> FloatArray:
         """Start, with every amplitude but one at what does nothing."""
@@ -116,13 +231,13 @@ class Candidate:
         for i, factor in zip(self.amplitudes, factors, strict=False):
             base = self.coordinates[i].identity
             u[i] = base + factor * (u[i] - base)
-        low, high = np.array([c.bounds for c in self.coordinates]).T
+        low, high = self.bounds
         clipped: FloatArray = np.clip(u, low, high)
         return clipped
 
 
 @dataclass(frozen=True, eq=False)
-class Member:
+class FittedEffect:
     """A candidate with its numbers."""
 
     candidate: Candidate
@@ -133,14 +248,14 @@ class Member:
         """The effect."""
         return self.candidate.build(self.u)
 
-    def canonical(self) -> Member:
+    def canonical(self) -> FittedEffect:
         """Return the same effect with its numbers in the one way to write them."""
         effect = self.effect.canonical()
         if effect == self.effect or len(self.candidate.counts) != len(self.u):
             return self
         names = [p.name for p in self.candidate.kind.about.parameters]
         pairs = zip(self.candidate.coordinates, names, strict=True)
-        return Member(self.candidate, np.array([c.coordinate(float(getattr(effect, n))) for c, n in pairs]))
+        return FittedEffect(self.candidate, np.array([c.coordinate(float(getattr(effect, n))) for c, n in pairs]))
 
     @property
     def at_edge(self) -> tuple[str, ...]:
@@ -243,22 +358,49 @@ def _is_possible(candidate: Candidate) -> bool:
     return True
 
 
-def describe(member: Member, half_widths: Mapping[int, float]) -> dict[str, dict[str, Any]]:
-    """Parameters with value, 95 % interval and unit; `half_widths` of the coordinates."""
-    result: dict[str, dict[str, Any]] = {}
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter's value, 95 % interval and unit; one of each a session where it has one a session.
+
+    Parameters
+    ----------
+    value : float, tuple of float, int or str
+        SI; an int or a str for a field that is no number to estimate.
+    ci95 : pair of float, tuple of pairs, or None
+        None where nothing was estimated.
+    unit : str
+        Empty where there is none.
+    """
+
+    value: float | int | str | tuple[float, ...]
+    ci95: tuple[float, float] | tuple[tuple[float, float], ...] | None
+    unit: str
+
+
+def describe(fit: FittedEffect, half_widths: Mapping[int, float]) -> dict[str, Estimate]:
+    """Return the estimates of an effect's parameters.
+
+    Parameters
+    ----------
+    fit : FittedEffect
+        The effect with its numbers.
+    half_widths : mapping of int to float
+        Of the 95 % intervals of its coordinates.
+    """
+    result: dict[str, Estimate] = {}
     position = 0
-    candidate = member.candidate
+    candidate = fit.candidate
     for parameter, count in zip(candidate.kind.about.parameters, candidate.counts, strict=True):
         entries = []
         for i in range(position, position + count):
-            c, u, half = candidate.coordinates[i], float(member.u[i]), half_widths.get(i, np.inf)
+            c, u, half = candidate.coordinates[i], float(fit.u[i]), half_widths.get(i, np.inf)
             low, high = c.bounds
-            ends = sorted((c.value(float(np.clip(u - half, low, high))), c.value(float(np.clip(u + half, low, high)))))
-            entries.append((c.value(u), ends, c.unit))
+            first, last = sorted(c.value(float(np.clip(u + side * half, low, high))) for side in (-1.0, 1.0))
+            entries.append((c.value(u), (first, last), c.unit))
         position += count
         if count == 1:
-            result[parameter.name] = {"value": entries[0][0], "ci95": entries[0][1], "unit": entries[0][2]}
+            result[parameter.name] = Estimate(*entries[0])
         elif count > 1:
-            values, ends_of, units = zip(*entries, strict=True)
-            result[parameter.name] = {"value": list(values), "ci95": list(ends_of), "unit": units[0]}
+            values, intervals, units = zip(*entries, strict=True)
+            result[parameter.name] = Estimate(values, intervals, units[0])
     return result

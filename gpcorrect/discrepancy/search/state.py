@@ -1,24 +1,45 @@
-"""Where a search stands: data, the lens, what can be named, and what was found."""
+"""Where a search stands: the whitened data, the candidates' signatures, and the effects fitted so far."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.lens import Lens, estimate_noises, lens_on
-from gpcorrect.discrepancy.recording.bench import Bench
-from gpcorrect.discrepancy.search.candidates import Candidate, Member
-from gpcorrect.discrepancy.search.traces import Trace, traces_of
-from gpcorrect.discrepancy.search.trial import Trial, refine, try_set
+from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, estimate_noises, whitener_on
+from gpcorrect.discrepancy.recording.dataset import Dataset
+from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
+from gpcorrect.discrepancy.search.linearisation import Linearisation, linearise, refine, signature
+from gpcorrect.parallel import each
 from gpcorrect.types import BoolArray, FloatArray, Progress
 
-__all__ = ["COMPLEXITY", "Search", "Step", "penalty", "start_search"]
+__all__ = ["COMPLEXITY", "Search", "Step", "Trace", "penalty", "start_search"]
 
-PRIOR = 0.01  # probability that any effect at all is added, before its share among the candidates
+TRACE = 0.02  # of the noise: a signature below leaves none
+PRIOR = 0.01  # probability that any effect at all is added, before it is divided among the candidates
 COMPLEXITY = 4.0  # nats that each parameter beyond an effect's first must bring: limits of one effect are not another
-FREE_TOGETHER = 8  # members that are refitted with a new one
+FREE_TOGETHER = 8  # effects that are refitted with a new one
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A candidate's signature.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        At its start.
+    change : (m, c, a) array
+        Of the condensed channels, a column for each amplitude.
+    touched : (c,) bool array
+        Channels in which it is more than a fiftieth of the noise.
+    """
+
+    candidate: Candidate
+    change: FloatArray
+    touched: BoolArray
 
 
 @dataclass(frozen=True)
@@ -35,94 +56,172 @@ class Search:
 
     Parameters
     ----------
-    bench : Bench
-        Data.
-    lens : Lens
-        How the discovery part is seen now.
-    observed : (m, c) array
-        Measured channels, condensed.
+    whitener : DatasetWhitener
+        Data, and how the discovery part is whitened now.
     traces : tuple of Trace
         Of the candidates that leave one in the nominal machine.
-    members : tuple of Member
+    fitted : tuple of FittedEffect
         What was found so far.
-    silent : tuple of str
-        Labels of candidates that leave no trace in these channels.
+    without_trace : tuple of Candidate
+        One of each label whose candidates leave no trace in these channels.
     waterfall : tuple of Step
         Steps taken.
     """
 
-    bench: Bench
-    lens: Lens
-    observed: FloatArray
+    whitener: DatasetWhitener
     traces: tuple[Trace, ...]
-    members: tuple[Member, ...] = ()
-    silent: tuple[str, ...] = ()
+    fitted: tuple[FittedEffect, ...] = ()
+    without_trace: tuple[Candidate, ...] = ()
     waterfall: tuple[Step, ...] = ()
+
+    @property
+    def dataset(self) -> Dataset:
+        """The condensed recording."""
+        return self.whitener.dataset
 
     @property
     def n_kinds(self) -> int:
         """Number of different things that could be named."""
         return len({t.candidate.key for t in self.traces})
 
-    def residual(self, members: Sequence[Member]) -> FloatArray:
-        """Measured minus simulated `(m, c)` with a set."""
-        return self.observed - self.bench.predict([m.effect for m in members])
+    def residual(self, fitted: Sequence[FittedEffect]) -> FloatArray:
+        """Return measured minus simulated `(m, c)`.
+
+        Parameters
+        ----------
+        fitted : sequence of FittedEffect
+            Set that is simulated.
+        """
+        return self.dataset.observed - self.dataset.predict([f.effect for f in fitted])
 
     def touched(self, candidate: Candidate) -> BoolArray:
-        """Mask `(c,)` of the channels in which a candidate leaves a trace."""
+        """Return the mask `(c,)` of the channels in which a candidate leaves a trace.
+
+        Parameters
+        ----------
+        candidate : Candidate
+            Whatever its numbers.
+        """
         for trace in self.traces:
             if trace.candidate.key == candidate.key:
                 return trace.touched
-        return np.ones(len(self.lens.noises), dtype=np.bool_)
+        return np.ones(len(self.whitener.noises), dtype=np.bool_)
 
     def alike(self, a: Candidate, b: Candidate) -> bool:
-        """Whether two candidates show in a common channel."""
+        """Return whether two candidates show in a common channel.
+
+        Parameters
+        ----------
+        a, b : Candidate
+            The two.
+        """
         return bool((self.touched(a) & self.touched(b)).any())
 
-    def parted(self, members: Sequence[Member], candidate: Candidate) -> tuple[list[Member], list[Member]]:
-        """Members that show in no channel of a candidate, and those that do (the latest ones, when there are many)."""
-        near = [m for m in members if self.alike(m.candidate, candidate)][-FREE_TOGETHER:]
-        return [m for m in members if not any(m is n for n in near)], near
+    def parted(
+        self, fitted: Sequence[FittedEffect], candidate: Candidate
+    ) -> tuple[list[FittedEffect], list[FittedEffect]]:
+        """Return the effects that show in no channel of a candidate, and those that do (the latest, where many do).
 
-    def trial(self, members: Sequence[Member], candidate: Candidate) -> Trial:
-        """Return the set with tangents of those members that show in a candidate's channels."""
-        fixed, near = self.parted(members, candidate)
-        return try_set(self.bench, self.lens, self.observed, near, fixed)
+        Parameters
+        ----------
+        fitted : sequence of FittedEffect
+            To part.
+        candidate : Candidate
+            In whose channels.
+        """
+        near = [f for f in fitted if self.alike(f.candidate, candidate)][-FREE_TOGETHER:]
+        return [f for f in fitted if not any(f is n for n in near)], near
 
-    def whole_trial(self) -> Trial:
-        """Return the set with tangents of all its members."""
-        return try_set(self.bench, self.lens, self.observed, self.members)
+    def linearise_near(self, fitted: Sequence[FittedEffect], candidate: Candidate) -> Linearisation:
+        """Return a set with tangents of those effects that show in a candidate's channels.
 
-    def refit(self, members: Sequence[Member], candidate: Candidate) -> tuple[Member, ...]:
-        """Return the set with the numbers fitted anew that show in a candidate's channels."""
-        fixed, near = self.parted(members, candidate)
-        return (*fixed, *refine(self.bench, self.lens, self.observed, fixed, near))
+        Parameters
+        ----------
+        fitted : sequence of FittedEffect
+            The set.
+        candidate : Candidate
+            In whose channels.
+        """
+        fixed, near = self.parted(fitted, candidate)
+        return linearise(self.whitener, near, fixed)
+
+    def refit(self, fitted: Sequence[FittedEffect], candidate: Candidate) -> tuple[FittedEffect, ...]:
+        """Return a set with the numbers fitted anew that show in a candidate's channels.
+
+        Parameters
+        ----------
+        fitted : sequence of FittedEffect
+            The set.
+        candidate : Candidate
+            In whose channels.
+        """
+        fixed, near = self.parted(fitted, candidate)
+        return (*fixed, *refine(self.whitener, fixed, near))
 
     def refreshed(self) -> Search:
-        """Estimate the noise anew from what the set leaves, and look through it."""
-        residual, rows = self.residual(self.members), self.bench.discovery
-        noises = estimate_noises(self.bench, residual, rows)
-        return replace(self, lens=lens_on(self.bench, residual, rows, noises))
+        """Estimate the noise anew from what the set leaves, and whiten with that."""
+        residual, rows = self.residual(self.fitted), self.dataset.discovery
+        noises = estimate_noises(self.dataset, residual, rows)
+        return replace(self, whitener=whitener_on(self.dataset, residual, rows, noises))
 
-    def tempering(self, z: FloatArray, channels: BoolArray) -> float:
-        """How much larger than noise a seen residual still is in some channels: evidence counts that much less."""
-        rows = channels[self.lens.channel]
+    def overdispersion(self, z: FloatArray, channels: BoolArray) -> float:
+        """Return the mean square of a residual in units of the noise, 1 at least: evidence is divided by it.
+
+        Parameters
+        ----------
+        z : (M,) array
+            Whitened residual.
+        channels : (c,) bool array
+            Those to take it over.
+        """
+        rows = channels[self.whitener.channel]
         return max(1.0, float(np.mean(z[rows] ** 2))) if rows.any() else 1.0
 
 
 def penalty(n_kinds: int, round_number: int = 0) -> float:
-    """Nats that an effect must gain: ln(K / p), p halved every round."""
+    """Return the nats that an effect must gain: ln(K / p), p halved every round.
+
+    Parameters
+    ----------
+    n_kinds : int
+        K, the number of things that could be named.
+    round_number : int
+        Of the search, from 0.
+    """
     return float(np.log(max(n_kinds, 1) / (PRIOR / 2**round_number)))
 
 
-def start_search(
-    bench: Bench, candidates: Iterable[Candidate], members: Sequence[Member] = (), progress: Progress | None = None
-) -> Search:
-    """Take every candidate's signature through the simulator, and set those aside that leave no trace."""
-    residual = bench.residual([m.effect for m in members])
-    noises = estimate_noises(bench, residual, bench.discovery)
-    lens = lens_on(bench, residual, bench.discovery, noises)
-    std = np.array([n.std for n in noises])
-    kept, silent = traces_of(bench, candidates, members, std, progress)
-    observed = bench.residual() + bench.predict()
-    return Search(bench, lens, observed, tuple(kept), tuple(members), tuple(silent))
+def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Progress | None = None) -> Search:
+    """Take every candidate's signature through the simulator, and set those aside that leave no trace.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Recording and simulator.
+    candidates : iterable of Candidate
+        To be searched.
+    progress : Progress, optional
+        Reported every candidate.
+    """
+    residual = dataset.residual()
+    noises = estimate_noises(dataset, residual, dataset.discovery)
+    whitener = whitener_on(dataset, residual, dataset.discovery, noises)
+    todo, base = list(candidates), dataset.predict()
+    changes = each(partial(signature, dataset, base, ()), todo, progress, "signatures")
+    traces: list[Trace] = []
+    silent: dict[str, Candidate] = {}
+    for candidate, change in zip(todo, changes, strict=True):
+        trace = _trace(candidate, change, whitener.std)
+        if trace is None:
+            silent.setdefault(candidate.label, candidate)
+        else:
+            traces.append(trace)
+    active = {t.candidate.label for t in traces}
+    return Search(whitener, tuple(traces), (), tuple(c for label, c in silent.items() if label not in active))
+
+
+def _trace(candidate: Candidate, change: FloatArray | None, std: FloatArray) -> Trace | None:
+    if change is None or not np.isfinite(change).all():
+        return None
+    touched: BoolArray = np.sqrt(np.mean(change**2, axis=(0, 2))) > TRACE * std
+    return Trace(candidate, change, touched) if touched.any() else None

@@ -9,22 +9,61 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.discrepancy.recording.counts import counts_of
-from gpcorrect.discrepancy.recording.noise import outliers
-from gpcorrect.discrepancy.recording.scene import Scene, Signal
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, outliers
+from gpcorrect.discrepancy.recording.quantisation import quantisation_of
+from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Parts, Split
 from gpcorrect.sim.effects import Effect
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Bench", "build_bench"]
+__all__ = ["Dataset", "build_dataset"]
 
+MOST_ROWS = 9000  # condensed rows that evidence is taken from: above, time grows and figures hardly change
 REMEMBERED_BYTES = 150_000_000
 REMEMBERED_SETS = 20_000
 STILL = 1e-4  # of a joint's travel between samples: slower is standing still
 
 
+class SignalMemory:
+    """Condensed simulated channels of the sets asked for last, each channel by what it depends on."""
+
+    def __init__(self) -> None:
+        self._keys: dict[tuple[Effect, ...], list[Hashable]] = {}
+        self._columns: dict[Hashable, FloatArray] = {}
+
+    def columns(self, dataset: Dataset, effects: tuple[Effect, ...]) -> FloatArray:
+        """Return the channels `(m, c)` of a set, simulated where they are not known.
+
+        Parameters
+        ----------
+        dataset : Dataset
+            Always the same one.
+        effects : tuple of Effect
+            Beyond the model's own.
+        """
+        if effects not in self._keys:
+            _make_room(self._keys, REMEMBERED_SETS)
+            self._keys[effects] = self._simulated(dataset, effects)
+        if any(k not in self._columns for k in self._keys[effects]):
+            self._simulated(dataset, effects)
+        return np.stack([self._columns[k] for k in self._keys[effects]], axis=1)
+
+    def _simulated(self, dataset: Dataset, effects: tuple[Effect, ...]) -> list[Hashable]:
+        signals = dataset.scene.signals(effects)
+        _make_room(self._columns, REMEMBERED_BYTES // (8 * len(dataset)))
+        for signal in signals:
+            if signal.key not in self._columns:
+                self._columns[signal.key] = dataset.means(signal.rows())
+        return [signal.key for signal in signals]
+
+
+def _make_room(memory: dict[Any, Any], most: int) -> None:
+    while len(memory) > most:
+        memory.pop(next(iter(memory)))
+
+
 @dataclass(frozen=True, eq=False)
-class Bench(Parts):
+class Dataset(Parts):
     """Condensed rows: each the mean over consecutive samples of one block.
 
     Parameters
@@ -50,8 +89,7 @@ class Bench(Parts):
     block: IntArray
     part: IntArray
     still: BoolArray
-    _known: dict[tuple[Effect, ...], list[Hashable]] = field(default_factory=dict, repr=False)
-    _columns: dict[Hashable, FloatArray] = field(default_factory=dict, repr=False)
+    memory: SignalMemory = field(default_factory=SignalMemory, repr=False)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -77,49 +115,59 @@ class Bench(Parts):
         known = count > 0
         return np.where(known, sums / np.where(known, count, 1.0), np.nan)
 
+    @cached_property
+    def observed(self) -> FloatArray:
+        """(m, c) measured channels; NaN where a channel has no good sample."""
+        return self.residual() + self.predict()
+
     def predict(self, effects: Sequence[Effect] = ()) -> FloatArray:
-        """Mean simulated channels `(m, c)`; the last ones asked for are remembered, each by what it depends on."""
-        key = tuple(effects)
-        if key not in self._known:
-            _make_room(self._known, REMEMBERED_SETS)
-            self._known[key] = [signal.key for signal in self._remembered(effects)]
-        if any(k not in self._columns for k in self._known[key]):
-            self._remembered(effects)
-        return np.stack([self._columns[k] for k in self._known[key]], axis=1)
+        """Return mean simulated channels `(m, c)`.
 
-    def _remembered(self, effects: Sequence[Effect]) -> list[Signal]:
-        """Signals of a set, their means in memory."""
-        signals = self.scene.signals(effects)
-        _make_room(self._columns, REMEMBERED_BYTES // (8 * len(self)))
-        for signal in signals:
-            if signal.key not in self._columns:
-                self._columns[signal.key] = self.means(signal.rows())
-        return signals
+        Parameters
+        ----------
+        effects : sequence of Effect
+            Beyond the model's own.
+        """
+        return self.memory.columns(self, tuple(effects))
 
-    def strict(self) -> Bench:
-        """Return the bench with all of the residual in account, for what is reported of it."""
+    def strict(self) -> Dataset:
+        """Return the dataset with all of the residual in account, for what is reported of it."""
         if self.scene.slack is None:
             return self
-        return replace(self, scene=self.scene.strict(), _known={}, _columns={})
+        return replace(self, scene=self.scene.strict(), memory=SignalMemory())
+
+    def tolerated(self, noises: Sequence[ChannelNoise]) -> dict[str, float]:
+        """Return what the tolerance of table and registration takes up; empty where there is none.
+
+        Parameters
+        ----------
+        noises : sequence of ChannelNoise
+            Of each channel.
+
+        Returns
+        -------
+        dict of str to float
+            Of each channel, root mean square over the standard deviation of its noise.
+        """
+        if self.scene.slack is None:
+            return {}
+        left_out = (self.strict().residual() - self.residual())[self.training]
+        size = np.sqrt(np.nanmean(left_out**2, axis=0))
+        return {c.name: float(s / n.std) for c, s, n in zip(self.scene.channels, size, noises, strict=True)}
 
     @cached_property
     def resolution(self) -> FloatArray:
         """Step `(c,)` in which each channel is written down; 0 where it is too fine to be seen."""
-        counts = [counts_of(column) for column in self.scene.observed.T]
+        counts = [quantisation_of(column) for column in self.scene.observed.T]
         return np.array([c.step if c is not None else 0.0 for c in counts])
 
     @property
-    def seen(self) -> BoolArray:
+    def training(self) -> BoolArray:
         """(m,) rows of discovery and confirmation."""
         return np.asarray(self.part != 2)
 
 
-def _make_room(memory: dict[Any, Any], most: int) -> None:
-    while len(memory) > most:
-        memory.pop(next(iter(memory)))
-
-
-def build_bench(scene: Scene, split: Split, max_rows: int = 9000) -> Bench:
+def build_dataset(scene: Scene, split: Split, max_rows: int = MOST_ROWS) -> Dataset:
     """Condense a scene to about `max_rows` rows.
 
     Parameters
@@ -145,7 +193,7 @@ def build_bench(scene: Scene, split: Split, max_rows: int = 9000) -> Bench:
     spikes = np.stack([outliers(column, split.block) for column in error.T], axis=1)
     moved = np.abs(np.diff(scene.motor_path(), axis=0, prepend=np.nan))
     still = (moved < STILL * np.ptp(scene.motor_path(), axis=0)).all(axis=1).astype(np.float64)
-    bench = Bench(
+    dataset = Dataset(
         scene=scene,
         group=group,
         good=np.isfinite(error) & ~spikes,
@@ -154,4 +202,4 @@ def build_bench(scene: Scene, split: Split, max_rows: int = 9000) -> Bench:
         part=split.part[rows],
         still=np.zeros(count, dtype=np.bool_),
     )
-    return Bench(scene, group, bench.good, bench.means(scene.time), bench.block, bench.part, bench.means(still) == 1.0)
+    return replace(dataset, time=dataset.means(scene.time), still=dataset.means(still) == 1.0)

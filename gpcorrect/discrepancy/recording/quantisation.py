@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.types import FloatArray
 
-__all__ = ["Counts", "counts_of"]
+__all__ = ["Quantisation", "quantisation_of"]
 
 FEWEST = 8  # counts that were visited
 AGREE = 0.97  # length of the mean of unit vectors at the remainders' angles
@@ -16,7 +16,7 @@ TRIES = 25  # step sizes near a first guess
 
 
 @dataclass(frozen=True)
-class Counts:
+class Quantisation:
     """A step in which values are written down.
 
     Parameters
@@ -37,7 +37,7 @@ class Counts:
     visited: int
 
 
-def counts_of(values: FloatArray) -> Counts | None:
+def quantisation_of(values: FloatArray) -> Quantisation | None:
     """Return the largest step on whose multiples (and a common remainder) values `(n,)` lie; None when there is none.
 
     Values rounded a second time, more finely, still count. Each value counts once, however long the joint rested there.
@@ -58,7 +58,7 @@ def _guesses(gaps: FloatArray) -> list[float]:
     return sorted({float(ordered[0]), float(np.median(ordered[jump + 1 :])) if len(ordered) > 1 else float(ordered[0])})
 
 
-def _fitted(distinct: FloatArray, guess: float) -> Counts | None:
+def _fitted(distinct: FloatArray, guess: float) -> Quantisation | None:
     """Best step near a guess, fitted over an ever wider range of values, so that no count is skipped."""
     step, base = guess, distinct[0]
     span = float(np.ptp(distinct))
@@ -77,7 +77,7 @@ def _fitted(distinct: FloatArray, guess: float) -> Counts | None:
     visited = len(np.unique(np.round((distinct - base) / step)))
     if agreement < AGREE or visited < FEWEST:
         return None
-    return Counts(step, float(width), agreement, visited)
+    return Quantisation(step, float(width), agreement, visited)
 
 
 def _agreement(values: FloatArray, step: float) -> float:

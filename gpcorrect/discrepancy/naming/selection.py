@@ -11,20 +11,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.cells import Cells
+from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
 from gpcorrect.discrepancy.naming.intervals import SHAPE_ERROR
-from gpcorrect.discrepancy.naming.name import name_member
-from gpcorrect.discrepancy.naming.named import Named
+from gpcorrect.discrepancy.naming.name import name_effect
+from gpcorrect.discrepancy.naming.posterior import Named
 from gpcorrect.discrepancy.naming.weigh import Weighed, view_of
-from gpcorrect.discrepancy.recording.covariates import Covariates
-from gpcorrect.discrepancy.search.candidates import Member
-from gpcorrect.discrepancy.search.score import search as search_on
+from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.state import COMPLEXITY, Search
+from gpcorrect.discrepancy.search.stepwise import search as search_on
 from gpcorrect.types import Progress
 
-__all__ = ["name_members"]
+__all__ = ["name_effects"]
 
-Opinion = tuple[Named, Weighed]
+Assessment = tuple[Named, Weighed]
 SWAPS = 6  # at most
 TINY = 1e-12  # odds
 SEARCHES = 2  # searches for what the effects taken out had stood in for
@@ -32,16 +31,16 @@ ROUNDS = 2  # of each
 STRONG = 30.0  # nats of an effect that leaves a hole when it goes
 
 
-def name_members(
+def name_effects(
     search: Search,
     tests: Sequence[Sequence[Cells]],
     inputs: Sequence[Covariates],
     *,
     progress: Progress | None = None,
 ) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
-    """Weigh every member of a finished search; put better rivals in place, and take out what may not be named.
+    """Weigh every fit of a finished search; put better rivals in place, and take out what may not be named.
 
-    An effect is weighed anew whenever a member that shows in its channels has gone or changed.
+    An effect is weighed anew whenever a fit that shows in its channels has gone or changed.
 
     Parameters
     ----------
@@ -55,35 +54,35 @@ def name_members(
     Returns
     -------
     search : Search
-        With the named members only.
+        With the named fitted only.
     kept : tuple of Named
         Those, in the same order.
     dropped : tuple of Named
         The others, with the reasons.
     """
-    settling = _Settling(search, tests, inputs)
-    total = len(search.members)
-    while settling.step():
+    selection = _ModelSelection(search, tests, inputs)
+    total = len(search.fitted)
+    while selection.step():
         if progress is not None:
-            progress.step("naming", len(settling.dropped) / (total + len(settling.dropped) + 1))
+            progress.step("naming", len(selection.dropped) / (total + len(selection.dropped) + 1))
     if progress is not None:
         progress.step("naming", 1.0)
-    kept = tuple(settling.opinions[id(m)][0] for m in settling.search.members)
-    return settling.search, kept, tuple(settling.dropped)
+    kept = tuple(selection.assessments[id(m)][0] for m in selection.search.fitted)
+    return selection.search, kept, tuple(selection.dropped)
 
 
 @dataclass
-class _Settling:
-    """A set of members on its way to names; every step changes it once.
+class _ModelSelection:
+    """A set of fitted on its way to names; every step changes it once.
 
     Parameters
     ----------
     search : Search
-        With the members as they are now.
+        With the fitted as they are now.
     tests, inputs : sequences
         Of each channel, for the unknown.
-    opinions : dict
-        On each member, by its identity.
+    assessments : dict
+        On each fit, by its identity.
     dropped : list of Named
         Taken out so far.
     swaps, searches : int
@@ -95,7 +94,7 @@ class _Settling:
     search: Search
     tests: Sequence[Sequence[Cells]]
     inputs: Sequence[Covariates]
-    opinions: dict[int, Opinion] = field(default_factory=dict)
+    assessments: dict[int, Assessment] = field(default_factory=dict)
     dropped: list[Named] = field(default_factory=list)
     swaps: int = 0
     searches: int = 0
@@ -103,17 +102,17 @@ class _Settling:
 
     def step(self) -> bool:
         """Change the set once; False when there is nothing to change, or nothing left to name."""
-        if not self.search.members:
+        if not self.search.fitted:
             return False
         view = view_of(self.search, self.tests, self.inputs)
-        self.opinions = {id(m): self.opinions.get(id(m)) or name_member(view, m) for m in self.search.members}
+        self.assessments = {id(m): self.assessments.get(id(m)) or name_effect(view, m) for m in self.search.fitted}
         return self._swap() or self._drop() or self._search_again()
 
     def _swap(self) -> bool:
-        """Put the best rival in a member's place."""
+        """Put the best rival in a fit's place."""
         if self.swaps == SWAPS:
             return False
-        better = _better_rival(self.search, self.opinions, self.dropped)
+        better = _better_rival(self.search, self.assessments, self.dropped)
         if better is None:
             return False
         self.swaps += 1
@@ -122,11 +121,11 @@ class _Settling:
 
     def _drop(self) -> bool:
         """Take the weakest of those out that may not be named; what stood in for something unphysical is sought now."""
-        weakest = _weakest(self.search, self.opinions)
+        weakest = _weakest(self.search, self.assessments)
         if weakest is None:
             return False
-        self.dropped.append(self.opinions[id(weakest)][0])
-        self._change(self.search.refit([m for m in self.search.members if m is not weakest], weakest.candidate))
+        self.dropped.append(self.assessments[id(weakest)][0])
+        self._change(self.search.refit([m for m in self.search.fitted if m is not weakest], weakest.candidate))
         if weakest.at_edge:
             self._search_again()
         return True
@@ -134,50 +133,52 @@ class _Settling:
     def _search_again(self) -> bool:
         """Look for what the effects taken out since the last search had stood in for, if they leave a hole."""
         gone, self.filled = self.dropped[self.filled :], len(self.dropped)
-        if self.searches == SEARCHES or not any(n.member.at_edge or n.nats > STRONG for n in gone):
+        if self.searches == SEARCHES or not any(n.fit.at_edge or n.nats > STRONG for n in gone):
             return False
         self.searches += 1
-        found = search_on(self.search, rounds=ROUNDS, refused=[n.member.candidate for n in self.dropped])
+        found = search_on(self.search, rounds=ROUNDS, refused=[n.fit.candidate for n in self.dropped])
         found_more = found is not self.search
         if found_more:
-            self.search, self.opinions, self.swaps = found, {}, 0
+            self.search, self.assessments, self.swaps = found, {}, 0
         return found_more
 
-    def _change(self, members: Sequence[Member]) -> None:
-        """Go on with another set; opinions stay on members that no change can have touched."""
-        now = {id(m) for m in members}
-        moved = [m for m in self.search.members if id(m) not in now]
-        self.opinions = {
-            id(m): self.opinions[id(m)]
-            for m in members
-            if id(m) in self.opinions and not any(self.search.alike(m.candidate, gone.candidate) for gone in moved)
+    def _change(self, fitted: Sequence[FittedEffect]) -> None:
+        """Go on with another set; assessments stay on fitted that no change can have touched."""
+        now = {id(m) for m in fitted}
+        moved = [m for m in self.search.fitted if id(m) not in now]
+        self.assessments = {
+            id(m): self.assessments[id(m)]
+            for m in fitted
+            if id(m) in self.assessments and not any(self.search.alike(m.candidate, gone.candidate) for gone in moved)
         }
-        self.search = replace(self.search, members=tuple(members))
+        self.search = replace(self.search, fitted=tuple(fitted))
 
 
-def _better_rival(search: Search, opinions: dict[int, Opinion], dropped: Sequence[Named]) -> tuple[Member, ...] | None:
-    """Return the set with a rival in the place of the member beyond which it gains most.
+def _better_rival(
+    search: Search, assessments: dict[int, Assessment], dropped: Sequence[Named]
+) -> tuple[FittedEffect, ...] | None:
+    """Return the set with a rival in the place of the fit beyond which it gains most.
 
     None when no rival gains: explains more, or as much and is more probable. Those that were dropped stay out.
     """
     best, place, new = 0.0, None, None
-    out = {n.member.candidate.key for n in dropped}
-    for member in search.members:
-        named, weighed = opinions[id(member)]
+    out = {n.fit.candidate.key for n in dropped}
+    for fit in search.fitted:
+        named, weighed = assessments[id(fit)]
         odds = {a.label: a.probability / max(named.probability, TINY) for a in named.alternatives}
         for rival in (r for r in weighed.rivals if r.candidate.key not in out):
-            gain = (rival.nats - weighed.nats) / weighed.temper
-            gain -= COMPLEXITY * (rival.candidate.extra - member.candidate.extra)
+            gain = (rival.nats - weighed.nats) / weighed.overdispersion
+            gain -= COMPLEXITY * (rival.candidate.extra - fit.candidate.extra)
             if weighed.nats - rival.nats < SHAPE_ERROR**2 * weighed.nats:
                 gain = max(gain, float(np.log(odds.get(rival.candidate.label, 0.0) + TINY)))
             if gain > best:
-                best, place, new = gain, member, rival.member
+                best, place, new = gain, fit, rival.fit
     if new is None:
         return None
-    return search.refit((*(m for m in search.members if m is not place), new), new.candidate)
+    return search.refit((*(m for m in search.fitted if m is not place), new), new.candidate)
 
 
-def _weakest(search: Search, opinions: dict[int, Opinion]) -> Member | None:
-    """Return the member with the fewest nats among those that may not be named."""
-    poor = [m for m in search.members if not opinions[id(m)][0].may_be_named]
-    return min(poor, key=lambda m: opinions[id(m)][0].nats) if poor else None
+def _weakest(search: Search, assessments: dict[int, Assessment]) -> FittedEffect | None:
+    """Return the fit with the fewest nats among those that may not be named."""
+    poor = [m for m in search.fitted if not assessments[id(m)][0].may_be_named]
+    return min(poor, key=lambda m: assessments[id(m)][0].nats) if poor else None

@@ -16,19 +16,18 @@ from gpcorrect.sim.effects.noise_change import NoiseChange
 from gpcorrect.types import IntArray
 
 __all__ = [
-    "GIVEN",
-    "LOUDER_WORDS",
+    "DENSE",
     "averaged",
+    "chosen_noise",
     "rounded_to",
     "samples_a_row",
+    "samples_are_dense",
     "sampling_step",
-    "settled",
     "stated_noises",
 ]
 
-GIVEN = "[noise] of the model file"
-LOUDER_WORDS = "times what [noise] states"
-LOUDER = 1.25  # times what is stated: from there on the recording's own noise is believed
+NOISIER = 1.25  # times what is stated: from there on the recording's own noise is believed
+DENSE = 0.06  # s between samples at most: beyond, second differences are motion; chosen by hand on simulated arms
 FINEST = 1e-9  # rad or m; a sensor without any white noise is rounding
 ROUNDED_FOR = 0.5  # s; how long a rounding error stays the same
 UNIFORM = np.sqrt(12.0)  # step of a rounded value over the standard deviation of its error
@@ -38,6 +37,17 @@ def sampling_step(scene: Scene) -> float:
     """Return the usual time between samples, s."""
     steps = np.diff(scene.time)
     return float(np.median(steps[steps > 0]))
+
+
+def samples_are_dense(scene: Scene) -> bool:
+    """Return whether neighbouring samples differ by noise more than by motion, as tests of the noise alone need it.
+
+    Parameters
+    ----------
+    scene : Scene
+        The recording.
+    """
+    return sampling_step(scene) <= DENSE
 
 
 def stated_noises(scene: Scene) -> tuple[ChannelNoise | None, ...]:
@@ -57,7 +67,7 @@ def _of_channel(scene: Scene, index: int) -> ChannelNoise | None:
     rounded = [e.step / UNIFORM for e in of_kind(scene.model.effects, EncoderQuantisation) if e.joint == channel.joint]
     time_constant = -step / np.log(phi) if 0.0 < phi < 1.0 else step / 10.0
     white = float(np.linalg.norm([white, FINEST, *more, *rounded]))
-    return ChannelNoise(white, slow, time_constant, basis=GIVEN)
+    return ChannelNoise(white, slow, time_constant)
 
 
 def _parts(noise: Noise, channel: Channel) -> tuple[float, float, float]:
@@ -80,8 +90,8 @@ def averaged(noise: ChannelNoise, count: int, step: float) -> ChannelNoise:
     if count <= 1:
         return noise
     lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) * step
-    kept = float(np.sqrt(np.mean(np.exp(-lag / noise.time_constant))))
-    return replace(noise, white=noise.white / np.sqrt(count), slow=noise.slow * kept)
+    left = float(np.sqrt(np.mean(np.exp(-lag / noise.time_constant))))
+    return replace(noise, white=noise.white / np.sqrt(count), slow=noise.slow * left)
 
 
 def rounded_to(noise: ChannelNoise, step: float) -> ChannelNoise:
@@ -94,14 +104,14 @@ def rounded_to(noise: ChannelNoise, step: float) -> ChannelNoise:
     if noise.std >= error:
         return noise
     slow = float(np.sqrt(error**2 - noise.white**2))
-    return replace(noise, slow=slow, time_constant=ROUNDED_FOR, basis=f"{noise.basis}; rounded to {step:.2g}")
+    return replace(noise, slow=slow, time_constant=ROUNDED_FOR, rounding_step=step)
 
 
-def settled(own: ChannelNoise, stated: ChannelNoise | None, step: float) -> ChannelNoise:
-    """Return the noise to go by: what is stated, unless the recording is clearly louder from sample to sample.
+def chosen_noise(own: ChannelNoise, stated: ChannelNoise | None, step: float) -> ChannelNoise:
+    """Return the noise to go by: what is stated, unless the recording is clearly noisier from sample to sample.
 
     A stated noise that is too small would give names to noise, so it is not believed against the recording. Over
-    longer lags a recording is also louder by the very effects that are looked for: there the stated noise counts.
+    longer lags a recording is also noisier by the very effects that are looked for: there the stated noise counts.
     Tails are always the recording's.
 
     Parameters
@@ -114,8 +124,8 @@ def settled(own: ChannelNoise, stated: ChannelNoise | None, step: float) -> Chan
     if stated is None:
         return own
     ratio = _from_row_to_row(own, step) / _from_row_to_row(stated, step)
-    if ratio > LOUDER:
-        return replace(own, basis=f"{own.basis}; {ratio:.2g} {LOUDER_WORDS}")
+    if ratio > NOISIER:
+        return replace(own, times_stated=ratio)
     return replace(stated, tail=own.tail)
 
 

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.cells import Cells
-from gpcorrect.discrepancy.evidence.lens import Lens
 from gpcorrect.discrepancy.evidence.linear import fold_of, held_out_nats, solve
-from gpcorrect.discrepancy.recording.covariates import Covariates
-from gpcorrect.discrepancy.search.trial import FOLDS
+from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
+from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
+from gpcorrect.discrepancy.search.linearisation import FOLDS
 from gpcorrect.types import BoolArray, FloatArray
 
 __all__ = ["SmoothFit", "smooth_columns", "smooth_fit"]
@@ -117,8 +116,8 @@ def _explained(cells: Cells, residual: FloatArray, rows: BoolArray) -> float:
 
 
 def smooth_fit(
-    discovery: Lens,
-    confirmation: Lens,
+    discovery: DatasetWhitener,
+    confirmation: DatasetWhitener,
     z: tuple[FloatArray, FloatArray],
     slopes: tuple[FloatArray, FloatArray],
     columns: FloatArray,
@@ -130,7 +129,7 @@ def smooth_fit(
 
     Parameters
     ----------
-    discovery, confirmation : Lens
+    discovery, confirmation : DatasetWhitener
         How the two parts are seen.
     z : pair of arrays
         Seen residual of the set on each part.
@@ -143,7 +142,7 @@ def smooth_fit(
     """
     if columns.shape[2] == 0:
         return SmoothFit(0.0, 0.0)
-    seen = np.concatenate([slopes[0], discovery.look(columns)], axis=1)
+    seen = np.concatenate([slopes[0], discovery.whiten_columns(columns)], axis=1)
     sums = discovery.grams(seen, z[0])
     p = slopes[0].shape[1]
     fold = fold_of(len(sums.gram), FOLDS)
@@ -155,7 +154,7 @@ def smooth_fit(
         if nats > best:
             best, precision = nats, prior
     beta = solve(sums.gram.sum(axis=0) + np.diag(precision), sums.moment.sum(axis=0))
-    shift = np.concatenate([slopes[1], confirmation.look(columns)], axis=1) @ beta
+    shift = np.concatenate([slopes[1], confirmation.whiten_columns(columns)], axis=1) @ beta
     own_shift = slopes[1] @ _own(sums.gram.sum(axis=0), sums.moment.sum(axis=0), p)
     gain = 0.5 * (((z[1] - own_shift) ** 2).sum() - ((z[1] - shift) ** 2).sum())
     return SmoothFit(best - float(own), float(gain))

@@ -12,7 +12,7 @@ from gpcorrect.sim.effects import Run
 from gpcorrect.sim.plan import Plan, Segment, minimum_jerk, plan_of
 from gpcorrect.types import FloatArray
 
-__all__ = ["Future", "Site", "futures"]
+__all__ = ["PlannedRun", "Site", "planned_runs"]
 
 LADDER = (0.8, 2.0, 5.0, 12.0)  # s a stroke
 AMPLITUDES = (1.0, 0.5, 0.2, 0.08)  # of the half range
@@ -71,7 +71,7 @@ class Site:
 
 
 @dataclass(frozen=True, eq=False)
-class Future:
+class PlannedRun:
     """A run: its recordings, each with the model that is then true of the controller.
 
     Parameters
@@ -95,10 +95,10 @@ class Future:
     sessions: int = 1
 
 
-def futures(site: Site, wanted: Sequence[Run]) -> list[Future]:
+def planned_runs(site: Site, wanted: Sequence[Run]) -> list[PlannedRun]:
     """Return the runs of these kinds that can be made, and simulated, at this site."""
     made = [MAKERS[run](site) for run in wanted if run in MAKERS]
-    return [future for future in made if future is not None]
+    return [planned for planned in made if planned is not None]
 
 
 def _ladder(site: Site) -> list[FloatArray]:
@@ -106,12 +106,12 @@ def _ladder(site: Site) -> list[FloatArray]:
     return [_tour(site, [site.middle - step, site.middle + step, site.middle - step], s) for s in LADDER]
 
 
-def _speed_ladder(site: Site) -> Future:
+def _speed_ladder(site: Site) -> PlannedRun:
     words = f"{Run.SPEED_LADDER.value}: {_who(site)} over the range, strokes of {', '.join(f'{s:g}' for s in LADDER)} s"
     return _future(site, Run.SPEED_LADDER, words, [(p, None) for p in _ladder(site)])
 
 
-def _amplitudes(site: Site) -> Future:
+def _amplitudes(site: Site) -> PlannedRun:
     shares = ", ".join(f"{100 * a:g}" for a in AMPLITUDES)
     words = f"{Run.AMPLITUDES.value}: {_who(site)}, {shares} % of the range"
     return _future(site, Run.AMPLITUDES, words, [(p, None) for p in _strokes(site)])
@@ -120,13 +120,13 @@ def _amplitudes(site: Site) -> Future:
 def _strokes(site: Site) -> list[FloatArray]:
     step = site.half * site.moving()
     paths = []
-    for share in AMPLITUDES:
-        low, high = site.middle - share * step, site.middle + share * step
+    for fraction in AMPLITUDES:
+        low, high = site.middle - fraction * step, site.middle + fraction * step
         paths.append(_tour(site, [site.middle, high, low, high, low, site.middle], STROKE))
     return paths
 
 
-def _hold_unload(site: Site) -> Future:
+def _hold_unload(site: Site) -> PlannedRun:
     step = site.half * site.moving()
     path = _tour(site, [site.middle - step, site.middle + step, site.middle - step], STROKE, rest=HOLD)
     words = f"{Run.HOLD_UNLOAD.value}: {_who(site)} to one end, hold {HOLD:g} s, back, hold again"
@@ -134,14 +134,14 @@ def _hold_unload(site: Site) -> Future:
     return _future(site, Run.HOLD_UNLOAD, words, [(path, load) for load in loads])
 
 
-def _load_swap(site: Site) -> Future | None:
+def _load_swap(site: Site) -> PlannedRun | None:
     if not site.loads:
         return None
     words = f"{Run.LOAD_SWAP.value}: the same strokes without and with {EXTRA_LOAD:g} kg at the tip"
     return _future(site, Run.LOAD_SWAP, words, [(p, load) for load in (0.0, EXTRA_LOAD) for p in _strokes(site)[:2]])
 
 
-def _one_joint(site: Site) -> Future | None:
+def _one_joint(site: Site) -> PlannedRun | None:
     dof = len(site.ranges)
     if dof < 2:
         return None
@@ -152,7 +152,7 @@ def _one_joint(site: Site) -> Future | None:
     return _future(site, Run.ONE_JOINT, f"{Run.ONE_JOINT.value}: each joint in turn", [(p, None) for p in paths])
 
 
-def _pose_spread(site: Site) -> Future | None:
+def _pose_spread(site: Site) -> PlannedRun | None:
     if site.column is None or len(site.ranges) < 2:
         return None
     step, others = site.half * site.moving(), site.half * (1.0 - site.moving())
@@ -165,30 +165,30 @@ def _pose_spread(site: Site) -> Future | None:
     )
 
 
-def _gain_change(site: Site) -> Future | None:
+def _gain_change(site: Site) -> PlannedRun | None:
     if not site.servo:
         return None
     plan, seconds = _plan(site, [(p, None) for p in _ladder(site)])
     words = f"{Run.GAIN_CHANGE.value}: the speed ladder with the present gains and with {100 * GAIN:g} % of them"
-    return Future(Run.GAIN_CHANGE, words, ((plan, 1.0), (plan, GAIN)), 2 * seconds / 60 + SETUP)
+    return PlannedRun(Run.GAIN_CHANGE, words, ((plan, 1.0), (plan, GAIN)), 2 * seconds / 60 + SETUP)
 
 
-def _rehoming(site: Site) -> Future:
+def _rehoming(site: Site) -> PlannedRun:
     pieces = [(p, None) for p in _strokes(site)[:2]]
     plan, seconds = _plan(site, [*pieces, *pieces], session=lambda i: i // len(pieces))
     words = f"{Run.REHOMING.value}: the same strokes before and after a homing"
-    return Future(Run.REHOMING, words, ((plan, 1.0),), seconds / 60 + SETUP, sessions=2)
+    return PlannedRun(Run.REHOMING, words, ((plan, 1.0),), seconds / 60 + SETUP, sessions=2)
 
 
-def _returns(site: Site) -> Future:
+def _returns(site: Site) -> PlannedRun:
     pose = [site.middle, site.middle + WIGGLE * site.half, site.middle]
     pieces = [(_tour(site, pose, 1.0), None)] * RETURNS
     plan, _ = _plan(site, pieces, start=lambda i: i * EVERY)
     words = f"{Run.REFERENCE_RETURNS.value}: {RETURNS} times, every {EVERY / 60:g} minutes, working in between"
-    return Future(Run.REFERENCE_RETURNS, words, ((plan, 1.0),), RETURNS * EVERY / 60)
+    return PlannedRun(Run.REFERENCE_RETURNS, words, ((plan, 1.0),), RETURNS * EVERY / 60)
 
 
-def _two_insertions(site: Site) -> Future | None:
+def _two_insertions(site: Site) -> PlannedRun | None:
     if not site.loads or "P" not in site.types:
         return None
     insertion = site.types.index("P")
@@ -198,7 +198,7 @@ def _two_insertions(site: Site) -> Future | None:
     return _future(site, Run.TWO_INSERTIONS, Run.TWO_INSERTIONS.value, [(p, None) for p in paths])
 
 
-MAKERS: dict[Run, Callable[[Site], Future | None]] = {
+MAKERS: dict[Run, Callable[[Site], PlannedRun | None]] = {
     Run.SPEED_LADDER: _speed_ladder,
     Run.AMPLITUDES: _amplitudes,
     Run.HOLD_UNLOAD: _hold_unload,
@@ -226,10 +226,10 @@ def _tour(site: Site, stops: Sequence[FloatArray], seconds: float, rest: float =
     return np.concatenate(parts)
 
 
-def _future(site: Site, run: Run, words: str, pieces: Sequence[tuple[FloatArray, float | None]]) -> Future:
+def _future(site: Site, run: Run, words: str, pieces: Sequence[tuple[FloatArray, float | None]]) -> PlannedRun:
     plan, seconds = _plan(site, pieces)
     changes = len({payload for _, payload in pieces}) - 1
-    return Future(run, words, ((plan, 1.0),), seconds / 60 + SETUP * changes)
+    return PlannedRun(run, words, ((plan, 1.0),), seconds / 60 + SETUP * changes)
 
 
 def _plan(

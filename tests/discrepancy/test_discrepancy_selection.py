@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gpcorrect.discrepancy.naming import prune
-from gpcorrect.discrepancy.naming.named import Alternative, EffectLevel, Named
-from gpcorrect.discrepancy.naming.prune import SEARCHES, STRONG, SWAPS, name_members
+from gpcorrect.discrepancy.naming import selection
+from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
+from gpcorrect.discrepancy.naming.selection import SEARCHES, STRONG, SWAPS, name_effects
 from gpcorrect.discrepancy.naming.weigh import Rival, Unknown, Weighed
 
 
 @dataclass(frozen=True)
 class Cause:
-    """As much of a candidate as settling looks at."""
+    """As much of a candidate as selection looks at."""
 
     name: str
     extra: int = 0
@@ -33,7 +33,7 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """As much of a member."""
+    """As much of a fit."""
 
     candidate: Cause
     at_edge: tuple[str, ...] = ()
@@ -41,12 +41,12 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """As much of a search: members that all show in one channel."""
+    """As much of a search: fitted that all show in one channel."""
 
-    members: tuple[Part, ...]
+    fitted: tuple[Part, ...]
 
-    def refit(self, members: Sequence[Part], candidate: Cause) -> tuple[Part, ...]:
-        return tuple(members)
+    def refit(self, fitted: Sequence[Part], candidate: Cause) -> tuple[Part, ...]:
+        return tuple(fitted)
 
     def alike(self, a: Cause, b: Cause) -> bool:
         return True
@@ -56,26 +56,26 @@ class Found:
 class Laboratory:
     """What each name is worth, and what a search finds anew."""
 
-    levels: dict[str, tuple[EffectLevel, float]]
+    levels: dict[str, tuple[Level, float]]
     rivals: dict[str, tuple[str, float]] = field(default_factory=dict)
     finds: list[str] = field(default_factory=list)
     refused: list[list[str]] = field(default_factory=list)
 
-    def name_member(self, view: Any, member: Part) -> tuple[Named, Weighed]:
-        level, nats = self.levels[member.candidate.name]
+    def name_effect(self, view: Any, fit: Part) -> tuple[Named, Weighed]:
+        level, nats = self.levels[fit.candidate.name]
         rivals = ()
-        if member.candidate.name in self.rivals:
-            name, worth = self.rivals[member.candidate.name]
+        if fit.candidate.name in self.rivals:
+            name, worth = self.rivals[fit.candidate.name]
             rivals = (Rival(Part(Cause(name)), worth),)  # type: ignore[arg-type]
-        mine = Alternative(member.candidate.label, member.candidate.name, 1, "geometry", nats, probability=1.0)
+        mine = Alternative(Explanation.EFFECT, nats, fit.candidate.label, fit.candidate.name, probability=1.0)
         weighed = Weighed(np.array([nats]), np.zeros(1), np.ones(1, dtype=np.bool_), rivals, Unknown(0.0, 0.0), 1.0)
-        return Named(member, level, 1.0, nats, (mine,), ()), weighed  # type: ignore[arg-type]
+        return Named(fit, level, 1.0, nats, (mine,), ()), weighed  # type: ignore[arg-type]
 
     def search(self, state: Found, *, rounds: int, refused: Sequence[Cause]) -> Found:
         self.refused.append([c.name for c in refused])
         if not self.finds:
             return state
-        return replace(state, members=(*state.members, Part(Cause(self.finds.pop(0)))))
+        return replace(state, fitted=(*state.fitted, Part(Cause(self.finds.pop(0)))))
 
 
 Settle = Callable[[Laboratory, Sequence[Part]], tuple[list[str], list[str]]]
@@ -85,13 +85,13 @@ Settle = Callable[[Laboratory, Sequence[Part]], tuple[list[str], list[str]]]
 def settle(monkeypatch: pytest.MonkeyPatch) -> Settle:
     """Settle a set in a laboratory: names kept, and names dropped."""
 
-    def run(laboratory: Laboratory, members: Sequence[Part]) -> tuple[list[str], list[str]]:
-        monkeypatch.setattr(prune, "view_of", lambda *_: None)
-        monkeypatch.setattr(prune, "name_member", laboratory.name_member)
-        monkeypatch.setattr(prune, "search_on", laboratory.search)
-        search, kept, dropped = name_members(Found(tuple(members)), (), ())  # type: ignore[arg-type]
-        assert [n.member for n in kept] == list(search.members)
-        return [n.member.candidate.name for n in kept], [n.member.candidate.name for n in dropped]
+    def run(laboratory: Laboratory, fitted: Sequence[Part]) -> tuple[list[str], list[str]]:
+        monkeypatch.setattr(selection, "view_of", lambda *_: None)
+        monkeypatch.setattr(selection, "name_effect", laboratory.name_effect)
+        monkeypatch.setattr(selection, "search_on", laboratory.search)
+        search, kept, dropped = name_effects(Found(tuple(fitted)), (), ())  # type: ignore[arg-type]
+        assert [n.fit for n in kept] == list(search.fitted)
+        return [n.fit.candidate.name for n in kept], [n.fit.candidate.name for n in dropped]
 
     return run
 
@@ -101,16 +101,16 @@ def parts(*names: str) -> list[Part]:
 
 
 def test_what_may_be_named_stays_and_the_rest_is_dropped_weakest_first(settle: Settle) -> None:
-    laboratory = Laboratory({"a": ("EXACT", 50.0), "b": ("INCONCLUSIVE", 9.0), "c": ("INCONCLUSIVE", 5.0)})
+    laboratory = Laboratory({"a": (Level.EXACT, 50.0), "b": (Level.INCONCLUSIVE, 9.0), "c": (Level.INCONCLUSIVE, 5.0)})
     assert settle(laboratory, parts("a", "b", "c")) == (["a"], ["c", "b"])
     assert laboratory.refused == []
 
 
 def test_what_a_strong_dropped_effect_stood_in_for_is_searched_without_it(settle: Settle) -> None:
-    levels: dict[str, tuple[EffectLevel, float]] = {
-        "a": ("EXACT", 50.0),
-        "wrong": ("INCONCLUSIVE", STRONG + 1.0),
-        "right": ("EXACT", 90.0),
+    levels: dict[str, tuple[Level, float]] = {
+        "a": (Level.EXACT, 50.0),
+        "wrong": (Level.INCONCLUSIVE, STRONG + 1.0),
+        "right": (Level.EXACT, 90.0),
     }
     laboratory = Laboratory(levels, finds=["right"])
     assert settle(laboratory, parts("a", "wrong")) == (["a", "right"], ["wrong"])
@@ -118,22 +118,22 @@ def test_what_a_strong_dropped_effect_stood_in_for_is_searched_without_it(settle
 
 
 def test_an_effect_at_the_edge_is_replaced_before_the_next_is_dropped(settle: Settle) -> None:
-    levels: dict[str, tuple[EffectLevel, float]] = {
-        "a": ("EXACT", 50.0),
-        "edge": ("INCONCLUSIVE", 1.0),
-        "weak": ("INCONCLUSIVE", 2.0),
-        "right": ("EXACT", 90.0),
+    levels: dict[str, tuple[Level, float]] = {
+        "a": (Level.EXACT, 50.0),
+        "edge": (Level.INCONCLUSIVE, 1.0),
+        "weak": (Level.INCONCLUSIVE, 2.0),
+        "right": (Level.EXACT, 90.0),
     }
     laboratory = Laboratory(levels, finds=["right"])
-    members = [*parts("a", "weak"), Part(Cause("edge"), at_edge=("stiffness",))]
-    assert settle(laboratory, members) == (["a", "right"], ["edge", "weak"])
+    fitted = [*parts("a", "weak"), Part(Cause("edge"), at_edge=("stiffness",))]
+    assert settle(laboratory, fitted) == (["a", "right"], ["edge", "weak"])
     assert laboratory.refused == [["edge"]]
 
 
 def test_searches_come_to_an_end(settle: Settle) -> None:
     """A catalogue full of strong effects that may not be named is searched a few times only."""
     names = [f"x{i}" for i in range(SEARCHES + 3)]
-    laboratory = Laboratory({"a": ("EXACT", 50.0)} | dict.fromkeys(names, ("INCONCLUSIVE", STRONG + 5.0)))
+    laboratory = Laboratory({"a": (Level.EXACT, 50.0)} | dict.fromkeys(names, (Level.INCONCLUSIVE, STRONG + 5.0)))
     laboratory.finds = names[1:]
     kept, dropped = settle(laboratory, parts("a", names[0]))
     assert kept == ["a"]
@@ -142,22 +142,24 @@ def test_searches_come_to_an_end(settle: Settle) -> None:
 
 
 def test_a_rival_that_explains_more_takes_the_place(settle: Settle) -> None:
-    laboratory = Laboratory({"a": ("EXACT", 50.0), "b": ("EXACT", 80.0)}, rivals={"a": ("b", 80.0)})
+    laboratory = Laboratory({"a": (Level.EXACT, 50.0), "b": (Level.EXACT, 80.0)}, rivals={"a": ("b", 80.0)})
     assert settle(laboratory, parts("a")) == (["b"], [])
 
 
 def test_what_was_dropped_does_not_come_back_as_a_rival(settle: Settle) -> None:
-    levels: dict[str, tuple[EffectLevel, float]] = {
-        "a": ("EXACT", 50.0),
-        "wrong": ("INCONCLUSIVE", STRONG + 1.0),
-        "right": ("EXACT", 90.0),
+    levels: dict[str, tuple[Level, float]] = {
+        "a": (Level.EXACT, 50.0),
+        "wrong": (Level.INCONCLUSIVE, STRONG + 1.0),
+        "right": (Level.EXACT, 90.0),
     }
     laboratory = Laboratory(levels, finds=["right"], rivals={"right": ("wrong", 999.0)})
     assert settle(laboratory, parts("a", "wrong")) == (["a", "right"], ["wrong"])
 
 
 def test_two_rivals_that_praise_each_other_do_not_swap_for_ever(settle: Settle) -> None:
-    laboratory = Laboratory({"a": ("EXACT", 50.0), "b": ("EXACT", 50.0)}, rivals={"a": ("b", 60.0), "b": ("a", 60.0)})
+    laboratory = Laboratory(
+        {"a": (Level.EXACT, 50.0), "b": (Level.EXACT, 50.0)}, rivals={"a": ("b", 60.0), "b": ("a", 60.0)}
+    )
     kept, dropped = settle(laboratory, parts("a"))
     assert kept == ["a" if SWAPS % 2 == 0 else "b"]
     assert dropped == []

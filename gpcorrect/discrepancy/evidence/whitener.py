@@ -1,0 +1,194 @@
+"""A dataset seen through its noise: residuals and signatures whitened, weighted, all channels on top of each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.stats import t as student
+
+from gpcorrect.discrepancy.evidence.linear import Grams, grams
+from gpcorrect.discrepancy.recording.dataset import Dataset
+from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise, Whitener, estimate_noise
+from gpcorrect.discrepancy.recording.stated_noise import (
+    averaged,
+    chosen_noise,
+    rounded_to,
+    samples_a_row,
+    sampling_step,
+    stated_noises,
+)
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["DatasetWhitener", "estimate_noises", "whitener_on"]
+
+FLOOR = 1e-6  # rad or m; finer residuals are rounding
+MOTOR_FRACTION = 1.0  # of the outside sensor's noise: an error of the motors below does not matter
+MOTOR_FLOOR = 2e-4  # rad or m, where no joint is seen from outside
+
+
+@dataclass(frozen=True, eq=False)
+class DatasetWhitener:
+    """Whitens columns of condensed rows and stacks their channels.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Of m rows.
+    blocks : tuple of (m,) int arrays
+        For each channel, block of each row, -1 where the channel is missing or the row is left out; from 0 without
+        gaps.
+    noises : tuple of ChannelNoise
+        Of each channel.
+    weight : (M,) array
+        Of each stacked row, for heavy tails.
+    """
+
+    dataset: Dataset
+    blocks: tuple[IntArray, ...]
+    noises: tuple[ChannelNoise, ...]
+    weight: FloatArray
+
+    @cached_property
+    def block(self) -> IntArray:
+        """Block `(M,)` of each stacked row."""
+        return np.concatenate([b[b >= 0] for b in self.blocks])
+
+    @cached_property
+    def channel(self) -> IntArray:
+        """Channel index `(M,)` of each stacked row."""
+        return np.concatenate([np.full((b >= 0).sum(), i) for i, b in enumerate(self.blocks)])
+
+    @property
+    def std(self) -> FloatArray:
+        """(c,) standard deviation of the noise."""
+        return np.array([n.std for n in self.noises])
+
+    def whiten_columns(self, values: FloatArray) -> FloatArray:
+        """Whiten and weight columns.
+
+        Parameters
+        ----------
+        values : (m, c, k) array
+            k columns of every channel.
+
+        Returns
+        -------
+        (M, k) array
+        """
+        white, begin = np.zeros((len(self.weight), values.shape[2])), 0
+        for i, (rows, whitener) in enumerate(self._whiteners):
+            column, part = values[rows, i], slice(begin, begin + len(rows))
+            moving = np.flatnonzero(column.any(axis=0))  # most effects show in few channels
+            white[part, moving] = whitener(column[:, moving])
+            begin += len(rows)
+        white *= self.weight[:, None]
+        return white
+
+    @cached_property
+    def _whiteners(self) -> list[tuple[IntArray, Whitener]]:
+        """Rows of each channel that are used, and their filter."""
+        rows = [np.flatnonzero(block >= 0) for block in self.blocks]
+        filters = [
+            Whitener.of(noise, self.dataset.time[r], block[r])
+            for r, block, noise in zip(rows, self.blocks, self.noises, strict=True)
+        ]
+        return list(zip(rows, filters, strict=True))
+
+    def whiten(self, values: FloatArray) -> FloatArray:
+        """Whiten and weight one column.
+
+        Parameters
+        ----------
+        values : (m, c) array
+            Of every channel.
+
+        Returns
+        -------
+        (M,) array
+        """
+        return self.whiten_columns(values[:, :, None])[:, 0]
+
+    def grams(self, columns: FloatArray, residual: FloatArray) -> Grams:
+        """Sum products over each block.
+
+        Parameters
+        ----------
+        columns, residual : (M, k) and (M,) arrays
+            Whitened.
+
+        Returns
+        -------
+        Grams
+        """
+        return grams(columns, residual, self.block)
+
+
+def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> tuple[ChannelNoise, ...]:
+    """Return the noise of every channel: as the model states it, else as the residual shows it.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Recording and simulator.
+    residual : (m, c) array
+        Measured minus simulated.
+    rows : (m,) bool array
+        Those to estimate on.
+    """
+    block = np.where(rows, dataset.block, -1)
+    own = [estimate_noise(dataset.time, column, block, dataset.still, FLOOR) for column in residual.T]
+    own = [rounded_to(n, resolution) for n, resolution in zip(own, dataset.resolution, strict=True)]
+    count, step = samples_a_row(dataset.group), sampling_step(dataset.scene)
+    stated = [n and averaged(n, count, step) for n in stated_noises(dataset.scene)]
+    own = [chosen_noise(o, s, count * step) for o, s in zip(own, stated, strict=True)]
+    channels = dataset.scene.channels
+    outside = {c.joint: n.std for c, n in zip(channels, own, strict=True) if c.signal == "external_jp"}
+    floors = [
+        0.0 if c.signal != "measured_jp" else MOTOR_FRACTION * outside.get(c.joint, MOTOR_FLOOR) for c in channels
+    ]
+    # Encoders have hardly any noise: a servo model that is wrong by less than the outside sensors see is not missing.
+    return tuple(replace(n, white=max(n.white, floor)) for n, floor in zip(own, floors, strict=True))
+
+
+def whitener_on(
+    dataset: Dataset, residual: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ...]
+) -> DatasetWhitener:
+    """Return the whitener of some condensed rows, with weights that reduce the tails of a residual.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Recording and simulator.
+    residual : (m, c) array
+        Whose tails are reduced.
+    rows : (m,) bool array
+        Those to use.
+    noises : tuple of ChannelNoise
+        Of each channel.
+    """
+    blocks = []
+    wanted = np.unique(dataset.block[rows])
+    dense = np.full(int(dataset.block.max()) + 1, -1)
+    dense[wanted] = np.arange(len(wanted))
+    for column in residual.T:
+        blocks.append(np.where(rows & np.isfinite(column), dense[dataset.block], -1))
+    n = sum(int((b >= 0).sum()) for b in blocks)
+    plain = DatasetWhitener(dataset, tuple(blocks), noises, np.ones(n))
+    z = plain.whiten(residual)
+    weight = np.ones(n)
+    for i, noise in enumerate(noises):
+        own = plain.channel == i
+        if np.isfinite(noise.tail) and own.any():
+            weight[own] = _weights(z[own], noise.tail)
+    return replace(plain, weight=weight)
+
+
+def _weights(z: FloatArray, tail: float) -> FloatArray:
+    """Roots of the weights of maximum likelihood under Student's t, of unit mean square."""
+    core = NORMAL_MAD / student.ppf(0.75, tail)
+    spread = max(1.0, float(np.median(np.abs(z))) / NORMAL_MAD)
+    weight = (tail + 1.0) / (tail + (z / (core * spread)) ** 2)
+    root: FloatArray = np.sqrt(np.minimum(weight, 1.0))
+    return root

@@ -1,0 +1,190 @@
+"""The fixed JSON form of a result: report.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.discrepancy.evidence.localise import Finding
+from gpcorrect.discrepancy.naming.posterior import Alternative
+from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, Provenance
+from gpcorrect.discrepancy.outcome.words import noise_source_words, region_words
+from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.search.candidates import Estimate
+
+__all__ = ["gaps_of_report", "report_of"]
+
+
+def report_of(result: DiscrepancyResult) -> dict[str, Any]:
+    """Return a result as plain values.
+
+    Parameters
+    ----------
+    result : DiscrepancyResult
+        Of a run.
+    """
+    experiment, remainder = result.next_experiment, result.remainder
+    report: dict[str, Any] = {
+        "verdict": {"level": str(result.level), "effects": [_effect(e) for e in result.effects]},
+        "localisation": [_finding(f) for f in result.localisation.findings],
+        "gap": {g.channel.name: _gap(g) for g in result.gap},
+        "next_experiment": None
+        if experiment is None
+        else {
+            "run": experiment.run,
+            "separates": list(experiment.separates),
+            "expected_nats": experiment.expected_nats,
+            "minutes": experiment.minutes,
+        },
+        "provenance": {
+            **_provenance(result.provenance),
+            "remainder": [] if remainder is None else [_finding(f) for f in remainder.findings],
+            "equivalence": [
+                {"channel": e.channel.name, "systematic_upper": e.upper, "limit": e.limit}
+                for e in (remainder or result.localisation).equivalence
+            ],
+            "not_named": [
+                {
+                    "label": n.label,
+                    "level": str(n.level),
+                    "probability": n.probability,
+                    "nats": n.nats,
+                    "why": list(n.reasons),
+                }
+                for n in result.not_named
+            ],
+        },
+    }
+    finite: dict[str, Any] = _finite(report)
+    return finite
+
+
+def _effect(effect: NamedEffect) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "joint": effect.joint,
+        "class": effect.family,
+        "level": str(effect.level),
+        "probability": effect.probability,
+        "parameters": {name: _estimate(e) for name, e in effect.parameters.items()},
+        "rivals": [_alternative(a) for a in effect.rivals],
+        "alternatives": [_alternative(a) for a in effect.alternatives],
+        "nats": effect.nats,
+    }
+
+
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    return {"value": estimate.value, "ci95": estimate.ci95, "unit": estimate.unit}
+
+
+def _alternative(entry: Alternative) -> dict[str, Any]:
+    return {
+        "label": entry.label,
+        "name": entry.name,
+        "joint": entry.joint,
+        "class": entry.family,
+        "probability": entry.probability,
+    }
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    bounds = [{"variable": str(s.variable), "low": s.low, "high": s.high, "unit": s.unit} for s in finding.region]
+    return {
+        "channel": finding.channel.name,
+        "variables": [str(v) for v in finding.variables],
+        "region": region_words(finding.region),
+        "bounds": bounds,
+        "nats": finding.nats,
+        "size": finding.size,
+        "counts": finding.counts,
+    }
+
+
+def _gap(gap: ChannelGap) -> dict[str, Any]:
+    return {
+        "before": gap.before,
+        "after": gap.after,
+        "noise": gap.noise,
+        "unit": gap.channel.unit,
+        "closed": gap.closed,
+        "closed_ci95": gap.closed_ci95,
+        "black_box_ceiling": gap.black_box_ceiling,
+        "placebo": gap.permutation_control,
+        "p95": gap.p95,
+        "max": gap.largest,
+    }
+
+
+def gaps_of_report(report: Mapping[str, Any]) -> list[ChannelGap]:
+    """Return the gaps of report.json as they were written.
+
+    Parameters
+    ----------
+    report : mapping
+        The JSON form, perhaps of an older version: of a channel its name, its figures and its unit are used.
+    """
+    return [_gap_of(name, gap) for name, gap in report["gap"].items()]
+
+
+def _gap_of(name: str, gap: Mapping[str, Any]) -> ChannelGap:
+    signal, _, place = name.rpartition("_")  # a channel's name in JSON is its signal and its joint, or axis
+    joint = int(place) if place.isdigit() else 0
+    (before, after, noise, closed, ceiling, control) = (
+        _number(gap[key]) for key in ("before", "after", "noise", "closed", "black_box_ceiling", "placebo")
+    )
+    p95, largest, ends = ((_number(gap[key][0]), _number(gap[key][1])) for key in ("p95", "max", "closed_ci95"))
+    channel = Channel(name, signal, joint - 1 if joint else "xyz".index(place), joint, gap["unit"])
+    return ChannelGap(before, after, noise, p95, largest, closed, ends, channel, ceiling, control)
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def _provenance(source: Provenance) -> dict[str, Any]:
+    return {
+        "data": [vars(d) for d in source.data],
+        "seed": source.seed,
+        "versions": source.versions,
+        "thresholds": vars(source.thresholds),
+        "seconds": source.seconds,
+        "noise": {
+            name: {
+                "white": n.white,
+                "slow": n.slow,
+                "time_constant": n.time_constant,
+                "tail": n.tail,
+                "basis": noise_source_words(n),
+            }
+            for name, n in source.noise.items()
+        },
+        "tolerated": source.tolerated,
+        "bursts": [
+            {
+                "channel": b.channel.name,
+                "trajectories": b.trajectories,
+                "largest": b.largest,
+                "noise": b.noise,
+                "unit": b.channel.unit,
+            }
+            for b in source.bursts
+        ],
+        "remarks": source.remarks,
+        "no_trace": source.no_trace,
+        "not_nameable": [{"effect": k.effect, "why": k.why} for k in source.not_nameable],
+    }
+
+
+def _finite(value: Any) -> Any:
+    """Replace what JSON cannot say."""
+    if isinstance(value, Mapping):
+        return {str(k): _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, np.generic | np.ndarray):
+        return _finite(value.tolist())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,199 @@
+"""A set of effects on the data: signatures and tangents through the simulator, refinement, held-out gain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gpcorrect.discrepancy.evidence.linear import fold_of, solve
+from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
+from gpcorrect.discrepancy.recording.dataset import Dataset
+from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
+from gpcorrect.discrepancy.search.instants import has_instant, with_best_instant
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray
+
+__all__ = ["FOLDS", "Linearisation", "held_out", "linearise", "refine", "signature"]
+
+FOLDS = 5
+STEP = 0.002  # of a coordinate, for finite differences: far below a wave's turn over the range of a joint
+SMALLEST_STEP = 5e-4
+MAX_EVALUATIONS = 8
+
+
+def signature(
+    dataset: Dataset, base: FloatArray, others: Sequence[FittedEffect], candidate: Candidate
+) -> FloatArray | None:
+    """Return the change of the channels when a candidate is inserted at its start.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Of m rows and c channels.
+    base : (m, c) array
+        Channels without it.
+    others : sequence of FittedEffect
+        Present beside it.
+    candidate : Candidate
+        To insert.
+
+    Returns
+    -------
+    (m, c, a) array or None
+        A column for each amplitude (or one); None when the simulator refuses the effect on this machine.
+    """
+    columns = []
+    for i in candidate.amplitudes or (-1,):
+        try:
+            effect = candidate.build(candidate.single(i))
+            columns.append(dataset.predict([*(f.effect for f in others), effect]) - base)
+        except DataError:
+            return None
+    return np.stack(columns, axis=2)
+
+
+def _tangents(
+    dataset: Dataset, fixed: Sequence[FittedEffect], free: Sequence[FittedEffect]
+) -> tuple[FloatArray, FloatArray]:
+    """Channels `(m, c)` of a set, and their derivatives `(m, c, p)` along every coordinate of its free effects."""
+    at = dataset.predict([f.effect for f in (*fixed, *free)])
+    columns = []
+    for i, fit in enumerate(free):
+        low, high = fit.candidate.bounds
+        for j, u in enumerate(fit.u):
+            if fit.candidate.coordinates[j].parameter.change_point:  # no slope
+                columns.append(np.zeros(at.shape))
+                continue
+            step = max(STEP * abs(u), SMALLEST_STEP)
+            step = step if u + step <= high[j] else -step
+            moved = np.array(fit.u)
+            moved[j] = max(u + step, low[j])
+            others = [*fixed, *free[:i], FittedEffect(fit.candidate, moved), *free[i + 1 :]]
+            columns.append((dataset.predict([f.effect for f in others]) - at) / (moved[j] - u))
+    return at, np.stack(columns, axis=2) if columns else np.zeros((*at.shape, 0))
+
+
+def refine(
+    whitener: DatasetWhitener,
+    fixed: Sequence[FittedEffect],
+    free: Sequence[FittedEffect],
+    evaluations: int = MAX_EVALUATIONS,
+) -> list[FittedEffect]:
+    """Fit the free effects' numbers by bounded least squares through the simulator; the fixed ones stay.
+
+    Parameters
+    ----------
+    whitener : DatasetWhitener
+        Data, and the rows and noise to fit with.
+    fixed, free : sequences of FittedEffect
+        The set.
+    evaluations : int
+        Of the set, at most.
+
+    Returns
+    -------
+    list of FittedEffect
+        The free ones with their new numbers.
+    """
+    dataset, free = whitener.dataset, list(free)
+    for i, fit in enumerate(free):
+        if has_instant(fit):
+            free[i] = with_best_instant(whitener, [*fixed, *free[:i], *free[i + 1 :]], fit)
+    coordinates = [c for f in free for c in f.candidate.coordinates]
+    if not coordinates:
+        return []
+    low, high = np.array([c.bounds for c in coordinates]).T
+    start = np.clip(np.concatenate([f.u for f in free]), low, high)
+
+    def errors(u: FloatArray) -> FloatArray:
+        at = dataset.predict([f.effect for f in (*fixed, *_at(free, u))])
+        prior = [c.prior_residual(x) for c, x in zip(coordinates, u, strict=True)]
+        return np.concatenate([whitener.whiten(dataset.observed - at), prior])
+
+    def jacobian(u: FloatArray) -> FloatArray:
+        slopes = -whitener.whiten_columns(_tangents(dataset, fixed, _at(free, u))[1])
+        prior = np.diag([1.0 if c.prior_residual(1.0) else 0.0 for c in coordinates])
+        prior *= 1.0 / np.log(3.0)
+        return np.concatenate([slopes, prior])
+
+    inner = np.clip(start, np.nextafter(low, high), np.nextafter(high, low))
+    found = least_squares(errors, inner, jac=jacobian, bounds=(low, high), x_scale=1.0, max_nfev=evaluations, ftol=1e-5)
+    return _at(free, found.x)
+
+
+def _at(fitted: Sequence[FittedEffect], u: FloatArray) -> list[FittedEffect]:
+    ends = np.cumsum([len(f.u) for f in fitted])
+    return [FittedEffect(f.candidate, part) for f, part in zip(fitted, np.split(u, ends[:-1]), strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """A set with what it leaves, and how that changes with its numbers.
+
+    Parameters
+    ----------
+    fitted : tuple of FittedEffect
+        The set.
+    z : (M,) array
+        Whitened residual that it leaves.
+    slopes : (M, p) array
+        Whitened tangents of the coordinates of its free effects.
+    """
+
+    fitted: tuple[FittedEffect, ...]
+    z: FloatArray
+    slopes: FloatArray
+
+
+def linearise(
+    whitener: DatasetWhitener, free: Sequence[FittedEffect], fixed: Sequence[FittedEffect] = ()
+) -> Linearisation:
+    """Take residual and tangents of a set.
+
+    Parameters
+    ----------
+    whitener : DatasetWhitener
+        Data, and the rows and noise to take them with.
+    free, fixed : sequences of FittedEffect
+        The set; the fixed ones' numbers stay.
+
+    Returns
+    -------
+    Linearisation
+    """
+    at, slopes = _tangents(whitener.dataset, fixed, free)
+    residual = whitener.whiten(whitener.dataset.observed - at)
+    return Linearisation((*fixed, *free), residual, whitener.whiten_columns(slopes))
+
+
+def held_out(whitener: DatasetWhitener, reference: FloatArray, z: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Return the held-out gain in nats `(b,)` of each block that a set brings over a reference residual.
+
+    Its numbers are refitted (to first order) without the block's fold.
+
+    Parameters
+    ----------
+    whitener : DatasetWhitener
+        That made the columns.
+    reference, z : (M,) arrays
+        Whitened residual without the set, and with it at its best numbers.
+    slopes : (M, p) array
+        Its whitened tangents.
+    """
+    block = whitener.block
+    n_blocks = int(block.max()) + 1
+    before, after = np.bincount(block, reference**2, n_blocks), np.bincount(block, z**2, n_blocks)
+    gains: FloatArray = 0.5 * (before - after).astype(np.float64)
+    if slopes.shape[1] == 0:
+        return gains
+    sums = whitener.grams(slopes, z)
+    fold = fold_of(n_blocks, FOLDS)
+    numbers = np.unique(fold)
+    gram = sums.gram.sum(axis=0) - np.stack([sums.gram[fold == k].sum(axis=0) for k in numbers])
+    moment = sums.moment.sum(axis=0) - np.stack([sums.moment[fold == k].sum(axis=0) for k in numbers])
+    shift = solve(gram, moment, ridge=1e-4)[np.searchsorted(numbers, fold)]
+    gains += (shift * (sums.moment - 0.5 * (sums.gram @ shift[..., None])[..., 0])).sum(axis=1)
+    return gains

@@ -1,0 +1,228 @@
+"""Which effects explain the discrepancy.
+
+Forward steps by held-out nats, refinement before the next step, backward deletion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+
+from gpcorrect.discrepancy.evidence.linear import bordered, fold_of, held_out_nats, solve
+from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
+from gpcorrect.discrepancy.search.linearisation import FOLDS, Linearisation, held_out, linearise
+from gpcorrect.discrepancy.search.state import COMPLEXITY, Search, Step, penalty
+from gpcorrect.types import BoolArray, FloatArray, Progress
+
+__all__ = ["Ranked", "Search", "Step", "contribution", "rank", "search"]
+
+
+@dataclass(frozen=True, eq=False)
+class Ranked:
+    """A candidate's linear gain beyond a set, and the factors of its amplitudes."""
+
+    candidate: Candidate
+    nats: float
+    factors: FloatArray = field(default_factory=lambda: np.ones(1))
+
+    @property
+    def fit(self) -> FittedEffect:
+        """The candidate at its first estimate."""
+        return FittedEffect(self.candidate, self.candidate.scaled(self.factors))
+
+
+def rank(
+    search: Search, linearised: Linearisation, without: Sequence[Candidate] = (), channels: BoolArray | None = None
+) -> list[Ranked]:
+    """Linear held-out gain of every candidate beyond a set, the best variant of each, largest first.
+
+    Parameters
+    ----------
+    search : Search
+        Data and signatures.
+    linearised : Linearisation
+        The set, whose free numbers move along with the candidate's.
+    without : sequence of Candidate
+        Not to be looked at, whatever their numbers.
+    channels : (c,) bool array, optional
+        Only candidates that show in one of these.
+    """
+    taken = {m.candidate.key for m in linearised.fitted} | {c.key for c in without}
+    whitener = search.whitener
+    base = whitener.grams(linearised.slopes, linearised.z)
+    p = linearised.slopes.shape[1]
+    fold = fold_of(int(whitener.block.max()) + 1, FOLDS)
+    base_nats = float(held_out_nats(base, fold).sum()) if p else 0.0
+    best: dict[tuple[object, ...], Ranked] = {}
+    for trace in search.traces:
+        candidate = trace.candidate
+        if candidate.key in taken or (channels is not None and not (trace.touched & channels).any()):
+            continue
+        sums = bordered(base, linearised.slopes, whitener.whiten_columns(trace.change), linearised.z, whitener.block)
+        factors = solve(sums.gram.sum(axis=0), sums.moment.sum(axis=0))[p:]
+        if not _is_physical(candidate, factors):
+            continue
+        nats = float(held_out_nats(sums, fold).sum()) - base_nats - COMPLEXITY * candidate.extra
+        if candidate.key not in best or nats > best[candidate.key].nats:
+            best[candidate.key] = Ranked(candidate, nats, factors)
+    return sorted(best.values(), key=lambda r: -r.nats)
+
+
+def _is_physical(candidate: Candidate, factors: FloatArray) -> bool:
+    """Whether amplitudes that cannot be negative are not, nor the whole of an effect that has none."""
+    if not candidate.amplitudes:
+        return bool((factors > 0).all())
+    one_sided = [candidate.coordinates[i] for i in candidate.amplitudes]
+    return all(f > 0 for c, f in zip(one_sided, factors, strict=True) if c.parameter.positive or c.kind == "inverse")
+
+
+ROUNDS = 4  # at most one effect a joint in each
+REFINED = 2  # leaders that are refined before one is chosen
+LOOKED_AT = 4  # for that many whose numbers stay physical
+NEAR_LEADER = 0.3  # of the leader's nats: below, a candidate is not worth refining
+
+
+def search(
+    state: Search, *, rounds: int = ROUNDS, refused: Sequence[Candidate] = (), progress: Progress | None = None
+) -> Search:
+    """Add effects while they pay, at most one a joint in each round, and take out those that no longer do.
+
+    Parameters
+    ----------
+    state : Search
+        Where to start.
+    rounds : int
+        At most.
+    refused : sequence of Candidate
+        Not to be added.
+    progress : Progress, optional
+        Told of each round.
+
+    Returns
+    -------
+    Search
+        With the fitted found.
+    """
+    refused = list(refused)
+    for number in range(rounds):
+        threshold = penalty(state.n_kinds, number)
+        joints: set[int | str] = set()
+        grown = state
+        while (grown := _forward(state, threshold, joints, refused)) is not state:
+            state = grown
+        if progress is not None:
+            progress.step("search", (number + 1) / rounds)
+        if not joints:
+            break
+        state = _physical(_merged(state, threshold), refused)
+        state = _backward(state, threshold).refreshed()
+    if progress is not None:
+        progress.step("search", 1.0)
+    return state
+
+
+def _forward(state: Search, threshold: float, joints: set[int | str], refused: Sequence[Candidate]) -> Search:
+    """Add the best of the refined leaders on a joint that is still open in this round.
+
+    The same state when none pays.
+    """
+    linearised = linearise(state.whitener, state.fitted)
+    ranked = [r for r in rank(state, linearised, refused) if r.candidate.joint not in joints and r.nats > 0]
+    leaders = [
+        r for r in ranked if r.nats > NEAR_LEADER * ranked[0].nats and state.alike(r.candidate, ranked[0].candidate)
+    ]
+    best: tuple[float, tuple[FittedEffect, ...]] | None = None
+    refined = 0
+    for leader in leaders[:LOOKED_AT]:
+        fitted = state.refit((*state.fitted, leader.fit), leader.candidate)
+        if fitted[-1].at_edge:
+            continue
+        refined += 1
+        gain = gain_over(state, linearised, fitted, leader.fit)
+        if best is None or gain > best[0]:
+            best = gain, fitted
+        if refined == REFINED:
+            break
+    if best is None or best[0] < threshold:
+        return state
+    new = best[1][-1].candidate
+    joints.add(new.joint)
+    steps = (*state.waterfall, Step(new.label, best[0]))
+    return replace(state, fitted=best[1], waterfall=steps).refreshed()
+
+
+def gain_over(
+    state: Search,
+    before: Linearisation,
+    fitted: Sequence[FittedEffect],
+    new: FittedEffect,
+    channels: BoolArray | None = None,
+) -> float:
+    """Held-out nats of a set beyond another one's, tempered by how far the new residual still is from noise.
+
+    In these channels; by default in those in which the new fit shows.
+    """
+    after = state.linearise_near(fitted, new.candidate)
+    nats = held_out(state.whitener, before.z, after.z, after.slopes) - held_out(
+        state.whitener, before.z, before.z, state.linearise_near(before.fitted, new.candidate).slopes
+    )
+    return float(nats.sum()) / state.overdispersion(
+        after.z, state.touched(new.candidate) if channels is None else channels
+    )
+
+
+def _merged(state: Search, threshold: float) -> Search:
+    """Put one effect in the place of two on one joint where it explains as much: two off-grid guesses of one thing."""
+    for a, b in combinations(state.fitted, 2):
+        if a.candidate.joint != b.candidate.joint:
+            continue
+        rest = tuple(m for m in state.fitted if m is not a and m is not b)
+        bare = state.linearise_near(rest, a.candidate)
+        both = state.touched(a.candidate) & state.touched(b.candidate)
+        pair = gain_over(state, bare, state.fitted, b, both)
+        ranked = rank(state, bare, [a.candidate, b.candidate], state.touched(a.candidate))[:1]
+        for leader in ranked:
+            if leader.nats < 0.8 * pair:
+                continue
+            fitted = state.refit((*rest, leader.fit), leader.candidate)
+            one = gain_over(state, bare, fitted, leader.fit, both)
+            if not fitted[-1].at_edge and one > pair - threshold:
+                label = f"{leader.candidate.label} for {a.candidate.label} and {b.candidate.label}"
+                steps = (*state.waterfall, Step(label, leader.nats - pair))
+                return replace(state, fitted=fitted, waterfall=steps).refreshed()
+    return state
+
+
+def _physical(state: Search, refused: list[Candidate]) -> Search:
+    """Take out fitted whose numbers have left for the edge of their range as others came; they do not come again."""
+    while edgy := [m for m in state.fitted if m.at_edge]:
+        gone = edgy[-1]
+        refused.append(gone.candidate)
+        rest = state.refit([m for m in state.fitted if m is not gone], gone.candidate)
+        steps = (*state.waterfall, Step(f"without {gone.candidate.label}, not physical", 0.0))
+        state = replace(state, fitted=rest, waterfall=steps)
+    return state
+
+
+def _backward(state: Search, threshold: float) -> Search:
+    """Take out fitted that the others make superfluous, the least useful first."""
+    while len(state.fitted) > 1:
+        worth = [contribution(state, i) for i in range(len(state.fitted))]
+        least = int(np.argmin(worth))
+        if worth[least] >= threshold:
+            break
+        gone = state.fitted[least]
+        rest = state.refit([m for m in state.fitted if m is not gone], gone.candidate)
+        steps = (*state.waterfall, Step(f"without {gone.candidate.label}", -worth[least]))
+        state = replace(state, fitted=rest, waterfall=steps)
+    return state
+
+
+def contribution(state: Search, index: int) -> float:
+    """Held-out nats that the set loses without one fit, the others refitted to first order."""
+    fit = state.fitted[index]
+    rest = [m for m in state.fitted if m is not fit]
+    return gain_over(state, state.linearise_near(rest, fit.candidate), state.fitted, fit)
