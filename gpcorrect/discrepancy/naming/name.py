@@ -111,7 +111,7 @@ def _doubts_of_numbers(view: View, fit: FittedEffect) -> list[str]:
     index = next(i for i, m in enumerate(fitted) if m is fit)
     doubts = [f"{name} is at the edge of its physical range" for name in fit.at_edge]
     if not away_from_nothing(search, search.whitener, fitted, index):
-        doubts.append("its size cannot be told from zero")
+        doubts.append("its size cannot be distinguished from zero")
     explained = explained_by_others(search, fitted, index)
     if explained > EXPLAINED:
         doubts.append(
@@ -134,5 +134,5 @@ def _level(alternatives: Sequence[Alternative], doubts: Sequence[str], partial: 
         return Level.EXACT, []
     if not stable:
         return Level.INCONCLUSIVE, ["the catalogue and a smooth model explain it equally well"]
-    words = [f"cannot be told from {a.label} ({100 * a.probability:.0f} %)" for a in stable]
+    words = [f"cannot be distinguished from {a.label} ({100 * a.probability:.0f} %)" for a in stable]
     return (Level.CLASS if all(a.family == own.family for a in stable) else Level.SET), words

@@ -15,7 +15,7 @@ from gpcorrect.discrepancy.search.state import COMPLEXITY
 __all__ = ["EXACT", "STABLE", "UNKNOWN_FRACTION", "Alternative", "Explanation", "Level", "Named", "posterior"]
 
 EXACT = 0.95
-STABLE = 0.05  # posterior above which a rival cannot be told apart
+STABLE = 0.05  # posterior above which a rival cannot be ruled out
 UNKNOWN_FRACTION = 0.25  # of an effect's nats, found beside it by the smooth model: then that model competes in full
 STRONG = 30.0  # nats from which an effect with a small remainder stands against any smooth model
 

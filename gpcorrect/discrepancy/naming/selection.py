@@ -49,13 +49,13 @@ def name_effects(
     tests, inputs : sequences
         Of each channel, for the unknown.
     progress : Progress, optional
-        Told of each pass.
+        Reported each pass.
 
     Returns
     -------
     search : Search
         With the named fitted only.
-    kept : tuple of Named
+    named : tuple of Named
         Those, in the same order.
     dropped : tuple of Named
         The others, with the reasons.
@@ -67,8 +67,8 @@ def name_effects(
             progress.step("naming", len(selection.dropped) / (total + len(selection.dropped) + 1))
     if progress is not None:
         progress.step("naming", 1.0)
-    kept = tuple(selection.assessments[id(m)][0] for m in selection.search.fitted)
-    return selection.search, kept, tuple(selection.dropped)
+    named = tuple(selection.assessments[id(m)][0] for m in selection.search.fitted)
+    return selection.search, named, tuple(selection.dropped)
 
 
 @dataclass

@@ -84,13 +84,13 @@ def levels_of(residual: FloatArray, trajectory: IntArray, rows: BoolArray) -> tu
         second = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / NORM
         second = second[np.isfinite(second)]
         scale = float(np.median(np.abs(second))) / NORMAL_MAD if len(second) else 0.0
-        kept = second[np.abs(second) < TRIM * scale]
-        if len(kept) < FEWEST:
+        inner = second[np.abs(second) < TRIM * scale]
+        if len(inner) < FEWEST:
             continue
-        levels.append(float(np.sqrt(np.mean(kept**2))))
+        levels.append(float(np.sqrt(np.mean(inner**2))))
         numbers.append(number)
         # neighbouring second differences fraction samples: their squares count 35 / 18 times less than independent ones
-        errors.append(float(0.5 * np.std(kept**2) / np.mean(kept**2) * np.sqrt(35.0 / 18.0 / len(kept))))
+        errors.append(float(0.5 * np.std(inner**2) / np.mean(inner**2) * np.sqrt(35.0 / 18.0 / len(inner))))
     return np.array(levels), np.array(numbers, dtype=np.int64), np.array(errors)
 
 
@@ -224,7 +224,7 @@ def noise_effects(dataset: Dataset, effects: Sequence[Effect], level: FloatArray
 
 
 def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) -> list[NoiseEffect]:
-    """Louder outside sensors; a joint whose encoder counts in steps is louder by that."""
+    """Noisier outside sensors; a joint whose encoder counts in steps is noisier by that."""
     scene = dataset.scene
     if not samples_are_dense(scene):
         return []

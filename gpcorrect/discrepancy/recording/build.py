@@ -205,7 +205,7 @@ def _length(rows: IntArray) -> int:
 
 
 def _run_out(path: FloatArray, n: int) -> FloatArray:
-    """Let a path `(m, dof)` that ends before the grid's n samples swing on, its last acceleration kept.
+    """Let a path `(m, dof)` that ends before the grid's n samples swing on, with its last acceleration.
 
     A hard stop would be an acceleration that no motor was asked for, and the interpolation would spread it backwards.
     """

@@ -18,7 +18,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 __all__ = ["ChannelNoise", "NoiseSource", "Whitener", "estimate_noise", "outliers", "standard_draws", "whiten"]
 
 MIN_PAIRS = 200  # of samples in holds, without which the whole recording is used
-LONGEST_LAG = 0.8  # s; beyond, motion and noise can no longer be told apart
+LONGEST_LAG = 0.8  # s; beyond, motion and noise can no longer be separated
 CORRELATION_TIMES = np.geomspace(0.02, 0.5, 20)  # s; longer ones would take motion effects for noise
 LIKELY_TAIL = 8.0  # degrees of freedom, between normal noise and the heavy tails of sensors
 NORMAL_MAD = 0.6744897501960817

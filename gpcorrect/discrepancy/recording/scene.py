@@ -120,7 +120,7 @@ class PathMemory:
             self._paths.pop(next(iter(self._paths)))
 
 
-REMEMBERED = 48  # closed-loop runs that are kept
+REMEMBERED = 48  # closed-loop runs in memory
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
 
 

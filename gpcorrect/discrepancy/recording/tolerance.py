@@ -61,8 +61,8 @@ def slack_of(slopes: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ..
     step : float
         Seconds from sample to sample: slow noise counts for less, the denser the samples.
     """
-    loud = np.array([np.sqrt(n.white**2 + n.slow**2 * max(1.0, 2.0 * n.time_constant / step)) for n in noises])
-    scale = np.broadcast_to(loud, rows.shape)[rows][:, None]
+    scale = np.array([np.sqrt(n.white**2 + n.slow**2 * max(1.0, 2.0 * n.time_constant / step)) for n in noises])
+    scale = np.broadcast_to(scale, rows.shape)[rows][:, None]
     U, s, Vt = np.linalg.svd(slopes[rows] / scale, full_matrices=False)
     seen = s > 1e-9 * max(s.max(initial=0.0), 1e-300)
     U, s, Vt = U[:, seen], s[seen], Vt[seen]

@@ -158,7 +158,7 @@ def instant_profile(
 def instant_half_width(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: FittedEffect) -> float:
     """Half width of the 95 % interval of a change-point's coordinate: where the profile is within 1.92 nats of its top.
 
-    At every row, for the profile has many tops; and a row more, within which nothing is told apart.
+    At every row, for the profile has many tops; and a row more, within which nothing can be distinguished.
     """
     index = _place(fit)
     coordinate, cuts = fit.candidate.coordinates[index], _cuts(whitener, others, fit)

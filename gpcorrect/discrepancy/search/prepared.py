@@ -111,5 +111,5 @@ def _condensed(dataset: Dataset, covariates: Covariates) -> Covariates:
     last = np.searchsorted(group, np.arange(len(dataset)), side="right") - 1
     middle = used[(first + last) // 2]
     values = {name: v[middle] for name, v in covariates.values.items()}
-    kept = {name: v for name, v in values.items() if np.std(v) > 0}
-    return Covariates(kept, tuple(p for p in covariates.primary if p in kept), covariates.units)
+    varying = {name: v for name, v in values.items() if np.std(v) > 0}
+    return Covariates(varying, tuple(p for p in covariates.primary if p in varying), covariates.units)

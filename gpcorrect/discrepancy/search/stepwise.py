@@ -99,7 +99,7 @@ def search(
     refused : sequence of Candidate
         Not to be added.
     progress : Progress, optional
-        Told of each round.
+        Reported each round.
 
     Returns
     -------
