@@ -1,4 +1,4 @@
-"""An arm: its chain, its closed-form inverse, and the numbers that come with the machine."""
+"""An arm: its chain, its closed-form inverse, its cable drive, and the numbers that come with the machine."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from gpcorrect.arms import gravity as _gravity
 from gpcorrect.arms.chain import Chain
 from gpcorrect.arms.gravity import Link
 from gpcorrect.arms.rcm import RcmInverse
-from gpcorrect.arms.transmission import Transmission
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
-__all__ = ["Arm", "Solutions"]
+__all__ = ["Arm", "Solutions", "Transmission"]
 
-LIMIT_ROUNDING = 1e-9  # rad or m beyond a limit that count as on it
+LIMIT_ROUNDING = 1e-9  # rad or m beyond a limit that count as on it: far above rounding, far below a micrometre
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +38,79 @@ class Solutions:
     q: FloatArray
     exists: BoolArray
     within_limits: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class Transmission:
+    """Motors turn by `matrix` times the joint motion: ratios on the diagonal, cable coupling below it.
+
+    Parameters
+    ----------
+    matrix : (dof, dof) array
+        Motor rad for each joint rad or m.
+
+    Raises
+    ------
+    DataError
+        The matrix is not square or cannot be inverted.
+    """
+
+    matrix: FloatArray
+
+    def __post_init__(self) -> None:
+        matrix = frozen_array(self.matrix)
+        if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+            raise DataError(f"a transmission matrix must be square, got {matrix.shape}.")
+        if np.linalg.matrix_rank(matrix) < len(matrix):
+            raise DataError("the transmission matrix is singular: some joint motion moves no motor.")
+        object.__setattr__(self, "matrix", matrix)
+
+    @property
+    def ratios(self) -> FloatArray:
+        """(dof,) motor rad for each joint rad or m, coupling left aside."""
+        return np.diagonal(self.matrix)
+
+    def motor_from_joint(self, q: ArrayLike) -> FloatArray:
+        """Return motor angles (..., dof), rad.
+
+        Parameters
+        ----------
+        q : (..., dof) array
+            Joint values, rad and m.
+        """
+        return np.asarray(q, dtype=np.float64) @ self.matrix.T
+
+    def joint_from_motor(self, motor: ArrayLike) -> FloatArray:
+        """Return joint values (..., dof), rad and m.
+
+        Parameters
+        ----------
+        motor : (..., dof) array
+            Motor angles, rad.
+        """
+        angles = np.asarray(motor, dtype=np.float64)
+        return np.asarray(np.linalg.solve(self.matrix, angles[..., None])[..., 0])
+
+    def joint_torque(self, motor_torque: ArrayLike) -> FloatArray:
+        """Return the torques and forces (..., dof) on the joints that lossless motors exert.
+
+        Parameters
+        ----------
+        motor_torque : (..., dof) array
+            N m.
+        """
+        return np.asarray(motor_torque, dtype=np.float64) @ self.matrix
+
+    def motor_torque(self, joint_torque: ArrayLike) -> FloatArray:
+        """Return the torques (..., dof), N m, of lossless motors that exert these on the joints.
+
+        Parameters
+        ----------
+        joint_torque : (..., dof) array
+            N m and N.
+        """
+        loads = np.asarray(joint_torque, dtype=np.float64)
+        return np.asarray(np.linalg.solve(self.matrix.T, loads[..., None])[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,28 +175,47 @@ class Arm:
         return self.chain.limits
 
     def forward(self, q: ArrayLike) -> FloatArray:
-        """Tip poses T_base_tip (..., 4, 4) at joint values `q` (..., dof), rad and m."""
+        """Return the tip poses T_base_tip (..., 4, 4).
+
+        Parameters
+        ----------
+        q : (..., dof) array
+            Joint values, rad and m.
+        """
         return self.chain.forward(q)
 
-    def frames(self, q: ArrayLike) -> FloatArray:
-        """Link frames (..., dof, 4, 4) in the base frame."""
-        return self.chain.frames(q)
-
-    def jacobian(self, q: ArrayLike) -> FloatArray:
-        """Geometric Jacobian (..., 6, dof) of the tip, see ``Chain.jacobian``."""
-        return self.chain.jacobian(q)
-
     def wrist(self, q: ArrayLike) -> FloatArray:
-        """Wrist points (..., 3), m, at joint values `q` (..., dof); the first three joints alone move it."""
+        """Return the wrist points (..., 3), m; the first three joints alone move them.
+
+        Parameters
+        ----------
+        q : (..., dof) array
+            Joint values, rad and m.
+        """
         return self.chain.frames(q)[..., self.wrist_link - 1, :3, 3]
 
     def gravity_torque(self, q: ArrayLike, gravity: ArrayLike | None = None, payload: ArrayLike = 0.0) -> FloatArray:
-        """Torques and forces (..., dof) of gravity on the joints: :func:`gpcorrect.arms.gravity_torque`."""
+        """Torques and forces (..., dof) of gravity on the joints: :func:`gpcorrect.arms.gravity_torque`.
+
+        Parameters
+        ----------
+        q : (..., dof) array
+            Joint values, rad and m.
+        gravity : (3,) array, optional
+            Free fall in the base frame, m/s^2; of a normally mounted arm by default.
+        payload : float or (...) array
+            Point mass at the tip, kg.
+        """
         pull = self.gravity if gravity is None else gravity
         return _gravity.gravity_torque(self.chain, self.links, q, pull, payload)
 
     def solutions(self, T: ArrayLike) -> Solutions:
-        """All closed-form solutions for tip poses `T` (..., 4, 4), in and out of limits.
+        """Return all closed-form solutions for tip poses, in and out of limits.
+
+        Parameters
+        ----------
+        T : (..., 4, 4) array
+            Tip poses in the base frame.
 
         Raises
         ------

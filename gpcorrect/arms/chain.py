@@ -7,11 +7,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 
 from gpcorrect import se3
 from gpcorrect.arms.numeric_inverse import solve_pose
-from gpcorrect.arms.walk import walk
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
@@ -112,13 +112,26 @@ class Chain:
         return np.array([(joint.lower, joint.upper) for joint in self.joints])
 
     def within_limits(self, q: ArrayLike, margin: float = 0.0) -> BoolArray:
-        """Mask (...) of `q` (..., dof) whose joints all keep their limits, widened by `margin` rad or m."""
+        """Return the mask (...) of postures whose joints all keep their limits.
+
+        Parameters
+        ----------
+        q : (..., dof) array
+            Joint values, rad and m.
+        margin : float
+            Added to both limits, rad or m.
+        """
         values, limits = self.joint_values(q), self.limits
         inside = (values >= limits[:, 0] - margin) & (values <= limits[:, 1] + margin)
         return np.asarray(inside.all(axis=-1))
 
     def joint_values(self, q: ArrayLike) -> FloatArray:
         """Return `q` as a float array (..., dof).
+
+        Parameters
+        ----------
+        q : (..., dof) array
+            Joint values, rad and m.
 
         Raises
         ------
@@ -131,21 +144,32 @@ class Chain:
         return values
 
     def frames(self, q: ArrayLike) -> FloatArray:
-        """Link frames (..., dof, 4, 4) in the base frame at joint values `q` (..., dof), rad and m."""
-        values = self.joint_values(q)
-        links = np.empty((*values.shape, 4, 4))
-        T_base_link = self.base
-        for i, joint in enumerate(self.joints):
-            T_base_link = T_base_link @ _link_transform(joint, values[..., i], self.convention)
-            links[..., i, :, :] = T_base_link
-        return links
+        """Return the link frames (..., dof, 4, 4) in the base frame.
+
+        Parameters
+        ----------
+        q : (..., dof) array
+            Joint values, rad and m.
+        """
+        return self._walked(q, self.dof)
 
     def forward(self, q: ArrayLike) -> FloatArray:
-        """Tip poses T_base_tip (..., 4, 4) at joint values `q` (..., dof), rad and m."""
+        """Return the tip poses T_base_tip (..., 4, 4).
+
+        Parameters
+        ----------
+        q : (..., dof) array
+            Joint values, rad and m.
+        """
+        return se3.compose(self._walked(q, 1)[..., 0, :, :], self.tool)
+
+    def _walked(self, q: ArrayLike, last: int) -> FloatArray:
+        """Frames (..., last, 4, 4) of the last links."""
         values = self.joint_values(q)
-        links = np.empty((values.size // self.dof, 4, 4))
-        walk(self._table, self.revolute, self.convention == "modified", self.base, values.reshape(-1, self.dof), links)
-        return se3.compose(links.reshape(*values.shape[:-1], 4, 4), self.tool)
+        frames = np.empty((values.size // self.dof, last, 4, 4))
+        modified = self.convention == "modified"
+        _walk(self._table, self.revolute, modified, self.base, values.reshape(-1, self.dof), frames)
+        return frames.reshape(*values.shape[:-1], last, 4, 4)
 
     @cached_property
     def _table(self) -> FloatArray:
@@ -153,7 +177,13 @@ class Chain:
         return np.array([(j.alpha, j.a, j.d, j.theta) for j in self.joints])
 
     def axes(self, q: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Joint axes: unit directions and a point on each, both (..., dof, 3), in the base frame."""
+        """Return the joint axes: unit directions and a point on each, both (..., dof, 3), in the base frame.
+
+        Parameters
+        ----------
+        q : (..., dof) array
+            Joint values, rad and m.
+        """
         carriers = self.frames(q)
         if self.convention == "standard":  # joint i turns about the z axis of the frame before it
             first = np.broadcast_to(self.base, (*carriers.shape[:-3], 1, 4, 4))
@@ -161,14 +191,27 @@ class Chain:
         return carriers[..., :3, 2], carriers[..., :3, 3]
 
     def jacobian(self, q: ArrayLike) -> FloatArray:
-        """Geometric Jacobian (..., 6, dof): tip's linear velocity, then angular, both in base axes."""
+        """Return the geometric Jacobian (..., 6, dof): tip's linear velocity, then angular, both in base axes.
+
+        Parameters
+        ----------
+        q : (..., dof) array
+            Joint values, rad and m.
+        """
         tip = self.forward(q)[..., None, :3, 3]
         return self.point_jacobian(q, tip, self.dof)
 
     def point_jacobian(self, q: ArrayLike, points: FloatArray, carrier: int) -> FloatArray:
-        """Jacobian (..., 6, dof) of points (..., 1, 3), in the base frame, that ride on link `carrier`.
+        """Return the Jacobian (..., 6, dof) of points that ride on a link: linear velocity, then angular.
 
-        Links are counted from 1; joints beyond the carrier do not move it.
+        Parameters
+        ----------
+        q : (..., dof) array
+            Joint values, rad and m.
+        points : (..., 1, 3) array
+            In the base frame, m.
+        carrier : int
+            Link that they ride on, counted from 1; joints beyond it do not move them.
         """
         directions, origins = self.axes(q)
         turning = self.revolute[:, None]
@@ -197,24 +240,47 @@ class Chain:
         return solve_pose(self.forward, self.jacobian, self.limits, np.asarray(T, dtype=np.float64), seed)
 
 
-def _link_transform(joint: Joint, value: FloatArray, convention: Convention) -> FloatArray:
-    theta = joint.theta + value if joint.kind == "R" else np.full(value.shape, joint.theta)
-    d = joint.d + value if joint.kind == "P" else np.full(value.shape, joint.d)
-    fixed = _screw_x(joint.alpha, joint.a)
-    moving = _screw_z(theta, d)
-    return se3.compose(moving, fixed) if convention == "standard" else se3.compose(fixed, moving)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _walk(
+    table: FloatArray, turns: BoolArray, modified: bool, base: FloatArray, q: FloatArray, frames: FloatArray
+) -> None:  # pragma: no cover - compiled
+    """Write the frames of the last m links at joint values `(n, dof)` into `frames` `(n, m, 4, 4)`.
+
+    `table` holds alpha, a, d, theta `(dof, 4)`. Link transforms are Craig's Rx(alpha) Tx(a) Rz(theta) Tz(d) where
+    `modified`, else Rz(theta) Tz(d) Tx(a) Rx(alpha).
+    """
+    T = np.empty((4, 4))
+    first = q.shape[1] - frames.shape[1]
+    for k in range(q.shape[0]):
+        T[:] = base
+        for i in range(q.shape[1]):
+            theta = table[i, 3] + (q[k, i] if turns[i] else 0.0)
+            d = table[i, 2] + (0.0 if turns[i] else q[k, i])
+            if modified:
+                _turn(T, 1, 2, table[i, 0])
+                _shift(T, 0, table[i, 1])
+            _turn(T, 0, 1, theta)
+            _shift(T, 2, d)
+            if not modified:
+                _shift(T, 0, table[i, 1])
+                _turn(T, 1, 2, table[i, 0])
+            if i >= first:
+                frames[k, i - first] = T
 
 
-def _screw_x(angle: float, shift: float) -> FloatArray:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _turn(T: FloatArray, i: int, j: int, angle: float) -> None:  # pragma: no cover - compiled
+    """Turn about the axis that is neither i nor j, the last of the frame's moves."""
+    if angle == 0.0:
+        return
     c, s = np.cos(angle), np.sin(angle)
-    return np.array([[1, 0, 0, shift], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]], dtype=np.float64)
+    for row in range(3):
+        x, y = T[row, i], T[row, j]
+        T[row, i] = c * x + s * y
+        T[row, j] = c * y - s * x
 
 
-def _screw_z(angle: FloatArray, shift: FloatArray) -> FloatArray:
-    T = np.zeros((*angle.shape, 4, 4))
-    T[..., 0, 0] = T[..., 1, 1] = np.cos(angle)
-    T[..., 1, 0] = np.sin(angle)
-    T[..., 0, 1] = -T[..., 1, 0]
-    T[..., 2, 3] = shift
-    T[..., 2, 2] = T[..., 3, 3] = 1.0
-    return T
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shift(T: FloatArray, axis: int, by: float) -> None:  # pragma: no cover - compiled
+    for row in range(3):
+        T[row, 3] += T[row, axis] * by

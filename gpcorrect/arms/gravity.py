@@ -87,7 +87,10 @@ def potential_energy(
 ) -> FloatArray:
     """Potential energy (...), J, of links and payload, zero when every mass is at the base origin.
 
-    Parameters and errors are those of :func:`gravity_torque`.
+    Parameters
+    ----------
+    chain, links, q, gravity, payload
+        As of :func:`gravity_torque`.
     """
     g = _checked_gravity(chain, links, gravity)
     centres, masses = _point_masses(chain, links, q, payload)

@@ -21,8 +21,8 @@ __all__ = ["solve_pose"]
 
 LENGTH = 0.1  # m that weigh as much as one radian: the reach of a surgical tool beyond its pivot
 REACHED = 1e-9  # error norm (rad, or m / LENGTH) below which the pose counts as reached
-STARTS = 16  # random poses of the known arms need one or two, seldom five
-STEPS = 150  # a start that will arrive has by then
+STARTS = 16  # measured on random poses of the known arms: they need one or two, seldom five
+STEPS = 150  # measured on the same: a start that will arrive has by then
 MARGIN = 1e-3  # rad or m by which the search may pass a limit: it converges slowly onto a bound
 NOISE = np.finfo(np.float64).eps
 
@@ -33,6 +33,17 @@ def solve_pose(
     forward: JointMap, jacobian: JointMap, limits: FloatArray, T: FloatArray, seed: ArrayLike | None
 ) -> FloatArray:
     """Joint values `(dof,)` within `limits` (dof, 2) whose `forward` pose is `T`; see ``Chain.inverse``.
+
+    Parameters
+    ----------
+    forward, jacobian : callables
+        Tip pose (4, 4) and its geometric Jacobian (6, dof) of joint values (dof,).
+    limits : (dof, 2) array
+        Of the joints, rad or m.
+    T : (4, 4) array
+        Pose to reach.
+    seed : (dof,) or (k, dof) array or None
+        Where to start first.
 
     Raises
     ------

@@ -14,10 +14,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpcorrect.arms.arm import Arm
+from gpcorrect.arms.arm import Arm, Transmission
 from gpcorrect.arms.chain import Chain, Joint
 from gpcorrect.arms.gravity import STANDARD_GRAVITY, Link
-from gpcorrect.arms.transmission import Transmission
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
@@ -48,12 +47,12 @@ STEP_LARGE, STEP_SMALL = 7.82 + CABLE_BIG, 5.60 + CABLE_BIG  # stepped capstan o
 TR_SHOULDER = PULLEY_LINK_1 / CAPSTAN_BIG * GEAR_BIG  # about 136
 TR_ELBOW = PULLEY_LINK_2 / STEP_SMALL * STEP_LARGE / CAPSTAN_BIG * GEAR_BIG  # about 121
 TR_INSERTION = 1000.0 / CAPSTAN_BIG * GEAR_BIG  # rad/m, about 2159
-TR_TOOL = CAPSTAN_TOOL / CAPSTAN_SMALL * GEAR_SMALL
+TR_TOOL = CAPSTAN_TOOL / CAPSTAN_SMALL * GEAR_SMALL  # before each tool joint's own pulleys
 TR_ROLL, TR_PITCH, TR_YAW = TR_TOOL * 120 / 180, TR_TOOL * 200 / 180, TR_TOOL * 100 / 90
 COUPLING_12 = 0.14545  # elbow rad for each shoulder rad
 COUPLING_13 = 0.0077973826  # insertion m for each shoulder rad
 COUPLING_23 = 0.008077387  # insertion m for each elbow rad
-INSERTION_PER_TOOL_MOTOR = GEAR_BIG / GEAR_SMALL * CAPSTAN_SMALL / CAPSTAN_BIG
+INSERTION_PER_TOOL_MOTOR = GEAR_BIG / GEAR_SMALL * CAPSTAN_SMALL / CAPSTAN_BIG  # turns
 
 # Gravity model (grav_comp.cpp): kg, and m in link frames; free fall is along -x of frame 0
 MASSES = (0.494, 0.750, 0.231)

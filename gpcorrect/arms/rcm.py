@@ -26,9 +26,9 @@ from gpcorrect.types import FloatArray
 __all__ = ["RcmInverse"]
 
 SIGNS = np.array(np.meshgrid([1.0, -1.0], [1.0, -1.0], [1.0, -1.0], indexing="ij")).reshape(3, 8)
-GEOMETRY_TOLERANCE = 1e-9
+GEOMETRY_TOLERANCE = 1e-9  # m, or of a unit vector: what rounding leaves of axes that meet and stand square
 SINGULAR_DISTANCE = 1e-9  # m; nearer to the remote centre than this a direction is undefined
-ROUNDING = 1e-12
+ROUNDING = 1e-12  # of a square that is zero at the edge of reach: a thousand times float64's
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +56,13 @@ class RcmInverse:
     @classmethod
     def of(cls, chain: Chain, wrist_link: int) -> RcmInverse:
         """Read the geometry off a chain whose frame of link `wrist_link` (from 1) sits in the wrist point.
+
+        Parameters
+        ----------
+        chain : Chain
+            The arm, RRPRRR.
+        wrist_link : int
+            Link, from 1, whose frame sits in the wrist point.
 
         Raises
         ------
@@ -91,6 +98,11 @@ class RcmInverse:
 
         A branch that does not exist is NaN; so is all of a pose whose wrist point or yaw axis passes through
         the remote centre, where solutions are not isolated.
+
+        Parameters
+        ----------
+        T : (..., 4, 4) array
+            Tip poses in the base frame.
         """
         target = np.asarray(T, dtype=np.float64)[..., None, :, :]
         motion = target @ se3.invert(self.T_zero)  # product of the six joints' screw motions

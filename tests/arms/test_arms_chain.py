@@ -174,10 +174,19 @@ def test_a_chain_keeps_its_own_copy():
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 @pytest.mark.parametrize("shape", [(), (1,), (7,), (3, 4), (0,)])
-def test_the_tip_alone_is_the_last_frame_and_the_tool(convention, shape):
-    """The compiled walk and the frames of all links are two ways to one tip, for every shape of the joint values."""
+def test_frames_are_products_of_the_tables_four_motions(convention, shape):
+    """Each link's frame is the one before it, moved as its row says; the tip is the last one and the tool."""
     chain = random_chain(convention, seed=5)
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (*shape, chain.dof))
-    tip = chain.forward(q)
-    assert tip.shape == (*shape, 4, 4)
-    np.testing.assert_allclose(tip, chain.frames(q)[..., -1, :, :] @ chain.tool, atol=1e-14)
+    frames, tips = chain.frames(q), chain.forward(q)
+    assert (frames.shape, tips.shape) == ((*shape, chain.dof, 4, 4), (*shape, 4, 4))
+    for index in np.ndindex(*shape):
+        T = chain.base
+        for i, row in enumerate(chain.joints):
+            value = q[(*index, i)]
+            theta, d = row.theta + value * (row.kind == "R"), row.d + value * (row.kind == "P")
+            x = se3.exp(np.array([row.a, 0, 0, row.alpha, 0, 0]))  # turn and shift along one axis commute
+            z = se3.exp(np.array([0, 0, d, 0, 0, theta]))
+            T = T @ z @ x if convention == "standard" else T @ x @ z
+            np.testing.assert_allclose(frames[(*index, i)], T, atol=1e-12)
+        np.testing.assert_allclose(tips[index], T @ chain.tool, atol=1e-12)

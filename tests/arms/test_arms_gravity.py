@@ -68,7 +68,7 @@ def test_torque_agrees_with_the_robot_own_compensation(name):
     """Its software sums moments com x m g in link frames 1 to 3 and projects on -z: the opposite of ours."""
     arm = arm_named(name)
     for q in random_joints(arm, 10):
-        frames = arm.frames(q)[:3]
+        frames = arm.chain.frames(q)[:3]
         holding = []
         for i, T_base_link in enumerate(frames):
             g = T_base_link[:3, :3].T @ arm.gravity

@@ -175,7 +175,7 @@ def whole_state(log: CalibrationLog, seed: int = 0) -> CalibrationLog:
     amplifier = np.round(arm.transmission.motor_torque(effort) * AMPLIFIER_COUNTS)
     columns += [motors, wanted, np.round(motors * COUNTS_PER_RAD), amplifier]
     velocity = all_joints(np.gradient(log.measured_jp, axis=0) / np.gradient(log.time)[:, None])
-    twist = np.einsum("nij,nj->ni", arm.jacobian(q), velocity)
+    twist = np.einsum("nij,nj->ni", arm.chain.jacobian(q), velocity)
     moving = np.hstack([*columns, arm.transmission.motor_from_joint(velocity), twist])
     resting = RESTING_JITTER * np.random.default_rng(seed).standard_normal(moving.shape)
     named = {f"state_{i}": column for i, column in enumerate(np.hstack([moving, resting]).T)}
