@@ -1,7 +1,7 @@
 """Measure cleaning on planted faults: which share is found, and which share of good samples is rejected with them.
 
 Each fault is planted in simulated reaches whose arm misses smoothly (10 mm, 8 degrees), drags with velocity, has play
-and noise. "judged by training" learns on the first 70 % of the trajectories, without faults, and judges the others,
+and noise. "labelled by training" learns on the first 70 % of the trajectories, without faults, and labels the others,
 with them.
 
     python bench/cleaning_faults.py --seeds 3
@@ -17,12 +17,12 @@ from dataclasses import replace
 import numpy as np
 from support import ROOT, print_table, save_results
 
-from gpcorrect.cleaning import clean, clean_with, fit_cleaner
+from gpcorrect.cleaning import clean_with, fit_cleaner
 from gpcorrect.types import BoolArray, CalibrationLog
 
 # The tests' own worlds.
 sys.path.insert(0, str(ROOT / "tests" / "cleaning"))
-from cleaning_synthetic import FAULTS, Faulty, World, make_log, register
+from cleaning_synthetic import FAULTS, Faulty, World, make_log
 
 TRAIN_SHARE = 0.7
 CLEANING_SEED = 1
@@ -59,15 +59,15 @@ def cleaned(plant: Plant, world: World, seed: int) -> tuple[float, float]:
     """Clean a log that holds the fault."""
     rng = np.random.default_rng(seed)
     log, faulty = plant(make_log(world, rng), rng)
-    return shares(clean(log, register, rng=np.random.default_rng(CLEANING_SEED)).keep, faulty)
+    return shares(fit_cleaner(log, rng=np.random.default_rng(CLEANING_SEED))[1].keep, faulty)
 
 
-def judged_by_training(plant: Plant, world: World, seed: int) -> tuple[float, float]:
+def labelled_by_training(plant: Plant, world: World, seed: int) -> tuple[float, float]:
     """Learn on clean trajectories, and judge held-out ones that hold the fault."""
     rng = np.random.default_rng(seed)
     log = make_log(world, rng)
     early = log.trajectory < TRAIN_SHARE * world.reaches
-    cleaner, _ = fit_cleaner(rows_of(log, early), register, rng=np.random.default_rng(CLEANING_SEED))
+    cleaner, _ = fit_cleaner(rows_of(log, early), rng=np.random.default_rng(CLEANING_SEED))
     held_out, faulty = plant(rows_of(log, ~early), rng)
     return shares(clean_with(cleaner, held_out).keep, faulty)
 
@@ -102,7 +102,9 @@ def main() -> None:
         runs[f"{name}, misses 2 cm and 20 deg"] = lambda seed, plant=FAULTS[name]: cleaned(plant, rough, seed)
         runs[f"{name}, positions only"] = lambda seed, plant=FAULTS[name]: cleaned(plant, seen, seed)
     for name in ("scattered", "offset block", "wandering block", "frozen block", "occlusion jumps"):
-        runs[f"{name}, judged by training"] = lambda seed, plant=FAULTS[name]: judged_by_training(plant, World(), seed)
+        runs[f"{name}, labelled by training"] = lambda seed, plant=FAULTS[name]: labelled_by_training(
+            plant, World(), seed
+        )
     results = {name: measured(run, seeds) for name, run in runs.items()}
     print_table(HEAD, [[name, *result.values()] for name, result in results.items()])
     known = {name: {k: v for k, v in row.items() if np.isfinite(v)} for name, row in results.items()}

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 import zipfile
 import zlib
 from importlib.metadata import version
@@ -25,9 +24,8 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["KIND", "SCHEMA", "load", "model_hash", "read_parts", "refused", "save", "seal_of", "write_parts"]
 
-SCHEMA = 2  # 2: what was learned with memory (`recall`, null without) and how many samples count as one (in `n`)
+SCHEMA = 3  # 3: what cleaning learned holds its registration; files of 1 and 2 are refused
 KIND = "gpcorrect.command_corrector"
-COUNT = re.compile(r"statistics\.\d+\.n$")  # arrays that hold how many samples there were
 CHECK_TOLERANCE = 1e-7  # m and rad: far below any sensor, far above rounding between processors and precisions
 
 Arrays = dict[str, FloatArray]
@@ -109,7 +107,7 @@ def read_parts(path: str | Path, kind: str = KIND) -> tuple[Header, Arrays]:
         raise refused(path, "its header is not JSON") from error
     _check_header(path, header, kind)
     _check_digests(path, header["digests"], contents)
-    return _as_of_now(path, header, contents)
+    return header, contents
 
 
 def model_hash(path: str | Path) -> str:
@@ -139,23 +137,14 @@ def _check_header(path: str | Path, header: Any, kind: str) -> None:
             f"model file {path} has schema {schema}; this version reads up to {SCHEMA}.",
             hint=f"It was written by gpcorrect {header.get('version')}: upgrade, or fit the model again.",
         )
+    if schema < SCHEMA:
+        raise ArtifactError(
+            f"model file {path} has schema {schema}; this version reads {SCHEMA}.", hint="Fit the model again."
+        )
     if header.get("seal") != seal_of(header):
         raise refused(path, "its header was altered")
     if not isinstance(header.get("digests"), dict):
         raise refused(path, "it carries no digests")
-
-
-def _as_of_now(path: str | Path, header: Header, arrays: Arrays) -> tuple[Header, Arrays]:
-    """Say in the words of the present schema what an older file says: nothing in it is lost."""
-    if header["schema"] == SCHEMA:
-        return header, arrays
-    counts = {name: np.append(array, 1.0) for name, array in arrays.items() if COUNT.search(name) and len(array) == 1}
-    if header.get("recall") is not None:
-        raise ArtifactError(
-            f"model file {path} has schema {header['schema']}: its memory is of desired paths, and is now of commands.",
-            hint="Fit the model again.",
-        )
-    return {"recall": None, **header, "schema": SCHEMA}, {**arrays, **counts}
 
 
 def _check_digests(path: str | Path, digests: dict[str, str], arrays: Arrays) -> None:

@@ -30,6 +30,7 @@ __all__ = [
     "mean",
     "nearest_rotation",
     "pose",
+    "quaternion_angle",
     "quaternion_from_matrix",
     "rotation_mean",
     "rotvec_from_matrix",
@@ -91,6 +92,20 @@ def angle(rotation: FloatArray) -> FloatArray:
     """Rotation angles `(...)` in rad, 0 to pi, of rotation matrices `(..., 3, 3)`."""
     lengths: FloatArray = np.linalg.norm(rotvec_from_matrix(rotation), axis=-1)
     return lengths
+
+
+def quaternion_angle(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Angles `(...)` in rad, 0 to pi, between quaternions `(..., 4)` and `(..., 4)`, accurate near zero.
+
+    Parameters
+    ----------
+    first, second : (..., 4) arrays
+        Not zero; normalised first.
+    """
+    q, r = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (first, second))
+    aligned = np.where((q * r).sum(axis=-1) < 0, -1.0, 1.0)[..., None] * r
+    angles: FloatArray = 4 * np.arcsin(np.minimum(np.linalg.norm(aligned - q, axis=-1) / 2, 1.0))
+    return angles
 
 
 def nearest_rotation(matrix: FloatArray) -> FloatArray:

@@ -9,9 +9,10 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, LogError
 
 __all__ = [
+    "QUATERNION_TOLERANCE",
     "BoolArray",
     "CalibrationLog",
     "Correction",
@@ -27,6 +28,8 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+QUATERNION_TOLERANCE = 1e-3  # of the log format: a norm further from one is a mistake, not rounding
 
 CorrectionStatus = Literal["OK", "EXTRAPOLATING", "LIMITED"]
 
@@ -194,6 +197,30 @@ class CalibrationLog:
         _, first = np.unique(self.trajectory, return_index=True)
         ids: IntArray = self.trajectory[np.sort(first)]
         return ids
+
+    def joint_types(self, dof: int) -> str:
+        """Return "R" or "P" for each joint: the sidecar's, or a serial surgical arm's, whose third joint inserts.
+
+        Parameters
+        ----------
+        dof : int
+            Number of joints.
+
+        Raises
+        ------
+        LogError
+            The sidecar names fewer joints, or other letters.
+        """
+        types = self.meta.joint_types.replace(" ", "").replace(",", "").upper()
+        if not types:
+            return ("RRP" + "R" * dof)[:dof] if dof in (3, 6, 7) else "R" * dof
+        if len(types) < dof or set(types) - set("RP"):
+            raise LogError(
+                f"joint_types {types!r} does not name {dof} joints with R and P.",
+                hint="Correct the sidecar.",
+                path=self.name,
+            )
+        return types[:dof]
 
     def trajectories(self) -> Iterator[tuple[int, IntArray]]:
         """Yield (trajectory number, row indices) in recorded order."""

@@ -114,22 +114,11 @@ def test_a_newer_schema_is_refused_with_the_version_that_wrote_it(model: Path) -
         artifact.load(rewritten(model, header=as_entry(header)))
 
 
-def test_a_file_of_the_first_schema_is_still_read(
-    small_corrector: CommandCorrector, model: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Written before there were memory and inflation, it answers as it did, every sample of it counting as one."""
-    header, arrays = small_corrector.to_parts()
-    header.pop("recall")
-    arrays = {name: array[:1] if name.endswith(".n") else array for name, array in arrays.items()}
-    monkeypatch.setattr(artifact, "SCHEMA", 1)
-    artifact.write_parts(model, artifact.KIND, {**header, "check": header_of(model)["check"]}, arrays)
-    monkeypatch.undo()
-    loaded = artifact.load(model)
-    assert loaded.recall is None
-    assert [part.inflation for part in loaded.statistics] == [1.0] * len(small_corrector.statistics)
-    for query in small_corrector.check_queries:
-        before, after = (c.correct(query[:7], query[7:]) for c in (small_corrector, loaded))
-        np.testing.assert_array_equal(before.position, after.position)
+def test_an_older_schema_is_refused_with_what_to_do(model: Path) -> None:
+    """The message says which schema came, and to fit the model again."""
+    header = {**header_of(model), "schema": artifact.SCHEMA - 1}
+    with pytest.raises(ArtifactError, match=rf"schema {artifact.SCHEMA - 1}.*\n?.*Fit the model again"):
+        artifact.load(rewritten(model, header=as_entry(header)))
 
 
 def test_a_pickle_inside_is_refused_and_not_run(model: Path, tmp_path: Path) -> None:

@@ -1,19 +1,21 @@
-"""Which samples of a recording are faults of the tracker, and why."""
+"""Which samples of a recording are faults of the outside sensor, and why."""
 
-from gpcorrect.cleaning.cleaner import FittedCleaner, clean, clean_with, fit_cleaner
-from gpcorrect.cleaning.reasons import Reason
-from gpcorrect.cleaning.report import CleaningReport
-from gpcorrect.cleaning.segments import Segment, require_segments
-from gpcorrect.cleaning.settings import CleaningSettings
+from gpcorrect.cleaning.cleaner import FittedCleaner, clean_with, fit_cleaner
+from gpcorrect.cleaning.report import CleaningReport, Reason
+from gpcorrect.cleaning.settings import CleaningSettings, Segment, require_segments
+from gpcorrect.cleaning.signals import POSES, TOOL, Pair, joint_pair
 
 __all__ = [
+    "POSES",
+    "TOOL",
     "CleaningReport",
     "CleaningSettings",
     "FittedCleaner",
+    "Pair",
     "Reason",
     "Segment",
-    "clean",
     "clean_with",
     "fit_cleaner",
+    "joint_pair",
     "require_segments",
 ]

@@ -1,4 +1,4 @@
-"""The recipe of cleaning: a robust rigid model, the rules, a second look, whole trajectories, and the hand."""
+"""The recipe of cleaning: a robust registration, the rules, the smooth model, whole trajectories, and the hand."""
 
 from __future__ import annotations
 
@@ -6,83 +6,78 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpcorrect.cleaning.judge import Ruler, judge_motion, judge_samples
-from gpcorrect.cleaning.learning import learn_smooth_model
-from gpcorrect.cleaning.limits import Workspace
-from gpcorrect.cleaning.prepare import pose_pair, recorded_order, samples_of, unusable
-from gpcorrect.cleaning.reasons import Reason
-from gpcorrect.cleaning.report import CleaningReport
-from gpcorrect.cleaning.robust_rigid import fit_rigid_robustly
-from gpcorrect.cleaning.samples import Register, RigidMap, Samples, fresh_samples, small_sample_factor
-from gpcorrect.cleaning.segments import segment_mask
-from gpcorrect.cleaning.settings import CleaningSettings
-from gpcorrect.cleaning.smooth import SecondLook, SmoothModel
-from gpcorrect.cleaning.steps import StepRuler
-from gpcorrect.cleaning.trajectories import rejected_shares
-from gpcorrect.cleaning.verdicts import Verdicts
-from gpcorrect.errors import DataError
+from gpcorrect.cleaning.classifier import Thresholds, label_motion, label_samples
+from gpcorrect.cleaning.least_median import least_median_pose
+from gpcorrect.cleaning.report import CleaningReport, Labels, Reason
+from gpcorrect.cleaning.settings import CleaningSettings, segment_mask
+from gpcorrect.cleaning.signals import POSES, Pair, pose_pair, recorded_order, samples_of, unusable
+from gpcorrect.cleaning.smooth import Residual, SmoothModel, learn_smooth_model
+from gpcorrect.cleaning.steps import StepThresholds
+from gpcorrect.errors import DataError, LogError
+from gpcorrect.rigid import MarkerOption, RigidModel, register
+from gpcorrect.robust import robust_scale
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
-__all__ = ["FittedCleaner", "clean", "clean_with", "fit_cleaner"]
+__all__ = ["FittedCleaner", "clean_with", "fit_cleaner"]
 
-FEWEST_SAMPLES = 4  # a rigid model with orientations and a marker offset
-FEWEST_FOR_FIELD = 12  # fresh samples: fewer cannot tell a smooth error from a fault
+FEWEST_SAMPLES = 4  # that a rigid model with orientations is fitted to
+FEWEST_FOR_FIELD = 12  # fresh samples, chosen by hand: fewer cannot tell a smooth error from a fault
 
 
 @dataclass(frozen=True, eq=False)
 class FittedCleaner:
-    """The ruler that training data taught, for judging any log of the same arm and tracker.
+    """What training data taught, for labelling any log of the same arm and sensor.
 
     Parameters
     ----------
-    rigid : RigidMap
-        Robust registration.
-    ruler : Ruler
+    pair : Pair
+        Signals that are compared.
+    rigid : RigidModel
+        Robust registration of the tracker; the identity for joints.
+    thresholds : Thresholds
         Scales and limits.
     smooth : SmoothModel or None
         Smooth model of the error; None where there were too few samples to learn one.
     settings : CleaningSettings
-        Factors, and segments by hand: these hold in every log that is judged, by its trajectory numbers and times.
+        Factors, and segments by hand: these hold in every log that is labelled, by its trajectory numbers and times.
     """
 
-    rigid: RigidMap
-    ruler: Ruler
+    pair: Pair
+    rigid: RigidModel
+    thresholds: Thresholds
     smooth: SmoothModel | None
     settings: CleaningSettings
 
 
-def clean(
-    log: CalibrationLog, register: Register, settings: CleaningSettings | None = None, *, rng: np.random.Generator
-) -> CleaningReport:
-    """Find the faulty samples of a log.
-
-    Parameters and errors are those of :func:`fit_cleaner`, which also returns what was learned.
-
-    Returns
-    -------
-    CleaningReport
-    """
-    return fit_cleaner(log, register, settings, rng=rng)[1]
-
-
 def fit_cleaner(
-    log: CalibrationLog, register: Register, settings: CleaningSettings | None = None, *, rng: np.random.Generator
+    log: CalibrationLog,
+    settings: CleaningSettings | None = None,
+    *,
+    rng: np.random.Generator,
+    pair: Pair = POSES,
+    marker: MarkerOption = "none",
+    rigid: RigidModel | None = None,
 ) -> tuple[FittedCleaner, CleaningReport]:
     """Learn what is normal from a log that holds faults, and find them.
 
-    Least median of squares around the rigid model gives robust scales (Mahler 2014, Sec. IV-A); samples that pass the
-    physical limits and the limits on steps teach a smooth model of the error; then all samples are judged beside it.
+    Least median of squares around the registration gives robust scales (Mahler 2014, Sec. IV-A); samples that pass the
+    physical limits and the limits on steps teach a smooth model of the error; then all samples are labelled beside it.
 
     Parameters
     ----------
     log : CalibrationLog
-        Holds `tracker_cp` (observed) and `setpoint_cp` (commanded), each with or without orientations.
-    register : callable
-        Least-squares registration of any number of observed to commanded poses; called many times.
+        Holds both signals of the pair; poses each with or without orientations.
     settings : CleaningSettings, optional
         What differs from the defaults.
     rng : numpy Generator
         Source of the random samples; the same state gives the same report.
+    pair : Pair
+        Signals to compare: :data:`POSES`, :data:`TOOL` or :func:`joint_pair`.
+    marker : "none", "solve" or "auto"
+        Where the tracked marker may be another point than the tool tip: the registration that comes first, since such
+        a marker moves by decimetres against the tip. See :func:`gpcorrect.rigid.register`.
+    rigid : RigidModel, optional
+        A registration that comes first instead, such as that of the training recording.
 
     Returns
     -------
@@ -94,39 +89,48 @@ def fit_cleaner(
     Raises
     ------
     LogError
-        The log lacks observed or commanded poses.
+        The log lacks one of the signals.
     DataError
         Fewer than four samples are complete and not dropped by hand.
     DegenerateError
         The motion does not determine a registration.
     """
     settings = settings or CleaningSettings()
-    rows, verdicts = _usable(log, settings)
-    _require_enough(len(rows), len(log))
-    observed, command = pose_pair(log)
-    found = fit_rigid_robustly(observed[rows], command[rows], register, settings.resolution, rng)
-    samples = samples_of(log, rows, found.model)
-    ruler = _first_ruler(samples, found.scales, settings)
-    physical = judge_samples(samples, ruler, settings)
-    look, smooth = SecondLook.none(samples.error), None
-    trusted = judge_motion(samples, physical, look, ruler, settings).keep
-    if fresh_samples(samples[trusted]) >= FEWEST_FOR_FIELD:
-        smooth, look = learn_smooth_model(samples, trusted, settings, rng)
-        ruler = replace(ruler, steps=StepRuler.learn(samples, look, settings))
-    final = judge_motion(samples, physical, look, ruler, settings)
-    cleaner = FittedCleaner(found.model, ruler, smooth, settings)
-    return cleaner, _report(log, verdicts.replaced(rows, final), cleaner)
+    rows, labels = _usable(log, pair, settings)
+    if len(rows) < FEWEST_SAMPLES:
+        raise DataError(
+            f"cleaning needs at least {FEWEST_SAMPLES} complete samples that are not dropped by hand, got {len(rows)}"
+            f" of {len(log)}.",
+            hint=f"Look for missing numbers in {pair.observed} and {pair.command}, times that repeat, and segments to"
+            " drop.",
+        )
+    found, scales = _registered(log, pair, rows, settings, rng, marker, rigid)
+    samples = samples_of(log, pair, rows, found)
+    if pair.joints:
+        scales = np.maximum(robust_scale(samples.error_lengths), settings.resolution(samples.units))
+    thresholds = Thresholds.learn(samples, scales, settings)
+    physical = label_samples(samples, thresholds, settings)
+    residual, smooth = Residual.without_model(samples.error), None
+    trusted = label_motion(samples, physical, residual, thresholds, settings).keep
+    if samples[trusted].fresh >= FEWEST_FOR_FIELD:
+        smooth, residual = learn_smooth_model(samples, trusted, settings, rng)
+        thresholds = replace(thresholds, steps=StepThresholds.learn(samples, residual, settings))
+    final = label_motion(samples, physical, residual, thresholds, settings)
+    cleaner = FittedCleaner(pair, found, thresholds, smooth, settings)
+    return cleaner, _report(log, labels.replaced(rows, final), cleaner)
 
 
 def clean_with(cleaner: FittedCleaner, log: CalibrationLog) -> CleaningReport:
-    """Judge the samples of another log by what training data taught; nothing is learned from it.
+    """Label the samples of another log by what training data taught.
+
+    Nothing is learned from it but the zeros of its sessions' joints.
 
     Parameters
     ----------
     cleaner : FittedCleaner
         From :func:`fit_cleaner`.
     log : CalibrationLog
-        Of the same arm and tracker, in the same tracker frame.
+        Of the same arm and sensor, in the same tracker frame.
 
     Returns
     -------
@@ -135,65 +139,72 @@ def clean_with(cleaner: FittedCleaner, log: CalibrationLog) -> CleaningReport:
     Raises
     ------
     LogError
-        The log lacks observed or commanded poses.
+        The log lacks one of the signals, or it holds other joints.
     """
     settings = cleaner.settings
-    rows, verdicts = _usable(log, settings)
+    rows, labels = _usable(log, cleaner.pair, settings)
     if len(rows):
-        samples = samples_of(log, rows, cleaner.rigid)
-        physical = judge_samples(samples, cleaner.ruler, settings)
-        look = cleaner.smooth.look(samples) if cleaner.smooth else SecondLook.none(samples.error)
-        verdicts = verdicts.replaced(rows, judge_motion(samples, physical, look, cleaner.ruler, settings))
-    return _report(log, verdicts, cleaner)
+        samples = samples_of(log, cleaner.pair, rows, cleaner.rigid)
+        if samples.units != (known := cleaner.thresholds.steps.units):
+            raise LogError(
+                f"the cleaning was fitted to groups of units {known}, the log has {samples.units} (P: m, R: rad).",
+                hint="Give a log with the same signals: orientations where there were some, and the same joints.",
+                path=log.name,
+            )
+        physical = label_samples(samples, cleaner.thresholds, settings)
+        none = Residual.without_model(samples.error)
+        residual = none if cleaner.smooth is None else cleaner.smooth.residual(samples)
+        labels = labels.replaced(rows, label_motion(samples, physical, residual, cleaner.thresholds, settings))
+    return _report(log, labels, cleaner)
 
 
-def _usable(log: CalibrationLog, settings: CleaningSettings) -> tuple[IntArray, Verdicts]:
-    """Rows that the rules judge, in recorded order, and the verdicts on all others: unusable, or dropped by hand."""
+def _registered(
+    log: CalibrationLog,
+    pair: Pair,
+    rows: IntArray,
+    settings: CleaningSettings,
+    rng: np.random.Generator,
+    marker: MarkerOption,
+    rigid: RigidModel | None,
+) -> tuple[RigidModel, FloatArray]:
+    """Registration of the usable rows, and the robust scales about it; for joints the identity and no scales."""
+    if pair.joints:
+        return RigidModel(), np.empty(0)
+    observed, command = (signal[rows] for signal in pose_pair(log, pair))
+    if rigid is None:
+        # Least median of squares does not depend on a rigid motion that comes first, so "none" needs no other.
+        rigid = RigidModel() if marker == "none" else register(observed, command, log.trajectory[rows], marker).model
+    both = observed.quaternion is not None and command.quaternion is not None
+    found = least_median_pose(rigid.apply(observed), command, settings.resolution("PR" if both else "P"), rng)
+    return rigid.followed_by(found.model), found.scales
+
+
+def _usable(log: CalibrationLog, pair: Pair, settings: CleaningSettings) -> tuple[IntArray, Labels]:
+    """Rows that the rules label, in recorded order, and the labels of all others: unusable, or dropped by hand."""
     order = recorded_order(log)
-    bad = unusable(log, order)
-    verdicts = Verdicts.none(len(log)).rejecting(bad > 0, Reason.INVALID, bad, 0.0)
+    labels = Labels.kept(len(log)).rejecting_above(unusable(log, pair, order), Reason.INVALID, 0.0)
     by_hand = segment_mask(log, settings.drop) & ~segment_mask(log, settings.keep)
-    verdicts = verdicts.rejecting(by_hand, Reason.MANUAL, np.nan, np.nan)
-    return order[verdicts.keep[order]], verdicts
+    labels = labels.rejecting(by_hand, Reason.MANUAL, np.nan, np.nan)
+    return order[labels.keep[order]], labels
 
 
-def _require_enough(usable: int, came: int) -> None:
-    if usable < FEWEST_SAMPLES:
-        raise DataError(
-            f"cleaning needs at least {FEWEST_SAMPLES} complete samples that are not dropped by hand, got {usable}"
-            f" of {came}.",
-            hint="Look for missing numbers in tracker_cp and setpoint_cp, times that repeat, and segments to drop.",
-        )
-
-
-def _first_ruler(samples: Samples, scales: FloatArray, settings: CleaningSettings) -> Ruler:
-    """Scales and limits before there is a smooth model."""
-    return Ruler(
-        scales=scales * small_sample_factor(samples),
-        workspace=Workspace.around(samples.command, settings.workspace_margin),
-        steps=StepRuler.learn(samples, SecondLook.none(samples.error), settings),
-    )
-
-
-def _report(log: CalibrationLog, verdicts: Verdicts, cleaner: FittedCleaner) -> CleaningReport:
-    """Drop trajectories that are nearly all rejected, and let the hand overrule every rule that it can."""
+def _report(log: CalibrationLog, labels: Labels, cleaner: FittedCleaner) -> CleaningReport:
+    """Drop trajectories that are nearly all rejected (Mahler 2014, Sec. IV-A), and let the hand overrule every rule."""
     settings = cleaner.settings
-    forced = segment_mask(log, settings.keep) & (verdicts.reason != Reason.INVALID.value)
-    shares = rejected_shares(log.trajectory, verdicts.keep | forced)
-    dropped = {number: share for number, share in shares.items() if share > settings.trajectory_share}
-    share = np.array([shares[int(number)] for number in log.trajectory])
-    verdicts = verdicts.rejecting(
-        share > settings.trajectory_share, Reason.TRAJECTORY, share, settings.trajectory_share
-    )
+    forced = segment_mask(log, settings.keep) & (labels.reason != Reason.INVALID.value)
+    numbers, index = np.unique(log.trajectory, return_inverse=True)
+    rejected = np.bincount(index, weights=~(labels.keep | forced)) / np.bincount(index)
+    dropped = rejected > settings.trajectory_share
+    labels = labels.rejecting_above(rejected[index], Reason.TRAJECTORY, settings.trajectory_share)
     return CleaningReport(
         time=log.time,
         trajectory=log.trajectory,
-        reason=np.where(forced, "", verdicts.reason),
-        value=verdicts.value,
-        limit=verdicts.limit,
-        overruled=np.where(forced, verdicts.reason, ""),
-        dropped_trajectories=dropped,
+        reason=np.where(forced, "", labels.reason),
+        value=labels.value,
+        limit=labels.limit,
+        overruled=np.where(forced, labels.reason, ""),
+        dropped_trajectories=dict(zip(numbers[dropped].tolist(), rejected[dropped].tolist(), strict=True)),
         settings=settings,
-        scales=cleaner.ruler.scales,
+        scales=cleaner.thresholds.scales,
         rigid=cleaner.rigid,
     )

@@ -1,19 +1,126 @@
-"""What cleaning did, sample by sample."""
+"""What cleaning says of each sample: why it is rejected, what was measured, and the limit that it broke."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from enum import StrEnum
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gpcorrect.cleaning.reasons import Reason
 from gpcorrect.cleaning.settings import CleaningSettings
-from gpcorrect.cleaning.verdicts import ReasonArray
-from gpcorrect.types import BoolArray, FloatArray, IntArray
+from gpcorrect.rigid import RigidModel
+from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 from gpcorrect.velocity import segment_labels
 
-__all__ = ["CleaningReport"]
+__all__ = ["CleaningReport", "Labels", "Reason", "ReasonArray"]
+
+ReasonArray = NDArray[np.str_]
+
+
+class Reason(StrEnum):
+    """Code of a rejection; :attr:`sentence` says it in words, :attr:`unit` is that of value and limit.
+
+    Codes are listed in the order in which the rules are applied: a sample carries the first that it breaks.
+    """
+
+    INVALID = "invalid"
+    WORKSPACE = "workspace"
+    ROTATION = "rotation"
+    FROZEN = "frozen"
+    OUTLIER = "outlier"
+    SPEED = "speed"
+    ANGULAR_SPEED = "angular_speed"
+    JUMP = "jump"
+    OFFSET = "offset"
+    SURROUNDED = "surrounded"
+    TRAJECTORY = "trajectory"
+    MANUAL = "manual"
+
+    @property
+    def sentence(self) -> str:
+        """What happened, for a reader of the report."""
+        return _MEANING[self][0]
+
+    @property
+    def unit(self) -> str:
+        """Unit of the measured value and of the limit that it broke."""
+        return _MEANING[self][1]
+
+
+_MEANING = {
+    Reason.INVALID: ("a number is missing, or the norm of a quaternion is not 1.", "bad numbers"),
+    Reason.WORKSPACE: ("the observed position lies outside the commanded workspace and its margin.", "m"),
+    Reason.ROTATION: ("the observation is turned from the command by more than the arm can err.", "rad"),
+    Reason.FROZEN: ("the observation stood still while the command travelled.", "m"),
+    Reason.OUTLIER: ("the sample lies too many robust scales away from the registration.", "robust scales"),
+    Reason.SPEED: ("the sample lies between position steps that the arm is too slow for.", "m/s"),
+    Reason.ANGULAR_SPEED: ("the sample lies between rotation steps that the arm is too slow for.", "rad/s"),
+    Reason.JUMP: (
+        "the error jumps on entering or leaving the sample's piece, by more than noise and motion explain.",
+        "times the largest plausible step",
+    ),
+    Reason.OFFSET: (
+        "the error differs from what positions and velocities like this one show elsewhere in the recording.",
+        "robust scales",
+    ),
+    Reason.SURROUNDED: (
+        "most samples right before and after it were rejected, so it is no part of a motion.",
+        "share rejected",
+    ),
+    Reason.TRAJECTORY: ("nearly all samples of its trajectory were rejected, so the whole of it is.", "share rejected"),
+    Reason.MANUAL: ("a segment dropped by hand.", ""),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """Why each of n samples is rejected, with the value measured and the limit that it broke.
+
+    Parameters
+    ----------
+    reason : (n,) array of str
+        Codes of :class:`Reason`, empty while a sample is kept.
+    value, limit : (n,) arrays
+        In the reason's unit; NaN while kept and where nothing is measured.
+    """
+
+    reason: ReasonArray
+    value: FloatArray
+    limit: FloatArray
+
+    @classmethod
+    def kept(cls, n: int) -> Self:
+        """Labels of n samples that are all kept."""
+        nothing = np.full(n, np.nan)
+        return cls(frozen_array(np.full(n, ""), np.str_), frozen_array(nothing), frozen_array(nothing))
+
+    @property
+    def keep(self) -> BoolArray:
+        """(n,) mask of samples that no rule has rejected."""
+        keep: BoolArray = self.reason == ""
+        return keep
+
+    def replaced(self, rows: IntArray, found: Labels) -> Self:
+        """Labels in which those of `rows` (m,) are the m that were found."""
+        reason = self.reason.astype(np.result_type(self.reason, found.reason))
+        value, limit = np.array(self.value), np.array(self.limit)
+        reason[rows], value[rows], limit[rows] = found.reason, found.value, found.limit
+        return type(self)(frozen_array(reason, np.str_), frozen_array(value), frozen_array(limit))
+
+    def rejecting(self, mask: BoolArray, reason: Reason, value: FloatArray | float, limit: FloatArray | float) -> Self:
+        """Labels in which the samples of `mask` (n,) that were kept so far are rejected."""
+        new = mask & self.keep
+        return type(self)(
+            frozen_array(np.where(new, reason.value, self.reason), np.str_),
+            frozen_array(np.where(new, value, self.value)),
+            frozen_array(np.where(new, limit, self.limit)),
+        )
+
+    def rejecting_above(self, value: FloatArray, reason: Reason, limit: float) -> Self:
+        """Labels in which the samples whose value (n,) exceeds the limit are rejected."""
+        return self.rejecting(value > limit, reason, value, limit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,19 +132,20 @@ class CleaningReport:
     time, trajectory : (n,) arrays
         The log's.
     reason : (n,) array of str
-        Code of :class:`~gpcorrect.cleaning.Reason` of each sample, empty where it is kept.
+        Code of :class:`Reason` of each sample, empty where it is kept.
     value, limit : (n,) arrays
         What was measured and the limit that it broke, in the reason's unit; NaN where there is none.
     overruled : (n,) array of str
         What the rules would have said of samples that are kept by hand; empty elsewhere.
     dropped_trajectories : dict of int to float
-        Share of rejected samples of each trajectory that was dropped whole.
+        Fraction of rejected samples of each trajectory that was dropped whole.
     settings : CleaningSettings
         As used.
-    scales : (parts,) array
-        Robust standard deviation of an error component about the rigid model, m and rad.
-    rigid : object
-        The rigid map.
+    scales : (g,) array
+        Robust standard deviation of an error component about the registration, m or rad, of each group: position and
+        rotation, or a joint each.
+    rigid : RigidModel
+        Registration of the tracker; the identity for joints.
     """
 
     time: FloatArray
@@ -49,7 +157,7 @@ class CleaningReport:
     dropped_trajectories: dict[int, float]
     settings: CleaningSettings
     scales: FloatArray
-    rigid: Any
+    rigid: RigidModel
 
     def __len__(self) -> int:
         return len(self.time)
@@ -67,7 +175,13 @@ class CleaningReport:
         return {code: count for code, count in found.items() if count}
 
     def segment_labels(self, max_gap: float | None = None) -> IntArray:
-        """Unbroken runs (n,) of kept samples, -1 where rejected: velocities are computed inside them only."""
+        """Return unbroken runs (n,) of kept samples, -1 where rejected: velocities are computed inside them only.
+
+        Parameters
+        ----------
+        max_gap : float, optional
+            See :func:`gpcorrect.velocity.segment_labels`.
+        """
         return segment_labels(self.time, self.trajectory, self.keep, max_gap)
 
     def to_dict(self) -> dict[str, Any]:
@@ -82,28 +196,22 @@ class CleaningReport:
             "dropped_by_hand": self.counts.get(Reason.MANUAL.value, 0),
             "settings": self.settings.to_dict(),
             "scales": self.scales.tolist(),
-            "rigid": self.rigid.to_dict() if hasattr(self.rigid, "to_dict") else str(self.rigid),
+            "rigid": self.rigid.to_dict(),
         }
 
     def to_table(self) -> list[dict[str, Any]]:
         """Return a row for each sample that is rejected or kept by hand: what was measured and the limit it broke."""
-        rows = np.flatnonzero(~self.keep | (self.overruled != ""))
-        return [self._row(int(row)) for row in rows]
+        return [self._row(int(row)) for row in np.flatnonzero(~self.keep | (self.overruled != ""))]
 
     def _row(self, row: int) -> dict[str, Any]:
         code = str(self.reason[row] or self.overruled[row])
+        measured = {"value": float(self.value[row]), "limit": float(self.limit[row])}
         return {
             "row": row,
             "time": float(self.time[row]),
             "trajectory": int(self.trajectory[row]),
             "reason": code,
-            "value": _number(self.value[row]),
-            "limit": _number(self.limit[row]),
+            **{name: number if np.isfinite(number) else None for name, number in measured.items()},  # JSON has no NaN
             "unit": Reason(code).unit,
             "kept_by_hand": bool(self.reason[row] == ""),
         }
-
-
-def _number(value: float) -> float | None:
-    """JSON has no NaN: None where nothing was measured."""
-    return float(value) if np.isfinite(value) else None

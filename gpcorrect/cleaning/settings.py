@@ -1,40 +1,125 @@
-"""What cleaning may be told; every default is explained beside it."""
+"""Settings of cleaning, each explained beside its default, and segments that a person keeps or drops."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from gpcorrect.cleaning.segments import Segment
 from gpcorrect.errors import DataError
-from gpcorrect.types import FloatArray
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
 
-__all__ = ["CleaningSettings"]
+__all__ = ["CleaningSettings", "Segment", "require_segments", "segment_mask"]
 
-MIN_FIELD_SAMPLES = 50
+MIN_FIELD_SAMPLES = 50  # five for each of the ten folds that the smooth model is checked on
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch of one trajectory, both ends included.
+
+    Parameters
+    ----------
+    trajectory : int
+        Number of the trajectory.
+    start, stop : float
+        First and last time, s; infinite for an open end.
+
+    Raises
+    ------
+    DataError
+        `stop` comes before `start`.
+    """
+
+    trajectory: int
+    start: float = -np.inf
+    stop: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not self.start <= self.stop:
+            raise DataError(
+                f"a segment runs forward in time, got {self.start} s to {self.stop} s.",
+                hint="Give trajectory, start and stop, in seconds of the log's clock.",
+            )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the segment as JSON-able values, None for an open end."""
+        start, stop = (value if np.isfinite(value) else None for value in (self.start, self.stop))
+        return {"trajectory": self.trajectory, "start": start, "stop": stop}
+
+
+def require_segments(log: CalibrationLog, segments: Iterable[Segment]) -> None:
+    """Refuse segments that no sample of the log lies in: a person meant something by them.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        Recording to be cleaned.
+    segments : iterable of Segment
+        Stretches to keep or drop.
+
+    Raises
+    ------
+    DataError
+        There is no such trajectory, or it has no sample at these times.
+    """
+    for segment in segments:
+        rows = log.trajectory == segment.trajectory
+        if not rows.any():
+            ids = log.trajectory_ids
+            raise DataError(
+                f"a segment names trajectory {segment.trajectory}, which is not in the log.",
+                hint=f"It has {len(ids)}, numbered from {ids.min()} to {ids.max()}.",
+            )
+        if not segment_mask(log, [segment]).any():
+            low, high = log.time[rows].min(), log.time[rows].max()
+            raise DataError(
+                f"trajectory {segment.trajectory} has no sample from {segment.start:g} to {segment.stop:g} s.",
+                hint=f"That trajectory runs from {low:g} s to {high:g} s of the log's clock.",
+            )
+
+
+def segment_mask(log: CalibrationLog, segments: Iterable[Segment]) -> BoolArray:
+    """Return the mask (n,) of samples that lie in any of the segments.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        n samples.
+    segments : iterable of Segment
+        Stretches of it.
+    """
+    mask = np.zeros(len(log), dtype=bool)
+    for segment in segments:
+        mask |= (log.trajectory == segment.trajectory) & (log.time >= segment.start) & (log.time <= segment.stop)
+    return mask
 
 
 @dataclass(frozen=True)
 class CleaningSettings:
     """Limits and factors of the cleaning rules; metres, radians, seconds.
 
+    Defaults without a source were chosen by hand on simulated recordings with planted faults
+    (`bench/cleaning_faults.py` prints what they find and what they cost).
+
     Parameters
     ----------
     trajectory_share : float
-        P: a trajectory with a larger share of rejected samples is dropped whole (Mahler 2014, Sec. IV-A: 90 %).
+        P: a trajectory with a larger fraction of rejected samples is dropped whole (Mahler 2014, Sec. IV-A: 90 %).
     max_rotation : float
-        Physical limit on the angle between observed and commanded orientation. Cable-driven wrists miss by up to 30
-        degrees; the default is twice that.
+        Physical limit on the angle between observed and commanded orientation, or on the error of a revolute joint.
+        Cable-driven wrists miss by up to 30 degrees; the default is twice that.
     workspace_margin : float
-        How far outside the box of commanded positions the arm can be. Errors reach several centimetres.
+        How far outside the box of commanded positions the tool, or a prismatic joint, can be. Errors reach several
+        centimetres.
     max_speed, max_angular_speed : float or None
         Physical limits on observed motion, m/s and rad/s. None takes `speed_factor` times the fastest command.
     speed_factor : float
         See above: an arm on cables overshoots and springs back faster than it is commanded.
     outlier_factor : float
-        Robust scales from the rigid model beyond which a sample is a gross outlier whatever surrounds it. Systematic
+        Robust scales from the registration beyond which a sample is a gross outlier whatever surrounds it. Systematic
         errors are bounded and fill their scale, so their largest stay well below.
     step_factor : float
         Robust scales of the sample-to-sample noise that a step of the error may have.
@@ -93,10 +178,15 @@ class CleaningSettings:
         object.__setattr__(self, "keep", tuple(self.keep))
         object.__setattr__(self, "drop", tuple(self.drop))
 
-    @property
-    def resolution(self) -> FloatArray:
-        """(2,) smallest deviation that can be a fault, m and rad."""
-        return np.array([self.position_resolution, self.rotation_resolution])
+    def resolution(self, units: str) -> FloatArray:
+        """Return the smallest deviation (g,) that can be a fault.
+
+        Parameters
+        ----------
+        units : str
+            "P" (m) or "R" (rad) for each of g groups.
+        """
+        return np.array([self.position_resolution if unit == "P" else self.rotation_resolution for unit in units])
 
     def to_dict(self) -> dict[str, Any]:
         """Return the settings as JSON-able values."""

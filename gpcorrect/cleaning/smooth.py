@@ -1,54 +1,121 @@
-"""The second look: how far each error is from what such poses and velocities show elsewhere in the recording.
+"""The smooth model of the error: how far each error is from what such commands show elsewhere in the recording.
 
-Systematic errors (stretch, play, friction) depend smoothly on the commanded pose and velocity; a fault does not. What
-differs from the smooth model by many robust scales is suspicious. The model sees commands only, which faults leave
-intact. It is coarse and robust: it judges, and the correction is learned elsewhere.
+Systematic errors (stretch, play, friction) depend smoothly on the commanded position and velocity; a fault does not.
+What differs from the smooth model by many robust scales is suspicious. The model sees commands only, which faults
+leave intact. It is coarse and robust: it classifies samples, and the correction is learned elsewhere.
+
+Three things keep faults out of it: the start is the trend of least median of squares; a stretch of the recording is
+predicted from the *other* stretches only, so that a long block of faults cannot vouch for itself; and samples far from
+their prediction are left out of the next round.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
-from gpcorrect.cleaning.field import ErrorField
-from gpcorrect.cleaning.inputs import FieldInputs, commanded_twists
-from gpcorrect.cleaning.samples import Samples, part_norms
-from gpcorrect.errors import DataError
-from gpcorrect.types import FloatArray, IntArray
+from gpcorrect.cleaning.least_median import evenly_spaced, least_median_plane
+from gpcorrect.cleaning.settings import CleaningSettings
+from gpcorrect.cleaning.signals import Samples
+from gpcorrect.gpr import AdditiveRBF, conditioned
+from gpcorrect.robust import robust_scale
+from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
-__all__ = ["SecondLook", "SmoothModel", "judged_rows", "scaled_remainder", "trend_inputs"]
+__all__ = ["Residual", "SmoothModel", "learn_smooth_model"]
 
-TREND_ROWS = 7  # slopes over position and velocity, and the level
-JUDGED_SAMPLES = 4000  # the field is smooth along a path: between these it is interpolated
+# The constants here were chosen by hand on the simulated recordings of bench/cleaning_faults.py.
+CLASSIFIED_SAMPLES = 4000  # the field is smooth along a path: between these it is interpolated
+FOLDS = 10
+SEARCH_SAMPLES = 300  # that the kernel is chosen on: time grows with the cube, and coarse is enough
+ROUNDS = 2  # of leaving out samples that the other folds do not confirm
+TINY = 1e-12  # below it a residual is zero but for rounding
+STILL = 1e-9  # m/s, rad/s: slower is at rest
+GRID = {"length": (0.5, 1.0, 2.0, 4.0, 8.0), "noise": (1e-3, 1e-2, 1e-1), "velocity": (0.3, 1.0, 3.0)}
 
 
 @dataclass(frozen=True, eq=False)
-class SecondLook:
-    """How n samples look beside the smooth model.
+class Residual:
+    """What the smooth model leaves of the errors of n samples.
 
     Parameters
     ----------
-    remainder : (n, k) array
-        What the model leaves of the error, m and rad; in training, the model of the other folds.
-    along : (n, k) array
+    left : (n, g, w) array
+        Error less the model's, m and rad; in training, the model of the other folds.
+    along : (n, g, w) array
         The same by one model throughout, so that steps in it are steps of the error.
     distance : (n,) array
-        Robust scales between error and model, of the worse part.
-    scale : (parts,) array
+        Robust scales between error and model, of the worst group.
+    scale : (g,) array
         Typical robust standard deviation of a component about the model, m and rad.
     """
 
-    remainder: FloatArray
+    left: FloatArray
     along: FloatArray
     distance: FloatArray
     scale: FloatArray
 
     @classmethod
-    def none(cls, error: FloatArray) -> Self:
-        """Nothing is expected, so nothing is far: the look of a recording without a model."""
-        return cls(error, error, np.zeros(len(error)), np.full(error.shape[1] // 3, np.inf))
+    def without_model(cls, error: FloatArray) -> Self:
+        """Return the residual (n, g, w) of a recording without a model: nothing is expected, so nothing is far."""
+        return cls(error, error, np.zeros(len(error)), np.full(error.shape[1], np.inf))
+
+
+@dataclass(frozen=True)
+class _Hyper:
+    """Hyperparameters of the field: length scale in spreads, noise over signal variance, weight of velocities."""
+
+    length: float = 2.0
+    noise: float = 0.03
+    velocity: float = 1.0
+
+    def kernel(self, n_place: int, n_velocity: int) -> AdditiveRBF:
+        lengths = np.repeat([self.length, self.length / self.velocity], (n_place, n_velocity))
+        return AdditiveRBF(np.ones(1), lengths[None])
+
+
+@dataclass(frozen=True, eq=False)
+class InputScaling:
+    """Scaling of the commands, learned once: each group by one number, so that no choice of axes matters.
+
+    Parameters
+    ----------
+    centre : tuple of (k,) arrays
+        Middle of each group of coordinates.
+    spread : (groups,) array
+        Spread of each.
+    speed : (groups,) array
+        Speeds, m/s and rad/s, at which a velocity input is half saturated: friction depends on the direction of
+        motion more than on its speed.
+    """
+
+    centre: tuple[FloatArray, ...]
+    spread: FloatArray
+    speed: FloatArray
+
+    @classmethod
+    def learn(cls, samples: Samples, settings: CleaningSettings) -> Self:
+        """Return the scaling of these samples, by medians; a spread below the resolution is noise."""
+        least = settings.resolution(samples.units if samples.joints else "PR")
+        centre = tuple(frozen_array(np.median(place, axis=0)) for place in samples.place)
+        away = [np.linalg.norm(place - c, axis=1) for place, c in zip(samples.place, centre, strict=True)]
+        speeds = [np.linalg.norm(velocity, axis=1) for velocity in samples.velocity]
+        typical = [np.median(v[v > STILL]) if (v > STILL).any() else 1.0 for v in speeds]
+        return cls(
+            centre,
+            frozen_array([max(np.median(a), f) for a, f in zip(away, least, strict=False)]),
+            frozen_array(typical),
+        )
+
+    def transform(self, samples: Samples) -> tuple[FloatArray, int]:
+        """Return inputs (n, d), coordinates before velocities, and the number of coordinates among them."""
+        scaled = [(p - c) / s for p, c, s in zip(samples.place, self.centre, self.spread, strict=True)]
+        saturated = [
+            v / (np.linalg.norm(v, axis=1, keepdims=True) + s)
+            for v, s in zip(samples.velocity, self.speed, strict=True)
+        ]
+        return np.hstack([*scaled, *saturated]), sum(part.shape[1] for part in scaled)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,65 +124,174 @@ class SmoothModel:
 
     Parameters
     ----------
-    scaling : FieldInputs
+    scaling : InputScaling
         Inputs of the field.
-    trend : (7, k) array
-        Slopes and level of the error over commanded positions and velocities (an arm that follows late errs in
-        proportion to its velocity), found by least median of squares; see :func:`trend_inputs`.
-    unit : (parts,) array
+    trend : tuple of (r, w) arrays
+        For each group, slopes and level of its error over commanded position and velocity (an arm that follows late
+        errs in proportion to its velocity), found by least median of squares.
+    unit : (g,) array
         Robust spread of what the trend leaves, m and rad: the field's unit.
-    field : ErrorField
-        What else is systematic.
-    scale : (parts,) array
+    inputs, outputs : (m, d) and (m, g w) arrays
+        Samples that the field is conditioned on.
+    kernel : AdditiveRBF
+        Covariance of the field, of unit variance.
+    noise : float
+        Variance that position and velocity do not explain (noise, play), over that of the field.
+    scale : (g,) array
         Robust standard deviation of a component about the field, as a multiple of the field's own.
     """
 
-    scaling: FieldInputs
-    trend: FloatArray
+    scaling: InputScaling
+    trend: tuple[FloatArray, ...]
     unit: FloatArray
-    field: ErrorField
+    inputs: FloatArray
+    outputs: FloatArray
+    kernel: AdditiveRBF
+    noise: float
     scale: FloatArray
 
-    def __post_init__(self) -> None:
-        if len(self.trend) != TREND_ROWS:
-            raise DataError(f"the trend of a smooth model has {TREND_ROWS} rows, got {len(self.trend)}.")
-
-    def look(self, samples: Samples) -> SecondLook:
+    def residual(self, samples: Samples) -> Residual:
         """Return what the model leaves of each error."""
-        rows, twist = judged_rows(samples), commanded_twists(samples)
-        x = self.field.kernel.inputs(*self.scaling.transform(samples, twist))
-        mean, deviation = self.field.predict(x[rows])
-        left = scaled_remainder(samples, twist, self.trend, self.unit)
-        return self.beside(left, rows, mean, deviation)
+        rows = _classified_rows(samples)
+        X, _ = self.scaling.transform(samples)
+        mean, deviation = conditioned(self.kernel, self.noise, self.inputs, self.outputs, X[rows])
+        return self.beside(_scaled(samples, self.trend, self.unit), rows, mean, deviation)
 
-    def beside(self, left: FloatArray, rows: IntArray, mean: FloatArray, deviation: FloatArray) -> SecondLook:
-        """Hold scaled errors `left` (n, k) against a mean (m, k) and deviation (m,) that are known at `rows`."""
+    def beside(self, left: FloatArray, rows: IntArray, mean: FloatArray, deviation: FloatArray) -> Residual:
+        """Hold scaled errors `left` (n, g, w) against a mean (m, g w) and deviation (m,) that are known at `rows`.
+
+        Far from all training samples the deviation is large, so that ignorance does not condemn a sample.
+        """
         index = np.arange(len(left))
-        expected = np.stack([np.interp(index, rows, column) for column in mean.T], axis=1)
-        spread = np.interp(index, rows, deviation)[:, None]
-        distance = (part_norms(left - expected) / (spread * self.scale)).max(axis=1)
-        remainder = (left - expected) * np.repeat(self.unit, 3)
-        typical = self.unit * self.scale * np.median(spread)
-        return SecondLook(remainder, remainder, distance, typical)
+        expected = np.stack([np.interp(index, rows, column) for column in mean.T], axis=1).reshape(left.shape)
+        deviation = np.interp(index, rows, deviation / np.sqrt(self.noise))[:, None]
+        distance = (np.linalg.norm(left - expected, axis=2) / (deviation * self.scale)).max(axis=1)
+        remainder = (left - expected) * self.unit[:, None]
+        return Residual(remainder, remainder, distance, self.unit * self.scale * np.median(deviation))
 
 
-def trend_inputs(samples: Samples, twist: FloatArray, part: int) -> FloatArray:
-    """Return inputs (n, 6) of a part's trend: commanded position and velocity, linear (part 0) or angular (part 1)."""
-    return np.hstack([samples.command.position, twist[:, 3 * part : 3 * part + 3]])
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """Inputs (n, d) and scaled errors (n, g w) of some samples, the fold that each lies in, and the sizes."""
+
+    X: FloatArray
+    Y: FloatArray
+    fold: IntArray
+    width: int
+    sizes: tuple[int, int]
+
+    def __getitem__(self, rows: IntArray | BoolArray) -> _Data:
+        return replace(self, X=self.X[rows], Y=self.Y[rows], fold=self.fold[rows])
+
+    def lengths(self, mean: FloatArray, deviation: FloatArray | float) -> FloatArray:
+        """Lengths (n, g) of what a mean leaves, over the deviation (n,)."""
+        left = (self.Y - mean).reshape(len(mean), -1, self.width)
+        lengths: FloatArray = np.linalg.norm(left, axis=2) / np.broadcast_to(deviation, len(mean))[:, None]
+        return lengths
 
 
-def scaled_remainder(samples: Samples, twist: FloatArray, trend: FloatArray, unit: FloatArray) -> FloatArray:
-    """Return what the trend (7, k) leaves of the error (n, k), in units (parts,) of its spread."""
-    slopes = np.split(trend[:-1], len(unit), axis=1)
-    expected = [trend_inputs(samples, twist, part) @ slope for part, slope in enumerate(slopes)]
-    left: FloatArray = (samples.error - np.hstack(expected) - trend[-1]) / np.repeat(unit, 3)
+def learn_smooth_model(
+    samples: Samples, trusted: BoolArray, settings: CleaningSettings, rng: np.random.Generator
+) -> tuple[SmoothModel, Residual]:
+    """Return the model of the trusted samples, and what the other folds' models leave of every sample.
+
+    Parameters
+    ----------
+    samples : Samples
+        n samples, faults among them.
+    trusted : (n,) bool array
+        False for samples that broke a limit.
+    settings : CleaningSettings
+        Factors and floors.
+    rng : numpy Generator
+        Source of the random samples of the trend.
+    """
+    resolution = settings.resolution(samples.units)
+    rows = evenly_spaced(np.flatnonzero(trusted), settings.field_samples)
+    planes = [
+        least_median_plane(samples.trend_inputs(group)[rows], samples.error[rows, group], rng)
+        for group in range(len(samples.units))
+    ]
+    trend = tuple(frozen_array(plane.model) for plane in planes)
+    unit = np.maximum([plane.scales[0] for plane in planes], resolution)
+    scaling = InputScaling.learn(samples, settings)
+    X, n_place = scaling.transform(samples)
+    left = _scaled(samples, trend, unit)
+    data = _Data(X, left.reshape(len(X), -1), _folds(samples), left.shape[2], (n_place, X.shape[1] - n_place))
+    train, hyper = _confirmed(data[rows], settings.offset_factor)
+    asked = _classified_rows(samples)
+    mean, deviation = _cross_predict(train, data[asked], hyper)
+    chosen = trusted[asked]
+    lengths = data[asked].lengths(mean, deviation / np.sqrt(hyper.noise))
+    scale = robust_scale(lengths[chosen], data.width) * samples.small_sample_factor
+    model = SmoothModel(
+        scaling,
+        trend,
+        frozen_array(unit),
+        frozen_array(train.X),
+        frozen_array(train.Y),
+        hyper.kernel(*data.sizes),
+        hyper.noise,
+        frozen_array(np.maximum(scale, resolution / unit)),
+    )
+    others = model.beside(left, asked, mean, deviation)
+    return model, replace(others, along=model.residual(samples).left)
+
+
+def _scaled(samples: Samples, trend: tuple[FloatArray, ...], unit: FloatArray) -> FloatArray:
+    """Return what the trend leaves of the error (n, g, w), in units (g,) of its spread."""
+    expected = [samples.trend_inputs(group) @ plane[:-1] + plane[-1] for group, plane in enumerate(trend)]
+    left: FloatArray = samples.centred(samples.error - np.stack(expected, axis=1)) / unit[:, None]
     return left
 
 
-def judged_rows(samples: Samples) -> IntArray:
-    """Rows at which the model is asked: evenly spaced, and both ends of every trajectory and run."""
+def _folds(samples: Samples) -> IntArray:
+    """Fold (n,) of each sample: stretches of consecutive whole trajectories, or of time where there are few of them."""
+    starts = np.concatenate([[0], np.cumsum(np.diff(samples.trajectory) != 0)])
+    if starts[-1] + 1 >= FOLDS:
+        by_trajectory: IntArray = starts * FOLDS // (starts[-1] + 1)
+        return by_trajectory
+    return np.arange(len(samples)) * FOLDS // len(samples)
+
+
+def _classified_rows(samples: Samples) -> IntArray:
+    """Rows at which the model is evaluated: evenly spaced, and both ends of every trajectory and run."""
     n = len(samples)
-    stride = max(1, n // JUDGED_SAMPLES)
     ends = np.flatnonzero((np.diff(samples.trajectory) != 0) | (np.diff(samples.run) != 0))
+    stride = max(1, n // CLASSIFIED_SAMPLES)
     rows: IntArray = np.unique(np.concatenate([np.arange(0, n, stride), ends, ends + 1, [n - 1]]))
     return rows
+
+
+def _confirmed(train: _Data, factor: float) -> tuple[_Data, _Hyper]:
+    """Training samples that the model of the other folds confirms, and the hyperparameters that predict them best."""
+    confirmed: BoolArray = np.all(train.lengths(np.zeros(train.Y.shape), 1.0) <= factor, axis=1)
+    hyper = _best_hyper(train[confirmed])
+    for _ in range(ROUNDS):
+        lengths = train.lengths(*_cross_predict(train[confirmed], train, hyper))
+        confirmed = np.all(lengths <= factor * np.maximum(robust_scale(lengths, train.width), TINY), axis=1)
+    return train[confirmed], hyper
+
+
+def _cross_predict(train: _Data, asked: _Data, hyper: _Hyper) -> tuple[FloatArray, FloatArray]:
+    """Mean (n, g w) and deviation (n,) at the asked samples, each from the training samples of the other folds."""
+    mean, deviation = np.zeros(asked.Y.shape), np.ones(len(asked.Y))
+    kernel = hyper.kernel(*train.sizes)
+    for fold in np.unique(asked.fold):
+        others, here = train.fold != fold, asked.fold == fold
+        mean[here], deviation[here] = conditioned(kernel, hyper.noise, train.X[others], train.Y[others], asked.X[here])
+    return mean, deviation
+
+
+def _best_hyper(train: _Data) -> _Hyper:
+    """Hyperparameters of least median error on the other folds, one after the other."""
+    few = train[evenly_spaced(np.arange(len(train.Y)), SEARCH_SAMPLES)]
+
+    def median_error(hyper: _Hyper) -> float:
+        lengths = few.lengths(_cross_predict(few, few, hyper)[0], 1.0)
+        return float(np.log(np.maximum(np.median(lengths, axis=0), TINY)).sum())
+
+    best = _Hyper()
+    for name, values in GRID.items():
+        best = min((replace(best, **{name: value}) for value in values), key=median_error)
+    return best

@@ -1,25 +1,33 @@
-"""What an arm can do from one sample to another: limits on its speed and on steps of its error."""
+"""What an arm can do from one sample to another, and the pieces of a recording between impossible steps.
+
+An occlusion shows as two false velocities around a block: an impossible step in and another out. Neither step tells
+which side is wrong; the chain of pieces that hang together by possible steps and explain most samples does.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, Self
+from itertools import pairwise
+from typing import Self
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from gpcorrect.cleaning.lmeds import robust_scale
-from gpcorrect.cleaning.reasons import Reason
-from gpcorrect.cleaning.samples import Samples, part_norms, rotation_angles
+from gpcorrect.cleaning.report import Reason
 from gpcorrect.cleaning.settings import CleaningSettings
-from gpcorrect.cleaning.smooth import SecondLook
-from gpcorrect.types import FloatArray, IntArray, frozen_array
+from gpcorrect.cleaning.signals import Samples
+from gpcorrect.cleaning.smooth import Residual
+from gpcorrect.robust import robust_scale
+from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
-__all__ = ["ErrorStepLimit", "Path", "SpeedLimit", "StepLimit", "StepRuler", "commanded_speeds"]
+__all__ = ["Path", "Pieces", "StepThresholds", "excursions", "largest_chain", "split_pieces"]
 
+# The constants here were chosen by hand on the simulated recordings of bench/cleaning_faults.py.
 FAST_QUANTILE = 0.999  # the fastest command, but for the odd sample of a setpoint that steps
-SLOWEST = np.array([0.05, np.radians(30.0)])  # m/s, rad/s: below these no speed of an arm is impossible
-SPEED_REASONS = (Reason.SPEED, Reason.ANGULAR_SPEED)
+SLOWEST = {"P": 0.05, "R": float(np.radians(30.0))}  # m/s, rad/s: below these no speed of an arm is impossible
+SPEED_REASONS = {"P": Reason.SPEED, "R": Reason.ANGULAR_SPEED}
+REACH = 200  # pieces that a chain looks back: bounds the time, which grows with it
+RETURN_FRACTION = 0.3  # steps in and out that cancel to within this fraction are one excursion
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +38,9 @@ class Path:
     ----------
     samples : Samples
         n samples.
-    error : (n, k) array
+    error : (n, g, w) array
         Their error, or what a smooth model leaves of it, m and rad.
-    travel : (n, parts) array
+    travel : (n, g) array
         Commanded travel since the first sample, m and rad, at the largest speed of each sample's neighbourhood: what
         an arm that follows late can have moved.
     """
@@ -43,8 +51,8 @@ class Path:
 
     @classmethod
     def of(cls, samples: Samples, error: FloatArray, response_time: float) -> Self:
-        """Path of samples whose arm follows within `response_time` seconds."""
-        speed, dt = commanded_speeds(samples)
+        """Return the path of samples whose arm follows within `response_time` seconds."""
+        speed, dt = _commanded_speeds(samples)
         if not len(dt):
             return cls(samples, error, np.zeros((len(samples), speed.shape[1])))
         width = 2 * int(np.clip(np.ceil(response_time / max(np.median(dt), 1e-9)), 1, len(dt))) + 1
@@ -52,142 +60,294 @@ class Path:
         return cls(samples, error, np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)]))
 
 
-class StepLimit(Protocol):
-    """Something no working arm and tracker exceed between two samples."""
-
-    @property
-    def reason(self) -> Reason:
-        """Code of a breach."""
-        ...
-
-    @property
-    def limit(self) -> float:
-        """Largest value that is possible, in the reason's unit."""
-        ...
-
-    def ratio(self, path: Path, i: IntArray, j: IntArray) -> FloatArray:
-        """Step (m,) from samples i to later samples j, as a multiple of the largest that is possible."""
-        ...
-
-
-@dataclass(frozen=True)
-class SpeedLimit:
-    """The observation moves at most at `limit` m/s (part 0) or rad/s (part 1), beyond the step `noise` can feign."""
-
-    part: int
-    limit: float
-    noise: float
-
-    @property
-    def reason(self) -> Reason:
-        """Code of a breach."""
-        return SPEED_REASONS[self.part]
-
-    def ratio(self, path: Path, i: IntArray, j: IntArray) -> FloatArray:
-        """Observed speed over the limit."""
-        mapped, time = path.samples.mapped, path.samples.time
-        if self.part == 0:
-            step = np.linalg.norm(mapped.position[j] - mapped.position[i], axis=1)
-        else:
-            step = rotation_angles(mapped.quaternion[i], mapped.quaternion[j])  # type: ignore[index]
-        ratio: FloatArray = np.maximum(step - self.noise, 0.0) / (time[j] - time[i]) / self.limit
-        return ratio
-
-
-@dataclass(frozen=True)
-class ErrorStepLimit:
-    """The error changes by at most `noise` plus `follow` times the commanded travel (m for part 0, rad for part 1).
-
-    However far the travel, two errors differ by no more than `cap`. An arm that sticks while commanded to move, or
-    springs back, changes its error no faster than that; a marker that is lost, occluded or mistaken for another does.
-    """
-
-    part: int
-    noise: float
-    follow: float
-    cap: float
-    reason: ClassVar[Reason] = Reason.JUMP
-    limit: ClassVar[float] = 1.0
-
-    def ratio(self, path: Path, i: IntArray, j: IntArray) -> FloatArray:
-        """Step of the error over the largest that noise and travel explain."""
-        columns = slice(3 * self.part, 3 * self.part + 3)
-        step = np.linalg.norm(path.error[j, columns] - path.error[i, columns], axis=1)
-        travel = np.abs(path.travel[j, self.part] - path.travel[i, self.part])
-        plausible = np.maximum(np.minimum(self.noise + self.follow * travel, self.cap), self.noise)
-        ratio: FloatArray = step / plausible
-        return ratio
-
-
-def commanded_speeds(samples: Samples) -> tuple[FloatArray, FloatArray]:
-    """Commanded speeds (n - 1, parts), m/s and rad/s, from sample to sample, 0 across runs, and steps (n - 1,), s."""
-    command, dt = samples.command, np.diff(samples.time)
-    steps = [np.linalg.norm(np.diff(command.position, axis=0), axis=1)]
-    if samples.error.shape[1] > 3 and command.quaternion is not None:
-        steps.append(rotation_angles(command.quaternion[:-1], command.quaternion[1:]))
-    inside = samples.run[1:] == samples.run[:-1]
-    dt = np.where(inside, dt, 0.0)
-    speed: FloatArray = np.stack(steps, axis=1) / np.where(inside, dt, np.inf)[:, None]
-    return speed, dt
-
-
 @dataclass(frozen=True, eq=False)
-class StepRuler:
-    """What limits on steps are learned: from training data, for any other data of the same arm and tracker.
+class StepThresholds:
+    """Limits on steps that no working arm and sensor exceed, learned from training data.
+
+    The observation moves at most at `speeds`, beyond the step that noise can feign. The error changes by at most
+    `noise` plus `follow` times the commanded travel, and never by more than `cap`: an arm that sticks while commanded
+    to move, or springs back, changes its error no faster than that; a marker that is lost, occluded or mistaken for
+    another does.
 
     Parameters
     ----------
-    noise : (parts,) array
+    units : str
+        "P" or "R" for each of g groups.
+    noise : (g,) array
         Largest step of the error that noise makes, m and rad.
-    speeds : (parts,) array
+    speeds : (g,) array
         Largest observed speed, m/s and rad/s.
     follow : float
         Times the commanded travel that the error may step besides.
-    cap : (parts,) array
+    cap : (g,) array
         Largest difference of any two errors, m and rad.
     """
 
+    units: str
     noise: FloatArray
     speeds: FloatArray
     follow: float
     cap: FloatArray
 
     @classmethod
-    def learn(cls, samples: Samples, look: SecondLook, settings: CleaningSettings) -> Self:
-        """Noise from the median step of the error, speeds from the settings or the fastest commands.
+    def learn(cls, samples: Samples, residual: Residual, settings: CleaningSettings) -> Self:
+        """Return limits: noise from the median step of the error, speeds from the settings or the fastest commands.
 
         Parameters
         ----------
         samples : Samples
             Training samples, faults among them.
-        look : SecondLook
-            How they look beside the smooth model.
+        residual : Residual
+            What the smooth model leaves of their error.
         settings : CleaningSettings
             Factors, floors, and speeds if given.
         """
         inside = samples.run[1:] == samples.run[:-1]
-        steps = part_norms(np.diff(look.remainder, axis=0)[inside])
-        parts = steps.shape[1]
-        noise = settings.resolution[:parts]
-        fastest = np.zeros(parts)
+        steps = np.linalg.norm(np.diff(residual.left, axis=0)[inside], axis=2)
+        noise, fastest = settings.resolution(samples.units), np.zeros(len(samples.units))
         if len(steps):
-            noise = np.maximum(robust_scale(steps, 3), noise)
-            fastest = np.quantile(commanded_speeds(samples)[0][inside], FAST_QUANTILE, axis=0)
-        given = (settings.max_speed, settings.max_angular_speed)
-        derived = np.maximum(settings.speed_factor * fastest, SLOWEST[:parts])
-        speeds = [float(own) if said is None else said for own, said in zip(derived, given, strict=False)]
+            noise = np.maximum(robust_scale(steps, samples.error.shape[2]), noise)
+            fastest = np.quantile(_commanded_speeds(samples)[0][inside], FAST_QUANTILE, axis=0)
+        given = {"P": settings.max_speed, "R": settings.max_angular_speed}
+        speeds = [
+            given[unit] or max(settings.speed_factor * float(own), SLOWEST[unit])
+            for unit, own in zip(samples.units, fastest, strict=True)
+        ]
         return cls(
+            units=samples.units,
             noise=frozen_array(settings.step_factor * noise),
             speeds=frozen_array(speeds),
             follow=settings.follow_factor,
-            cap=frozen_array(settings.step_factor * np.sqrt(2.0) * look.scale),
+            cap=frozen_array(settings.step_factor * np.sqrt(2.0) * residual.scale),
         )
 
     @property
-    def limits(self) -> list[StepLimit]:
-        """The limits, ready to be asked; speeds first, since a sample names the first that it breaks most."""
-        parts = range(len(self.noise))
-        return [
-            *(SpeedLimit(part, float(self.speeds[part]), float(self.noise[part])) for part in parts),
-            *(ErrorStepLimit(part, float(self.noise[part]), self.follow, float(self.cap[part])) for part in parts),
-        ]
+    def limits(self) -> list[tuple[Reason, float]]:
+        """Reason and limit of each column of :meth:`ratios`: speeds first, then steps of the error."""
+        speeds = [(SPEED_REASONS[unit], float(speed)) for unit, speed in zip(self.units, self.speeds, strict=True)]
+        return [*speeds, *[(Reason.JUMP, 1.0)] * len(self.units)]
+
+    def ratios(self, path: Path, i: IntArray, j: IntArray) -> FloatArray:
+        """Return steps (m, 2 g) from samples i to later samples j, as multiples of the largest that are possible."""
+        samples = path.samples
+        moved = np.maximum(samples.steps(samples.observed, i, j) - self.noise, 0.0)
+        speed = moved / (samples.time[j] - samples.time[i])[:, None] / self.speeds
+        step = np.linalg.norm(path.error[j] - path.error[i], axis=2)
+        travel = np.abs(path.travel[j] - path.travel[i])
+        plausible = np.maximum(np.minimum(self.noise + self.follow * travel, self.cap), self.noise)
+        return np.hstack([speed, step / plausible])
+
+    def possible(self, path: Path, i: IntArray, j: IntArray) -> BoolArray:
+        """Return the mask (m,) of steps that break no limit."""
+        possible: BoolArray = self.ratios(path, i, j).max(axis=1) <= 1.0
+        return possible
+
+
+def _commanded_speeds(samples: Samples) -> tuple[FloatArray, FloatArray]:
+    """Commanded speeds (n - 1, g), m/s and rad/s, from sample to sample, 0 across runs, and time steps (n - 1,), s."""
+    i = np.arange(len(samples) - 1)
+    inside = samples.run[1:] == samples.run[:-1]
+    dt = np.where(inside, np.diff(samples.time), 0.0)
+    speed: FloatArray = samples.steps(samples.command, i, i + 1) / np.where(inside, dt, np.inf)[:, None]
+    return speed, dt
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """m stretches of samples without an impossible step.
+
+    Parameters
+    ----------
+    label : (n,) int array
+        Piece that each sample belongs to.
+    first, last : (m,) int arrays
+        First and last sample of each piece.
+    run : (m,) int array
+        Run that each piece lies in.
+    ratio : (m,) array
+        Step into the piece from the sample before, as a multiple of the largest possible; 0 at the start of a run.
+    cause : (m,) int array
+        Which limit that step breaks.
+    """
+
+    label: IntArray
+    first: IntArray
+    last: IntArray
+    run: IntArray
+    ratio: FloatArray
+    cause: IntArray
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    @property
+    def counts(self) -> IntArray:
+        """(m,) samples in each piece."""
+        counts: IntArray = self.last - self.first + 1
+        return counts
+
+    def medians(self, values: FloatArray) -> FloatArray:
+        """Return the median (m,) of the values (n,) of each piece's samples."""
+        return np.array([np.median(values[a : b + 1]) for a, b in zip(self.first, self.last, strict=True)])
+
+
+def split_pieces(path: Path, thresholds: StepThresholds) -> Pieces:
+    """Cut the samples where a run ends or a step breaks a limit.
+
+    Parameters
+    ----------
+    path : Path
+        n samples.
+    thresholds : StepThresholds
+        Limits on their steps.
+    """
+    n, run = len(path.samples), path.samples.run
+    i = np.flatnonzero(run[1:] == run[:-1])
+    ratios = np.zeros((n, len(thresholds.limits)))
+    ratios[i + 1] = thresholds.ratios(path, i, i + 1)
+    worst = ratios.max(axis=1)
+    starts = worst > 1.0
+    starts[0] = True
+    starts[1:] |= run[1:] != run[:-1]
+    first = np.flatnonzero(starts)
+    # A sample names the first limit that it breaks: a speed before a step of the error.
+    cause = np.where(worst > 1.0, (ratios > 1.0).argmax(axis=1), 0)[first]
+    return Pieces(np.cumsum(starts) - 1, first, np.append(first[1:], n) - 1, run[first], ratios[first, cause], cause)
+
+
+def largest_chain(
+    pieces: Pieces, scores: FloatArray, path: Path, thresholds: StepThresholds, switch_cost: float
+) -> BoolArray:
+    """Return the mask (m,) of the pieces in the chain of greatest total score, a chain for each run.
+
+    Neighbours in a chain are joined by a possible step, or by an impossible one at `switch_cost`. Pieces with a score
+    that is not positive are in no chain.
+
+    Parameters
+    ----------
+    pieces : Pieces
+        m pieces.
+    scores : (m,) array
+        What each is worth, samples.
+    path, thresholds : Path, StepThresholds
+        Samples and limits on their steps.
+    switch_cost : float
+        Samples.
+    """
+    kept = np.zeros(len(pieces), dtype=bool)
+    for chosen in np.split(np.arange(len(pieces)), np.flatnonzero(np.diff(pieces.run)) + 1):
+        chosen = chosen[scores[chosen] > 0]
+        if len(chosen):
+            kept[chosen[_best_chain(pieces, scores[chosen], chosen, path, thresholds, switch_cost)]] = True
+    return kept
+
+
+def _best_chain(
+    pieces: Pieces, scores: FloatArray, chosen: IntArray, path: Path, thresholds: StepThresholds, switch_cost: float
+) -> IntArray:
+    """Positions within `chosen` of the best chain, by dynamic programming over the last `REACH` pieces."""
+    best, before = scores.copy(), np.full(len(chosen), -1)
+    for k in range(1, len(chosen)):
+        low = max(0, k - REACH)
+        i = pieces.last[chosen[low:k]]
+        possible = thresholds.possible(path, i, np.full(len(i), pieces.first[chosen[k]]))
+        gain = best[low:k] - np.where(possible, 0.0, switch_cost)
+        choice = int(np.argmax(gain))
+        if gain[choice] > 0:
+            best[k] += gain[choice]
+            before[k] = low + choice
+    chain = [int(np.argmax(best))]
+    while before[chain[-1]] >= 0:
+        chain.append(int(before[chain[-1]]))
+    return np.array(chain[::-1])
+
+
+def excursions(
+    pieces: Pieces,
+    candidates: BoolArray,
+    path: Path,
+    thresholds: StepThresholds,
+    residual: FloatArray,
+    occlusion: float,
+) -> BoolArray:
+    """Return the mask (m,) of pieces that lie between two impossible steps which cancel, found shortest first.
+
+    Two independent steps do not cancel in three or six numbers; a marker that is lost and found again does that.
+    Longer than an occlusion, it must also stand out: by half of the step or more from what the smooth model expects.
+
+    Parameters
+    ----------
+    pieces, candidates : Pieces, (m,) bool array
+        All pieces, and those that may be motions.
+    path, thresholds : Path, StepThresholds
+        Samples and what they can do.
+    residual : (n, g, w) array
+        What the smooth model leaves of the error.
+    occlusion : float
+        Samples of the longest occlusion.
+    """
+    dropped = np.zeros(len(pieces), dtype=bool)
+    stretches: list[_Stretch] = []
+    for k in np.flatnonzero(candidates):
+        first, last = int(pieces.first[k]), int(pieces.last[k])
+        _append(stretches, _Stretch(first, last, last - first + 1, [int(k)], int(pieces.run[k])), path, thresholds)
+    while (inside := _shortest_excursion(stretches, path, thresholds, residual, occlusion)) is not None:
+        dropped[[piece for stretch in stretches[inside] for piece in stretch.pieces]] = True
+        # What lies around is joined where the step is possible: no impossible step is left there.
+        after = stretches[inside.stop :]
+        stretches = stretches[: inside.start]
+        _append(stretches, after[0], path, thresholds)
+        stretches += after[1:]
+    return dropped
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Pieces of one run that are one motion: from sample `first` to sample `last`, `count` samples in all."""
+
+    first: int
+    last: int
+    count: int
+    pieces: list[int]
+    run: int
+
+
+def _append(stretches: list[_Stretch], new: _Stretch, path: Path, thresholds: StepThresholds) -> None:
+    """Append a stretch, as a part of the last one where the step from that is possible."""
+    last = stretches[-1] if stretches else None
+    if last and last.run == new.run and thresholds.possible(path, np.array([last.last]), np.array([new.first]))[0]:
+        stretches[-1] = _Stretch(last.first, new.last, last.count + new.count, last.pieces + new.pieces, last.run)
+    else:
+        stretches.append(new)
+
+
+def _shortest_excursion(
+    stretches: list[_Stretch], path: Path, thresholds: StepThresholds, residual: FloatArray, occlusion: float
+) -> slice | None:
+    """Positions of the fewest samples that are left as they were entered, with pauses but no other steps between."""
+    scaled = (path.error / thresholds.noise[:, None]).reshape(len(path.error), -1)
+    inner = [k for k, (a, b) in enumerate(pairwise(stretches)) if a.run == b.run]
+    found = []
+    for a, b in pairwise(inner):
+        step_in, step_out = (scaled[stretches[k + 1].first] - scaled[stretches[k].last] for k in (a, b))
+        height = min(np.linalg.norm(step_in), np.linalg.norm(step_out))
+        inside = slice(a + 1, b + 1)
+        count = sum(stretch.count for stretch in stretches[inside])
+        if (
+            np.linalg.norm(step_in + step_out) <= 0.5 + RETURN_FRACTION * height
+            and count < len(residual) / 2
+            and (count <= occlusion or _stands_out(stretches[a : b + 2], residual.reshape(len(residual), -1)))
+        ):
+            found.append((count, inside))
+    return min(found, key=lambda excursion: excursion[0])[1] if found else None
+
+
+def _stands_out(stretches: list[_Stretch], residual: FloatArray) -> bool:
+    """Whether the smooth model misses all but the outer stretches by half of the steps that bound them, or more."""
+    before, *inner, after = stretches
+    step_in = residual[inner[0].first] - residual[before.last]
+    step_out = residual[after.first] - residual[inner[-1].last]
+    step = (step_in - step_out) / 2
+    inside = np.vstack([residual[s.first : s.last + 1] for s in inner])
+    outside = np.vstack([residual[s.first : s.last + 1] for s in (before, after)])
+    return bool((np.median(inside, axis=0) - np.median(outside, axis=0)) @ step >= 0.5 * (step @ step))

@@ -45,7 +45,7 @@ class MotionLimits:
     @classmethod
     def of(cls, cleaner: FittedCleaner) -> Self:
         """Limits that cleaning learned from the training recording."""
-        steps = cleaner.ruler.steps
+        steps = cleaner.thresholds.steps
         return cls(tuple(steps.speeds.tolist()), tuple(steps.noise.tolist()), cleaner.settings.occlusion_time)
 
     def bridge(
@@ -112,8 +112,7 @@ class MotionLimits:
         dt = time[j] - time[i]
         steps = [np.linalg.norm(path.position[j] - path.position[i], axis=1)]
         if path.quaternion is not None and len(self.speeds) > 1:
-            cosine = np.abs((path.quaternion[j] * path.quaternion[i]).sum(axis=1))
-            steps.append(2 * np.arccos(np.minimum(cosine, 1.0)))
+            steps.append(se3.quaternion_angle(path.quaternion[i], path.quaternion[j]))
         limits = zip(steps, self.speeds, self.noise, strict=False)
         far: BoolArray = np.any([step - noise > speed * dt for step, speed, noise in limits], axis=0)
         return far

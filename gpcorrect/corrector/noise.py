@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["stencil_step"]
@@ -12,7 +13,6 @@ NOISE_SHARE = 0.03  # of the typical speed that noise may add to a velocity
 WIDEST = 0.06  # s: a wider stencil blurs reversals, where friction acts
 STENCIL_GAIN = np.sqrt(130.0) / 12.0  # five-point stencil: standard deviation of a derivative, times step over noise
 THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # standard deviation of third differences of white noise of unit size
-MAD_TO_STD = 1.4826
 STRIDE = 5  # samples over which a speed is measured: noise counts little, curvature too
 
 

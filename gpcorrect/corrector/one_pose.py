@@ -14,13 +14,12 @@ from numba import njit
 
 from gpcorrect.gpr import FeatureMap
 from gpcorrect.rigid import RigidModel
-from gpcorrect.types import FloatArray
+from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray
 
 __all__ = ["LARGEST", "Frame", "command", "frame", "inputs"]
 
 SMALL = 1e-6  # rad: below it sin(x) / x is 1 to rounding
 LARGEST = 1e6  # m, m/s or rad/s: beyond it the numbers of a query overflow long before they mean anything
-QUATERNION_TOLERANCE = 1e-3  # as for recorded samples: a norm further from one is a mistake, not rounding
 NO_ROTATION, ROTVEC, COLUMNS, EULER = range(4)
 ROTATIONS = {"none": NO_ROTATION, "rotvec": ROTVEC, "columns": COLUMNS, "euler": EULER}
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpcorrect.corrector.one_pose import LARGEST, QUATERNION_TOLERANCE
+from gpcorrect.corrector.one_pose import LARGEST
 from gpcorrect.errors import DataError
-from gpcorrect.types import FloatArray, PoseSignal
+from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray, PoseSignal
 
 __all__ = ["bad_query", "checked_poses", "checked_times", "pose_numbers", "pose_rows", "twist_numbers"]
 

@@ -117,7 +117,7 @@ def joint_data(
             hint="Name the same joints in both: a mapping file given with --columns says which columns are which.",
             path=log.name,
         )
-    types = _types(log, reported.shape[1])
+    types = log.joint_types(reported.shape[1])
     for signal, values in ((name, reported), ("external_jp", true)):
         if values is not None:
             _check_units(log, signal, values, types)
@@ -169,20 +169,6 @@ def _required(value: FloatArray | None) -> FloatArray:
     if value is None:
         raise LogError("commands need external_jp as their input.")
     return value
-
-
-def _types(log: CalibrationLog, dof: int) -> str:
-    """Types from the sidecar; without one a serial surgical arm, whose third joint inserts."""
-    types = log.meta.joint_types.replace(" ", "").replace(",", "").upper()
-    if not types:
-        return ("RRP" + "R" * dof)[:dof] if dof in (3, 6, 7) else "R" * dof
-    if len(types) < dof or set(types) - set("RP"):
-        raise LogError(
-            f"joint_types {types!r} does not name {dof} joints with R and P.",
-            hint="Correct the sidecar.",
-            path=log.name,
-        )
-    return types[:dof]
 
 
 def _check_units(log: CalibrationLog, signal: str, values: FloatArray, types: str) -> None:

@@ -91,6 +91,23 @@ class RigidModel:
         mapped: FloatArray = position @ self.R_position.T + self.t
         return mapped
 
+    def followed_by(self, other: RigidModel) -> RigidModel:
+        """Return the model that maps as this one and then `other` do.
+
+        Parameters
+        ----------
+        other : RigidModel
+            Without a marker offset of its own: it maps poses that are in the command's frame already.
+        """
+        return RigidModel(
+            kind=self.kind if self.kind in ("marker", "separate") else other.kind,
+            R_position=other.R_position @ self.R_position,
+            t=other.R_position @ self.t + other.t,
+            offset=self.offset,
+            R_left=other.R_left @ self.R_left,
+            R_right=self.R_right @ other.R_right,
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Return the model as plain lists and text, exact to the last bit through JSON."""
         return {"kind": self.kind, **{name: getattr(self, name).tolist() for name in SHAPES}}

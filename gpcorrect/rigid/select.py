@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -18,13 +19,16 @@ from gpcorrect.rigid.registration import check_pair, fit_pose, fit_position
 from gpcorrect.rigid.residuals import pose_residual
 from gpcorrect.rigid.robust import fit_robustly, robust_scale
 from gpcorrect.rigid.separate import fit_separate
+from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
 __all__ = ["Candidate", "MarkerOption", "Registration", "register"]
 
 MarkerOption = Literal["none", "solve", "auto"]
 
-ONE_MEDIAN = 1.2533 * 1.4826  # standard error of a median from the median absolute deviation of normal data
+ONE_MEDIAN = (
+    math.sqrt(math.pi / 2) * MAD_TO_STD
+)  # standard error of a median from the median absolute deviation of normal data
 WEIGHT_ROUNDS = 12  # of weighing positions and rotations by their scales
 WEIGHT_TOLERANCE = 0.02  # of the weight: less turns nothing
 LEAST_ERROR = 1e-6  # m and rad: errors below a micrometre or microradian are not told apart

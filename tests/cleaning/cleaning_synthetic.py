@@ -8,44 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gpcorrect import se3
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
 WORKSPACE = np.array([0.08, 0.08, 0.02])  # Mahler et al. 2014, Sec. V: 8 x 8 x 2 cm
 SPEED = 0.05
 RATE = 100.0
-
-
-@dataclass(frozen=True)
-class Kabsch:
-    """Rigid map of observed to commanded poses: position and orientation each registered for itself."""
-
-    R: FloatArray
-    t: FloatArray
-    R_left: FloatArray
-
-    def apply(self, poses: PoseSignal) -> PoseSignal:
-        """Map tracker poses into the base frame."""
-        position = poses.position @ self.R.T + self.t
-        if poses.quaternion is None:
-            return PoseSignal(position)
-        ok = poses.finite
-        quaternion = np.full((len(poses), 4), np.nan)
-        rotation = self.R_left @ se3.matrix_from_quaternion(poses.quaternion[ok])
-        quaternion[ok] = se3.quaternion_from_matrix(rotation)
-        return PoseSignal(position, quaternion)
-
-
-def register(observed: PoseSignal, command: PoseSignal) -> Kabsch:
-    """Least-squares rigid registration of positions (Kabsch) and, for itself, of orientations."""
-    mean_o, mean_c = observed.position.mean(axis=0), command.position.mean(axis=0)
-    cross = (command.position - mean_c).T @ (observed.position - mean_o)
-    R = se3.nearest_rotation(cross)
-    R_left = R
-    if observed.quaternion is not None and command.quaternion is not None:
-        o, c = (se3.matrix_from_quaternion(s.quaternion) for s in (observed, command))
-        R_left = se3.nearest_rotation((c @ np.swapaxes(o, 1, 2)).sum(axis=0))
-    return Kabsch(R, mean_c - R @ mean_o, R_left)
 
 
 @dataclass(frozen=True)

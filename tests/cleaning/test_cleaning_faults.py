@@ -17,13 +17,12 @@ from cleaning_synthetic import (
     make_log,
     occlusion_jumps,
     offset_block,
-    register,
     scattered,
     shuffled,
     wandering_block,
 )
 
-from gpcorrect.cleaning import CleaningReport, CleaningSettings, FittedCleaner, Reason, clean, clean_with, fit_cleaner
+from gpcorrect.cleaning import CleaningReport, CleaningSettings, FittedCleaner, Reason, clean_with, fit_cleaner
 from gpcorrect.types import BoolArray, CalibrationLog, PoseSignal
 
 WORLD = World(reaches=30)
@@ -32,7 +31,7 @@ HELD_OUT = 0.7  # share of trajectories before the held-out ones
 
 
 def judged(log: CalibrationLog, settings: CleaningSettings | None = None) -> CleaningReport:
-    return clean(log, register, settings, rng=np.random.default_rng(7))
+    return fit_cleaner(log, settings, rng=np.random.default_rng(7))[1]
 
 
 def rows_of(log: CalibrationLog, mask: BoolArray) -> CalibrationLog:
@@ -58,7 +57,7 @@ def trained() -> tuple[FittedCleaner, CalibrationLog]:
     """Return a cleaner that learned from the first trajectories, and a fault-free log of the others."""
     log = make_log(WORLD, np.random.default_rng(5))
     early = log.trajectory < HELD_OUT * WORLD.reaches
-    cleaner, _ = fit_cleaner(rows_of(log, early), register, rng=np.random.default_rng(7))
+    cleaner, _ = fit_cleaner(rows_of(log, early), rng=np.random.default_rng(7))
     return cleaner, rows_of(log, ~early)
 
 

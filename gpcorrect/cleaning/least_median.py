@@ -1,0 +1,238 @@
+"""Least median of squares: the fit that the nearer half of the data agrees on (Rousseeuw 1984)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+from scipy.special import chdtr
+from scipy.special import chdtri as chi2_upper
+
+from gpcorrect.errors import DataError, DegenerateError
+from gpcorrect.rigid import RigidModel, fit_pose, fit_position, pose_residual
+from gpcorrect.robust import robust_scale
+from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
+
+__all__ = ["LeastMedianFit", "evenly_spaced", "least_median", "least_median_plane", "least_median_pose"]
+
+Model = TypeVar("Model")
+
+INLIER_FACTOR = 2.5  # Rousseeuw & Leroy 1987: inliers of the reweighted fit
+CONFIDENCE = 0.999  # that one random sample at least is free of outliers: one recording in a thousand may go wrong
+BREAKDOWN = 0.5  # fraction of outliers that the number of random samples is made for: the most that any fit bears
+REFINED = 5  # candidates that are concentrated, the rest cannot win (Rousseeuw & Van Driessen 2006)
+CONCENTRATIONS = 3  # Rousseeuw & Van Driessen 2006 take two; the objective stops falling by itself
+TINY = np.finfo(np.float64).tiny
+POSE_SAMPLE = 4  # one more than positions need: orientations are then determined too
+MOST_POSES = 1000  # neighbours in time repeat each other
+# m^2: orientation errors of ten degrees weigh as much as positions that are 5 mm off, as cable-driven arms have both.
+ROTATION_WEIGHT = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class LeastMedianFit(Generic[Model]):
+    """What the search found.
+
+    Parameters
+    ----------
+    model : object
+        Refitted on the inliers.
+    scales : (g,) array
+        Robust standard deviation of one component of each group of the residual.
+    inliers : (n,) bool array
+        Samples within 2.5 scales in every group.
+    """
+
+    model: Model
+    scales: FloatArray
+    inliers: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem(Generic[Model]):
+    """What is fitted, and how a fit is measured: see :func:`least_median`."""
+
+    fit: Callable[[IntArray], Model]
+    lengths: Callable[[Model], FloatArray]
+    n: int
+    sample_size: int
+    dimension: int
+    floor: FloatArray
+
+    def objective(self, lengths: FloatArray) -> float:
+        """Logarithm of the product of the groups' medians, which no change of unit alters."""
+        return float(np.log(np.maximum(np.median(lengths, axis=0), self.floor)).sum())
+
+    def candidates(self, rng: np.random.Generator) -> list[tuple[float, Model]]:
+        """Fits to random samples, the best first."""
+        clean = (1.0 - BREAKDOWN) ** self.sample_size
+        found: list[tuple[float, Model]] = []
+        reason = ""
+        for _ in range(max(1, math.ceil(math.log(1.0 - CONFIDENCE) / math.log1p(-clean)))):
+            try:
+                model = self.fit(rng.choice(self.n, self.sample_size, replace=False))
+            except DegenerateError as error:
+                reason = str(error)
+                continue
+            found.append((self.objective(self.lengths(model)), model))
+        if not found:
+            raise DegenerateError(f"no sample of {self.sample_size} determines a model: {reason}")
+        return sorted(found, key=lambda candidate: candidate[0])
+
+    def concentrated(self, model: Model) -> tuple[float, Model]:
+        """Refit on the nearer half until the objective stops falling: it never rises for one group."""
+        lengths = self.lengths(model)
+        objective = self.objective(lengths)
+        for _ in range(CONCENTRATIONS):
+            distance = (lengths / np.maximum(np.median(lengths, axis=0), self.floor)).max(axis=1)
+            try:
+                nearer = self.fit(np.sort(np.argsort(distance, kind="stable")[: self.n // 2 + 1]))
+            except DegenerateError:
+                break
+            lengths = self.lengths(nearer)
+            if not self.objective(lengths) < objective:
+                break
+            objective, model = self.objective(lengths), nearer
+        return objective, model
+
+    def inliers(self, model: Model) -> tuple[FloatArray, BoolArray]:
+        """Robust scales (g,), and the samples (n,) whose residual is plausible for its number of components."""
+        lengths = self.lengths(model)
+        small_sample = 1.0 + 5.0 / max(1, self.n - self.sample_size)  # Rousseeuw & Leroy 1987, Ch. 5
+        scales = np.maximum(small_sample * robust_scale(lengths, self.dimension), self.floor)
+        limit = math.sqrt(float(chi2_upper(self.dimension, 1.0 - chdtr(1, INLIER_FACTOR**2))))
+        return scales, np.all(lengths <= limit * scales, axis=1)
+
+
+def least_median(
+    fit: Callable[[IntArray], Model],
+    lengths: Callable[[Model], FloatArray],
+    n: int,
+    *,
+    sample_size: int,
+    rng: np.random.Generator,
+    dimension: int = 1,
+    floor: FloatArray | float = TINY,
+) -> LeastMedianFit[Model]:
+    """Search the model whose median squared residual is least, then refit it on its inliers.
+
+    Models are fitted to random samples; the best few are concentrated on the half of the data nearest to them; the
+    groups of the residual (metres, radians) are weighed by the product of their medians. Up to half of the data may be
+    arbitrarily wrong.
+
+    Parameters
+    ----------
+    fit : callable of (m,) row numbers
+        Model of these rows; may raise DegenerateError.
+    lengths : callable of model
+        Residual lengths (n, g) of all rows, in g groups.
+    n : int
+        Number of rows.
+    sample_size : int
+        Rows in a random sample: as few as determine a model.
+    rng : numpy Generator
+        Source of the samples.
+    dimension : int
+        Components of each group of the residual.
+    floor : (g,) array or float
+        Residuals below it count as equal.
+
+    Returns
+    -------
+    LeastMedianFit
+
+    Raises
+    ------
+    DataError
+        Fewer rows than a sample needs.
+    DegenerateError
+        No sample determined a model.
+    """
+    if n < sample_size:
+        raise DataError(f"least median of squares needs at least {sample_size} samples, got {n}.")
+    problem = _Problem(fit, lengths, n, sample_size, dimension, np.asarray(floor))
+    candidates = problem.candidates(rng)
+    best = min((problem.concentrated(model) for _, model in candidates[:REFINED]), key=lambda c: c[0])[1]
+    _, inliers = problem.inliers(best)
+    with suppress(DegenerateError):
+        best = fit(np.flatnonzero(inliers))
+    scales, inliers = problem.inliers(best)
+    return LeastMedianFit(best, frozen_array(scales), inliers)
+
+
+def least_median_plane(X: FloatArray, Y: FloatArray, rng: np.random.Generator) -> LeastMedianFit[FloatArray]:
+    """Return slopes and level (d + 1, m) of the hyperplane that half of the samples agrees on.
+
+    Parameters
+    ----------
+    X : (n, d) array
+        Inputs.
+    Y : (n, m) array
+        Outputs, one group.
+    rng : numpy Generator
+        Source of the random samples.
+    """
+    design = np.hstack([X, np.ones((len(X), 1))])
+
+    def plane(rows: IntArray) -> FloatArray:
+        return np.asarray(np.linalg.lstsq(design[rows], Y[rows], rcond=None)[0], dtype=np.float64)
+
+    return least_median(
+        plane,
+        lambda model: np.linalg.norm(Y - design @ model, axis=1, keepdims=True),
+        len(X),
+        sample_size=min(len(X), design.shape[1]),
+        rng=rng,
+        dimension=Y.shape[1],
+    )
+
+
+def least_median_pose(
+    observed: PoseSignal, command: PoseSignal, resolution: FloatArray, rng: np.random.Generator
+) -> LeastMedianFit[RigidModel]:
+    """Return the registration that half of the poses agrees on (Mahler 2014, Sec. IV-A).
+
+    Position and rotation have a scale each.
+
+    Parameters
+    ----------
+    observed, command : PoseSignal
+        n complete samples; both with orientations where orientations are to count.
+    resolution : (g,) array
+        Smallest scales: m, and rad where there are orientations.
+    rng : numpy Generator
+        Source of the random samples.
+
+    Raises
+    ------
+    DataError
+        Fewer than four samples.
+    DegenerateError
+        No random sample determines a registration.
+    """
+    rows = evenly_spaced(np.arange(len(observed)), MOST_POSES)
+    observed, command = observed[rows], command[rows]
+
+    def registration(few: IntArray) -> RigidModel:
+        if len(resolution) == 1:
+            return fit_position(observed[few], command[few])
+        return fit_pose(observed[few], command[few], rotation_weight=ROTATION_WEIGHT)
+
+    def lengths(rigid: RigidModel) -> FloatArray:
+        residual = pose_residual(rigid.apply(observed), command)[:, : 3 * len(resolution)]
+        norms: FloatArray = np.linalg.norm(residual.reshape(len(rows), -1, 3), axis=2)
+        return norms
+
+    return least_median(
+        registration, lengths, len(rows), sample_size=POSE_SAMPLE, rng=rng, dimension=3, floor=resolution
+    )
+
+
+def evenly_spaced(rows: IntArray, most: int) -> IntArray:
+    """Return at most `most` of the rows (n,), evenly spread over the recording."""
+    chosen: IntArray = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), most)).round().astype(np.int64))]
+    return chosen

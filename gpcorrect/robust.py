@@ -1,0 +1,46 @@
+"""Robust scales: the standard deviation that the nearer half of the data speaks for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from gpcorrect.types import FloatArray
+
+__all__ = ["MAD_TO_STD", "median_length", "robust_scale"]
+
+
+def median_length(dimension: int) -> float:
+    """Return the median length of a vector of unit normals: the root of the median of chi-squared.
+
+    Parameters
+    ----------
+    dimension : int
+        Components of the vector: 0.6745 for one, 1.5382 for three.
+    """
+    return math.sqrt(2.0 * float(gammaincinv(dimension / 2.0, 0.5)))
+
+
+MAD_TO_STD = 1.0 / median_length(1)  # 1.4826: of normal data, standard deviation over median absolute deviation
+
+
+def robust_scale(lengths: FloatArray, dimension: int = 1) -> FloatArray:
+    """Return the standard deviation of a component, from the median length of residual vectors.
+
+    Consistent for Gaussian residuals; up to half of the data may be arbitrarily wrong (Rousseeuw & Leroy 1987, Ch. 5).
+
+    Parameters
+    ----------
+    lengths : (n,) or (n, k) array
+        Lengths of n residual vectors, of each of k kinds.
+    dimension : int
+        Components that each vector has.
+
+    Returns
+    -------
+    () or (k,) array
+    """
+    scale: FloatArray = np.asarray(np.median(lengths, axis=0) / median_length(dimension))
+    return scale
