@@ -137,12 +137,12 @@ def _check_header(path: str | Path, header: Any, kind: str) -> None:
             f"model file {path} has schema {schema}; this version reads up to {SCHEMA}.",
             hint=f"It was written by gpcorrect {header.get('version')}: upgrade, or fit the model again.",
         )
+    if header.get("seal") != seal_of(header):
+        raise refused(path, "its header was altered")
     if schema < SCHEMA:
         raise ArtifactError(
             f"model file {path} has schema {schema}; this version reads {SCHEMA}.", hint="Fit the model again."
         )
-    if header.get("seal") != seal_of(header):
-        raise refused(path, "its header was altered")
     if not isinstance(header.get("digests"), dict):
         raise refused(path, "it carries no digests")
 

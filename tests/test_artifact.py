@@ -117,6 +117,7 @@ def test_a_newer_schema_is_refused_with_the_version_that_wrote_it(model: Path) -
 def test_an_older_schema_is_refused_with_what_to_do(model: Path) -> None:
     """The message says which schema came, and to fit the model again."""
     header = {**header_of(model), "schema": artifact.SCHEMA - 1}
+    header["seal"] = artifact.seal_of(header)
     with pytest.raises(ArtifactError, match=rf"schema {artifact.SCHEMA - 1}.*\n?.*Fit the model again"):
         artifact.load(rewritten(model, header=as_entry(header)))
 
