@@ -15,8 +15,21 @@ UNREADABLE = 3  # exit status: ezc3d itself refused the file
 
 
 def main(path: str, most_bytes: int) -> int:
-    """Read and write; return the exit status."""
-    _limit_memory(most_bytes)
+    """Read and write; return the exit status.
+
+    Parameters
+    ----------
+    path : str
+        A C3D file.
+    most_bytes : int
+        Memory that the process may take.
+    """
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))
+    except ImportError:  # only where the system has limits
+        pass
     import ezc3d
 
     try:
@@ -28,14 +41,6 @@ def main(path: str, most_bytes: int) -> int:
     np.savez(buffer, **arrays)
     sys.stdout.buffer.write(buffer.getvalue())
     return 0
-
-
-def _limit_memory(most_bytes: int) -> None:
-    try:
-        import resource
-    except ImportError:  # only where the system has limits
-        return
-    resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))
 
 
 def _arrays(content: Any) -> dict[str, Any]:

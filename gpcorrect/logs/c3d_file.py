@@ -18,7 +18,7 @@ from gpcorrect.errors import LogError, MissingExtraError
 from gpcorrect.logs.c3d_child import UNREADABLE
 from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.mocap.take import Take, log_of, scale_of
-from gpcorrect.types import CalibrationLog, FloatArray
+from gpcorrect.types import CalibrationLog
 
 __all__ = ["read"]
 
@@ -27,7 +27,7 @@ PATIENCE = 30.0  # s for a small file; a sound one takes a second
 PACE = 2e6  # bytes/s beyond that; ezc3d reads a hundred times faster
 MEMORY = 2 * 1024**3  # bytes for a small file
 MEMORY_SHARE = 40  # bytes for each byte of the file beyond that
-BLOCK = 512  # bytes
+BLOCK = 512  # bytes; of the C3D format
 HEADER_MARK = 0x50  # second byte of every C3D file
 BIG_ENDIAN = bytes([86])  # processor code of files in big-endian order
 
@@ -36,6 +36,11 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read the tool's pose from its markers; the fit's error becomes the extra column `marker_rms` (m).
 
     A marker is hidden where its residual is negative. Three markers and more give poses, one gives positions.
+
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
 
     Raises
     ------
@@ -48,8 +53,11 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
         raise MissingExtraError("ezc3d", extra="c3d", purpose="Reading C3D files")
     _check_whole(path)
     content = _load(path)
-    labels = _own_names(content["labels"].tolist())
-    points, remarks = _points(content)
+    given = content["labels"].tolist()  # markers that share a label get names of their own
+    labels = [name if given.count(name) == 1 else f"{name}#{k + 1}" for k, name in enumerate(given)]
+    unit = str(content["unit"])
+    remarks = [] if unit else ["the file states no unit; millimetres were assumed, as usual in C3D."]
+    points = np.where(content["residuals"][..., None] < 0, np.nan, content["points"] * scale_of(unit or "mm"))
     rate = float(content["rate"])
     if not rate > 0 or not points.size or points.shape[1] != len(labels):
         raise LogError(f"expected markers at a rate, got {len(labels)} markers at {rate:g} Hz.")
@@ -97,16 +105,3 @@ def _check_whole(path: Path) -> None:
     size = path.stat().st_size
     if size < expected:
         raise LogError(f"the C3D file is cut off: its header asks for {expected} bytes, it has {size}.")
-
-
-def _own_names(labels: list[str]) -> list[str]:
-    """Give markers that share a label names of their own."""
-    return [name if labels.count(name) == 1 else f"{name}#{k + 1}" for k, name in enumerate(labels)]
-
-
-def _points(content: Mapping[str, Any]) -> tuple[FloatArray, list[str]]:
-    """Markers `(n, m, 3)` in metres, NaN where hidden."""
-    unit = str(content["unit"])
-    remarks = [] if unit else ["the file states no unit; millimetres were assumed, as usual in C3D."]
-    points: FloatArray = content["points"] * scale_of(unit or "mm")
-    return np.where(content["residuals"][..., None] < 0, np.nan, points), remarks

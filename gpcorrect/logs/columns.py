@@ -196,6 +196,11 @@ class ReadSettings:
 def load_columns(path: str | Path) -> ColumnMap:
     """Read a mapping file.
 
+    Parameters
+    ----------
+    path : str or Path
+        TOML, with the keys of :class:`ColumnMap`.
+
     Raises
     ------
     LogError

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -32,12 +31,17 @@ BYTE_ORDER_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read a text table.
 
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
+
     Raises
     ------
     LogError
         The table is empty, too large, ragged, has text where numbers belong, or has no header and no mapping.
     """
-    dialect = sniff(path, settings.columns.csv)
+    dialect = _sniff(path, settings.columns.csv)
     headless = dialect.names == tuple(str(k) for k in range(len(dialect.names)))
     if headless and not settings.mapped:
         raise LogError(
@@ -73,14 +77,7 @@ def _parse(path: Path, dialect: Dialect, without: tuple[str, ...]) -> Table:
         ),
     )
     columns = {name: arrow.column(name).to_numpy() for name in wanted}
-    return Table(columns, partial(_line, path, dialect), without)
-
-
-def _line(path: Path, dialect: Dialect, row: int) -> str:
-    """Name the line of the file that holds a row; an editor opens it there."""
-    with dialect.records(path) as records:
-        number = next(islice((line for line, _ in records), row, None))
-    return f"line {number}"
+    return Table(columns, lambda row: f"line {dialect.line_of(path, row)}", without)
 
 
 def _text_columns(path: Path, dialect: Dialect, mapping: ColumnMap) -> tuple[str, ...]:
@@ -91,43 +88,27 @@ def _text_columns(path: Path, dialect: Dialect, mapping: ColumnMap) -> tuple[str
     LogError
         A line has too few or too many cells, or a column that is needed holds text.
     """
-    needed = _needed(dialect.names, mapping)
+    used = complete(mapping, dialect.names)[0].used
+    needed = {dialect.names[c] if isinstance(c, int) and c < len(dialect.names) else c for c in used}
     text: dict[str, None] = {}
     with dialect.records(path) as records:
         for line, cells in records:
             if len(cells) != len(dialect.names):
-                raise _ragged(line, len(cells), len(dialect.names))
+                commas = "Are there decimal commas? Say csv.delimiter and csv.decimal in a mapping file."
+                hint = "The file may have been cut off." if len(cells) < len(dialect.names) else commas
+                raise LogError(f"line {line} has {len(cells)} cells, expected {len(dialect.names)}.", hint=hint)
             wrong = [
                 (name, cell)
                 for name, cell in zip(dialect.names, cells, strict=True)
-                if name not in text and cell not in MISSING and not dialect.is_number(cell)
+                if name not in text and cell not in MISSING and not _is_number(cell, dialect.decimal)
             ]
             for name, cell in wrong:
                 if name in needed:
-                    raise _not_a_number(name, line, cell)
+                    comma = DECIMAL_COMMA.fullmatch(cell) is not None
+                    hint = "Say csv.decimal = ',' in a mapping file." if comma else "Leave a missing cell empty."
+                    raise LogError(f"column {name} must hold numbers, got {cell!r} at line {line}.", hint=hint)
                 text[name] = None
     return tuple(text)
-
-
-def _needed(names: tuple[str, ...], mapping: ColumnMap) -> set[str]:
-    used = complete(mapping, names)[0].used
-    numbered = {names[c] for c in used if isinstance(c, int) and c < len(names)}
-    return numbered | {c for c in used if isinstance(c, str)}
-
-
-def _ragged(line: int, got: int, expected: int) -> LogError:
-    hint = (
-        "The file may have been cut off."
-        if got < expected
-        else "Are there decimal commas? Say csv.delimiter and csv.decimal in a mapping file."
-    )
-    return LogError(f"line {line} has {got} cells, expected {expected}.", hint=hint)
-
-
-def _not_a_number(column: str, line: int, cell: str) -> LogError:
-    comma = DECIMAL_COMMA.fullmatch(cell) is not None
-    hint = "Say csv.decimal = ',' in a mapping file." if comma else "Leave a missing cell empty."
-    return LogError(f"column {column} must hold numbers, got {cell!r} at line {line}.", hint=hint)
 
 
 @dataclass(frozen=True)
@@ -152,28 +133,43 @@ class Dialect:
 
     @contextmanager
     def records(self, path: Path) -> Iterator[Iterator[tuple[int, list[str]]]]:
-        """Give an iterator over (line number, cells) of the samples, without empty lines."""
+        """Give an iterator over (line number, cells) of the samples, without empty lines.
+
+        Parameters
+        ----------
+        path : Path
+            The table.
+        """
         with path.open(encoding=self.encoding, errors="replace", newline="") as file:
             for _ in islice(file, self.header_lines):
                 pass
             reader = csv.reader(file, delimiter=self.delimiter)
             yield ((self.header_lines + reader.line_num, cells) for cells in reader if cells)
 
-    def is_number(self, cell: str) -> bool:
-        """Whether a cell holds a number in this table's decimal mark."""
-        return is_number(cell.replace(",", ".") if self.decimal == "," else cell)
+    def line_of(self, path: Path, row: int) -> int | None:
+        """Line of the file that holds a row, counted from one: an editor opens it there.
+
+        Parameters
+        ----------
+        path : Path
+            The table.
+        row : int
+            Sample, counted from zero.
+        """
+        with self.records(path) as records:
+            return next(islice((line for line, _ in records), row, None), None)
 
 
-def is_number(cell: str) -> bool:
-    """Whether a cell holds a number; a missing one does not."""
+def _is_number(cell: str, decimal: str) -> bool:
+    """Whether a cell holds a number in this decimal mark; a missing one does not."""
     try:
-        float(cell)
+        float(cell.replace(",", ".") if decimal == "," else cell)
     except ValueError:
         return False
     return "_" not in cell
 
 
-def sniff(path: Path, options: CsvOptions) -> Dialect:
+def _sniff(path: Path, options: CsvOptions) -> Dialect:
     """Find out how a table is written, where the options do not say.
 
     Raises
@@ -182,23 +178,37 @@ def sniff(path: Path, options: CsvOptions) -> Dialect:
         The file is no text table, has no sample, or two columns of one name.
     """
     encoding = encoding_of(path)
-    lines = _first_lines(path, encoding, options.skip)
+    with path.open(encoding=encoding, errors="replace", newline="") as file:
+        numbered = ((n, line.rstrip("\r\n")) for n, line in enumerate(file, start=1) if n > options.skip)
+        lines = list(islice(((n, line) for n, line in numbered if line.strip()), LOOK_AHEAD + 1))
     if not lines:
         raise LogError("expected a table, found no line of text.")
     number, first = lines[0]
     delimiter = options.delimiter or next((d for d in "\t;," if d in first), ",")
     rows = list(csv.reader((text for _, text in lines), delimiter=delimiter))
-    decimal = options.decimal or _decimal(rows, delimiter)
-    headed = _is_headed(rows[0], decimal) if options.header is None else options.header
+    commas = delimiter != "," and any(DECIMAL_COMMA.fullmatch(cell) for row in rows for cell in row)
+    decimal = options.decimal or ("," if commas else ".")
+    numbers = all(cell.strip() == "" or _is_number(cell, decimal) for cell in rows[0])
+    headed = not numbers if options.header is None else options.header
     if headed and len(lines) == 1:
         raise LogError("the table has column names but no samples.")
-    names = options.names or (_names(rows[0]) if headed else tuple(str(k) for k in range(len(rows[0]))))
-    _check_names(names, len(rows[0]))
+    found = tuple((cell.strip() or f"column_{k}") if headed else str(k) for k, cell in enumerate(rows[0]))
+    names = options.names or found
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise LogError(f"the table has more than one column named {', '.join(twice)}.", hint="Rename them.")
+    if len(names) != len(found):
+        raise LogError(f"csv.names gives {len(names)} names, the table has {len(found)} columns.")
     return Dialect(names, number if headed else number - 1, delimiter, decimal, encoding)
 
 
 def encoding_of(path: Path) -> str:
     """Tell the encoding of a text file by its byte order mark; UTF-8 without one.
+
+    Parameters
+    ----------
+    path : Path
+        Any file.
 
     Raises
     ------
@@ -213,33 +223,3 @@ def encoding_of(path: Path) -> str:
     if b"\0" in head:
         raise LogError("expected a text table, found binary data.")
     return "utf-8"
-
-
-def _first_lines(path: Path, encoding: str, skip: int) -> list[tuple[int, str]]:
-    """(line number, text) of the header and a few samples, without empty lines."""
-    with path.open(encoding=encoding, errors="replace", newline="") as file:
-        numbered = ((n, line.rstrip("\r\n")) for n, line in enumerate(file, start=1) if n > skip)
-        return list(islice(((n, line) for n, line in numbered if line.strip()), LOOK_AHEAD + 1))
-
-
-def _decimal(rows: list[list[str]], delimiter: str) -> str:
-    comma = delimiter != "," and any(DECIMAL_COMMA.fullmatch(cell) for row in rows for cell in row)
-    return "," if comma else "."
-
-
-def _is_headed(cells: list[str], decimal: str) -> bool:
-    dialect = Dialect((), 0, "", decimal, "")
-    return not all(cell.strip() == "" or dialect.is_number(cell) for cell in cells)
-
-
-def _names(cells: list[str]) -> tuple[str, ...]:
-    """Names without blanks around them; a column without a name is called after its number."""
-    return tuple(cell.strip() or f"column_{k}" for k, cell in enumerate(cells))
-
-
-def _check_names(names: tuple[str, ...], width: int) -> None:
-    twice = [name for name, count in Counter(names).items() if count > 1]
-    if twice:
-        raise LogError(f"the table has more than one column named {', '.join(twice)}.", hint="Rename them.")
-    if len(names) != width:
-        raise LogError(f"csv.names gives {len(names)} names, the table has {width} columns.")

@@ -47,6 +47,7 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
         return logs[0]
     if len({log.static for log in logs}) > 1:
         raise LogError("static poses cannot be joined with recordings that have a clock.")
+    digest = hashlib.sha256("".join(log.digest for log in logs).encode()).hexdigest()
     common = tuple(s for s in logs[0].signals if all(s in log.signals for log in logs))
     signals: dict[str, Any] = {name: _joined(logs, name) for name in common}
     extra = [name for name in logs[0].extra if all(name in log.extra for log in logs)]
@@ -60,7 +61,7 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
         meta=_joined_meta(logs),
         static=logs[0].static,
         name=", ".join(log.name for log in logs),
-        digest=_joined_digest(logs),
+        digest=digest if all(log.digest for log in logs) else "",
         remarks=(*_remarks(logs, common), *(f"{log.name}: {r}" for log in logs for r in log.remarks)),
     )
 
@@ -108,21 +109,15 @@ def _joined_meta(logs: Sequence[CalibrationLog]) -> LogMeta:
     return LogMeta(**merged)
 
 
-def _joined_digest(logs: Sequence[CalibrationLog]) -> str:
-    if not all(log.digest for log in logs):
-        return ""
-    return hashlib.sha256("".join(log.digest for log in logs).encode()).hexdigest()
-
-
 def _remarks(logs: Sequence[CalibrationLog], common: tuple[str, ...]) -> list[str]:
     dropped = sorted({s for log in logs for s in log.signals} - set(common))
     remarks = [f"signals that not every log has were dropped: {', '.join(dropped)}."] if dropped else []
     for name in (s for s in common if s in CalibrationLog.POSES):
         turned = [getattr(log, name).quaternion is not None for log in logs]
         if any(turned) and not all(turned):
-            remarks.append(f"{name} has no orientation in every log; its positions only were kept.")
+            remarks.append(f"{name} has no orientation in every log; its positions only were taken.")
     if len({log.meta.tracker_base for log in logs}) > 1:
-        remarks.append("the logs state different frames of the tracker; none was kept.")
+        remarks.append("the logs state different frames of the tracker; none was taken.")
     return remarks
 
 
@@ -159,7 +154,7 @@ def with_tracker(robot: CalibrationLog, take: CalibrationLog, ahead: float | Non
         if log.static or len(log) < 2 or not np.all(np.diff(log.time) > 0):
             raise LogError("expected one clock that runs through the whole recording.", path=log.name)
     seen = Stream("tracker_cp", take.time, take.tracker_cp, source=take.name)
-    shift, said = _shift(robot, seen, ahead)
+    shift, remark = _shift(robot, seen, ahead)
     pose = cast(PoseSignal, interpolate(seen, robot.time + shift))
     missing = ~np.isfinite(pose.position).all(axis=1)
     if missing.all():
@@ -169,14 +164,14 @@ def with_tracker(robot: CalibrationLog, take: CalibrationLog, ahead: float | Non
         for name, values in take.extra.items()
         if name not in robot.extra
     }
-    remarks = [said, f"{missing.sum()} of {len(robot)} samples have no tracker."] if missing.any() else [said]
+    lost = [f"{missing.sum()} of {len(robot)} samples have no tracker."] if missing.any() else []
     return replace(
         robot,
         tracker_cp=pose,
         extra={**robot.extra, **extra},
         meta=replace(robot.meta, tracker=robot.meta.tracker or take.meta.tracker),
         name=f"{robot.name} + {take.name}",
-        remarks=(*robot.remarks, *take.remarks, *remarks),
+        remarks=(*robot.remarks, *take.remarks, remark, *lost),
     )
 
 
@@ -186,11 +181,15 @@ _HINT = "Give the seconds by which the tracker's clock runs ahead: --time-offset
 def _shift(robot: CalibrationLog, seen: Stream, ahead: float | None) -> tuple[FloatArray | float, str]:
     """Seconds to add to the robot's stamps, and where they come from."""
     if ahead is not None:
-        return ahead, f"the tracker's clock runs {ahead:g} s ahead, as was said."
+        return ahead, f"the tracker's clock runs {ahead:g} s ahead, as was given."
     name = next((n for n in REFERENCES if n in robot.signals), None)
     if name is None:
         raise LogError("the robot's recording has no pose to match clocks by.", hint=_HINT, path=robot.name)
-    found = _search(Stream(name, robot.time, getattr(robot, name)), seen)
+    # Every shift at which the two recordings overlap is tried.
+    span = (np.ptp(robot.time) + np.ptp(seen.stamp)) / 2
+    apart = (seen.stamp[-1] + seen.stamp[0] - robot.time[-1] - robot.time[0]) / 2
+    reference = Stream(name, robot.time, getattr(robot, name))
+    found = stream_offset(seen, reference, max_lag=float(span), centre=float(apart))
     doubt = _doubt(found, robot.time, seen.stamp)
     if doubt:
         raise LogError(f"the motion does not tell how the clocks lie: {doubt}", hint=_HINT, path=seen.source)
@@ -211,10 +210,3 @@ def _doubt(found: TimeOffset, robot: FloatArray, take: FloatArray) -> str:
     if share < IN_COMMON:
         return f"at the best shift they share only {share:.0%} of the shorter recording."
     return ""
-
-
-def _search(reference: Stream, seen: Stream) -> TimeOffset:
-    """Try every shift at which the two recordings overlap."""
-    spans = [s.stamp[-1] - s.stamp[0] for s in (reference, seen)]
-    apart = (seen.stamp[-1] + seen.stamp[0] - reference.stamp[-1] - reference.stamp[0]) / 2
-    return stream_offset(seen, reference, max_lag=float(sum(spans)) / 2, centre=float(apart))

@@ -37,6 +37,11 @@ Found = tuple[dict[str, np.ndarray[Any, Any]], list[str]]
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read the variables of a MATLAB file as columns.
 
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
+
     Raises
     ------
     LogError
@@ -47,7 +52,10 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     with path.open("rb") as file:
         old = file.read(len(MARKS[0])) == MARKS[0]
     arrays, left_out = _version_5(path) if old else _version_73(path)
-    columns, odd = _columns(_without_prefix(arrays))
+    heads = {name.partition(".")[0] for name in arrays}
+    if len(heads) == 1 and all("." in name for name in arrays):  # one structure holds everything
+        arrays = {name.partition(".")[2]: values for name, values in arrays.items()}
+    columns, odd = _columns(arrays)
     return log_from_table(Table(columns, "sample {}".format, (*left_out, *odd)), settings.columns, settings.disorder)
 
 
@@ -103,14 +111,6 @@ def _version_73(path: Path) -> Found:
     except (OSError, RuntimeError, ValueError, KeyError) as error:
         raise LogError(f"the MATLAB file cannot be read, it may be cut off: {error}.") from error
     return arrays, left_out
-
-
-def _without_prefix(arrays: Mapping[str, np.ndarray[Any, Any]]) -> Mapping[str, np.ndarray[Any, Any]]:
-    """Leave out the name of a structure that holds all numbers."""
-    heads = {name.partition(".")[0] for name in arrays if "." in name}
-    if len(heads) != 1 or not all("." in name for name in arrays):
-        return arrays
-    return {name.partition(".")[2]: values for name, values in arrays.items()}
 
 
 def _columns(arrays: Mapping[str, np.ndarray[Any, Any]]) -> tuple[dict[str, FloatArray], list[str]]:

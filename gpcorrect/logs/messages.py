@@ -32,7 +32,7 @@ class Recorded:
     topic : str
         Its name.
     extract : callable
-        Takes what is needed out of a message, so that the message need not be kept.
+        Takes what is needed out of a message; the message itself is not stored.
     """
 
     topic: str
@@ -42,7 +42,15 @@ class Recorded:
     rows: list[Any] = field(default_factory=list)
 
     def add(self, message: Any, receive: int) -> None:
-        """Append a message received at a time."""
+        """Append a message.
+
+        Parameters
+        ----------
+        message : object
+            As the bag's reader decoded it.
+        receive : int
+            When it was received, ns since 1970.
+        """
         stamp = (message.hdr if hasattr(message, "hdr") else message.header).stamp
         self.stamp.append(stamp.sec * 10**9 + stamp.nanosec)
         self.receive.append(receive)
@@ -50,7 +58,13 @@ class Recorded:
 
 
 def pose_row(message: Any) -> tuple[float, ...]:
-    """Position and quaternion wxyz of a PoseStamped or TransformStamped message."""
+    """Position and quaternion wxyz of a message.
+
+    Parameters
+    ----------
+    message : object
+        PoseStamped or TransformStamped.
+    """
     if hasattr(message, "pose"):
         p, q = message.pose.position, message.pose.orientation
     else:
@@ -59,13 +73,19 @@ def pose_row(message: Any) -> tuple[float, ...]:
 
 
 def joint_row(message: Any) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
-    """Names, positions, velocities and efforts of a JointState message."""
+    """Names, positions, velocities and efforts of a message.
+
+    Parameters
+    ----------
+    message : object
+        JointState.
+    """
     return tuple(message.name), message.position, message.velocity, message.effort
 
 
 @dataclass(frozen=True, eq=False)
 class Times:
-    """When the kept messages of a topic were taken and received (s after the origin), and which they are."""
+    """When the usable messages of a topic were taken and received (s after the origin), and which they are."""
 
     stamp: FloatArray
     receive: FloatArray
@@ -108,7 +128,15 @@ class Decoded:
 
 
 def pose_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
-    """Stream of poses; a quaternion that is none becomes missing, and is counted."""
+    """Stream of poses; a quaternion that is none becomes missing, and is counted.
+
+    Parameters
+    ----------
+    name : str
+        The log's signal.
+    recorded, times
+        Messages of a topic and when they were taken.
+    """
     table = np.array(recorded.rows, dtype=np.float64)[times.rows]
     quaternion = unit_quaternions(table[:, 3:])
     bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())
@@ -119,6 +147,13 @@ def pose_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
 
 def joint_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
     """Streams of joint positions, and of measured velocities and efforts where they were published.
+
+    Parameters
+    ----------
+    name : str
+        CRTK name of the topic, such as "measured_js".
+    recorded, times
+        Messages of a topic and when they were taken.
 
     Raises
     ------

@@ -19,6 +19,11 @@ __all__ = ["read"]
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read an array, a row a sample; a field of k numbers counts as the columns `field_1` to `field_k`.
 
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
+
     Raises
     ------
     LogError

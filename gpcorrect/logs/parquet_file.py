@@ -22,6 +22,11 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read a Parquet table; a time stamp becomes seconds since 1970.
 
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
+
     Raises
     ------
     LogError

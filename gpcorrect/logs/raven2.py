@@ -73,6 +73,11 @@ LONGEST_INSERTION = 100.0  # 1.7 m times 180/pi: what is beyond it can only be m
 def raven_row(message: Any) -> FloatArray:
     """Take the numbers of a message that are used, one after the other.
 
+    Parameters
+    ----------
+    message : object
+        raven_state, as the bag's reader decoded it.
+
     Raises
     ------
     LogError
@@ -89,12 +94,20 @@ def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> Decoded:
 
     The sixth joint is the wrist's yaw, half the difference of the two jaws, as in the software's kinematics.
 
+    Parameters
+    ----------
+    recorded, times
+        Messages of a topic and when they were taken.
+    arm : {"left", "right"}, optional
+        The only one there when not given.
+
     Raises
     ------
     LogError
         Both arms are there and none was chosen, or the chosen one is not there.
     """
-    state = _split(np.stack(recorded.rows)[times.rows])
+    ends = np.cumsum(list(FIELDS.values()))
+    state = dict(zip(FIELDS, np.split(np.stack(recorded.rows)[times.rows], ends[:-1], axis=1), strict=True))
     side, remarks = _choose_arm(state, arm)
     mechanism, found = _mechanism(state["type"], side)
     measured, setpoint, copies = _poses(state, mechanism)
@@ -109,17 +122,12 @@ def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> Decoded:
         "measured_jv": _six(state["jvel"], side, 0.5) * scale,
         "measured_jf": _six(state["tau"], side, 1.0),
     }
-    kept = {name: v for name, v in signals.items() if not isinstance(v, PoseSignal) or v.finite.any()}
+    seen = {name: v for name, v in signals.items() if not isinstance(v, PoseSignal) or v.finite.any()}
     return Decoded(
-        tuple(Stream(name, times.stamp, v, times.receive, recorded.topic) for name, v in kept.items()),
+        tuple(Stream(name, times.stamp, v, times.receive, recorded.topic) for name, v in seen.items()),
         tuple(remarks),
         LogMeta(robot="RAVEN-II", arm=f"raven2_{side}", joint_types="RRPRRR"),
     )
-
-
-def _split(table: FloatArray) -> dict[str, FloatArray]:
-    ends = np.cumsum(list(FIELDS.values()))
-    return dict(zip(FIELDS, np.split(table, ends[:-1], axis=1), strict=True))
 
 
 def _side(values: FloatArray, arm: Arm) -> FloatArray:

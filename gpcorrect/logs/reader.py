@@ -33,7 +33,13 @@ class Format:
     whole: bool = True
 
     def begins(self, head: bytes) -> bool:
-        """Whether a file with these first bytes is one; a text may begin with empty lines and a byte order mark."""
+        """Whether a file is of this format; a text may begin with empty lines and a byte order mark.
+
+        Parameters
+        ----------
+        head : bytes
+            Its first bytes.
+        """
         seen = head.removeprefix(b"\xef\xbb\xbf").lstrip(b'\r\n ,;\t"') if self.text else head
         return any(seen.startswith(mark) for mark in self.marks)
 

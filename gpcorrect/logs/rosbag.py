@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gpcorrect.errors import GpCorrectError, LogError, MissingExtraError
 from gpcorrect.logs.columns import BagOptions, ReadSettings
-from gpcorrect.logs.messages import Decoded, Recorded, Times, joint_row, joint_streams, pose_row, pose_streams
+from gpcorrect.logs.messages import Recorded, Times, joint_row, joint_streams, pose_row, pose_streams
 from gpcorrect.logs.raven2 import RAVEN_STATE_DEFINITION, RAVEN_STATE_TYPE, raven_row, raven_streams
 from gpcorrect.logs.streams import combine
 from gpcorrect.types import CalibrationLog, LogMeta
@@ -18,7 +18,7 @@ from gpcorrect.types import CalibrationLog, LogMeta
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-__all__ = ["read", "read_streams"]
+__all__ = ["read"]
 
 LARGEST_PAGE = 65536  # bytes; SQLite writes it as 1
 DAMAGED = "the recording cannot be read, it may be cut off or still being written"
@@ -54,27 +54,12 @@ TRACKER_WORDS = (
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read a recording of ROS topics onto one clock; see :func:`read_streams`."""
-    bag = settings.columns.bag
-    found = read_streams(path, bag)
-    log = combine(found.streams, bag.base, bag.max_gap, shifts=bag.shifts, disorder=settings.disorder)
-    return replace(log, meta=found.meta, remarks=(*found.remarks, *log.remarks))
-
-
-def read_streams(path: Path, options: BagOptions) -> Decoded:
-    """Signals of a recording, each with its own stamps, in seconds from the start of the recording.
+    """Read a recording of ROS topics onto one clock; header stamps count from the start of the recording.
 
     Parameters
     ----------
-    path : Path
-        A .bag, .mcap or .db3 file, or the folder of a ROS 2 recording.
-    options : BagOptions
-        Which robot, arm and tracker, and by whose clock.
-
-    Returns
-    -------
-    Decoded
-        A stream for each signal, and remarks on what was decided or left out.
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
 
     Raises
     ------
@@ -83,37 +68,31 @@ def read_streams(path: Path, options: BagOptions) -> Decoded:
     MissingExtraError
         The library rosbags is not installed.
     """
+    options = settings.columns.bag
     with _opened(path) as bag:
-        choice = choose_topics({c.topic: c.msgtype for c in bag.connections if c.msgcount}, options)
+        choice = _choose_topics({c.topic: c.msgtype for c in bag.connections if c.msgcount}, options)
         recorded = _record(bag, choice)
         origin = bag.start_time
     remarks, parts = list(choice.remarks), []
     for kind, messages in recorded.items():
         times = Times.of(messages, origin, options.clock)
-        parts.append(_decode(kind, messages, times, options))
+        if kind == "raven_state":
+            parts.append(raven_streams(messages, times, options.arm))
+        else:
+            parts.append((joint_streams if kind.endswith("_js") else pose_streams)(kind, messages, times))
         remarks += [*times.remarks, *parts[-1].remarks]
-    streams = tuple(stream for part in parts for stream in part.streams)
-    said = [part.meta for part in parts if part.meta != LogMeta()]
-    return Decoded(streams, tuple(remarks), *said[:1])
-
-
-def _row(kind: str) -> Callable[[Any], Any]:
-    if kind == "raven_state":
-        return raven_row
-    return joint_row if kind.endswith("_js") else pose_row
-
-
-def _decode(kind: str, messages: Recorded, times: Times, options: BagOptions) -> Decoded:
-    if kind == "raven_state":
-        return raven_streams(messages, times, options.arm)
-    if kind.endswith("_js"):
-        return joint_streams(kind, messages, times)
-    return pose_streams(kind, messages, times)
+    streams = [stream for part in parts for stream in part.streams]
+    log = combine(streams, options.base, options.max_gap, shifts=options.shifts, disorder=settings.disorder)
+    meta = next((part.meta for part in parts if part.meta != LogMeta()), LogMeta())
+    return replace(log, meta=meta, remarks=(*remarks, *log.remarks))
 
 
 def _record(bag: AnyReader, choice: Choice) -> dict[str, Recorded]:
     """Messages of the chosen topics, by kind."""
-    recorded = {topic: Recorded(topic, _row(kind)) for kind, topic in choice.topics.items()}
+    recorded = {}
+    for kind, topic in choice.topics.items():
+        extract = raven_row if kind == "raven_state" else joint_row if kind.endswith("_js") else pose_row
+        recorded[topic] = Recorded(topic, extract)
     connections = [c for c in bag.connections if c.topic in recorded]
     for connection, receive, raw in bag.messages(connections=connections):
         recorded[connection.topic].add(bag.deserialize(raw, connection.msgtype), receive)
@@ -135,7 +114,7 @@ def _opened(path: Path) -> Iterator[AnyReader]:
     except ImportError as error:
         raise MissingExtraError("rosbags", extra="ros", purpose="Reading ROS recordings") from error
     for database in [path] if path.suffix == ".db3" else path.glob("*.db3"):
-        _check_whole(database)
+        _check_length(database)
     store = get_typestore(Stores.LATEST)
     store.register(get_types_from_msg(RAVEN_STATE_DEFINITION, RAVEN_STATE_TYPE))
     try:
@@ -148,7 +127,7 @@ def _opened(path: Path) -> Iterator[AnyReader]:
         raise LogError(f"{DAMAGED}: {error}.", hint=hint if path.suffix == ".bag" else "") from error
 
 
-def _check_whole(database: Path) -> None:
+def _check_length(database: Path) -> None:
     """Refuse a database shorter than its header says: one that lost its last pages may still open."""
     with database.open("rb") as file:
         head = file.read(32)
@@ -182,28 +161,14 @@ class Choice:
     remarks: tuple[str, ...] = ()
 
 
-def choose_topics(types: Mapping[str, str], options: BagOptions) -> Choice:
-    """Choose one robot and at most one tracker.
-
-    Parameters
-    ----------
-    types : mapping of topic to message type
-        Topics of the recording that hold messages.
-    options : BagOptions
-        What the user said.
-
-    Returns
-    -------
-    Choice
-        Topics by kind: setpoint_cp, measured_cp, setpoint_js, measured_js, external_js, tracker_cp, raven_state.
-
-    Raises
-    ------
-    LogError
-        There is nothing to read, more than one candidate, or no topic of a name that the user gave.
-    """
+def _choose_topics(types: Mapping[str, str], options: BagOptions) -> Choice:
+    """Choose one robot and at most one tracker among topics and their message types."""
     tracker, remarks = _tracker(types, options)
-    robots = _namespaces(types, without=tracker)
+    robots: dict[str, dict[str, str]] = {}  # topics by CRTK name, by namespace
+    for topic, kind in types.items():
+        space, _, name = topic.rpartition("/")
+        if topic != tracker and kind in ROBOT_TOPICS.get(name, ()):
+            robots.setdefault(_slashed(space), {})[name] = topic
     raven = [topic for topic, kind in types.items() if kind.endswith("/raven_state")]
     if raven and (options.arm is not None or (options.namespace is None and not robots)):
         topics = {"raven_state": _only(raven, "RAVEN-II state topic")}
@@ -220,16 +185,6 @@ def choose_topics(types: Mapping[str, str], options: BagOptions) -> Choice:
 
 def _slashed(name: str) -> str:
     return "/" + name.strip("/")
-
-
-def _namespaces(types: Mapping[str, str], without: str) -> dict[str, dict[str, str]]:
-    """Topics by CRTK name, by namespace."""
-    found: dict[str, dict[str, str]] = {}
-    for topic, kind in types.items():
-        space, _, name = topic.rpartition("/")
-        if topic != without and kind in ROBOT_TOPICS.get(name, ()):
-            found.setdefault(_slashed(space), {})[name] = topic
-    return found
 
 
 def _robot(robots: dict[str, dict[str, str]], wanted: str | None) -> tuple[dict[str, str], list[str]]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import re
+import json
 import tomllib
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, StrictStr, ValidationError
@@ -15,9 +15,6 @@ from gpcorrect.types import LogMeta
 __all__ = ["format_sidecar", "read_sidecar", "sidecar_path"]
 
 Vector = tuple[float, float, float]
-
-SPECIAL = re.compile(r'["\\\x00-\x1f\x7f]')
-ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 
 
 class _TrackerBase(BaseModel):
@@ -41,12 +38,23 @@ class _Sidecar(BaseModel):
 
 
 def sidecar_path(path: Path) -> Path:
-    """Where the sidecar of a log is."""
+    """Where the sidecar of a log is.
+
+    Parameters
+    ----------
+    path : Path
+        The log.
+    """
     return path.with_suffix(".toml")
 
 
 def read_sidecar(path: Path) -> LogMeta:
     """Read what the sidecar of a log says: nothing where there is none; unknown keys are passed over.
+
+    Parameters
+    ----------
+    path : Path
+        The log.
 
     Raises
     ------
@@ -71,21 +79,20 @@ def read_sidecar(path: Path) -> LogMeta:
 
 
 def format_sidecar(meta: LogMeta) -> str:
-    """TOML text that reads back as the same meta data."""
-    said = asdict(meta)
-    frame = said.pop("tracker_base")
-    lines = [f"{name} = {_quote(said[name])}" for name in (f.name for f in fields(meta)) if said.get(name)]
+    """TOML text that reads back as the same meta data.
+
+    Parameters
+    ----------
+    meta : LogMeta
+        What to write.
+    """
+    stated = asdict(meta)
+    frame = stated.pop("tracker_base")
+    # A JSON string is a TOML one, but for the delete character.
+    quoted = {name: json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f") for name, text in stated.items()}
+    lines = [f"{name} = {text}" for name, text in quoted.items() if stated[name]]
     if frame is not None:
         numbers = [repr(float(x)) for x in frame]
         lines += ["", "[T_tracker_base]", f"translation = [{', '.join(numbers[:3])}]"]
         lines += [f"rotvec = [{', '.join(numbers[3:])}]"]
     return "".join(f"{line}\n" for line in lines)
-
-
-def _quote(text: str) -> str:
-    """Write a TOML basic string."""
-
-    def escape(match: re.Match[str]) -> str:
-        return ESCAPES.get(match[0], f"\\u{ord(match[0]):04X}")
-
-    return '"' + SPECIAL.sub(escape, text) + '"'

@@ -1,4 +1,4 @@
-"""Streams: signals that each keep their own stamps, and their values at other times by interpolation."""
+"""Streams: signals with stamps of their own, their values at other times, and how they meet on one clock."""
 
 from __future__ import annotations
 
@@ -62,12 +62,24 @@ class Stream:
         return replace(self, stamp=self.stamp[rows], values=self.values[rows], receive=receive)
 
     def shifted(self, seconds: float) -> Self:
-        """Return the stream with `seconds` added to its stamps."""
+        """Return the stream with `seconds` added to its stamps.
+
+        Parameters
+        ----------
+        seconds : float
+            Of either sign.
+        """
         return replace(self, stamp=self.stamp + seconds)
 
 
 def default_max_gap(stamp: FloatArray) -> float:
-    """Five median steps of these stamps, s: a longer silence is a gap. Infinite for fewer than two stamps."""
+    """Five median steps, s: a longer silence is a gap. Infinite for fewer than two stamps.
+
+    Parameters
+    ----------
+    stamp : (n,) array
+        In any order, s.
+    """
     steps = np.diff(np.unique(stamp))
     return GAP_STEPS * float(np.median(steps)) if steps.size else np.inf
 
@@ -122,8 +134,8 @@ def _bracket(stamp: FloatArray, at: FloatArray, gap: float) -> _Bracket:
 def _present(stamp: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Take the samples that exist, by increasing stamp, one for each stamp."""
     exists = np.isfinite(stamp) & np.isfinite(values.reshape(len(stamp), -1)).all(axis=1)
-    kept, first = np.unique(stamp[exists], return_index=True)
-    return kept, values[exists][first]
+    stamps, first = np.unique(stamp[exists], return_index=True)
+    return stamps, values[exists][first]
 
 
 def _columns(stamp: FloatArray, values: FloatArray, at: FloatArray, gap: float) -> FloatArray:
@@ -194,13 +206,21 @@ def combine(
     LogError
         No stream, two for one signal, an unknown base or shift, backward stamps, or no time in common.
     """
-    named = _by_name(streams)
+    named = {s.name: s for s in streams if len(s)}
+    if not named:
+        raise LogError("expected at least one signal with samples, got none.")
+    if len(named) < sum(len(s) > 0 for s in streams):
+        sources = ", ".join(f"{s.name} from {s.source}" for s in streams)
+        hint = "Choose one with namespace or tracker_topic."
+        raise LogError(f"more than one stream for one signal: {sources}.", hint=hint)
     for name, seconds in (shifts or {}).items():
         named[name] = _lookup(named, name).shifted(seconds)
-    name = _base_name(named, base)
+    usual = next((n for n in BASE_ORDER if n in named), max(named, key=lambda n: len(named[n])))
+    name = usual if base is None else _lookup(named, base).name
     remarks = _check_order(named.values(), disorder)
     if disorder != "keep":
-        remarks += _say_repeated(named[name])
+        again = int((np.diff(named[name].stamp) == 0).sum())
+        remarks += [f"{again} samples of {name} repeat the stamp before and were dropped."] if again else []
         named = {k: s[rising(s.stamp)] for k, s in named.items()}
     lead = named.pop(name)
     partners = {k: interpolate(s, lead.stamp, max_gap) for k, s in named.items()}
@@ -213,30 +233,10 @@ def combine(
     return CalibrationLog(lead.stamp[keep], zeros, zeros, remarks=tuple(remarks), **signals)
 
 
-def _by_name(streams: Sequence[Stream]) -> dict[str, Stream]:
-    named = {s.name: s for s in streams if len(s)}
-    if not named:
-        raise LogError("expected at least one signal with samples, got none.")
-    if len(named) < sum(len(s) > 0 for s in streams):
-        sources = ", ".join(f"{s.name} from {s.source}" for s in streams)
-        raise LogError(
-            f"more than one stream for one signal: {sources}.",
-            hint="Choose one with namespace or tracker_topic.",
-        )
-    return named
-
-
 def _lookup(named: Mapping[str, Stream], name: str) -> Stream:
     if name not in named:
         raise LogError(f"there is no stream {name}.", hint=f"Streams here: {', '.join(named)}.")
     return named[name]
-
-
-def _base_name(named: Mapping[str, Stream], base: str | None) -> str:
-    if base is not None:
-        return _lookup(named, base).name
-    first = [name for name in BASE_ORDER if name in named]
-    return first[0] if first else max(named, key=lambda name: len(named[name]))
 
 
 def _check_order(streams: Iterable[Stream], disorder: Disorder) -> list[str]:
@@ -255,24 +255,14 @@ def _check_order(streams: Iterable[Stream], disorder: Disorder) -> list[str]:
     return remarks
 
 
-def _say_repeated(lead: Stream) -> list[str]:
-    again = int((np.diff(lead.stamp) == 0).sum())
-    return [f"{again} samples of {lead.name} repeat the stamp before and were dropped."] if again else []
-
-
-def _exists(values: PoseSignal | FloatArray) -> BoolArray:
-    """Mask of rows that hold anything."""
-    table = values.position if isinstance(values, PoseSignal) else values.reshape(len(values), -1)
-    return np.asarray(np.isfinite(table).any(axis=1))
-
-
 def _with_partner(
     lead: Stream, partners: Mapping[str, Stream], values: Mapping[str, PoseSignal | FloatArray]
 ) -> BoolArray:
     """Rows of the base for which at least one other signal has a value."""
     if not partners:
         return np.ones(len(lead), dtype=np.bool_)
-    keep = np.asarray(np.any([_exists(v) for v in values.values()], axis=0))
+    tables = [v.position if isinstance(v, PoseSignal) else v.reshape(len(v), -1) for v in values.values()]
+    keep = np.asarray(np.any([np.isfinite(table).any(axis=1) for table in tables], axis=0))
     if not keep.any():
         spans = "; ".join(f"{s.name} {s.stamp.min():.6g} to {s.stamp.max():.6g} s" for s in (lead, *partners.values()))
         raise LogError(

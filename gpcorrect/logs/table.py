@@ -43,8 +43,16 @@ class Table:
     locate: Callable[[int], str]
     left_out: tuple[str, ...] = ()
 
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
     def name(self, column: Column) -> str:
-        """Name of a column given by name or number.
+        """Name of a column.
+
+        Parameters
+        ----------
+        column : str or int
+            By name or number.
 
         Raises
         ------
@@ -64,12 +72,27 @@ class Table:
         raise LogError(f"there is no column {column!r} of numbers.", hint=hint)
 
     def stack(self, columns: tuple[Column, ...]) -> FloatArray:
-        """Columns `(n, k)` side by side."""
+        """Columns `(n, k)` side by side.
+
+        Parameters
+        ----------
+        columns : tuple of str or int
+            By name or number.
+        """
         return np.stack([self.columns[self.name(c)] for c in columns], axis=1)
 
 
 def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> CalibrationLog:
     """Build a log from the columns that the mapping names, and from those with native names.
+
+    Parameters
+    ----------
+    table : Table
+        Columns as they were stored.
+    mapping : ColumnMap
+        What the user said of them.
+    disorder : {"refuse", "drop", "keep"}
+        What to do about time that does not increase.
 
     Raises
     ------
@@ -78,14 +101,17 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
         is out of order.
     """
     found, remarks = complete(mapping, table.columns)
-    if not len(next(iter(table.columns.values()), ())):
+    if not len(table):
         raise LogError("the table has column names but no samples.")
     static = found.time is None and _static(table, found)
     if static:
         found = found.model_copy(update={"trajectory": None})
         remarks.append(STATIC)
-    time = _time(table, found, static)
-    trajectory = time.astype(np.int64) if static else _integers(table, "trajectory", found.trajectory)
+        time, trajectory = np.arange(len(table), dtype=np.float64), np.arange(len(table))
+    else:
+        column = table.name("time" if found.time is None else found.time)
+        time = table.columns[column] * found.time_scale + found.time_offset
+        trajectory = _integers(table, "trajectory", found.trajectory)
     session = _integers(table, "session", found.session)
     keep, order_remarks = check_order(time, trajectory, disorder, table.locate)
     signals: dict[str, Any] = {}
@@ -105,14 +131,6 @@ def _static(table: Table, found: ColumnMap) -> bool:
     return not clocks and any(getattr(found, name) is not None for name in signals)
 
 
-def _time(table: Table, found: ColumnMap, static: bool) -> FloatArray:
-    """Seconds `(n,)`, or the row numbers of static poses."""
-    if static:
-        return np.arange(len(next(iter(table.columns.values()))), dtype=np.float64)
-    column = "time" if found.time is None else found.time
-    return table.columns[table.name(column)] * found.time_scale + found.time_offset
-
-
 def _signal(table: Table, name: str, columns: PoseColumns | ArrayColumns | None) -> tuple[Any, list[str]]:
     """Values of a signal, None when it is absent, and remarks on them."""
     if columns is None:
@@ -127,7 +145,7 @@ def _signal(table: Table, name: str, columns: PoseColumns | ArrayColumns | None)
 def _integers(table: Table, name: str, column: Column | None) -> IntArray:
     """Trajectory or session numbers; all zero where there is no such column."""
     if column is None:
-        return np.zeros(len(next(iter(table.columns.values()))), dtype=np.int64)
+        return np.zeros(len(table), dtype=np.int64)
     values = table.columns[table.name(column)]
     whole = (np.abs(values) < LARGEST_WHOLE) & (values == np.round(values))
     wrong = np.flatnonzero(~whole)
@@ -155,7 +173,7 @@ def _extra(table: Table, found: ColumnMap) -> tuple[dict[str, FloatArray], list[
     used = {table.name(column) for column in found.used}
     rest = {name: values for name, values in table.columns.items() if name not in used}
     present = [*(s for s in type(found).model_fields if getattr(found, s) is not None)]
-    clash = [name for name in rest if signal_of(name) in present]
+    clash = [name for name in rest if _signal_of(name) in present]
     remarks = [f"columns without numbers are left out: {', '.join(table.left_out)}."] if table.left_out else []
     if clash:
         remarks.append(f"columns left out, because the mapping gives these signals otherwise: {', '.join(clash)}.")
@@ -163,21 +181,41 @@ def _extra(table: Table, found: ColumnMap) -> tuple[dict[str, FloatArray], list[
 
 
 def position_names(signal: str) -> tuple[str, str, str]:
-    """Columns of a pose signal's position."""
+    """Columns of a pose signal's position.
+
+    Parameters
+    ----------
+    signal : str
+        Such as "tracker_cp".
+    """
     return f"{signal}_x", f"{signal}_y", f"{signal}_z"
 
 
 def orientation_names(signal: str) -> tuple[str, str, str, str]:
-    """Columns of a pose signal's quaternion."""
+    """Columns of a pose signal's quaternion.
+
+    Parameters
+    ----------
+    signal : str
+        Such as "tracker_cp".
+    """
     return f"{signal}_qw", f"{signal}_qx", f"{signal}_qy", f"{signal}_qz"
 
 
 def joint_names(signal: str, dof: int) -> tuple[str, ...]:
-    """Columns of a joint signal, counted from one."""
+    """Columns of a joint signal, counted from one.
+
+    Parameters
+    ----------
+    signal : str
+        Such as "measured_jp".
+    dof : int
+        Number of joints.
+    """
     return tuple(f"{signal}_{k}" for k in range(1, dof + 1))
 
 
-def signal_of(column: str) -> str | None:
+def _signal_of(column: str) -> str | None:
     """Name of the signal that a column belongs to by its name; None for a column outside the log format."""
     if column in (*INDEX, *CalibrationLog.SCALARS):
         return column
@@ -234,7 +272,7 @@ def _pose(signal: str, names: Collection[str], remarks: list[str]) -> PoseColumn
 
 
 def _joints(signal: str, names: Collection[str], remarks: list[str]) -> ArrayColumns | None:
-    numbers = sorted(int(n.rpartition("_")[2]) for n in names if n != signal and signal_of(n) == signal)
+    numbers = sorted(int(n.rpartition("_")[2]) for n in names if n != signal and _signal_of(n) == signal)
     if not numbers:
         return None
     columns = joint_names(signal, numbers[-1])

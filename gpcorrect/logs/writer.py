@@ -42,7 +42,8 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
     target = Path(path)
     if target.suffix not in (".csv", ".parquet"):
         raise LogError(f"expected a name ending in .csv or .parquet, got {target.name}.", path=str(target))
-    table = pa.table({name: _arrow(values) for name, values in _columns(log).items()})
+    arrays = {name: np.ascontiguousarray(values) for name, values in _columns(log).items()}
+    table = pa.table({name: pa.array(values, from_pandas=True) for name, values in arrays.items()})
     with atomic_path(target) as temporary:
         if target.suffix == ".csv":
             csv.write_csv(table, temporary, csv.WriteOptions(quoting_style="needed"))
@@ -72,7 +73,3 @@ def _columns(log: CalibrationLog) -> dict[str, NDArray[Any]]:
 
 def _named(names: tuple[str, ...], values: FloatArray) -> dict[str, FloatArray]:
     return dict(zip(names, values.T, strict=True))
-
-
-def _arrow(values: NDArray[Any]) -> Any:
-    return pa.array(np.ascontiguousarray(values), from_pandas=True)

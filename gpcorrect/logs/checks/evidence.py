@@ -125,22 +125,46 @@ class Evidence:
         return float(np.median(forward)) if forward.size else np.inf
 
     def has(self, name: str) -> bool:
-        """Whether the log has this signal, with at least one sample."""
+        """Whether the log has a signal, with at least one sample.
+
+        Parameters
+        ----------
+        name : str
+            Of the signal.
+        """
         return name in self.log.signals and bool(self.known(name).any())
 
     def table(self, name: str) -> FloatArray:
-        """Return a signal as an array `(n, k)`: positions and quaternions side by side, or joints."""
+        """Return a signal as an array `(n, k)`: positions and quaternions side by side, or joints.
+
+        Parameters
+        ----------
+        name : str
+            Of the signal.
+        """
         value: PoseSignal | FloatArray = getattr(self.log, name)
         if not isinstance(value, PoseSignal):
             return value[:, None] if value.ndim == 1 else value
         return value.position if value.quaternion is None else np.hstack([value.position, value.quaternion])
 
     def known(self, name: str) -> BoolArray:
-        """(n,) mask of rows in which every number of a signal is present."""
+        """(n,) mask of rows in which every number of a signal is present.
+
+        Parameters
+        ----------
+        name : str
+            Of the signal.
+        """
         return np.asarray(np.isfinite(self.table(name)).all(axis=1), dtype=np.bool_)
 
     def position(self, name: str) -> FloatArray:
-        """Positions `(n, 3)` of a pose signal."""
+        """Positions `(n, 3)`.
+
+        Parameters
+        ----------
+        name : str
+            Of a pose signal.
+        """
         signal: PoseSignal = getattr(self.log, name)
         return signal.position
 
@@ -151,17 +175,25 @@ class Evidence:
             if signal is not None and signal.quaternion is not None:
                 yield name, signal.quaternion
 
-    def lengths(self, positions: FloatArray) -> FloatArray:
-        """Distance `(n,)` from the row before in the same trajectory; NaN where either is missing."""
-        move: FloatArray = np.linalg.norm(positions - positions[self.previous], axis=1)
-        return np.where(self.previous < 0, np.nan, move)
-
     def speed(self, positions: FloatArray) -> FloatArray:
-        """Speed `(n,)` since the row before, a second; NaN where time does not advance."""
-        return self.lengths(positions) / np.where(self.steps > 0, self.steps, np.nan)
+        """Speed `(n,)` since the row before in the same trajectory; NaN where time does not advance.
+
+        Parameters
+        ----------
+        positions : (n, k) array
+            m or rad.
+        """
+        lengths: FloatArray = np.linalg.norm(positions - positions[self.previous], axis=1)
+        return lengths / np.where(self.steps > 0, self.steps, np.nan)
 
     def repeats(self, name: str) -> BoolArray:
-        """(n,) mask of rows that equal the row before in the same trajectory to the last bit."""
+        """(n,) mask of rows that equal the row before in the same trajectory to the last bit.
+
+        Parameters
+        ----------
+        name : str
+            Of the signal.
+        """
         table = self.table(name)
         same: BoolArray = (self.previous >= 0) & (table == table[self.previous]).all(axis=1)
         return same
@@ -203,7 +235,13 @@ def _arm_of(meta: LogMeta) -> Arm | None:
 
 
 def extent(positions: FloatArray) -> float:
-    """Diagonal of the box around positions `(n, 3)`, 1st to 99th percentile; 0 without samples."""
+    """Diagonal of the box around positions, 1st to 99th percentile, m; 0 without samples.
+
+    Parameters
+    ----------
+    positions : (n, 3) array
+        m; NaN where missing.
+    """
     known = positions[np.isfinite(positions).all(axis=1)]
     if not len(known):
         return 0.0
@@ -212,7 +250,13 @@ def extent(positions: FloatArray) -> float:
 
 
 def spread(values: FloatArray) -> float:
-    """Median distance of rows `(n, k)` from their median; 0 without samples."""
+    """Median distance of rows from their median; 0 without samples.
+
+    Parameters
+    ----------
+    values : (n, k) array
+        NaN where missing.
+    """
     known = values[np.isfinite(values).all(axis=1)]
     if not len(known):
         return 0.0
@@ -220,7 +264,13 @@ def spread(values: FloatArray) -> float:
 
 
 def spread_ratio(values: FloatArray, reference: FloatArray) -> float:
-    """How many times wider `(n,)` values vary than a reference that they follow; NaN if they do not."""
+    """How many times wider values vary than a reference that they follow; NaN if they do not.
+
+    Parameters
+    ----------
+    values, reference : (n,) arrays
+        NaN where missing.
+    """
     known = np.isfinite(values) & np.isfinite(reference)
     a, b = values[known], reference[known]
     if len(a) < MIN_PAIRED or np.ptp(a) == 0 or np.ptp(b) == 0:
@@ -232,13 +282,25 @@ def spread_ratio(values: FloatArray, reference: FloatArray) -> float:
 
 
 def runs(mask: BoolArray) -> IntArray:
-    """Unbroken runs of True as `(r, 2)`: first row, and the row after the last."""
+    """Unbroken runs of True as `(r, 2)`: first row, and the row after the last.
+
+    Parameters
+    ----------
+    mask : (n,) bool array
+        A row each.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return edges.reshape(-1, 2)
 
 
 def rigid_misfit(points: FloatArray, target: FloatArray) -> float:
-    """Median distance, m, left by the best rigid motion of points `(n, 3)` onto targets; NaN for too few."""
+    """Median distance, m, left by the best rigid motion of points onto targets; NaN for too few.
+
+    Parameters
+    ----------
+    points, target : (n, 3) arrays
+        m; NaN where missing.
+    """
     known = np.isfinite(points).all(axis=1) & np.isfinite(target).all(axis=1)
     if known.sum() < MIN_PAIRED:
         return float("nan")
@@ -248,7 +310,13 @@ def rigid_misfit(points: FloatArray, target: FloatArray) -> float:
 
 
 def mirrored(reference: FloatArray, observed: FloatArray) -> bool:
-    """Whether the best affine map of points `(n, 3)` onto others reverses space; no where it is unclear."""
+    """Whether the best affine map of points onto others reverses space; no where it is unclear.
+
+    Parameters
+    ----------
+    reference, observed : (n, 3) arrays
+        NaN where missing.
+    """
     known = np.isfinite(reference).all(axis=1) & np.isfinite(observed).all(axis=1)
     if known.sum() < MIN_PAIRED:
         return False

@@ -43,6 +43,11 @@ class Item:
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read the tool's pose: a rigid body, or labelled markers.
 
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
+
     Raises
     ------
     LogError
@@ -85,10 +90,16 @@ def _items(export: Export, heading: int) -> list[Item]:
     for k in range(2, width):
         if cell["kind"][k]:
             parts = found.setdefault((cell["kind"][k], cell["name"][k]), {})
-            parts.setdefault(_quantity(cell["what"][k], axis[k]), {})[axis[k]] = k
+            what = "Error" if "Error" in cell["what"][k] or "Error" in axis[k] else cell["what"][k]
+            parts.setdefault(what, {})[axis[k]] = k
     return [
-        Item(kind, name, parts.get("Rotation", {}), parts.get("Position", {}), _only(parts.get("Error")))
-        for (kind, name), parts in found.items()
+        Item(
+            *key,
+            parts.get("Rotation", {}),
+            parts.get("Position", {}),
+            next(iter(parts.get("Error", {}).values()), None),
+        )
+        for key, parts in found.items()
     ]
 
 
@@ -101,14 +112,6 @@ def _labelled(lines: Sequence[tuple[str, ...]], label: str) -> tuple[str, ...]:
         if any(cell in TYPES for cell in line):
             return line if label == "Type" else lines[k + 1]
     return ()
-
-
-def _quantity(what: str, axis: str) -> str:
-    return "Error" if "Error" in what or "Error" in axis else what
-
-
-def _only(columns: Mapping[str, int] | None) -> int | None:
-    return next(iter(columns.values())) if columns else None
 
 
 def _taken(

@@ -76,6 +76,11 @@ class Take:
 def scale_of(unit: str) -> float:
     """Metres in a unit of length.
 
+    Parameters
+    ----------
+    unit : str
+        As an export writes it.
+
     Raises
     ------
     LogError
@@ -92,6 +97,13 @@ def log_of(take: Take, options: MocapOptions) -> CalibrationLog:
 
     Nothing chosen: the only body, else all labelled markers as one tool. The fit's or the software's own error
     becomes the extra column `marker_rms` (m).
+
+    Parameters
+    ----------
+    take : Take
+        What was recorded.
+    options : MocapOptions
+        What the user said of the tool.
 
     Raises
     ------
@@ -173,7 +185,7 @@ def tool_poses(points: FloatArray) -> tuple[PoseSignal, FloatArray]:
     if count == 2:
         raise DataError("two markers give no orientation.", hint="Name one marker, or three and more.")
     body = configuration(points)
-    T = fit_body(points, body)
+    T = _fit_body(points, body)
     seen = np.isfinite(T).all(axis=(1, 2))
     position, quaternion = np.full((len(points), 3), np.nan), np.full((len(points), 4), np.nan)
     position[seen], quaternion[seen] = se3.to_parts(T[seen])
@@ -186,6 +198,11 @@ def tool_poses(points: FloatArray) -> tuple[PoseSignal, FloatArray]:
 
 def configuration(points: FloatArray) -> FloatArray:
     """Markers in the body's own frame `(m, 3)`: the median over all complete frames, aligned to each other.
+
+    Parameters
+    ----------
+    points : (n, m, 3) array
+        Markers over time, m; NaN where one is hidden.
 
     Raises
     ------
@@ -203,14 +220,14 @@ def configuration(points: FloatArray) -> FloatArray:
     for _ in range(ROUNDS):
         if not _spans_plane(body[None])[0]:
             raise DegenerateError("the markers lie on a line and give no orientation.")
-        T_body_tracker = se3.invert(fit_body(complete, body))
+        T_body_tracker = se3.invert(_fit_body(complete, body))
         aligned = complete @ np.swapaxes(T_body_tracker[:, :3, :3], 1, 2) + T_body_tracker[:, None, :3, 3]
         body = np.median(aligned, axis=0)
         body = body - body.mean(axis=0)
     return body
 
 
-def fit_body(points: FloatArray, body: FloatArray) -> FloatArray:
+def _fit_body(points: FloatArray, body: FloatArray) -> FloatArray:
     """Poses `(n, 4, 4)` that best map a body's markers `(m, 3)` onto those seen `(n, m, 3)` (Kabsch 1976)."""
     seen = np.asarray(np.isfinite(points).all(axis=2))
     T = np.full((len(points), 4, 4), np.nan)

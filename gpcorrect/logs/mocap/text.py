@@ -38,22 +38,47 @@ class Export:
         return len(self.lines)
 
     def cells(self, line: int) -> tuple[str, ...]:
-        """Cells of a line, without blanks around them; empty cells at its end are left out."""
+        """Cells of a line, without blanks around them; empty cells at its end are left out.
+
+        Parameters
+        ----------
+        line : int
+            Counted from 0.
+        """
         cells = [cell.strip() for cell in next(csv.reader([self.lines[line]], delimiter=self.delimiter), [])]
         while cells and not cells[-1]:
             cells.pop()
         return tuple(cells)
 
     def empty(self, line: int) -> bool:
-        """Whether no cell of a line holds anything."""
+        """Whether no cell of a line holds anything.
+
+        Parameters
+        ----------
+        line : int
+            Counted from 0.
+        """
         return not self.lines[line].strip(f"{self.delimiter} \t\r")
 
     def stop(self, start: int) -> int:
-        """First empty line after `start`, or the end of the file."""
+        """First empty line from one on, or the end of the file.
+
+        Parameters
+        ----------
+        start : int
+            Line to begin at, counted from 0.
+        """
         return next((k for k in range(start, len(self)) if self.empty(k)), len(self))
 
     def numbers(self, start: int, stop: int, columns: Sequence[int]) -> FloatArray:
         """Cells `(n, k)` of these columns and lines, NaN where a cell is empty or the line ends before it.
+
+        Parameters
+        ----------
+        start, stop : int
+            First line and the one after the last.
+        columns : sequence of int
+            Counted from 0.
 
         Raises
         ------
@@ -85,6 +110,11 @@ class Export:
 def read_export(path: Path) -> Export:
     """Read the lines of a file; its delimiter is taken from the line that begins with "Frame".
 
+    Parameters
+    ----------
+    path : Path
+        A text export.
+
     Raises
     ------
     LogError
@@ -107,6 +137,11 @@ def seen_only(points: FloatArray) -> tuple[FloatArray, int]:
     """Positions `(n, 3)` with those at exactly 0, 0, 0 as missing, and their count.
 
     No camera ever puts a point there: it is how several systems write a point that they do not see.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Of one marker.
     """
     hidden = (points == 0.0).all(axis=1)
     return np.where(hidden[:, None], np.nan, points), int(hidden.sum())

@@ -24,6 +24,11 @@ FIRST = 2  # column of the first marker, after frame and time
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read the tool's pose from its markers.
 
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
+
     Raises
     ------
     LogError
@@ -46,10 +51,12 @@ def _take(export: Export) -> Take:
     seen = [seen_only(points[:, k]) for k in range(len(names))]
     unseen = sum(count for _, count in seen)
     remarks = [f"{unseen} positions at exactly 0, 0, 0 count as hidden."] if unseen else []
+    if header.get("NumFrames", "") not in ("", str(len(table))):  # cut off, or cut out of a longer recording
+        remarks.append(f"the header says {header['NumFrames']} frames, the file holds {len(table)}.")
     return Take(
         table[:, 0],
         markers={name: positions for name, (positions, _) in zip(names, seen, strict=True)},
-        remarks=(*remarks, *_counted(header.get("NumFrames", ""), len(table))),
+        remarks=remarks,
         tracker="TRC markers",
     )
 
@@ -64,10 +71,3 @@ def _names(export: Export) -> list[str]:
             f" {len(axes)} coordinates; expected three a marker."
         )
     return names
-
-
-def _counted(said: str, found: int) -> list[str]:
-    """Remark where the header counts other frames than there are: cut off, or cut out of a longer recording."""
-    if said in ("", str(found)):
-        return []
-    return [f"the header says {said} frames, the file holds {found}."]

@@ -60,6 +60,11 @@ class Section:
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read the tool's pose: an object or segment, or markers.
 
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
+
     Raises
     ------
     LogError
@@ -95,15 +100,10 @@ def _columns(names: Sequence[str], axes: Sequence[str], units: Sequence[str]) ->
         if above:
             match = NAME.fullmatch(above)
             name, kind = (match["name"], match["kind"] or "") if match else (above, "")
-            name = _short(name)
+            subject, _, segment = name.partition(":")
+            name = subject if subject == segment else name
         columns.append(Column(name, kind, axis, units[k] if k < len(units) else ""))
     return columns
-
-
-def _short(name: str) -> str:
-    """Return the object's name alone where subject and segment are called the same."""
-    subject, _, segment = name.partition(":")
-    return subject if subject == segment else name
 
 
 def _take(section: Section, options: MocapOptions) -> Take:
