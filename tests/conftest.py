@@ -1,11 +1,15 @@
-"""What is fitted once and shared by all tests."""
+"""What is made once a run and shared by all tests and all worker processes."""
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import pytest
 from hypothesis import settings
-from support import small_log
+from support import Once, small_log
 
+from gpcorrect import artifact
 from gpcorrect.corrector import CommandCorrector, fit_corrector
 
 # How long an example takes says more of the machine's other work than of the code.
@@ -14,6 +18,19 @@ settings.load_profile("any machine")
 
 
 @pytest.fixture(scope="session")
-def small_corrector() -> CommandCorrector:
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
+    """Return the maker of what several worker processes need."""
+    folder = tmp_path_factory.getbasetemp()
+    return Once(folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder)
+
+
+@pytest.fixture(scope="session")
+def small_corrector(once: Once) -> CommandCorrector:
     """Return a corrector fitted to the small recording with the known miss."""
-    return fit_corrector(small_log())
+    return once.value("small_corrector", lambda: fit_corrector(small_log()))
+
+
+@pytest.fixture(scope="session")
+def small_model(once: Once, small_corrector: CommandCorrector) -> Path:
+    """Return the model file of the small corrector; no test may write to it."""
+    return once.file("small.gpc", lambda path: artifact.save(small_corrector, path))

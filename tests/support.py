@@ -1,9 +1,14 @@
-"""What several tests share: where the real recordings are, and a small recording with a known miss."""
+"""What several tests share: real recordings, a small recording with a known miss, and what is made once a run."""
 
 from __future__ import annotations
 
+import fcntl
 import os
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -11,7 +16,32 @@ import pytest
 from gpcorrect import se3
 from gpcorrect.types import CalibrationLog, PoseSignal
 
+T = TypeVar("T")
 ROOT = Path(__file__).resolve().parent.parent
+
+
+@dataclass(frozen=True)
+class Once:
+    """Makes files and values once a run, in a folder that all worker processes share."""
+
+    folder: Path
+
+    def file(self, name: str, write: Callable[[Path], object]) -> Path:
+        """Return the file of a name, written by the first process that asks; the others wait for it."""
+        path = self.folder / name
+        with (self.folder / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                unfinished = path.with_name(f"unfinished-{name}")
+                write(unfinished)
+                unfinished.rename(path)
+        return path
+
+    def value(self, name: str, make: Callable[[], T]) -> T:
+        """Return the value of a name, made by the first process that asks, as it was when made."""
+        path = self.file(f"{name}.pickle", lambda path: path.write_bytes(pickle.dumps(make())))
+        value: T = pickle.loads(path.read_bytes())  # noqa: S301  # this run wrote it
+        return value
 
 
 def data_folder() -> Path:

@@ -28,7 +28,7 @@ COMMANDS = {
         "Learn what to command from recordings, and measure it on trajectories that were held out.",
     ),
     "evaluate": (
-        "gpcorrect.cli.evaluate:evaluate",
+        "gpcorrect.cli.fit:evaluate",
         "Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.",
     ),
     "correct": (
@@ -40,11 +40,11 @@ COMMANDS = {
         "Add the observations of new recordings to a model; its size and the time of a query stay.",
     ),
     "drift": (
-        "gpcorrect.cli.drift:drift",
+        "gpcorrect.cli.update:drift",
         "Tell from recordings, oldest first, whether a model has aged, and estimate its remaining useful time.",
     ),
     "explore": (
-        "gpcorrect.cli.explore:explore",
+        "gpcorrect.cli.update:explore",
         "Propose the poses and velocities that reduce the uncertainty in the task region most, best first.",
     ),
     "joint": (
@@ -85,11 +85,11 @@ COMMANDS = {
     ),
     "sim": ("gpcorrect.cli.sim:sim_app", "Simulated arms that run live."),
     "simulate": (
-        "gpcorrect.cli.simulate:simulate",
+        "gpcorrect.cli.sim:simulate",
         "Simulate a recording: what was commanded, reported, and seen by an outside tracker, faults included.",
     ),
     "zigzag": (
-        "gpcorrect.cli.zigzag:zigzag_command",
+        "gpcorrect.cli.collect:zigzag_command",
         "Write a zig-zag calibration trajectory for the first three joints, within their speed limits.",
     ),
     "discrepancy": (
@@ -193,4 +193,4 @@ def main() -> None:
     except GpCorrectError as error:
         from gpcorrect.cli.console import bad_input
 
-        sys.exit(bad_input(error).exit_code)
+        sys.exit(bad_input(error))

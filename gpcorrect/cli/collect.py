@@ -1,69 +1,116 @@
-"""`gpcorrect collect`: a joint calibration from end to end: drive, record, fit, measure."""
+"""`gpcorrect zigzag` and `collect`: calibration trajectories, and a joint calibration from driving to measuring."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+import math
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
-from gpcorrect.atomic import make_folder
+from gpcorrect.atomic import atomic_path, make_folder, require_folder
 from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
-from gpcorrect.cli.joint import show_joint_errors
-from gpcorrect.cli.options import Json
+from gpcorrect.cli.options import ArmName, Json, KeyRoot, numbers
 from gpcorrect.cli.processes import free_endpoint, running
-from gpcorrect.cli.zigzag import UNIT, joint_limits, numbers
-from gpcorrect.joint import TimedPath, direction_named, random_sinusoids, timed, zigzag
-from gpcorrect.joint_artifact import save_joint
-from gpcorrect.joint_corrector import JointSettings, evaluate_joint, fit_joint, method_named
-from gpcorrect.logs import write_log
-from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, Progress
+from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
+    from gpcorrect.joint import TimedPath
+    from gpcorrect.types import CalibrationLog, FloatArray, Progress
     from gpcorrect_service.crtk.robot import Robot
 
-__all__ = ["collect_app"]
+__all__ = ["Limits", "Speed", "collect_app", "joint_limits", "speed_limits", "zigzag_command"]
 
 collect_app = typer.Typer(no_args_is_help=True, help="Calibrations from end to end: drive, record, fit, measure.")
 
-RATE_HZ = 30.0  # of driven paths
+Limits = Annotated[str, typer.Option(help="LOW:HIGH of joints 1, 2 (deg) and 3 (mm).")]
+Speed = Annotated[str, typer.Option(help="Speed limits of joints 1, 2 (deg/s) and 3 (mm/s).")]
+Sparsity = Annotated[int, typer.Option(help="n: stripes lie 1/n of the block's side apart.", min=1)]
+
+BLOCK, FASTEST = "20:60,55:110,330:420", "5,5,20"  # inside the limits of the left RAVEN-II; an arm that is quasi-static
+UNITS = (math.radians(1.0), math.radians(1.0), 1e-3)  # rad, rad, m
+ROUNDING = 1e-9  # rad and m: of limits written in degrees and millimetres
+RATE_HZ = 30.0  # of driven paths, as in Peng et al. 2024
 PATIENCE = 120.0  # s for the simulated arm to come up
 MACHINE = "raven2_calibration"
 
 
-@dataclass(frozen=True)
-class _Drive:
-    """What is driven: ranges, speeds, seconds of the test, seed."""
+def zigzag_command(
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Trajectory to write, native log format.", show_default=False)
+    ],
+    direction: Annotated[
+        str, typer.Option(help="Joints along which it runs: J1, J2, J3, J1-J2, J2-J3, J1-J3 or J1-J2-J3.")
+    ] = "J1",
+    sparsity: Sparsity = 4,
+    limits: Limits = BLOCK,
+    arm: Annotated[
+        str, typer.Option(help="Arm whose limits must hold: raven2_left, raven2_right, dvrk_psm, or none.")
+    ] = "raven2_left",
+    speed: Speed = FASTEST,
+    rate: Annotated[float, typer.Option(help="Samples a second.")] = RATE_HZ,
+    plot: Annotated[Path | None, typer.Option(help="Picture to write (PNG).", show_default=False)] = None,
+    json: Json = False,
+) -> None:
+    """Write a zig-zag calibration trajectory for the first three joints, within their speed limits.
 
-    limits: FloatArray
-    speed: FloatArray
-    test_seconds: float
-    seed: int
+    Every direction sweeps a block of the same centre and volume, so their models can be compared.
 
+    For example:
 
-@collect_app.callback()
-def collect() -> None:
-    """Calibrations from end to end."""
+    gpcorrect zigzag --direction J2-J3 --sparsity 4 --limits 20:60,55:110,330:420 --output traj.csv --plot traj.png
+    """
+    import numpy as np
+
+    from gpcorrect.joint import direction_named, timed, zigzag
+    from gpcorrect.logs import write_log
+    from gpcorrect.types import CalibrationLog, LogMeta
+
+    require_folder(output)
+    chosen, block = direction_named(direction), joint_limits(limits)
+    if arm != "none":
+        _require_within(block, arm)
+    corners = zigzag(chosen, sparsity, block)
+    path = timed(corners, speed_limits(speed), rate)
+    still = np.zeros(len(path.time), dtype=np.int64)
+    log = CalibrationLog(path.time, still, still, setpoint_jp=path.q, meta=LogMeta(joint_types="RRP"))
+    write_log(log, output)
+    title = f"zig-zag {chosen}, sparsity 1/{sparsity}: {path.duration / 60:.1f} min"
+    if plot is not None:
+        from gpcorrect.plots import joint_trajectory, png  # drawing is an extra
+
+        require_folder(plot)
+        with atomic_path(plot) as temporary:
+            temporary.write_bytes(png(joint_trajectory(path.time, path.q, title)))
+    facts = {
+        "direction": chosen,
+        "sparsity": sparsity,
+        "corners": len(corners),
+        "samples": len(path.time),
+        "seconds": path.duration,
+        "output": str(output),
+    }
+    if json:
+        print_json(facts)
+    else:
+        out.print(f"{title}, {len(corners)} corners, {len(path.time)} samples -> {output}")
 
 
 @collect_app.command(name="zigzag")
 def collect_zigzag(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for logs and model.", show_default=False)],
     direction: Annotated[str, typer.Option(help="Zig-zags to drive, with commas: J1, J2, J3, J1-J2, ...")] = "J1,J2,J3",
-    sparsity: Annotated[int, typer.Option(help="n: stripes lie 1/n of the block's side apart.", min=1)] = 3,
-    limits: Annotated[str, typer.Option(help="LOW:HIGH of joints 1, 2 (deg) and 3 (mm).")] = "20:60,55:110,330:420",
-    speed: Annotated[str, typer.Option(help="Speed limits of joints 1, 2 (deg/s) and 3 (mm/s).")] = "5,5,20",
+    sparsity: Sparsity = 3,
+    limits: Limits = BLOCK,
+    speed: Speed = FASTEST,
     test: Annotated[float, typer.Option(help="Seconds of random motion to measure on.", min=5)] = 120.0,
     method: Annotated[str, typer.Option(help="How to calibrate; see gpcorrect joint fit.")] = "gp",
     connect: Annotated[
         str | None, typer.Option(help="Address of a robot that runs; a simulated one is started without it.")
     ] = None,
-    arm: Annotated[str, typer.Option(help="CRTK name of the arm.")] = "arm1",
-    namespace: Annotated[str, typer.Option(help="First part of every key.")] = "gpcorrect",
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
     time_scale: Annotated[float, typer.Option(help="How many times faster the simulated arm lives.")] = 20.0,
     seed: Annotated[int, typer.Option(help="Seed of test motion, noise and fit.", min=0)] = 0,
     json: Json = False,
@@ -78,69 +125,116 @@ def collect_zigzag(
 
     gpcorrect collect zigzag --direction J2-J3 --sparsity 4 --connect tcp/127.0.0.1:7448 --output today/
     """
+    from gpcorrect.cli.joint import show_joint_errors
+    from gpcorrect.joint import direction_named, timed, zigzag
+    from gpcorrect.joint_artifact import save_joint
+    from gpcorrect.joint_corrector import JointSettings, evaluate_joint, fit_joint, method_named
+    from gpcorrect.logs import write_log
     from gpcorrect_service.crtk import BusSettings  # zenoh is an extra; other commands work without it
     from gpcorrect_service.crtk.robot import Robot
 
     make_folder(output)
-    drive = _Drive(joint_limits(limits), UNIT * np.array(numbers(speed, ",", 3, "speed limits")), test, seed)
-    paths = [_zigzag(name, sparsity, drive) for name in split_names(direction)]
-    chosen = method_named(method)
+    block, fastest = joint_limits(limits), speed_limits(speed)
+    corners = [zigzag(direction_named(name), sparsity, block) for name in split_names(direction)]
+    settings = JointSettings(method=method_named(method), holdout=0.0, time_offset="none", seed=seed)
     with ExitStack() as stack:
-        endpoint = connect or stack.enter_context(_simulated(arm, namespace, time_scale, seed))
+        endpoint = connect or free_endpoint()
+        if connect is None:
+            words = ["--machine", MACHINE, "--arm", arm, "--namespace", namespace, "--endpoint", endpoint]
+            more = ["--rate", f"{RATE_HZ:g}", "--time-scale", f"{time_scale:g}", "--seed", str(seed)]
+            stack.enter_context(running("sim", "serve", *words, *more))
         robot = stack.enter_context(Robot(BusSettings(endpoint, arm, namespace, patience=PATIENCE), PATIENCE))
         robot.make_ready()
         progress = stack.enter_context(progress_bar(quiet=json))
-        train = _recorded(robot, paths, progress, "zig-zags")
-        tested = _recorded(robot, [_sines(drive)], progress, "test run")
+        train = _recorded(robot, [timed(way, fastest, RATE_HZ) for way in corners], progress, "zig-zags")
+        tested = _recorded(robot, [_sines(block, fastest, test, seed)], progress, "test run")
     write_log(train, output / "zigzags.csv")
     write_log(tested, output / "test.csv")
-    fitted = fit_joint(train, JointSettings(method=chosen, holdout=0.0, time_offset="none", seed=seed))
+    fitted = fit_joint(train, settings)
     save_joint(fitted.corrector, output / "joints.gpc")
     measured = evaluate_joint(fitted.corrector, tested, "none")
-    _told(train, measured, output, json=json)
-
-
-@contextmanager
-def _simulated(arm: str, namespace: str, time_scale: float, seed: int) -> Iterator[str]:
-    """Run an arm in another process and give its address."""
-    endpoint = free_endpoint()
-    words = ["--machine", MACHINE, "--arm", arm, "--namespace", namespace, "--endpoint", endpoint]
-    more = ["--rate", f"{RATE_HZ:g}", "--time-scale", f"{time_scale:g}", "--seed", str(seed)]
-    with running("sim", "serve", *words, *more):
-        yield endpoint
-
-
-def _zigzag(name: str, sparsity: int, drive: _Drive) -> TimedPath:
-    return timed(zigzag(direction_named(name), sparsity, drive.limits), drive.speed, RATE_HZ)
-
-
-def _sines(drive: _Drive) -> TimedPath:
-    middle, reach = drive.limits.mean(axis=1)[:, None], np.ptp(drive.limits, axis=1)[:, None]
-    inside = middle + reach * np.array([-0.25, 0.25])  # the block that every zig-zag sweeps
-    rng = np.random.default_rng([drive.seed, 1])
-    return random_sinusoids(inside, drive.speed, drive.test_seconds, RATE_HZ, rng)
-
-
-def _recorded(robot: Robot, paths: list[TimedPath], progress: Progress, what: str) -> CalibrationLog:
-    """Drive paths, a trajectory each, and return what was recorded of them."""
-    from gpcorrect_service.crtk.recorder import Recorder
-
-    recorder = Recorder(robot.bus, ("measured_js", "setpoint_js", "external_js"))
-    for number, path in enumerate(paths):
-        progress.step(what, number / len(paths))
-        here = robot.setpoint
-        whole = np.repeat(here[None], len(path.q), axis=0)
-        whole[:, : path.q.shape[1]] = path.q
-        robot.follow(path.time, whole, number)
-    progress.step(what, 1.0)
-    types = "RRP" if len(robot.setpoint) == len(UNIT) else ""
-    return recorder.recording().log(LogMeta(arm=robot.bus.settings.arm, joint_types=types))
-
-
-def _told(train: CalibrationLog, measured: dict[str, Any], output: Path, *, json: bool) -> None:
     if json:
         print_json({"n_train": len(train), **measured, "output": str(output)})
         return
     show_joint_errors(f"Errors on {measured['n_test']} samples of the random test run", measured["errors"])
     out.print(f"trained on {len(train)} samples of {len(train.trajectory_ids)} zig-zags -> {output / 'joints.gpc'}")
     err.print(f"recordings: {output / 'zigzags.csv'}, {output / 'test.csv'}")
+
+
+def _sines(block: FloatArray, fastest: FloatArray, seconds: float, seed: int) -> TimedPath:
+    """Return random motion inside the part of the block that every zig-zag sweeps."""
+    import numpy as np
+
+    from gpcorrect.joint import random_sinusoids
+
+    middle, reach = block.mean(axis=1)[:, None], np.ptp(block, axis=1)[:, None]
+    inside = middle + reach * np.array([-0.25, 0.25])
+    return random_sinusoids(inside, fastest, seconds, RATE_HZ, np.random.default_rng([seed, 1]))
+
+
+def _recorded(robot: Robot, paths: list[TimedPath], progress: Progress, what: str) -> CalibrationLog:
+    """Drive paths, a trajectory each, and return what was recorded of them."""
+    import numpy as np
+
+    from gpcorrect.types import LogMeta
+    from gpcorrect_service.crtk.recorder import Recorder
+
+    recorder = Recorder(robot.bus, ("measured_js", "setpoint_js", "external_js"))
+    for number, path in enumerate(paths):
+        progress.step(what, number / len(paths))
+        whole = np.repeat(robot.setpoint[None], len(path.q), axis=0)
+        whole[:, : path.q.shape[1]] = path.q
+        robot.follow(path.time, whole, number)
+    progress.step(what, 1.0)
+    types = "RRP" if len(robot.setpoint) == len(UNITS) else ""
+    return recorder.recording().log(LogMeta(arm=robot.bus.settings.arm, joint_types=types))
+
+
+def _require_within(block: FloatArray, name: str) -> None:
+    """Refuse a block that the arm's own limits do not hold."""
+    from gpcorrect.arms import arm_named
+
+    allowed = arm_named(name).limits[: len(block)]
+    for joint, ((low, high), (least, most), unit) in enumerate(zip(block, allowed, UNITS, strict=True), start=1):
+        if low < least - ROUNDING or high > most + ROUNDING:
+            raise DataError(
+                f"joint {joint} would go from {low / unit:g} to {high / unit:g}, beyond the limits of {name}, "
+                f"{least / unit:g} to {most / unit:g}.",
+                hint="Narrow --limits, name another --arm, or give --arm none.",
+            )
+
+
+def joint_limits(text: str) -> FloatArray:
+    """Return (3, 2) limits, rad and m, of a text of three pairs LOW:HIGH in deg, deg and mm.
+
+    Parameters
+    ----------
+    text : str
+        Such as 20:60,55:110,330:420.
+
+    Raises
+    ------
+    DataError
+        It is no such text.
+    """
+    import numpy as np
+
+    pairs = text.split(",")
+    if len(pairs) != len(UNITS):
+        raise DataError(f"limits are three pairs LOW:HIGH, got {text!r}.", hint="For example 20:60,55:110,330:420")
+    limits: FloatArray = np.array(UNITS)[:, None] * np.array([numbers(pair, ":", 2, "limits") for pair in pairs])
+    return limits
+
+
+def speed_limits(text: str) -> FloatArray:
+    """Return (3,) speed limits, rad/s and m/s, of a text of three numbers in deg/s, deg/s and mm/s.
+
+    Parameters
+    ----------
+    text : str
+        Such as 5,5,20.
+    """
+    import numpy as np
+
+    limits: FloatArray = np.array(UNITS) * np.array(numbers(text, ",", len(UNITS), "speed limits"))
+    return limits

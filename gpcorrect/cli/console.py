@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any
 
 import typer
 from rich.console import Console
@@ -16,21 +16,36 @@ from rich.table import Table
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.types import Progress as ProgressCallback
 
-__all__ = ["bad_input", "err", "json_ready", "out", "print_json", "progress_bar", "show_errors", "split_names"]
+__all__ = [
+    "bad_input",
+    "err",
+    "json_ready",
+    "note",
+    "out",
+    "plain_table",
+    "print_json",
+    "progress_bar",
+    "show_errors",
+    "split_names",
+]
 
 out = Console(highlight=False, soft_wrap=True)
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
 BAD_INPUT = 2
-T = TypeVar("T")
 
 
-def bad_input(error: GpCorrectError) -> typer.Exit:
-    """Show one clear message and return the exit that bad input ends with."""
+def bad_input(error: GpCorrectError) -> int:
+    """Show what is wrong with the input in one clear message; return the exit status."""
     err.print(f"[bold red]error:[/] {_plain(error.message)}")
     if error.hint:
         err.print(f"[bold]  try:[/] {_plain(error.hint)}")
-    return typer.Exit(BAD_INPUT)
+    return BAD_INPUT
+
+
+def note(text: str) -> None:
+    """Print a remark that is no error."""
+    err.print(f"[yellow]note:[/] {_plain(text)}")
 
 
 def _plain(text: str) -> str:
@@ -79,25 +94,19 @@ def progress_bar(*, quiet: bool = False) -> Iterator[ProgressCallback]:
         yield _Bar(progress)
 
 
-def show_errors(title: str, errors: dict[str, Any]) -> None:
-    """Print the table of errors before, after the rigid part, and corrected."""
+def plain_table(*columns: str, title: str | None = None, left: int = 1) -> Table:
+    """Return an empty table without rules; its first `left` columns are flush left, the others right."""
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    table.add_column("", no_wrap=True)
-    for column in ("mm: mean", "SD", "p95", "max", "deg: mean", "SD", "p95", "max"):
-        table.add_column(column, justify="right", no_wrap=True)
+    for number, column in enumerate(columns):
+        table.add_column(_plain(column), justify="left" if number < left else "right", no_wrap=True)
+    return table
+
+
+def show_errors(title: str, errors: Mapping[str, Any]) -> None:
+    """Print the table of errors before, after the rigid part, and corrected."""
+    table = plain_table("", "mm: mean", "SD", "p95", "max", "deg: mean", "SD", "p95", "max", title=title)
     for name, parts in errors.items():
-        position, rotation = parts["position_mm"]["norm"], parts.get("rotation_deg", {}).get("norm")
-        table.add_row(name, *_cells(position), *(_cells(rotation) if rotation else ["-"] * 4))
+        leaves = (parts["position_mm"]["norm"], parts.get("rotation_deg", {}).get("norm"))
+        cells = [f"{leaf[k]:.3f}" if leaf else "-" for leaf in leaves for k in ("mean", "sd", "p95", "max")]
+        table.add_row(name, *cells)
     out.print(table)
-
-
-def _cells(leaf: dict[str, float]) -> list[str]:
-    return [f"{leaf[k]:.3f}" for k in ("mean", "sd", "p95", "max")]
-
-
-def guarded(command: Callable[[], T]) -> T:
-    """Run `command`; a GpCorrectError ends with its message and exit status 2."""
-    try:
-        return command()
-    except GpCorrectError as error:
-        raise bad_input(error) from None

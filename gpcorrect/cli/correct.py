@@ -10,10 +10,11 @@ import typer
 
 from gpcorrect import artifact
 from gpcorrect.cli.console import out, print_json
-from gpcorrect.cli.options import Json, seven_or_three
+from gpcorrect.cli.options import Json
+from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["Pose", "Position", "Twist", "correct", "correction_dict", "show_correction"]
+__all__ = ["Pose", "Position", "Twist", "correct", "correction_dict", "seven_or_three", "show_correction"]
 
 Pose = Annotated[
     tuple[float, float, float, float, float, float, float] | None,
@@ -94,3 +95,22 @@ def show_correction(answer: Answer) -> None:
 
 def _numbers(values: Any, digits: int) -> str:
     return "  ".join(f"{v: .{digits}f}" for v in values)
+
+
+def seven_or_three(
+    pose: tuple[float, float, float, float, float, float, float] | None,
+    position: tuple[float, float, float] | None,
+) -> tuple[float, ...]:
+    """Return the one of `--pose` and `--position` that was given.
+
+    Raises
+    ------
+    DataError
+        None or both were given.
+    """
+    if (pose is None) == (position is None):
+        raise DataError(
+            "give the desired pose once.",
+            hint="Either --pose X Y Z QW QX QY QZ, or --position X Y Z for position-only models.",
+        )
+    return pose if pose is not None else position or ()

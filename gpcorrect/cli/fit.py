@@ -1,42 +1,30 @@
-"""`gpcorrect fit`: recordings in, model file out, with the errors on held-out trajectories."""
+"""`gpcorrect fit` and `evaluate`: recordings in, model file out, with the errors on what the model has not seen."""
 
 from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from gpcorrect import artifact
 from gpcorrect.atomic import atomic_path, make_folder, require_folder
-from gpcorrect.cleaning import CleaningReport, CleaningSettings, Segment
-from gpcorrect.cli.console import err, out, print_json, progress_bar, show_errors, split_names
-from gpcorrect.cli.options import (
-    Arm,
-    AsIs,
-    Columns,
-    Disordered,
-    Json,
-    Logs,
-    Namespace,
-    Tracker,
-    TrackerLog,
-    clock_left,
-    read_logs,
-)
-from gpcorrect.corrector import FitSettings
+from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, split_names
+from gpcorrect.cli.options import Json, Logs, ModelFile, ModelOutput, Reading, one_of, takes_reading
 from gpcorrect.errors import DataError
-from gpcorrect.experiment import Experiment, run_experiment
-from gpcorrect.rigid import MarkerOption
 
-__all__ = ["fit"]
+if TYPE_CHECKING:
+    from gpcorrect.cleaning import Segment
+    from gpcorrect.experiment import Experiment
+
+__all__ = ["evaluate", "fit"]
 
 
+@takes_reading
 def fit(
     logs: Logs,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.", show_default=False)],
-    columns: Columns = None,
+    output: ModelOutput,
+    reading: Reading,
     features: Annotated[
         str,
         typer.Option(
@@ -55,10 +43,6 @@ def fit(
     marker: Annotated[
         str, typer.Option(help="Marker is not the tool tip: none, solve, or auto (by held-out error).")
     ] = "auto",
-    time_offset: Annotated[
-        str,
-        typer.Option(help="Tracker's clock: auto (shift what cannot be robot lag), none, or seconds it runs ahead."),
-    ] = "auto",
     holdout: Annotated[float, typer.Option(help="Share of whole trajectories to measure on; 0 for none.")] = 0.2,
     shuffle: Annotated[
         bool, typer.Option("--shuffle", help="Hold out random trajectories, not the last ones.")
@@ -68,12 +52,6 @@ def fit(
         Path | None,
         typer.Option(help="Folder for the report page and the list of dropped samples.", show_default=False),
     ] = None,
-    namespace: Namespace = None,
-    tracker_topic: Tracker = None,
-    tracker_log: TrackerLog = None,
-    arm: Arm = None,
-    as_is: AsIs = False,
-    drop_disordered: Disordered = False,
     json: Json = False,
 ) -> None:
     """Learn what to command from recordings, and measure it on trajectories that were held out.
@@ -88,6 +66,12 @@ def fit(
 
     gpcorrect fit robot.bag --tracker-log "Take 2026-11-21.csv" --output model.gpc
     """
+    from gpcorrect import artifact
+    from gpcorrect.cleaning import CleaningSettings
+    from gpcorrect.corrector import FitSettings
+    from gpcorrect.experiment import run_experiment
+    from gpcorrect.rigid import MarkerOption
+
     require_folder(output)
     if report is not None:
         make_folder(report)
@@ -95,21 +79,11 @@ def fit(
         features=split_names(features),
         clean=clean,
         cleaning=CleaningSettings(keep=_segments(keep), drop=_segments(drop)),
-        marker=_marker(marker),
-        time_offset=clock_left(time_offset, tracker_log),
+        marker=one_of(marker, get_args(MarkerOption), "the marker"),
+        time_offset=reading.clock_left,
         seed=seed,
     )
-    log = read_logs(
-        logs,
-        columns,
-        as_is=as_is,
-        drop_disordered=drop_disordered,
-        namespace=namespace,
-        tracker_topic=tracker_topic,
-        arm=arm,
-        tracker_log=tracker_log,
-        time_offset=time_offset,
-    )
+    log = reading.log(logs)
     with progress_bar(quiet=json) as progress:
         experiment = run_experiment(log, settings, holdout=holdout, shuffle=shuffle, progress=progress)
     artifact.save(experiment.corrector, output)
@@ -122,28 +96,44 @@ def fit(
         _show(experiment, result, output, report)
 
 
-def _marker(text: str) -> MarkerOption:
-    """Return the option if it is one."""
-    for option in get_args(MarkerOption):
-        if text == option:
-            chosen: MarkerOption = option
-            return chosen
-    raise DataError(f"the marker is one of {', '.join(get_args(MarkerOption))}; got {text!r}.")
+@takes_reading
+def evaluate(model: ModelFile, logs: Logs, reading: Reading, json: Json = False) -> None:
+    """Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.
+
+    Example: gpcorrect evaluate model.gpc tuesday.csv wednesday.bag
+    """
+    from gpcorrect import artifact
+    from gpcorrect.corrector import on_one_clock
+    from gpcorrect.experiment import evaluate as evaluate_model
+
+    corrector = artifact.load(model)
+    log, clocks = on_one_clock(reading.log(logs), reading.clock_left)
+    measured = evaluate_model(corrector, log)
+    result = {"n_test": len(measured.clean.rows), "dropped": dict(measured.cleaning.counts), **measured.to_dict()}
+    if json:
+        print_json(result)
+        return
+    if clocks.applied:
+        note(clocks.remark)
+    show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
+    show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])
+    out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} %; {100 * result['in_domain']:.1f} % in domain")
 
 
 def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
-    return tuple(_segment(text) for text in texts or ())
+    from gpcorrect.cleaning import Segment
 
-
-def _segment(text: str) -> Segment:
-    try:
-        trajectory, start, stop = text.split(":")
-        return Segment(int(trajectory), float(start), float(stop))
-    except ValueError as error:
-        raise DataError(
-            f"a segment is TRAJECTORY:START:STOP in seconds, got {text!r}.",
-            hint="For example: --drop 3:12.5:14.0",
-        ) from error
+    segments = []
+    for text in texts or ():
+        try:
+            trajectory, start, stop = text.split(":")
+            segments.append(Segment(int(trajectory), float(start), float(stop)))
+        except ValueError as error:
+            raise DataError(
+                f"a segment is TRAJECTORY:START:STOP in seconds, got {text!r}.",
+                hint="For example: --drop 3:12.5:14.0",
+            ) from error
+    return tuple(segments)
 
 
 def _write_report(experiment: Experiment, folder: Path) -> None:
@@ -153,13 +143,8 @@ def _write_report(experiment: Experiment, folder: Path) -> None:
     reports = [("train", experiment.fit.cleaning)]
     if experiment.evaluation is not None:
         reports.append(("held out", experiment.evaluation.cleaning))
-    with atomic_path(folder / "cleaning.csv") as path:
-        _write_dropped(reports, path)
-
-
-def _write_dropped(reports: list[tuple[str, CleaningReport]], path: Path) -> None:
     rows: list[dict[str, Any]] = [{"set": name, **row} for name, r in reports for row in r.to_table()]
-    with path.open("w", newline="") as file:
+    with atomic_path(folder / "cleaning.csv") as path, path.open("w", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]) if rows else ["set"])
         writer.writeheader()
         writer.writerows(rows)
@@ -167,7 +152,7 @@ def _write_dropped(reports: list[tuple[str, CleaningReport]], path: Path) -> Non
 
 def _show(experiment: Experiment, result: dict[str, Any], output: Path, report: Path | None) -> None:
     for remark in experiment.fit.remarks:
-        err.print(f"[yellow]note:[/] {remark}")
+        note(remark)
     for caution in experiment.evaluation.cautions if experiment.evaluation else ():
         err.print(f"[yellow]caution:[/] {caution}")
     if result["errors"]:

@@ -4,27 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
-import numpy as np
 import typer
-from rich.table import Table
 
 from gpcorrect.atomic import require_folder
-from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
-from gpcorrect.cli.options import Columns, Json, Logs, read_logs
+from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names
+from gpcorrect.cli.options import Columns, Json, Logs, ModelOutput, one_of, read_logs
 from gpcorrect.errors import DataError
-from gpcorrect.joint import Direction, InputSignal
-from gpcorrect.joint_artifact import load_joint, save_joint
-from gpcorrect.joint_corrector import (
-    METHODS,
-    JointErrors,
-    JointSettings,
-    evaluate_joint,
-    fit_joint,
-    joint_units,
-    method_named,
-)
+
+if TYPE_CHECKING:
+    from gpcorrect.joint_corrector import JointErrors, JointSettings
 
 __all__ = ["joint_app", "show_joint_errors"]
 
@@ -32,7 +22,7 @@ joint_app = typer.Typer(
     no_args_is_help=True, help="Joint-space calibration: reported joints to true ones, or commands."
 )
 
-Method = Annotated[str, typer.Option(help=f"One of {', '.join(METHODS)}.")]
+Method = Annotated[str, typer.Option(help="One of offset, linear, quadratic, network, ukf, gp.")]
 Features = Annotated[
     str | None,
     typer.Option(help="position, velocity, effort, memory, state; the method's own when absent.", show_default=False),
@@ -46,13 +36,12 @@ Holdout = Annotated[float, typer.Option(help="Share of whole trajectories, the l
 Clock = Annotated[str, typer.Option("--time-offset", help="Clock of the outside encoders: auto, none, or seconds.")]
 Seed = Annotated[int, typer.Option(help="Seed of everything random.")]
 Model = Annotated[Path, typer.Argument(help="Model file that `gpcorrect joint fit` wrote.", show_default=False)]
-Output = Annotated[Path, typer.Option("--output", "-o", help="Model file to write.", show_default=False)]
 
 
 @joint_app.command()
 def fit(
     logs: Logs,
-    output: Output,
+    output: ModelOutput,
     method: Method = "gp",
     features: Features = None,
     input_signal: Input = None,
@@ -73,16 +62,24 @@ def fit(
 
     gpcorrect joint fit monday.csv --method network --features position,effort --output net.gpc --json
     """
+    from gpcorrect.joint_artifact import save_joint
+    from gpcorrect.joint_corrector import fit_joint, method_named
+
     require_folder(output)
+    widths = split_names(layers)
+    if not widths or not all(width.isdigit() and int(width) > 0 for width in widths):
+        raise DataError(f"layers are widths above 0, got {layers!r}.", hint="For example 100,100 or 600,500,400")
     settings = replace(
-        _settings(features, input_signal, direction, holdout, time_offset, seed), method=method_named(method)
+        _settings(features, input_signal, direction, holdout, time_offset, seed),
+        method=method_named(method),
+        end_to_end=end_to_end,
+        layers=tuple(map(int, widths)),
     )
-    settings = replace(settings, end_to_end=end_to_end, layers=_layers(layers))
     with progress_bar(quiet=json) as progress:
         experiment = fit_joint(read_logs(logs, columns), settings, progress)
     save_joint(experiment.corrector, output)
     for remark in experiment.corrector.summary["remarks"]:
-        err.print(f"[yellow]note:[/] {remark}")
+        note(remark)
     if json:
         print_json(experiment.to_dict())
         return
@@ -98,6 +95,9 @@ def evaluate(
 
     Example: gpcorrect joint evaluate joints.gpc tuesday.csv
     """
+    from gpcorrect.joint_artifact import load_joint
+    from gpcorrect.joint_corrector import evaluate_joint
+
     result = evaluate_joint(load_joint(model), read_logs(logs, columns), time_offset)
     if json:
         print_json(result)
@@ -105,8 +105,8 @@ def evaluate(
         show_joint_errors(f"Errors on {result['n_test']} samples", result["errors"])
     for row in result["zeros"]:
         if row["moved"]:
-            err.print(
-                f"[yellow]note:[/] session {row['session']}: the zero of joint {row['joint']} is off by "
+            note(
+                f"session {row['session']}: the zero of joint {row['joint']} is off by "
                 f"{row['shift']:+.3f} {row['unit']}, as after a homing; set it anew: gpcorrect joint rezero"
             )
 
@@ -127,6 +127,8 @@ def compare(
 
     Example: gpcorrect joint compare zigzags.csv
     """
+    from gpcorrect.joint_corrector import METHODS, fit_joint
+
     log = read_logs(logs, columns)
     rows: list[dict[str, Any]] = []
     settings = _settings(features, input_signal, direction, holdout, time_offset, seed)
@@ -142,15 +144,18 @@ def compare(
     if json:
         print_json({"n_train": experiment.n_train, "n_test": experiment.n_test, "methods": rows})
     else:
-        _compared(rows, experiment.n_test)
+        _show_methods(rows, experiment.n_test)
 
 
 @joint_app.command()
-def rezero(model: Model, logs: Logs, output: Output, columns: Columns = None, json: Json = False) -> None:
+def rezero(model: Model, logs: Logs, output: ModelOutput, columns: Columns = None, json: Json = False) -> None:
     """Set the zeros of a model anew from a short run, as after a homing: a minute instead of a calibration.
 
     Example: gpcorrect joint rezero joints.gpc minute.csv --output joints-today.gpc
     """
+    from gpcorrect.joint_artifact import load_joint, save_joint
+    from gpcorrect.joint_corrector import joint_units
+
     require_folder(output)
     corrector, log = load_joint(model), read_logs(logs, columns)
     fresh = corrector.rezeroed(log)
@@ -172,45 +177,25 @@ def rezero(model: Model, logs: Logs, output: Output, columns: Columns = None, js
 def _settings(
     features: str | None, input_signal: str | None, direction: str, holdout: float, time_offset: str, seed: int
 ) -> JointSettings:
+    from gpcorrect.joint import Direction, InputSignal
+    from gpcorrect.joint_corrector import JointSettings
+
     return JointSettings(
         features=split_names(features or ""),
-        input_signal=_input(input_signal),
-        direction=_direction(direction),
+        input_signal=one_of(input_signal, (None, *get_args(InputSignal)), "the input"),
+        direction=one_of(direction, get_args(Direction), "the direction"),
         holdout=holdout,
         time_offset=time_offset,
         seed=seed,
     )
 
 
-def _layers(text: str) -> tuple[int, ...]:
-    widths = split_names(text)
-    if not widths or not all(width.isdigit() and int(width) > 0 for width in widths):
-        raise DataError(f"layers are widths above 0, got {text!r}.", hint="For example 100,100 or 600,500,400")
-    return tuple(int(width) for width in widths)
-
-
-def _input(name: str | None) -> InputSignal | None:
-    match name:
-        case None | "measured_jp" | "setpoint_jp":
-            return name
-    raise DataError(f"the input is measured_jp or setpoint_jp; got {name!r}.")
-
-
-def _direction(name: str) -> Direction:
-    match name:
-        case "estimate" | "command":
-            return name
-    raise DataError(f"the direction is estimate or command; got {name!r}.")
-
-
 def show_joint_errors(title: str, errors: dict[str, JointErrors]) -> None:
     """Print a table of joint errors, before and after."""
     if not errors:
-        err.print("[yellow]note:[/] nothing was held out, so nothing was measured")
+        note("nothing was held out, so nothing was measured")
         return
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    for column in ("joint", "unit", "", "rmse", "mean", "SD", "p95", "max"):
-        table.add_column(column, justify="right", no_wrap=True)
+    table = plain_table("joint", "unit", "", "rmse", "mean", "SD", "p95", "max", title=title, left=0)
     for name, rows in errors.items():
         for row in rows:
             leaves = [f"{row[k]:.4f}" for k in ("rmse", "mean", "sd", "p95", "max")]
@@ -218,15 +203,12 @@ def show_joint_errors(title: str, errors: dict[str, JointErrors]) -> None:
     out.print(table)
 
 
-def _compared(rows: list[dict[str, Any]], n_test: int) -> None:
-    table = Table(title=f"Held-out RMSE, {n_test} samples", title_justify="left", box=None, pad_edge=False)
-    table.add_column("method")
-    for leaf in rows[0]["errors"]:
-        table.add_column(f"J{leaf['joint']} [{leaf['unit']}]".replace("[", r"\["), justify="right")
-    table.add_column("seconds", justify="right")
-    best = np.argmin([[leaf["rmse"] for leaf in row["errors"]] for row in rows], axis=0)
-    for i, row in enumerate(rows):
-        cells = [f"{leaf['rmse']:.4f}" for leaf in row["errors"]]
-        cells = [f"[bold]{cell}[/]" if best[j] == i else cell for j, cell in enumerate(cells)]
+def _show_methods(rows: list[dict[str, Any]], n_test: int) -> None:
+    joints = [f"J{leaf['joint']} [{leaf['unit']}]" for leaf in rows[0]["errors"]]
+    table = plain_table("method", *joints, "seconds", title=f"Held-out RMSE, {n_test} samples")
+    best = [min(row["errors"][j]["rmse"] for row in rows) for j in range(len(joints))]
+    for row in rows:
+        found = zip([leaf["rmse"] for leaf in row["errors"]], best, strict=True)
+        cells = [f"[bold]{rmse:.4f}[/]" if rmse == least else f"{rmse:.4f}" for rmse, least in found]
         table.add_row(row["method"], *cells, f"{row['seconds']:.1f}")
     out.print(table)

@@ -1,35 +1,48 @@
-"""Options that several commands share, so that they read alike everywhere."""
+"""Options that several commands share, declared once so that they read alike everywhere."""
 
 from __future__ import annotations
 
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from gpcorrect.corrector.clocks import seconds_of
 from gpcorrect.errors import DataError, LogError
-from gpcorrect.logs import join_logs, read_log, refuse_misread, with_tracker
 from gpcorrect.types import CalibrationLog
 
 __all__ = [
     "Arm",
+    "ArmName",
     "AsIs",
+    "Clock",
     "Columns",
+    "Config",
     "Disordered",
+    "Endpoint",
     "Jobs",
     "Json",
+    "KeyRoot",
+    "LogOutput",
     "Logs",
+    "ModelFile",
+    "ModelOutput",
     "Namespace",
+    "Reading",
     "Scheduler",
     "Tracker",
     "TrackerLog",
-    "clock_left",
+    "numbers",
+    "one_of",
     "read_logs",
     "seconds_ahead",
-    "seven_or_three",
+    "takes_reading",
 ]
 
+# Recordings and models.
 Logs = Annotated[
     list[Path],
     typer.Argument(
@@ -39,7 +52,6 @@ Logs = Annotated[
 Columns = Annotated[
     Path | None, typer.Option(help="Mapping file (TOML) for a foreign table or a bag: which column is what.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
 Namespace = Annotated[str | None, typer.Option(help="Arm's namespace in a bag that holds several, such as PSM1.")]
 Tracker = Annotated[str | None, typer.Option(help="Topic of the outside tracker in a bag.")]
 TrackerLog = Annotated[
@@ -50,16 +62,91 @@ TrackerLog = Annotated[
     ),
 ]
 Arm = Annotated[str | None, typer.Option(help="Which arm of a raven_state topic: left or right.")]
+AsIs = Annotated[bool, typer.Option("--as-is", help="Take recordings whose units or frames look wrong as they are.")]
+Disordered = Annotated[
+    bool, typer.Option("--drop-disordered", help="Leave out samples whose time does not increase, and say how many.")
+]
+Clock = Annotated[
+    str,
+    typer.Option(help="Tracker's clock: auto (shift what cannot be robot lag), none, or seconds it runs ahead."),
+]
+ModelFile = Annotated[Path, typer.Argument(help="Model file that `gpcorrect fit` wrote.", show_default=False)]
+ModelOutput = Annotated[Path, typer.Option("--output", "-o", help="Model file to write.", show_default=False)]
+LogOutput = Annotated[
+    Path, typer.Option("--output", "-o", help="Log to write: CSV or Parquet by its ending.", show_default=False)
+]
 
+# What a command prints, and where its work is done.
+Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
 Jobs = Annotated[int, typer.Option(help="Processes of this machine to spread the work over; -1 for one a core.")]
 Scheduler = Annotated[
     str | None,
     typer.Option(help="Dask scheduler to spread the work over, such as tcp://head:8786.", show_default=False),
 ]
-AsIs = Annotated[bool, typer.Option("--as-is", help="Take recordings whose units or frames look wrong as they are.")]
-Disordered = Annotated[
-    bool, typer.Option("--drop-disordered", help="Leave out samples whose time does not increase, and say how many.")
+
+# Robots and services on the network.
+Endpoint = Annotated[str, typer.Option(help="Address of the robot or service.")]
+ArmName = Annotated[str, typer.Option(help="CRTK name of the arm: the second part of every key.")]
+KeyRoot = Annotated[str, typer.Option(help="First part of every key.")]
+Config = Annotated[
+    Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.", show_default=False)
 ]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How the recordings of a command are read; its fields become options of the command."""
+
+    columns: Columns = None
+    time_offset: Clock = "auto"
+    namespace: Namespace = None
+    tracker_topic: Tracker = None
+    tracker_log: TrackerLog = None
+    arm: Arm = None
+    as_is: AsIs = False
+    drop_disordered: Disordered = False
+
+    def log(self, paths: list[Path]) -> CalibrationLog:
+        """Read the recordings as :func:`read_logs` does."""
+        return read_logs(paths, **{field.name: getattr(self, field.name) for field in fields(self)})
+
+    @property
+    def clock_left(self) -> str:
+        """What is left to do about the tracker's clock after a tracker's recording was put beside the robot's."""
+        return self.time_offset if self.tracker_log is None or self.time_offset == "auto" else "none"
+
+
+def takes_reading(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of :class:`Reading` in the place of its parameter `reading`.
+
+    Parameters
+    ----------
+    command : callable
+        Function of a command with a parameter `reading`.
+
+    Returns
+    -------
+    callable
+        The same command; its signature has an option for every field.
+    """
+    hints, read = get_type_hints(command, include_extras=True), get_type_hints(Reading, include_extras=True)
+    parameters = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        if name == "reading":
+            parameters += [parameter.replace(name=f.name, default=f.default) for f in fields(Reading)]
+        else:
+            parameters.append(parameter)
+
+    @functools.wraps(command)
+    def wrapped(**values: Any) -> None:
+        reading = Reading(**{field.name: values.pop(field.name) for field in fields(Reading)})
+        command(reading=reading, **values)
+
+    hints = {name: hint for name, hint in {**hints, **read}.items() if name != "reading"}
+    keywords = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=hints[p.name]) for p in parameters]
+    wrapped.__annotations__ = hints
+    wrapped.__signature__ = inspect.Signature(keywords)  # type: ignore[attr-defined]  # what inspect looks for
+    return wrapped
 
 
 def read_logs(
@@ -76,67 +163,108 @@ def read_logs(
 ) -> CalibrationLog:
     """Read the recordings and join them into one log; put the tracker of another recording beside the only one.
 
+    Parameters
+    ----------
+    paths : list of Path
+        Recordings.
+    columns : Path, optional
+        Mapping file.
+    as_is, drop_disordered : bool
+        Take what looks misread; leave out samples whose time does not increase.
+    namespace, tracker_topic, arm : str, optional
+        Which arm and tracker of a bag.
+    tracker_log : Path, optional
+        The tracker's own recording.
+    time_offset : str
+        "auto", "none", or the seconds that its clock runs ahead.
+
+    Returns
+    -------
+    CalibrationLog
+        All of them, one session a recording.
+
     Raises
     ------
     LogError
         One of them cannot be read, or cannot be in the units and frames it is taken for, unless taken `as_is`; or the
         tracker's recording does not go with the robot's.
     """
-    logs = [
-        read_log(
-            path,
-            columns=columns,
-            disorder="drop" if drop_disordered else "refuse",
-            namespace=namespace,
-            tracker_topic=tracker_topic,
-            arm=arm,
-        )
-        for path in paths
-    ]
+    from gpcorrect.logs import join_logs, read_log, refuse_misread, with_tracker
+
+    disorder = "drop" if drop_disordered else "refuse"
+    chosen: dict[str, Any] = {"namespace": namespace, "tracker_topic": tracker_topic, "arm": arm, "disorder": disorder}
+    logs = [read_log(path, columns=columns, **chosen) for path in paths]
     if tracker_log is not None:
         if len(logs) > 1:
             raise LogError("--tracker-log goes with one recording of the robot.", hint="Give them one at a time.")
         logs = [with_tracker(logs[0], read_log(tracker_log, columns=columns), seconds_ahead(time_offset))]
     for log in [] if as_is else logs:
-        _refuse_misread(log)
+        try:
+            refuse_misread(log)
+        except LogError as error:  # name the way past the refusal too
+            hint = f"{error.hint} More: gpcorrect validate LOG. If you know better: --as-is"
+            raise LogError(error.message, hint=hint) from error
     return logs[0] if len(logs) == 1 else join_logs(logs)
 
 
 def seconds_ahead(time_offset: str) -> float | None:
-    """Return the seconds that the tracker's clock runs ahead; None when the motion is to tell."""
-    if time_offset in ("auto", "none"):
-        return None if time_offset == "auto" else 0.0
-    return seconds_of(time_offset)
+    """Return the seconds that the tracker's clock runs ahead; None when the motion is to tell.
+
+    Parameters
+    ----------
+    time_offset : str
+        "auto", "none", or seconds.
+    """
+    from gpcorrect.corrector.clocks import seconds_of
+
+    return {"auto": None, "none": 0.0}[time_offset] if time_offset in ("auto", "none") else seconds_of(time_offset)
 
 
-def clock_left(time_offset: str, tracker_log: Path | None) -> str:
-    """Say what is left to do about the tracker's clock after a tracker's recording was put beside the robot's."""
-    return time_offset if tracker_log is None or time_offset == "auto" else "none"
+def numbers(text: str, separator: str, count: int, what: str) -> list[float]:
+    """Return the numbers of a text.
 
-
-def _refuse_misread(log: CalibrationLog) -> None:
-    """Name the way past the refusal too."""
-    try:
-        refuse_misread(log)
-    except LogError as error:
-        hint = f"{error.hint} More: gpcorrect validate LOG. If you know better: --as-is"
-        raise LogError(error.message, hint=hint) from error
-
-
-def seven_or_three(
-    pose: tuple[float, float, float, float, float, float, float] | None,
-    position: tuple[float, float, float] | None,
-) -> tuple[float, ...]:
-    """Return the one of `--pose` and `--position` that was given.
+    Parameters
+    ----------
+    text, separator : str
+        The text, and what stands between two numbers.
+    count : int
+        How many there must be.
+    what : str
+        What they are, for the message.
 
     Raises
     ------
     DataError
-        None or both were given.
+        There are more or fewer, or they are no numbers.
     """
-    if (pose is None) == (position is None):
-        raise DataError(
-            "give the desired pose once.",
-            hint="Either --pose X Y Z QW QX QY QZ, or --position X Y Z for position-only models.",
-        )
-    return pose if pose is not None else position or ()
+    try:
+        found = [float(part) for part in text.split(separator)]
+    except ValueError as error:
+        raise DataError(f"{what} must be numbers, got {text!r}.") from error
+    if len(found) != count:
+        raise DataError(f"{what} need {count} numbers separated by {separator!r}, got {text!r}.")
+    return found
+
+
+def one_of(chosen: str | None, choices: tuple[Any, ...], what: str) -> Any:
+    """Return the choice that was given by its name.
+
+    Parameters
+    ----------
+    chosen : str or None
+        What was given.
+    choices : tuple
+        What may be given.
+    what : str
+        Begins the message, such as "the marker".
+
+    Raises
+    ------
+    DataError
+        It is none of the choices.
+    """
+    for choice in choices:
+        if chosen == choice:
+            return choice
+    names = [str(choice) for choice in choices if choice is not None]
+    raise DataError(f"{what} is {', '.join(names[:-1])} or {names[-1]}; got {chosen!r}.")

@@ -8,14 +8,14 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
-from gpcorrect.cli.console import err
+from gpcorrect.cli.console import note
 from gpcorrect.errors import GpCorrectError
 
 __all__ = ["free_endpoint", "running"]
 
-STOPPING = 20.0  # s
+BORN = 0.2  # s, after which a process that could not start has ended; chosen by hand
+STOPPING = 20.0  # s for a process to end before it is killed; chosen by hand
 
 
 def free_endpoint() -> str:
@@ -26,8 +26,13 @@ def free_endpoint() -> str:
 
 
 @contextmanager
-def running(*words: str, log: Path | None = None) -> Iterator[None]:
-    """Run `gpcorrect WORDS` in another process until the block ends; what it logs goes to a file, or nowhere.
+def running(*words: str) -> Iterator[None]:
+    """Run `gpcorrect WORDS` in another process until the block ends; what it prints goes nowhere.
+
+    Parameters
+    ----------
+    *words : str
+        Command and options.
 
     Raises
     ------
@@ -35,26 +40,20 @@ def running(*words: str, log: Path | None = None) -> Iterator[None]:
         It ends at once, as where its address is taken.
     """
     command = [sys.executable, "-m", "gpcorrect", *words]
-    target = subprocess.DEVNULL if log is None else log.open("w")
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=target)
-    if not isinstance(target, int):
-        target.close()
+    nowhere = subprocess.DEVNULL
+    process = subprocess.Popen(command, stdin=nowhere, stdout=nowhere, stderr=nowhere)
     try:
-        _check_alive(process, words)
+        time.sleep(BORN)
+        if process.poll() is not None:
+            raise GpCorrectError(
+                f"`gpcorrect {' '.join(words)}` ended at once with status {process.returncode}.",
+                hint="Run it yourself to see why.",
+            )
         yield
     finally:
         process.terminate()
         try:
             process.wait(STOPPING)
         except subprocess.TimeoutExpired:
-            err.print(f"[yellow]note:[/] gpcorrect {words[0]} did not stop in time and was killed")
+            note(f"gpcorrect {words[0]} did not stop in time and was killed")
             process.kill()
-
-
-def _check_alive(process: subprocess.Popen[bytes], words: tuple[str, ...]) -> None:
-    time.sleep(0.2)
-    if process.poll() is not None:
-        raise GpCorrectError(
-            f"`gpcorrect {' '.join(words)}` ended at once with status {process.returncode}.",
-            hint="Run it yourself to see why.",
-        )

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gpcorrect.cli.console import out, print_json
-from gpcorrect.cli.correct import Pose, Position, Twist, correction_dict, show_correction
-from gpcorrect.cli.options import Json, seven_or_three
+from gpcorrect.cli.correct import Pose, Position, Twist, correction_dict, seven_or_three, show_correction
+from gpcorrect.cli.options import Json
 
 if TYPE_CHECKING:
     from gpcorrect_service import CorrectionClient, Reply

@@ -14,34 +14,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from gpcorrect import artifact, se3
 from gpcorrect.atomic import require_folder
-from gpcorrect.cli.console import err, out, print_json
-from gpcorrect.cli.options import Columns, Json
-from gpcorrect.cli.zigzag import joint_limits, numbers
+from gpcorrect.cli.collect import BLOCK, FASTEST, RATE_HZ, Limits, Speed, joint_limits, speed_limits
+from gpcorrect.cli.console import err, out, print_json, split_names
+from gpcorrect.cli.options import ArmName, Columns, Endpoint, Json, KeyRoot, LogOutput, numbers
+from gpcorrect.cli.sim import HERE
 from gpcorrect.errors import DataError
-from gpcorrect.joint import random_sinusoids
-from gpcorrect.logs import read_log, write_log
-from gpcorrect.planning import circle
-from gpcorrect.types import CalibrationLog, FloatArray
 
 if TYPE_CHECKING:
+    from gpcorrect.types import CalibrationLog, FloatArray
     from gpcorrect_service.crtk.robot import Robot
 
 __all__ = ["robot_app"]
 
 robot_app = typer.Typer(no_args_is_help=True, help="Drive and record a robot that speaks CRTK over zenoh.")
 
-Endpoint = Annotated[str, typer.Option(help="Address of the robot.")]
-ArmName = Annotated[str, typer.Option(help="CRTK name of the arm.")]
-Namespace = Annotated[str, typer.Option(help="First part of every key.")]
-HERE = "tcp/127.0.0.1:7448"
+Sliding = Annotated[str, typer.Option(help="Numbers of the sliding joints.")]
 DEGREE = np.deg2rad(1.0)
 KEY_STEP = 0.5  # degrees, or millimetres for the insertion
 
 
 @robot_app.command()
-def state(endpoint: Endpoint = HERE, arm: ArmName = "arm1", namespace: Namespace = "gpcorrect") -> None:
+def state(endpoint: Endpoint = HERE, arm: ArmName = "arm1", namespace: KeyRoot = "gpcorrect") -> None:
     """Print the robot's operating state, joints and tool pose (JSON).
 
     Example: gpcorrect robot state --arm PSM1
@@ -68,7 +62,7 @@ def operate(
     ],
     endpoint: Endpoint = HERE,
     arm: ArmName = "arm1",
-    namespace: Namespace = "gpcorrect",
+    namespace: KeyRoot = "gpcorrect",
 ) -> None:
     """Change the robot's operating state.
 
@@ -86,10 +80,10 @@ def operate(
 @robot_app.command()
 def goto(
     joints: Annotated[str, typer.Argument(help="Joint positions: degrees, and mm for sliding joints, with commas.")],
-    sliding: Annotated[str, typer.Option(help="Numbers of the sliding joints.")] = "3",
+    sliding: Sliding = "3",
     endpoint: Endpoint = HERE,
     arm: ArmName = "arm1",
-    namespace: Namespace = "gpcorrect",
+    namespace: KeyRoot = "gpcorrect",
 ) -> None:
     """Go to a joint position, within the speed limits, and wait until the robot is there.
 
@@ -103,20 +97,21 @@ def goto(
 
 @robot_app.command()
 def random(
-    limits: Annotated[str, typer.Option(help="LOW:HIGH of joints 1, 2 (deg) and 3 (mm).")] = "20:60,55:110,330:420",
-    speed: Annotated[str, typer.Option(help="Speed limits of joints 1, 2 (deg/s) and 3 (mm/s).")] = "5,5,20",
+    limits: Limits = BLOCK,
+    speed: Speed = FASTEST,
     seconds: Annotated[float, typer.Option(help="How long.", min=1)] = 60.0,
     seed: Annotated[int, typer.Option(help="Seed of the motion.", min=0)] = 0,
     endpoint: Endpoint = HERE,
     arm: ArmName = "arm1",
-    namespace: Namespace = "gpcorrect",
+    namespace: KeyRoot = "gpcorrect",
 ) -> None:
     """Move the first three joints in random sinusoids; the others stay.
 
     Example: gpcorrect robot random --seconds 120 --seed 3
     """
-    fastest = np.array([DEGREE, DEGREE, 1e-3]) * np.array(numbers(speed, ",", 3, "speed limits"))
-    path = random_sinusoids(joint_limits(limits), fastest, seconds, 30.0, np.random.default_rng(seed))
+    from gpcorrect.joint import random_sinusoids
+
+    path = random_sinusoids(joint_limits(limits), speed_limits(speed), seconds, RATE_HZ, np.random.default_rng(seed))
     with _robot(endpoint, arm, namespace) as robot:
         robot.follow(path.time, _whole(path.q, robot.setpoint))
         out.print(f"moved for {path.duration:.0f} s")
@@ -127,16 +122,20 @@ def follow(
     trajectory: Annotated[Path, typer.Argument(help="Joint paths to drive, as `gpcorrect zigzag` writes them.")],
     endpoint: Endpoint = HERE,
     arm: ArmName = "arm1",
-    namespace: Namespace = "gpcorrect",
+    namespace: KeyRoot = "gpcorrect",
 ) -> None:
     """Drive recorded or planned joint paths, a trajectory after the other, and tell recorders which is which.
 
     Example: gpcorrect robot follow zigzag.csv
     """
+    from gpcorrect.logs import read_log
+
     log = read_log(trajectory)
+    if log.setpoint_jp is None:
+        raise DataError("the trajectory has no setpoint_jp.", hint="Make one: gpcorrect zigzag --output traj.csv")
     with _robot(endpoint, arm, namespace) as robot:
         for number, rows in log.trajectories():
-            robot.follow(log.time[rows], _whole(_setpoints(log)[rows], robot.setpoint), number)
+            robot.follow(log.time[rows], _whole(log.setpoint_jp[rows], robot.setpoint), number)
             out.print(f"trajectory {number}: {np.ptp(log.time[rows]):.0f} s")
 
 
@@ -155,16 +154,18 @@ def draw(
     frame: Annotated[str, typer.Option(help="Name of the frame that the poses are in.")] = "tracker",
     endpoint: Endpoint = HERE,
     arm: ArmName = "arm1",
-    namespace: Namespace = "gpcorrect",
+    namespace: KeyRoot = "gpcorrect",
 ) -> None:
     """Send desired poses on servo_cp, as a planner does: go to a circle and draw it.
 
     Example: gpcorrect robot draw --model model.gpc --rounds 10, with gpcorrect prefilter running
     """
-    T = _centre(model, centre)
-    path = circle(T, radius / 1e3, speed / 100, rounds)
+    from gpcorrect.planning import circle
+    from gpcorrect_service.crtk import Pose
+
+    path = circle(_centre(model, centre), radius / 1e3, speed / 100, rounds)
     with _robot(endpoint, arm, namespace) as robot:
-        robot.bus.publish("move_cp", _stamped(robot, path.poses[0], frame))
+        robot.bus.publish("move_cp", Pose(robot.time, tuple(path.poses[0].tolist()), frame))
         robot.rest()
         robot.follow_poses(path.times, path.poses, frame)
         out.print(f"{rounds:g} circles of {radius:g} mm in {path.duration:.0f} s")
@@ -172,10 +173,10 @@ def draw(
 
 @robot_app.command()
 def keys(
-    sliding: Annotated[str, typer.Option(help="Numbers of the sliding joints.")] = "3",
+    sliding: Sliding = "3",
     endpoint: Endpoint = HERE,
     arm: ArmName = "arm1",
-    namespace: Namespace = "gpcorrect",
+    namespace: KeyRoot = "gpcorrect",
 ) -> None:
     """Drive the joints from the keyboard.
 
@@ -197,9 +198,7 @@ def keys(
 
 @robot_app.command()
 def record(
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="Log to write: CSV or Parquet by its ending.", show_default=False)
-    ],
+    output: LogOutput,
     mcap: Annotated[
         Path | None, typer.Option(help="ROS 2 recording to write as well: a folder with an MCAP file.")
     ] = None,
@@ -208,18 +207,23 @@ def record(
     ] = None,
     endpoint: Endpoint = HERE,
     arm: ArmName = "arm1",
-    namespace: Namespace = "gpcorrect",
+    namespace: KeyRoot = "gpcorrect",
 ) -> None:
     """Record what the robot publishes: joints, poses, tracker, outside encoders.
 
     Example: gpcorrect robot record --seconds 60 --output run.parquet --mcap run_bag
     """
+    from gpcorrect.logs import write_log
     from gpcorrect_service.crtk.recorder import Recorder, write_mcap
 
     require_folder(output)
     with _robot(endpoint, arm, namespace) as robot:
         recorder = Recorder(robot.bus)
-        _wait(seconds)
+        err.print("recording" + (f" for {seconds:g} s" if seconds is not None else "") + "; stop with Ctrl-C")
+        try:
+            threading.Event().wait(seconds)
+        except KeyboardInterrupt:
+            err.print("stopped")
         recording = recorder.recording()
     log = recording.log()
     write_log(log, output)
@@ -231,7 +235,7 @@ def record(
 @robot_app.command()
 def extract(
     recording: Annotated[Path, typer.Argument(help="A recording: CSV, Parquet, bag, MCAP, C3D.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Log to write: CSV or Parquet.", show_default=False)],
+    output: LogOutput,
     signals: Annotated[
         str | None, typer.Option(help="Signals to keep, with commas; all without it.", show_default=False)
     ] = None,
@@ -245,6 +249,8 @@ def extract(
 
     Example: gpcorrect robot extract run_bag --signals measured_jp,setpoint_jp --begin 5 --every 10 -o part.csv
     """
+    from gpcorrect.logs import read_log, write_log
+
     require_folder(output)
     log = read_log(recording, columns=columns)
     kept = _chosen(log, signals)
@@ -269,6 +275,8 @@ def _robot(endpoint: str, arm: str, namespace: str) -> Robot:
 
 def _centre(model: Path | None, centre: tuple[float, ...] | None) -> FloatArray:
     """Return the pose (4, 4) that was given, or one in the middle of a model's training."""
+    from gpcorrect import artifact, se3
+
     if (model is None) == (centre is None):
         raise DataError("say where to draw.", hint="Either --model MODEL, or --centre X Y Z QW QX QY QZ.")
     if centre is not None:
@@ -278,12 +286,6 @@ def _centre(model: Path | None, centre: tuple[float, ...] | None) -> FloatArray:
     middle = np.median(queries[:, :3], axis=0)
     nearest = queries[np.argmin(np.linalg.norm(queries[:, :3] - middle, axis=1))]
     return se3.from_parts(nearest[:3], nearest[3:7])
-
-
-def _stamped(robot: Robot, pose: FloatArray, frame: str) -> Any:
-    from gpcorrect_service.crtk import Pose
-
-    return Pose(robot.time, tuple(pose.tolist()), frame)
 
 
 def _units(sliding: str, dof: int) -> FloatArray:
@@ -305,16 +307,10 @@ def _whole(q: FloatArray, here: FloatArray) -> FloatArray:
     return whole
 
 
-def _setpoints(log: CalibrationLog) -> FloatArray:
-    if log.setpoint_jp is None:
-        raise DataError("the trajectory has no setpoint_jp.", hint="Make one: gpcorrect zigzag --output traj.csv")
-    return log.setpoint_jp
-
-
 def _chosen(log: CalibrationLog, signals: str | None) -> CalibrationLog:
     if signals is None:
         return log
-    wanted = {name.strip() for name in signals.split(",") if name.strip()}
+    wanted = set(split_names(signals))
     unknown = wanted - set(log.signals)
     if unknown:
         raise DataError(
@@ -322,15 +318,6 @@ def _chosen(log: CalibrationLog, signals: str | None) -> CalibrationLog:
         )
     without: dict[str, Any] = dict.fromkeys(set(log.signals) - wanted)
     return replace(log, extra={}, **without)
-
-
-def _wait(seconds: float | None) -> None:
-    """Wait for so long, or until Ctrl-C."""
-    err.print("recording" + (f" for {seconds:g} s" if seconds is not None else "") + "; stop with Ctrl-C")
-    try:
-        threading.Event().wait(seconds)
-    except KeyboardInterrupt:
-        err.print("stopped")
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""`gpcorrect sim`: simulated arms that run live."""
+"""`gpcorrect simulate` and `sim serve`: recordings of simulated cable-driven arms, and arms that run live."""
 
 from __future__ import annotations
 
@@ -9,41 +9,104 @@ from pathlib import Path
 from types import FrameType
 from typing import Annotated
 
-import numpy as np
 import typer
 
-from gpcorrect.cli.console import err
+from gpcorrect.atomic import require_folder
+from gpcorrect.cli.console import err, out
+from gpcorrect.cli.options import ArmName, KeyRoot, LogOutput
 from gpcorrect.errors import DataError
-from gpcorrect.sim import machine_of, preset, read_model
-from gpcorrect.sim.live_robot import LiveRobot
 
-__all__ = ["HERE", "sim_app", "stop_signal"]
+__all__ = ["HERE", "RosDomain", "sim_app", "simulate", "stop_signal"]
 
 sim_app = typer.Typer(no_args_is_help=True, help="Simulated arms that run live.")
 
-HERE = "tcp/127.0.0.1:7448"
-LARGEST_RATE = 1000.0
+Machine = Annotated[
+    Path | None, typer.Option(help="Machine to simulate (TOML); a packaged one without it.", show_default=False)
+]
+RosDomain = Annotated[
+    int | None, typer.Option(help="Speak on rmw_zenoh's keys too, in this ROS_DOMAIN_ID.", show_default=False)
+]
+
+HERE = "tcp/127.0.0.1:7448"  # where a robot listens
+COUNTS = {"debridement": 303, "reaches": 40, "joints": 24}  # motions of a task; the paper had 303 reaches
+LARGEST_RATE = 1000.0  # Hz
 LONGEST_BLOCK = 20  # servo steps
+
+
+def simulate(
+    task: Annotated[
+        str | None,
+        typer.Argument(help="debridement (default), reaches, or joints (default with --model).", show_default=False),
+    ] = None,
+    output: LogOutput = Path("log.csv"),
+    model: Machine = None,
+    arm: Annotated[str, typer.Option(help="Arm of the packaged machine, for reaches.")] = "raven2_left",
+    reaches: Annotated[
+        int | None, typer.Option("--reaches", "--trajectories", help="How many motions.", show_default=False)
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="Length of each motion, for joints.")] = 20.0,
+    sessions: Annotated[int, typer.Option(help="Sessions, with a homing before each, for reaches and joints.")] = 1,
+    payload: Annotated[
+        list[float] | None, typer.Option(help="Payload in kg, in turn for reaches and joints. Repeatable.")
+    ] = None,
+    clean: Annotated[bool, typer.Option("--clean", help="A tracker without occlusions and outliers.")] = False,
+    position_only: Annotated[bool, typer.Option("--position-only", help="A tracker that sees positions only.")] = False,
+    seed: Annotated[int, typer.Option(help="Seed of motion, noise and faults.", min=0)] = 0,
+) -> None:
+    """Simulate a recording: what was commanded, reported, and seen by an outside tracker, faults included.
+
+    For example:
+
+    gpcorrect simulate debridement --output reaches.csv
+
+    gpcorrect simulate reaches --arm dvrk_psm --reaches 60 --output psm.parquet
+
+    gpcorrect simulate joints --model model.toml --seed 3 --output joints.csv
+    """
+    from gpcorrect.logs import write_log
+    from gpcorrect.sim import debridement_log, joint_motion_log, random_reaches_log, read_model
+
+    require_folder(output)
+    machine = None if model is None else read_model(model)
+    chosen = task or ("debridement" if machine is None else "joints")
+    if chosen not in COUNTS:
+        raise DataError(f"a task is one of {', '.join(COUNTS)}; got {chosen!r}.")
+    count = COUNTS[chosen] if reaches is None else reaches
+    if chosen == "debridement":
+        log = debridement_log(seed, reaches=count, faults=not clean, position_only=position_only, model=machine)
+    elif chosen == "reaches":
+        log = random_reaches_log(
+            arm,
+            count,
+            seed,
+            sessions=sessions,
+            payloads=payload or (),
+            position_only=position_only,
+            faults=not clean,
+            model=machine,
+        )
+    elif machine is None:
+        raise DataError("joint motion needs to know the machine.", hint="Give it: --model model.toml")
+    else:
+        log = joint_motion_log(machine, count, seconds, seed, sessions=sessions, payloads=payload or ())
+    write_log(log, output)
+    out.print(f"{len(log)} samples, {len(log.trajectory_ids)} trajectories: {', '.join(log.signals)} -> {output}")
 
 
 @sim_app.command()
 def serve(
-    model: Annotated[
-        Path | None, typer.Option(help="Machine to simulate (TOML); a packaged one without it.", show_default=False)
-    ] = None,
+    model: Machine = None,
     machine: Annotated[str, typer.Option(help="Packaged machine.")] = "raven2_debridement",
-    arm: Annotated[str, typer.Option(help="CRTK name of the arm: the second part of every key.")] = "arm1",
+    arm: ArmName = "arm1",
     endpoint: Annotated[str, typer.Option(help="Address to listen on.")] = HERE,
-    namespace: Annotated[str, typer.Option(help="First part of every key.")] = "gpcorrect",
+    namespace: KeyRoot = "gpcorrect",
     rate: Annotated[float, typer.Option(help="State messages a second, up to 1000.")] = 100.0,
     time_scale: Annotated[float, typer.Option(help="How many times faster than a real arm it lives.")] = 1.0,
     corrected: Annotated[
         bool, typer.Option("--corrected", help="Take poses from the pre-filter only: gpcorrect prefilter.")
     ] = False,
     ready: Annotated[bool, typer.Option("--ready", help="Start ENABLED and homed.")] = False,
-    ros_domain: Annotated[
-        int | None, typer.Option(help="Speak on rmw_zenoh's keys too, in this ROS_DOMAIN_ID.", show_default=False)
-    ] = None,
+    ros_domain: RosDomain = None,
     allow_remote: Annotated[
         bool, typer.Option("--allow-remote", help="Listen on an address that other machines can reach.")
     ] = False,
@@ -60,6 +123,10 @@ def serve(
 
     gpcorrect sim serve --ready --ros-domain 0
     """
+    import numpy as np
+
+    from gpcorrect.sim import machine_of, preset, read_model
+    from gpcorrect.sim.live_robot import LiveRobot
     from gpcorrect_service.crtk import ArmServer, ArmServerSettings, Bus, BusSettings  # zenoh is an extra
 
     if not 1.0 <= rate <= LARGEST_RATE or not time_scale > 0:

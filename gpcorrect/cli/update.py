@@ -1,42 +1,43 @@
-"""`gpcorrect update`: new observations into a model, without a new fit."""
+"""`gpcorrect update`, `drift` and `explore`: the life of a model in use."""
 
 from __future__ import annotations
 
+import csv
+import io
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpcorrect import artifact
-from gpcorrect.adaptation import Update
-from gpcorrect.adaptation import update as update_model
-from gpcorrect.atomic import require_folder
-from gpcorrect.cli.console import err, out, print_json, progress_bar, show_errors
-from gpcorrect.cli.options import Arm, AsIs, Columns, Disordered, Json, Logs, Namespace, Tracker, read_logs
-from gpcorrect.corrector import on_one_clock
+from gpcorrect.atomic import atomic_path, require_folder
+from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors
+from gpcorrect.cli.options import Columns, Json, Logs, ModelFile, Reading, takes_reading
+from gpcorrect.errors import DataError
 
-__all__ = ["update"]
+if TYPE_CHECKING:
+    from gpcorrect.adaptation import Ageing, Detection, Proposal, Update
+    from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
-NOT_WRITTEN = 1
-UNSEEN = 0.2  # share of prior variance that points cannot see, from which a new fit is advised
+__all__ = ["drift", "explore", "update"]
+
+NOT_WRITTEN = 1  # exit status
+UNSEEN = 0.2  # fraction of prior variance that points cannot see, from which a new fit is advised; chosen by hand
+POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
+@takes_reading
 def update(
-    model: Annotated[Path, typer.Argument(help="Model file that `gpcorrect fit` wrote.", show_default=False)],
+    model: ModelFile,
     logs: Logs,
+    reading: Reading,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Model file to write; by default MODEL is replaced.", show_default=False),
     ] = None,
-    columns: Columns = None,
-    time_offset: Annotated[str, typer.Option(help="Tracker's clock, as for fit: auto, none, or seconds.")] = "auto",
     holdout: Annotated[float, typer.Option(help="Share of the new trajectories to measure on; 0 for none.")] = 0.2,
     force: Annotated[bool, typer.Option("--force", help="Write also where the held-out error grew.")] = False,
-    as_is: AsIs = False,
-    drop_disordered: Disordered = False,
-    namespace: Namespace = None,
-    tracker_topic: Tracker = None,
-    arm: Arm = None,
     json: Json = False,
 ) -> None:
     """Add the observations of new recordings to a model; its size and the time of a query stay.
@@ -50,59 +51,265 @@ def update(
 
     gpcorrect update model.gpc tuesday.csv --output tuesday.gpc --json
     """
+    from gpcorrect import artifact
+    from gpcorrect.adaptation import update as update_model
+    from gpcorrect.corrector import on_one_clock
+
     target = output or model
     require_folder(target)
     corrector = artifact.load(model)
-    log = read_logs(
-        logs,
-        columns,
-        as_is=as_is,
-        drop_disordered=drop_disordered,
-        namespace=namespace,
-        tracker_topic=tracker_topic,
-        arm=arm,
-    )
-    log, _ = on_one_clock(log, time_offset)
+    log, _ = on_one_clock(reading.log(logs), reading.clock_left)
     with progress_bar(quiet=json) as progress:
         found = update_model(corrector, log, holdout=holdout, progress=progress)
     written = force or not found.worse
     if written:
         artifact.save(found.corrector, target)
     if json:
-        print_json(_result(found, target if written else None))
+        print_json(
+            {
+                "n_added": found.n_added,
+                "keep": found.keep,
+                "unseen": found.unseen,
+                "before": found.before.to_dict() if found.before else None,
+                "after": found.after.to_dict() if found.after else None,
+                "worse": list(found.worse),
+                "output": str(target) if written else None,
+            }
+        )
     else:
-        _show(found, target, written=written)
+        _show_update(found, target, written=written)
     if not written:
         raise typer.Exit(NOT_WRITTEN)
 
 
-def _result(found: Update, written: Path | None) -> dict[str, Any]:
-    return {
-        "n_added": found.n_added,
-        "keep": found.keep,
-        "unseen": found.unseen,
-        "before": found.before.to_dict() if found.before else None,
-        "after": found.after.to_dict() if found.after else None,
-        "worse": list(found.worse),
-        "output": None if written is None else str(written),
-    }
-
-
-def _show(found: Update, target: Path, *, written: bool) -> None:
+def _show_update(found: Update, target: Path, *, written: bool) -> None:
     if found.before is not None and found.after is not None:
         for name, evaluation in (("before the update", found.before), ("after it", found.after)):
             errors = evaluation.clean.errors()
             show_errors(f"Held-out new trajectories, {name}", {"corrected": errors["corrected"]})
-        shares = [100 * e.to_dict()["coverage95"] for e in (found.before, found.after)]
-        out.print(f"95 % intervals cover {shares[0]:.1f} % before and {shares[1]:.1f} % after")
+        covered = [100 * e.to_dict()["coverage95"] for e in (found.before, found.after)]
+        out.print(f"95 % intervals cover {covered[0]:.1f} % before and {covered[1]:.1f} % after")
     else:
-        err.print("[yellow]note:[/] nothing was held out, so nothing is known of the updated model's error")
+        note("nothing was held out, so nothing is known of the updated model's error")
     out.print(f"{found.n_added} samples added; the old data kept {100 * found.keep:.0f} % of their weight")
     if found.unseen > UNSEEN:
-        err.print(
-            f"[yellow]note:[/] the model's points cannot see {100 * found.unseen:.0f} % of the new motion: "
+        note(
+            f"the model's points cannot see {100 * found.unseen:.0f} % of the new motion: "
             "fit anew to old and new recordings to learn there"
         )
     if found.worse:
         err.print(f"[yellow]worse:[/] the held-out error grew in {' and '.join(found.worse)}")
     out.print(f"model: {target}" if written else "nothing was written; write all the same with --force")
+
+
+@takes_reading
+def drift(
+    model: Annotated[
+        Path, typer.Argument(help="Model file that `gpcorrect fit` or `gpcorrect joint fit` wrote.", show_default=False)
+    ],
+    logs: Logs,
+    reading: Reading,
+    age: Annotated[
+        list[float] | None,
+        typer.Option(help="Days from the fit to each log, one a log. By default: recorded hours so far."),
+    ] = None,
+    false_alarms: Annotated[float, typer.Option(help="Mean trajectories between false alarms, at least.")] = 1000.0,
+    worn_out: Annotated[float, typer.Option(help="Worn out: errors this many times those at the fit.")] = 2.0,
+    plot: Annotated[Path | None, typer.Option(help="Figure to write (PNG).", show_default=False)] = None,
+    seed: Annotated[int, typer.Option(help="Seed of tie-breaking and bootstrap.")] = 0,
+    json: Json = False,
+) -> None:
+    """Tell from recordings, oldest first, whether a model has aged, and estimate its remaining useful time.
+
+    Models of joints are watched in pieces of 20 s, as their recordings are often one long motion.
+
+    Examples
+    --------
+    gpcorrect drift model.gpc monday.csv tuesday.csv wednesday.csv --plot drift.png
+
+    gpcorrect drift model.gpc week1.csv week2.csv --age 7 --age 14 --json
+    """
+    import numpy as np
+
+    from gpcorrect.adaptation import detect, estimate_ageing
+
+    if plot is not None:
+        require_folder(plot)
+    if age is not None and len(age) != len(logs):
+        raise DataError(f"give one --age a log: {len(logs)} logs, {len(age)} ages.", hint="In the order of the logs.")
+    baseline, scores_of = _monitored(model)
+    parts, ages, recorded = [], [], 0.0
+    for i, path in enumerate(logs):
+        log = reading.log([path])
+        parts.append(scores_of(log, reading.clock_left))
+        recorded += sum(float(np.ptp(log.time[rows])) for _, rows in log.trajectories()) / 3600
+        ages.append(recorded if age is None else age[i])
+    scores = np.concatenate(parts)
+    if scores.size == 0:
+        raise DataError("no trajectory lies in the model's training region: nothing can be said of its age.")
+    rng = np.random.default_rng(seed)
+    found = detect(baseline, scores, false_alarms, rng)
+    counts = [len(part) for part in parts]
+    where = np.repeat(np.arange(len(logs)), counts)
+    ageing = estimate_ageing(baseline, scores, np.repeat(ages, counts), where, worn_out, rng)
+    unit = "hours recorded" if age is None else "days"
+    if plot is not None:
+        from gpcorrect import plots  # the figures' library is an extra
+
+        with atomic_path(plot) as temporary:
+            names = [path.name for path in logs]
+            temporary.write_bytes(plots.png(plots.drift_history(baseline, found, ageing, where, names)))
+    if json:
+        print_json(_drift_dict(found, ageing, unit, where, logs))
+    else:
+        _show_drift(found, ageing, unit, where, logs)
+
+
+def _monitored(path: Path) -> tuple[FloatArray, Callable[[CalibrationLog, str], FloatArray]]:
+    """Return the scores of a model's left-out training data, and how a log on a clock is scored."""
+    import numpy as np
+
+    from gpcorrect import artifact
+    from gpcorrect.adaptation import trajectory_scores
+    from gpcorrect.corrector import log_samples, on_one_clock
+    from gpcorrect.joint_artifact import is_joint_model, load_joint
+    from gpcorrect.joint_corrector import joints_on_one_clock, piece_scores
+
+    if is_joint_model(path):
+        joints = load_joint(path)
+
+        def joint_scores(log: CalibrationLog, clock: str) -> FloatArray:
+            data = joints.data(joints_on_one_clock(log, clock, joints.input_signal), needs_truth=True)
+            return piece_scores(joints, data, np.flatnonzero(data.usable))
+
+        return _baseline(joints.summary), joint_scores
+    poses = artifact.load(path)
+
+    def pose_scores(log: CalibrationLog, clock: str) -> FloatArray:
+        log, _ = on_one_clock(log, clock)
+        return trajectory_scores(poses, log_samples(poses, log, poses.clean_afresh(log).keep))
+
+    return _baseline(poses.summary), pose_scores
+
+
+def _baseline(summary: Mapping[str, Any]) -> FloatArray:
+    import numpy as np
+
+    scores = summary.get("baseline")
+    if not scores:
+        raise DataError("this model file does not hold the errors at its fit.", hint="Fit it again with this version.")
+    return np.asarray(scores, dtype=np.float64)
+
+
+def _drift_dict(found: Detection, ageing: Ageing, unit: str, where: IntArray, logs: list[Path]) -> dict[str, Any]:
+    return {
+        "alarm": found.alarm is not None,
+        "alarm_log": None if found.alarm is None else str(logs[int(where[found.alarm])]),
+        "alarm_trajectory": found.alarm,
+        "evidence": found.evidence.tolist(),
+        "threshold": found.threshold,
+        "scores": found.scores.tolist(),
+        "ageing": ageing.ageing,
+        "unit": unit,
+        "slope": ageing.slope,
+        "slope95": list(ageing.slope95),
+        "remaining": ageing.remaining,
+        "remaining95": None if ageing.remaining95 is None else list(ageing.remaining95),
+    }
+
+
+def _show_drift(found: Detection, ageing: Ageing, unit: str, where: IntArray, logs: list[Path]) -> None:
+    for i, path in enumerate(logs):
+        own = found.scores[where == i]
+        size = f"score {own.mean():.2f}" if own.size else "outside the training region"
+        out.print(f"{path}: {own.size} trajectories, {size}")
+    if found.alarm is None:
+        out.print(f"no alarm: evidence of drift reached {found.evidence.max():.3g} of {found.threshold:g}")
+    else:
+        out.print(
+            f"[bold red]drift:[/] alarm at trajectory {found.alarm + 1} of {len(found.scores)}, in "
+            f"{logs[int(where[found.alarm])]}; a false one comes at most once in {found.threshold:g} on average"
+        )
+    if ageing.remaining is None or ageing.remaining95 is None:
+        out.print("not ageing: errors do not grow with time beyond chance, so no end is in sight")
+    elif ageing.remaining == 0:
+        out.print(f"worn out already: the score is {ageing.level:.3g}, the limit {ageing.limit:.3g}")
+    else:
+        low, high = ageing.remaining95
+        until = f"{high:.3g}" if high < float("inf") else "no end in sight"
+        out.print(f"ageing: worn out in about {ageing.remaining:.3g} {unit} (95 %: {low:.3g} to {until})")
+
+
+def explore(
+    model: ModelFile,
+    n: Annotated[int, typer.Option(help="Number of observations to propose.")] = 20,
+    task: Annotated[
+        Path | None,
+        typer.Option(help="Recording that shows the task region; the training region by default.", show_default=False),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="CSV file to write.", show_default=False)
+    ] = None,
+    columns: Columns = None,
+    seed: Annotated[int, typer.Option(help="Seed of the candidates.")] = 0,
+    json: Json = False,
+) -> None:
+    """Propose the poses and velocities that reduce the uncertainty in the task region most, best first.
+
+    Poses are in the frame that the model is asked in: m, wxyz, m/s, rad/s. Whether the arm can reach them safely is
+    for you to check.
+
+    Examples
+    --------
+    gpcorrect explore model.gpc --n 20 --output next.csv
+
+    gpcorrect explore model.gpc --task suturing.csv --json
+    """
+    import numpy as np
+
+    from gpcorrect import artifact
+    from gpcorrect.adaptation import explore as propose
+    from gpcorrect.corrector import log_samples
+    from gpcorrect.logs import read_log
+
+    if output is not None:
+        require_folder(output)
+    corrector = artifact.load(model)
+    region = None
+    if task is not None:
+        log = read_log(task, columns=columns)
+        region = log_samples(corrector, log, corrector.clean_afresh(log).keep).X
+    found = propose(corrector, n, np.random.default_rng(seed), region)
+    rows = _proposals(found)
+    table = _csv(rows)
+    if output is not None:
+        with atomic_path(output) as path:
+            path.write_text(table)
+    if json:
+        print_json({"proposals": rows})
+        return
+    if output is None:
+        typer.echo(table, nl=False)
+    else:
+        out.print(f"{len(rows)} proposals: {output}")
+    err.print(f"uncertainty left in the task region after all of them: {100 * found.remaining[-1]:.1f} % of today's")
+
+
+def _proposals(found: Proposal) -> list[dict[str, float]]:
+    rows = []
+    for i, position in enumerate(found.positions):
+        row = dict(zip(POSE, position.tolist(), strict=False))
+        if found.quaternions is not None:
+            row |= dict(zip(POSE[3:], found.quaternions[i].tolist(), strict=True))
+        if found.twists is not None:
+            row |= dict(zip(TWIST, found.twists[i].tolist(), strict=False))
+        rows.append({**row, "remaining": float(found.remaining[i])})
+    return rows
+
+
+def _csv(rows: list[dict[str, float]]) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: f"{value:.9g}" for name, value in row.items()} for row in rows)
+    return text.getvalue()

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
-from gpcorrect.cli.console import out, print_json
+from gpcorrect.cli.console import out, plain_table, print_json
 from gpcorrect.cli.options import Arm, Columns, Json, Namespace, Tracker, TrackerLog, seconds_ahead
-from gpcorrect.logs import ValidationReport, read_log, validate_log, with_tracker
-from gpcorrect.uses import Use, with_uses
+
+if TYPE_CHECKING:
+    from gpcorrect.logs import ValidationReport
+    from gpcorrect.uses import Use
 
 __all__ = ["validate"]
 
@@ -41,6 +42,9 @@ def validate(
 
     gpcorrect validate robot.csv --tracker-log "Take 2026-11-21.csv"
     """
+    from gpcorrect.logs import read_log, validate_log, with_tracker
+    from gpcorrect.uses import with_uses
+
     recording = read_log(
         log, columns=columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm, disorder="keep"
     )
@@ -58,7 +62,14 @@ def validate(
 def _show(report: ValidationReport, uses: tuple[Use, ...]) -> None:
     facts = report.facts
     out.print(f"{facts['name']}: {_recording(facts)}")
-    out.print(_signals(facts["signals"]))
+    table = plain_table("signal", "missing", "range")
+    table.columns[-1].justify = "left"
+    for name, signal in facts["signals"].items():
+        spans = zip(signal["min"] or (), signal["max"] or (), strict=True)
+        ranges = "  ".join(f"{low:.3g}..{high:.3g}" for low, high in spans)
+        turned = " + orientation" if signal["orientation"] else ""
+        table.add_row(name, f"{100 * signal['missing']:.2g} %", ranges + turned)
+    out.print(table)
     for remark in facts["remarks"]:
         out.print(f"[dim]read    [/] {remark}")
     for finding in report.findings:
@@ -83,15 +94,3 @@ def _recording(facts: Mapping[str, Any]) -> str:
     known = f", {machine}" if machine else ""
     motions = "1 trajectory" if count == 1 else f"{count} trajectories"
     return f"{facts['samples']} samples, {motions}, {facts['seconds']:.1f} s{rate}{known}"
-
-
-def _signals(signals: Mapping[str, Any]) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for column in ("signal", "missing", "range"):
-        table.add_column(column, justify="right" if column == "missing" else "left")
-    for name, signal in signals.items():
-        spans = zip(signal["min"] or (), signal["max"] or (), strict=True)
-        ranges = "  ".join(f"{low:.3g}..{high:.3g}" for low, high in spans)
-        turned = " + orientation" if signal["orientation"] else ""
-        table.add_row(name, f"{100 * signal['missing']:.2g} %", ranges + turned)
-    return table

@@ -9,13 +9,11 @@ from cli_support import CommandLine, assert_refused, written
 from support import small_log
 
 from gpcorrect import artifact
-from gpcorrect.corrector import CommandCorrector
 
 
 @pytest.fixture
-def model(small_corrector: CommandCorrector, tmp_path: Path) -> Path:
-    artifact.save(small_corrector, tmp_path / "model.gpc")
-    return tmp_path / "model.gpc"
+def model(small_model: Path) -> Path:
+    return small_model
 
 
 @pytest.fixture

@@ -60,7 +60,7 @@ def test_a_byte_order_mark_changes_nothing(gpcorrect: CommandLine, log_file: Pat
 
 def test_rows_of_nan_are_dropped_and_counted(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Missing observations do not stop a fit; they are counted as dropped."""
-    log = small_log()
+    log = small_log(trajectories=6, samples=40)
     assert log.tracker_cp is not None
     positions = log.tracker_cp.position.copy()
     positions[100:110] = np.nan
@@ -74,7 +74,7 @@ def test_one_trajectory_cannot_be_held_out(gpcorrect: CommandLine, tmp_path: Pat
     path = written(small_log(trajectories=1, samples=200), tmp_path / "one.csv")
     assert_refused(gpcorrect("fit", path, "--output", tmp_path / "m.gpc"), "one trajectory", "--holdout 0")
     assert not (tmp_path / "m.gpc").exists()
-    assert gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--holdout", 0).code == 0
+    assert gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--holdout", 0, "--no-clean").code == 0
 
 
 def test_collinear_positions_are_refused(gpcorrect: CommandLine, tmp_path: Path) -> None:
@@ -135,7 +135,7 @@ def test_no_model_is_learned_from_a_recording_that_was_misread(
 
 def test_a_recording_can_be_taken_as_it_is(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Whoever knows better than the guess of a unit can say so."""
-    path = written(scaled(small_log(), [1, 1, -1]), tmp_path / "mirrored.csv")
+    path = written(scaled(small_log(trajectories=6, samples=40), [1, 1, -1]), tmp_path / "mirrored.csv")
     assert gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--as-is").code == 0
 
 

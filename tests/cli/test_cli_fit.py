@@ -8,20 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import CommandLine, written
+from cli_support import CommandLine, Fitted, written
 from support import real_data, small_log
 
 from gpcorrect.artifact import load
 from gpcorrect.types import PoseSignal
 
-POSE = ("--pose", 0.1, 0.0, -0.1, 1, 0, 0, 0)
 
-
-def test_fit_corrects_held_out_trajectories_and_says_so_in_json(
-    gpcorrect: CommandLine, log_file: Path, tmp_path: Path
-) -> None:
-    """The fields that other programs rely on are there, and the corrected error is far below the raw one."""
-    result = gpcorrect("fit", log_file, "--output", tmp_path / "m.gpc", "--json").json
+def test_fit_corrects_held_out_trajectories_and_says_so_in_json(fitted: Fitted) -> None:
+    """The fields that other programs rely on are there, and the corrected error is less than a tenth of the raw one."""
+    result = fitted.json
     assert {"n_train", "n_test", "dropped", "seconds", "errors", "errors_dirty", "coverage95"} <= set(result)
     raw, corrected = (result["errors"][m]["position_mm"]["norm"]["mean"] for m in ("raw", "corrected"))
     assert set(result["errors"]["raw"]["rotation_deg"]) == {"x", "y", "z", "norm"}
@@ -30,39 +26,33 @@ def test_fit_corrects_held_out_trajectories_and_says_so_in_json(
     assert result["n_train"] + result["n_test"] + sum(result["dropped"].values()) == 960
 
 
-def test_evaluate_repeats_what_fit_measured(gpcorrect: CommandLine, tmp_path: Path) -> None:
+def test_evaluate_repeats_what_fit_measured(gpcorrect: CommandLine, fitted: Fitted, tmp_path: Path) -> None:
     """A saved model measured on the held-out trajectories gives the errors that fit printed."""
     log = small_log()
-    fitted = gpcorrect(
-        "fit", written(log, tmp_path / "all.csv"), "--output", tmp_path / "m.gpc", "--time-offset", "none", "--json"
-    ).json
     last = written(log.select(log.trajectory >= 13), tmp_path / "last.csv")
-    again = gpcorrect("evaluate", tmp_path / "m.gpc", last, "--time-offset", "none", "--json").json
+    again = gpcorrect("evaluate", fitted.model, last, "--time-offset", "none", "--json").json
     assert again["errors"]["corrected"]["position_mm"]["norm"]["rmse"] == pytest.approx(
-        fitted["errors"]["corrected"]["position_mm"]["norm"]["rmse"], rel=1e-9
+        fitted.json["errors"]["corrected"]["position_mm"]["norm"]["rmse"], rel=1e-9
     )
 
 
-def test_the_same_seed_gives_the_same_model(gpcorrect: CommandLine, log_file: Path, tmp_path: Path) -> None:
+def test_the_same_seed_gives_the_same_model(gpcorrect: CommandLine, fitted: Fitted, tmp_path: Path) -> None:
     """Two fits of one log agree in every figure but the seconds."""
-    first, second = (gpcorrect("fit", log_file, "--output", tmp_path / f"{i}.gpc", "--json").json for i in (1, 2))
-    assert first["errors"] == second["errors"]
-    assert first["dropped"] == second["dropped"]
+    again = gpcorrect("fit", fitted.log, "--output", tmp_path / "m.gpc", "--time-offset", "none", "--json").json
+    assert again["errors"] == fitted.json["errors"]
+    assert again["dropped"] == fitted.json["dropped"]
 
 
-def test_the_model_says_by_how_much_the_tracker_was_shifted(
-    gpcorrect: CommandLine, log_file: Path, tmp_path: Path
-) -> None:
+def test_the_model_says_by_how_much_the_tracker_was_shifted(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """The shift of the tracker's clock that was applied stands in the figures of the fit and in the model file."""
-    model = tmp_path / "m.gpc"
-    result = gpcorrect("fit", log_file, "--output", model, "--time-offset", 0.02, "--json").json
+    log, model = written(small_log(trajectories=6, samples=40), tmp_path / "log.csv"), tmp_path / "m.gpc"
+    result = gpcorrect("fit", log, "--output", model, "--time-offset", 0.02, "--no-clean", "--json").json
     assert result["model"]["fit"]["tracker_shift"] == 0.02
     assert load(model).info()["fit"]["tracker_shift"] == 0.02
 
 
-def test_correct_asks_the_model_file(gpcorrect: CommandLine, log_file: Path, tmp_path: Path) -> None:
-    """The command for a desired pose lies where the planted miss says, within its interval."""
-    gpcorrect("fit", log_file, "--output", tmp_path / "m.gpc")
+def test_correct_asks_the_model_file(gpcorrect: CommandLine, fitted: Fitted) -> None:
+    """The command for a desired pose lies within a millimetre of where the planted miss says."""
     log = small_log(noise=0.0)
     assert log.tracker_cp is not None
     assert log.tracker_cp.quaternion is not None
@@ -70,16 +60,15 @@ def test_correct_asks_the_model_file(gpcorrect: CommandLine, log_file: Path, tmp
     row = 30
     velocity = (log.tracker_cp.position[row + 1] - log.tracker_cp.position[row - 1]) / 0.04
     pose = [*log.tracker_cp.position[row], *log.tracker_cp.quaternion[row]]
-    answer = gpcorrect("correct", tmp_path / "m.gpc", "--pose", *pose, "--twist", *velocity, 0, 0, 0, "--json").json
+    answer = gpcorrect("correct", fitted.model, "--pose", *pose, "--twist", *velocity, 0, 0, 0, "--json").json
     assert np.linalg.norm(np.array(answer["position"]) - log.setpoint_cp.position[row]) < 1e-3
     assert answer["status"] == "OK"
     assert answer["in_domain"]
 
 
-def test_far_outside_is_said_to_be_outside(gpcorrect: CommandLine, log_file: Path, tmp_path: Path) -> None:
+def test_far_outside_is_said_to_be_outside(gpcorrect: CommandLine, fitted: Fitted) -> None:
     """A pose half a metre away is answered, and flagged as extrapolation."""
-    gpcorrect("fit", log_file, "--output", tmp_path / "m.gpc")
-    answer = gpcorrect("correct", tmp_path / "m.gpc", "--pose", 0.6, 0, -0.1, 1, 0, 0, 0, "--json").json
+    answer = gpcorrect("correct", fitted.model, "--pose", 0.6, 0, -0.1, 1, 0, 0, 0, "--json").json
     assert not answer["in_domain"]
     assert answer["status"] == "EXTRAPOLATING"
     assert "outside the training region" in answer["reason"]
@@ -87,7 +76,7 @@ def test_far_outside_is_said_to_be_outside(gpcorrect: CommandLine, log_file: Pat
 
 def test_a_position_only_log_gives_position_errors_only(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Without a tracker's orientation no rotation error is invented, and the fit says what it leaves alone."""
-    log = small_log()
+    log = small_log(trajectories=6, samples=40)
     assert log.tracker_cp is not None
     bare = written(replace(log, tracker_cp=PoseSignal(log.tracker_cp.position)), tmp_path / "bare.csv")
     done = gpcorrect("fit", bare, "--output", tmp_path / "m.gpc", "--json").json
@@ -98,7 +87,7 @@ def test_a_position_only_log_gives_position_errors_only(gpcorrect: CommandLine, 
 
 def test_report_and_dropped_samples_are_written(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """A block dropped by hand is listed sample by sample, and the page is whole and needs no other file."""
-    log = written(small_log(), tmp_path / "log.csv")
+    log = written(small_log(trajectories=6, samples=40), tmp_path / "log.csv")
     gpcorrect("fit", log, "--output", tmp_path / "m.gpc", "--drop", "1:10.1:10.3", "--report", tmp_path / "report")
     page = (tmp_path / "report" / "report.html").read_text()
     assert page.count("data:image/png;base64,") >= 6
