@@ -60,18 +60,18 @@ COMMANDS = {
         "Serve models until stopped with Ctrl-C or SIGTERM: keys correct, correct_path, correct_joints, "
         "estimate, health.",
     ),
-    "query": ("gpcorrect.cli.query:query_app", "Ask a running service."),
+    "query": ("gpcorrect.cli.correct:query_app", "Ask a running service."),
     "models": (
         "gpcorrect.cli.models:models_app",
         "A folder of models: list, add, compare, activate, go back. With --endpoint the running servers do it.",
     ),
     "monitor": (
-        "gpcorrect.cli.monitor:monitor",
+        "gpcorrect.cli.serve:monitor",
         "Serve a page that shows every arm of a namespace: poses, correction, interval, domain, latency, "
         "drift, servers.",
     ),
     "prefilter": (
-        "gpcorrect.cli.prefilter:prefilter",
+        "gpcorrect.cli.serve:prefilter",
         "Correct a stream of desired poses before the robot sees them, until Ctrl-C or SIGTERM.",
     ),
     "robot": ("gpcorrect.cli.robot:robot_app", "Drive and record a robot that speaks CRTK over zenoh."),

@@ -1,20 +1,24 @@
-"""`gpcorrect correct`: ask a model file, without a service."""
+"""`gpcorrect correct` and `query`: ask a model file, or a running service."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
-import numpy as np
 import typer
 
-from gpcorrect import artifact
 from gpcorrect.cli.console import out, print_json
-from gpcorrect.cli.options import Json
+from gpcorrect.cli.options import SERVICE, ArmName, Config, Endpoint, Json, KeyRoot, ModelFile, one_of
 from gpcorrect.errors import DataError
-from gpcorrect.types import FloatArray
 
-__all__ = ["Pose", "Position", "Twist", "correct", "correction_dict", "seven_or_three", "show_correction"]
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from gpcorrect.types import FloatArray
+    from gpcorrect_service import CorrectionClient
+
+__all__ = ["correct", "query_app"]
+
+query_app = typer.Typer(help="Ask a running service.", no_args_is_help=True)
 
 Pose = Annotated[
     tuple[float, float, float, float, float, float, float] | None,
@@ -28,6 +32,7 @@ Twist = Annotated[
     tuple[float, float, float, float, float, float] | None,
     typer.Option(help="Desired velocity: vx vy vz in m/s, then wx wy wz in rad/s.", show_default=False),
 ]
+Timeout = Annotated[float, typer.Option(help="Seconds to wait for an answer, the retry included.")]
 
 
 class Answer(Protocol):
@@ -50,7 +55,7 @@ class Answer(Protocol):
 
 
 def correct(
-    model: Annotated[Path, typer.Argument(help="Model file that `gpcorrect fit` wrote.", show_default=False)],
+    model: ModelFile,
     pose: Pose = None,
     position: Position = None,
     twist: Twist = None,
@@ -60,15 +65,107 @@ def correct(
 
     Example: gpcorrect correct model.gpc --pose 0.1 0.02 -0.11 1 0 0 0 --twist 0.05 0 0 0 0 0
     """
-    corrector = artifact.load(model)
-    answer = corrector.correct(seven_or_three(pose, position), twist)
+    from gpcorrect import artifact
+
+    answer = artifact.load(model).correct(_desired(pose, position), twist)
     if json:
-        print_json(correction_dict(answer))
+        print_json(_answer_dict(answer))
     else:
-        show_correction(answer)
+        _show_answer(answer)
 
 
-def correction_dict(answer: Answer) -> dict[str, Any]:
+@query_app.command("correct")
+def query_correct(
+    pose: Pose = None,
+    position: Position = None,
+    twist: Twist = None,
+    endpoint: Endpoint = SERVICE,
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
+    encoding: Annotated[str, typer.Option(help="json or msgpack.")] = "msgpack",
+    timeout: Timeout = 0.5,
+    config: Config = None,
+    json: Json = False,
+) -> None:
+    """Ask what to command instead of a desired pose.
+
+    Example: gpcorrect query correct --pose 0.1 0.02 -0.11 1 0 0 0 --twist 0.05 0 0 0 0 0
+    """
+    with _client(endpoint, arm, namespace, timeout, config, encoding) as client:
+        reply = client.correct(_desired(pose, position), twist)
+    if json:
+        print_json({**_answer_dict(reply), "provenance": _plain(reply.meta)})
+        return
+    _show_answer(reply)
+    origin = reply.meta
+    out.print(f"model    {origin.model_id} {origin.model_hash[:12]}, served by {origin.replica}")
+
+
+@query_app.command()
+def model(
+    endpoint: Endpoint = SERVICE,
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
+    timeout: Timeout = 0.5,
+    config: Config = None,
+) -> None:
+    """Print which model is served: id, hash, frames, features, fit report (JSON)."""
+    with _client(endpoint, arm, namespace, timeout, config) as client:
+        print_json(_plain(client.model()))
+
+
+@query_app.command()
+def health(
+    endpoint: Endpoint = SERVICE,
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
+    timeout: Timeout = 0.5,
+    config: Config = None,
+) -> None:
+    """Print the state of the service (JSON)."""
+    with _client(endpoint, arm, namespace, timeout, config) as client:
+        print_json(_plain(client.health()))
+
+
+@query_app.command()
+def metrics(
+    endpoint: Endpoint = SERVICE,
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
+    timeout: Timeout = 0.5,
+    config: Config = None,
+) -> None:
+    """Print the numbers of the service (OpenMetrics text)."""
+    with _client(endpoint, arm, namespace, timeout, config) as client:
+        typer.echo(client.metrics(), nl=False)
+
+
+def _client(
+    endpoint: str, arm: str, namespace: str, timeout: float, config: Path | None, encoding: str = "msgpack"
+) -> CorrectionClient:
+    from gpcorrect_service import CorrectionClient  # zenoh is an extra; other commands work without it
+
+    chosen = one_of(encoding, ("json", "msgpack"), "the encoding")
+    return CorrectionClient(endpoint, arm, namespace, chosen, timeout, config_file=config)
+
+
+def _plain(answer: Any) -> Any:
+    import msgspec  # comes with the same extra as zenoh
+
+    return msgspec.to_builtins(answer)
+
+
+def _desired(pose: tuple[float, ...] | None, position: tuple[float, ...] | None) -> tuple[float, ...]:
+    """Return the one of `--pose` and `--position` that was given."""
+    if (pose is None) == (position is None):
+        raise DataError(
+            "give the desired pose once.",
+            hint="Either --pose X Y Z QW QX QY QZ, or --position X Y Z for position-only models.",
+        )
+    return pose or position or ()
+
+
+def _answer_dict(answer: Answer) -> dict[str, Any]:
     """Return the JSON of one correction: m, rad, wxyz."""
     quaternion = None if answer.quaternion is None else answer.quaternion.tolist()
     return {
@@ -82,8 +179,10 @@ def correction_dict(answer: Answer) -> dict[str, Any]:
     }
 
 
-def show_correction(answer: Answer) -> None:
+def _show_answer(answer: Answer) -> None:
     """Print one correction for people: mm and degrees for what is uncertain."""
+    import numpy as np
+
     out.print(f"command  position \\[m]     {_numbers(answer.position, 6)}")
     if answer.quaternion is not None:
         out.print(f"         quaternion wxyz  {_numbers(answer.quaternion, 6)}")
@@ -95,22 +194,3 @@ def show_correction(answer: Answer) -> None:
 
 def _numbers(values: Any, digits: int) -> str:
     return "  ".join(f"{v: .{digits}f}" for v in values)
-
-
-def seven_or_three(
-    pose: tuple[float, float, float, float, float, float, float] | None,
-    position: tuple[float, float, float] | None,
-) -> tuple[float, ...]:
-    """Return the one of `--pose` and `--position` that was given.
-
-    Raises
-    ------
-    DataError
-        None or both were given.
-    """
-    if (pose is None) == (position is None):
-        raise DataError(
-            "give the desired pose once.",
-            hint="Either --pose X Y Z QW QX QY QZ, or --position X Y Z for position-only models.",
-        )
-    return pose if pose is not None else position or ()

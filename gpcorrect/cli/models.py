@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
-from gpcorrect.cli.console import out, print_json
-from gpcorrect.cli.options import Json
+from gpcorrect.cli.console import out, plain_table, print_json
+from gpcorrect.cli.options import SERVICE, ArmName, Config, Json, KeyRoot, one_of
 from gpcorrect.errors import DataError
-from gpcorrect.model_store import Entry, ModelStore, compare
 
 if TYPE_CHECKING:
+    from gpcorrect.model_store import ModelStore
     from gpcorrect_service.client.operator import Operator
     from gpcorrect_service.protocol.messages import ModelListAnswer
 
@@ -27,11 +26,6 @@ models_app = typer.Typer(
 
 Store = Annotated[Path | None, typer.Option(help="Folder of the models.", show_default=False)]
 Endpoint = Annotated[str | None, typer.Option(help="Address of running servers instead.", show_default=False)]
-Arm = Annotated[str, typer.Option(help="CRTK name of the arm, with --endpoint.")]
-Namespace = Annotated[str, typer.Option(help="First part of every key, with --endpoint.")]
-Config = Annotated[
-    Path | None, typer.Option(help="zenoh configuration (JSON5) with --endpoint's place.", show_default=False)
-]
 Kind = Annotated[str, typer.Option(help="pose or joints.")]
 Name = Annotated[str, typer.Argument(help="Name of a model, or the beginning of its hash.", show_default=False)]
 
@@ -40,8 +34,8 @@ Name = Annotated[str, typer.Argument(help="Name of a model, or the beginning of 
 def list_models(
     store: Store = None,
     endpoint: Endpoint = None,
-    arm: Arm = "arm1",
-    namespace: Namespace = "gpcorrect",
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
     config: Config = None,
     json: Json = False,
 ) -> None:
@@ -50,8 +44,7 @@ def list_models(
     Example: gpcorrect models list --store models/
     """
     if store is not None:
-        folder = ModelStore(store)
-        rows = [_row(folder, entry) for entry in folder.models()]
+        rows = _stored_rows(_folder(store))
     else:
         with _operator(endpoint, arm, namespace, config) as operator:
             rows = [row for answer in operator.models() for row in _served_rows(answer)]
@@ -71,7 +64,7 @@ def add(
 
     Example: gpcorrect models add model.gpc --store models/
     """
-    entry = ModelStore(store).add(model, now=time.time(), name=name)
+    entry = _folder(store).add(model, now=time.time(), name=name)
     out.print(f"added {entry.id} {entry.hash[:12]} ({entry.kind})")
 
 
@@ -80,8 +73,8 @@ def activate(
     model: Name,
     store: Store = None,
     endpoint: Endpoint = None,
-    arm: Arm = "arm1",
-    namespace: Namespace = "gpcorrect",
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
     config: Config = None,
 ) -> None:
     """Make a model the active one: in the folder for the next start, or in every running server at once.
@@ -89,7 +82,7 @@ def activate(
     Example: gpcorrect models activate monday --endpoint tcp/127.0.0.1:7447
     """
     if store is not None:
-        folder = ModelStore(store)
+        folder = _folder(store)
         entry = folder.find(model)
         folder.activate(entry)
         out.print(f"active {entry.kind}: {entry.id} {entry.hash[:12]}")
@@ -102,8 +95,8 @@ def activate(
 def rollback(
     store: Store = None,
     endpoint: Endpoint = None,
-    arm: Arm = "arm1",
-    namespace: Namespace = "gpcorrect",
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
     config: Config = None,
     kind: Kind = "pose",
 ) -> None:
@@ -111,9 +104,9 @@ def rollback(
 
     Example: gpcorrect models rollback --store models/
     """
-    _check_kind(kind)
+    one_of(kind, ("pose", "joints"), "a kind")
     if store is not None:
-        entry = ModelStore(store).rollback(kind)
+        entry = _folder(store).rollback(kind)
         out.print(f"active {kind}: {entry.id} {entry.hash[:12]}")
         return
     with _operator(endpoint, arm, namespace, config) as operator:
@@ -126,14 +119,14 @@ def diff(one: Name, other: Name, store: Annotated[Path, typer.Option(help="Folde
 
     Example: gpcorrect models diff monday tuesday --store models/
     """
-    folder = ModelStore(store)
+    from gpcorrect.model_store import compare
+
+    folder = _folder(store)
     found = compare(folder, folder.find(one), folder.find(other))
     if json:
         print_json(found)
         return
-    table = Table(box=None, pad_edge=False)
-    for column in ("", one, other):
-        table.add_column(column)
+    table = plain_table("", one, other, left=3)
     for name, (left, right) in found["differs"].items():
         table.add_row(name, str(left), str(right))
     out.print(table)
@@ -148,17 +141,16 @@ def diff(one: Name, other: Name, store: Annotated[Path, typer.Option(help="Folde
 @models_app.command()
 def state(
     state: Annotated[str, typer.Argument(help="ENABLED or PAUSED.", show_default=False)],
-    endpoint: Annotated[str, typer.Option(help="Address of running servers.")] = "tcp/127.0.0.1:7447",
-    arm: Arm = "arm1",
-    namespace: Namespace = "gpcorrect",
+    endpoint: Annotated[str, typer.Option(help="Address of running servers.")] = SERVICE,
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
     config: Config = None,
 ) -> None:
     """Pause every running server of an arm, or let it go on; ENABLED also ends a FAULT.
 
     Example: gpcorrect models state PAUSED
     """
-    if state not in ("ENABLED", "PAUSED"):
-        raise DataError(f"a state is ENABLED or PAUSED, got {state!r}.")
+    one_of(state, ("ENABLED", "PAUSED"), "a state")
     with _operator(endpoint, arm, namespace, config) as operator:
         for answer in operator.set_state(state):  # type: ignore[arg-type]  # checked above
             out.print(f"{answer.replica}: {answer.state}")
@@ -170,7 +162,7 @@ def _operator(endpoint: str | None, arm: str, namespace: str, config: Path | Non
 
     if endpoint is None and config is None:
         raise DataError("name the models' place.", hint="--store FOLDER, or --endpoint tcp/127.0.0.1:7447")
-    return Operator(ClientSettings((endpoint or "tcp/127.0.0.1:7447",), arm, namespace, config_file=config))
+    return Operator(ClientSettings((endpoint or SERVICE,), arm, namespace, config_file=config))
 
 
 def _show_activated(operator: Operator, model: str) -> None:
@@ -185,15 +177,19 @@ def _previous(answer: ModelListAnswer, kind: str) -> str:
     return history[-2]
 
 
-def _row(folder: ModelStore, entry: Entry) -> dict[str, Any]:
-    active = folder.active(entry.kind)
-    return {
-        "id": entry.id,
-        "hash": entry.hash,
-        "kind": entry.kind,
-        "added": entry.added,
-        "active": active is not None and active.hash == entry.hash,
-    }
+def _folder(path: Path) -> ModelStore:
+    from gpcorrect.model_store import ModelStore
+
+    return ModelStore(path)
+
+
+def _stored_rows(folder: ModelStore) -> list[dict[str, Any]]:
+    rows = []
+    for entry in folder.models():
+        active = folder.active(entry.kind)
+        row = {"id": entry.id, "hash": entry.hash, "kind": entry.kind, "added": entry.added}
+        rows.append({**row, "active": active is not None and active.hash == entry.hash})
+    return rows
 
 
 def _served_rows(answer: ModelListAnswer) -> list[dict[str, Any]]:
@@ -203,16 +199,9 @@ def _served_rows(answer: ModelListAnswer) -> list[dict[str, Any]]:
 
 
 def _show(rows: list[dict[str, Any]]) -> None:
-    table = Table(box=None, pad_edge=False)
-    for column in ("", "name", "hash", "kind", "added", "server"):
-        table.add_column(column)
+    table = plain_table("", "name", "hash", "kind", "added", "server", left=6)
     for row in rows:
         when = time.strftime("%Y-%m-%d %H:%M", time.localtime(row["added"]))
         mark = "active" if row["active"] else ""
         table.add_row(mark, row["id"], row["hash"][:12], row["kind"], when, row.get("replica", ""))
     out.print(table if rows else "no models yet; add one: gpcorrect models add MODEL --store FOLDER")
-
-
-def _check_kind(kind: str) -> None:
-    if kind not in ("pose", "joints"):
-        raise DataError(f"a kind is pose or joints, got {kind!r}.")

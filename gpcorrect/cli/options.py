@@ -15,6 +15,8 @@ from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import CalibrationLog
 
 __all__ = [
+    "ROBOT",
+    "SERVICE",
     "Arm",
     "ArmName",
     "AsIs",
@@ -32,6 +34,7 @@ __all__ = [
     "ModelOutput",
     "Namespace",
     "Reading",
+    "Remote",
     "Scheduler",
     "Tracker",
     "TrackerLog",
@@ -85,12 +88,14 @@ Scheduler = Annotated[
 ]
 
 # Robots and services on the network.
+ROBOT, SERVICE = "tcp/127.0.0.1:7448", "tcp/127.0.0.1:7447"  # where they listen: zenoh's own port, and the next one
 Endpoint = Annotated[str, typer.Option(help="Address of the robot or service.")]
 ArmName = Annotated[str, typer.Option(help="CRTK name of the arm: the second part of every key.")]
 KeyRoot = Annotated[str, typer.Option(help="First part of every key.")]
 Config = Annotated[
     Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.", show_default=False)
 ]
+Remote = Annotated[bool, typer.Option("--allow-remote", help="Listen on an address that other machines can reach.")]
 
 
 @dataclass(frozen=True)

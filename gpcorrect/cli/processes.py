@@ -1,10 +1,12 @@
-"""Other processes of this program, started for as long as a command needs them."""
+"""Processes: others of this program that a command needs for a while, and the end of this one."""
 
 from __future__ import annotations
 
+import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +14,7 @@ from contextlib import contextmanager
 from gpcorrect.cli.console import note
 from gpcorrect.errors import GpCorrectError
 
-__all__ = ["free_endpoint", "running"]
+__all__ = ["free_endpoint", "running", "stop_signal"]
 
 BORN = 0.2  # s, after which a process that could not start has ended; chosen by hand
 STOPPING = 20.0  # s for a process to end before it is killed; chosen by hand
@@ -57,3 +59,11 @@ def running(*words: str) -> Iterator[None]:
         except subprocess.TimeoutExpired:
             note(f"gpcorrect {words[0]} did not stop in time and was killed")
             process.kill()
+
+
+def stop_signal() -> threading.Event:
+    """Return an event that Ctrl-C and SIGTERM set; needs the main thread."""
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    return stop

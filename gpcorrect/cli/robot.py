@@ -17,8 +17,7 @@ import typer
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.collect import BLOCK, FASTEST, RATE_HZ, Limits, Speed, joint_limits, speed_limits
 from gpcorrect.cli.console import err, out, print_json, split_names
-from gpcorrect.cli.options import ArmName, Columns, Endpoint, Json, KeyRoot, LogOutput, numbers
-from gpcorrect.cli.sim import HERE
+from gpcorrect.cli.options import ROBOT, ArmName, Columns, Endpoint, Json, KeyRoot, LogOutput, numbers
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ KEY_STEP = 0.5  # degrees, or millimetres for the insertion
 
 
 @robot_app.command()
-def state(endpoint: Endpoint = HERE, arm: ArmName = "arm1", namespace: KeyRoot = "gpcorrect") -> None:
+def state(endpoint: Endpoint = ROBOT, arm: ArmName = "arm1", namespace: KeyRoot = "gpcorrect") -> None:
     """Print the robot's operating state, joints and tool pose (JSON).
 
     Example: gpcorrect robot state --arm PSM1
@@ -60,7 +59,7 @@ def operate(
     command: Annotated[
         str, typer.Argument(help="enable, disable, pause, resume, home, unhome; ready: enable and home.")
     ],
-    endpoint: Endpoint = HERE,
+    endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
 ) -> None:
@@ -81,7 +80,7 @@ def operate(
 def goto(
     joints: Annotated[str, typer.Argument(help="Joint positions: degrees, and mm for sliding joints, with commas.")],
     sliding: Sliding = "3",
-    endpoint: Endpoint = HERE,
+    endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
 ) -> None:
@@ -101,7 +100,7 @@ def random(
     speed: Speed = FASTEST,
     seconds: Annotated[float, typer.Option(help="How long.", min=1)] = 60.0,
     seed: Annotated[int, typer.Option(help="Seed of the motion.", min=0)] = 0,
-    endpoint: Endpoint = HERE,
+    endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
 ) -> None:
@@ -120,7 +119,7 @@ def random(
 @robot_app.command()
 def follow(
     trajectory: Annotated[Path, typer.Argument(help="Joint paths to drive, as `gpcorrect zigzag` writes them.")],
-    endpoint: Endpoint = HERE,
+    endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
 ) -> None:
@@ -152,7 +151,7 @@ def draw(
     speed: Annotated[float, typer.Option(help="cm/s.", min=0.1)] = 1.0,
     rounds: Annotated[float, typer.Option(help="How many circles.", min=0.1)] = 3.0,
     frame: Annotated[str, typer.Option(help="Name of the frame that the poses are in.")] = "tracker",
-    endpoint: Endpoint = HERE,
+    endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
 ) -> None:
@@ -174,7 +173,7 @@ def draw(
 @robot_app.command()
 def keys(
     sliding: Sliding = "3",
-    endpoint: Endpoint = HERE,
+    endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
 ) -> None:
@@ -205,7 +204,7 @@ def record(
     seconds: Annotated[
         float | None, typer.Option(help="How long; until Ctrl-C without it.", show_default=False)
     ] = None,
-    endpoint: Endpoint = HERE,
+    endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
 ) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import signal
-import threading
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -12,16 +10,12 @@ from typing import Annotated
 import typer
 
 from gpcorrect.cli.console import err, out, print_json
-from gpcorrect.cli.options import Json
+from gpcorrect.cli.options import SERVICE, ArmName, Config, Json, KeyRoot
+from gpcorrect.cli.processes import stop_signal
 
 __all__ = ["doctor", "router", "secure_app"]
 
 secure_app = typer.Typer(help="Certificates, passwords and access rules for a site.", no_args_is_help=True)
-
-
-@secure_app.callback()
-def _secure() -> None:
-    """Keep `init` a command of its own."""
 
 
 @secure_app.command()
@@ -29,7 +23,7 @@ def init(
     folder: Annotated[Path, typer.Argument(help="Where to write; made.", show_default=False)],
     host: Annotated[str, typer.Option(help="The router's machine, as clients write it.")] = "localhost",
     port: Annotated[int, typer.Option(help="Port of the router.")] = 7447,
-    namespace: Annotated[str, typer.Option(help="First part of every key.")] = "gpcorrect",
+    namespace: KeyRoot = "gpcorrect",
     days: Annotated[int, typer.Option(help="How long certificates are valid.")] = 365,
 ) -> None:
     """Make a certificate authority, certificates and passwords, and a configuration for the router and every role.
@@ -53,19 +47,14 @@ def router(
     """
     from gpcorrect_service.ops.router import route
 
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
-    route(config, stop, lambda: err.print(f"routing as {config} says; stop with Ctrl-C"))
+    route(config, stop_signal(), lambda: err.print(f"routing as {config} says; stop with Ctrl-C"))
 
 
 def doctor(
-    endpoint: Annotated[str, typer.Option(help="Address of the server or router.")] = "tcp/127.0.0.1:7447",
-    arm: Annotated[str, typer.Option(help="CRTK name of the arm.")] = "arm1",
-    namespace: Annotated[str, typer.Option(help="First part of every key.")] = "gpcorrect",
-    config: Annotated[
-        Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.", show_default=False)
-    ] = None,
+    endpoint: Annotated[str, typer.Option(help="Address of the server or router.")] = SERVICE,
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
+    config: Config = None,
     json: Json = False,
 ) -> None:
     """Find out why nobody answers: closed port, missing or foreign certificate, wrong password, denied key, no server.

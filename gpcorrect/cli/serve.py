@@ -1,19 +1,24 @@
-"""`gpcorrect serve`: answer `correct` over zenoh from a model file."""
+"""`gpcorrect serve`, `prefilter` and `monitor`: processes that answer until they are stopped."""
 
 from __future__ import annotations
 
 import math
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gpcorrect.cli.console import err
+from gpcorrect.cli.options import ROBOT, SERVICE, ArmName, Config, Endpoint, KeyRoot, ModelFile, Remote
+from gpcorrect.cli.processes import stop_signal
+from gpcorrect.cli.sim import RosDomain
+from gpcorrect.errors import DataError, MissingExtraError
 
 if TYPE_CHECKING:
     from gpcorrect_service.server.service import Server
 
-__all__ = ["serve"]
+__all__ = ["monitor", "prefilter", "serve"]
 
 
 def serve(
@@ -27,9 +32,9 @@ def serve(
     store: Annotated[
         Path | None, typer.Option(help="Folder of models to activate from while serving.", show_default=False)
     ] = None,
-    endpoint: Annotated[str, typer.Option(help="Address to listen on.")] = "tcp/127.0.0.1:7447",
-    arm: Annotated[str, typer.Option(help="CRTK name of the arm: the second part of every key.")] = "arm1",
-    namespace: Annotated[str, typer.Option(help="First part of every key.")] = "gpcorrect",
+    endpoint: Annotated[str, typer.Option(help="Address to listen on.")] = SERVICE,
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
     queue: Annotated[int, typer.Option(help="Requests that may wait; the next one is answered BUSY.")] = 64,
     max_rate: Annotated[float, typer.Option(help="Corrections a second; more are answered BUSY.")] = math.inf,
     max_mm: Annotated[float, typer.Option(help="Largest learned correction of position, mm.")] = math.inf,
@@ -37,13 +42,8 @@ def serve(
     stream_rate: Annotated[
         float, typer.Option(help="Largest change of a streamed joint correction, rad/s and m/s.")
     ] = math.inf,
-    allow_remote: Annotated[
-        bool, typer.Option("--allow-remote", help="Listen on an address that other machines can reach.")
-    ] = False,
-    config: Annotated[
-        Path | None,
-        typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.", show_default=False),
-    ] = None,
+    allow_remote: Remote = False,
+    config: Config = None,
 ) -> None:
     """Serve models until stopped with Ctrl-C or SIGTERM: keys correct, correct_path, correct_joints, estimate, health.
 
@@ -70,3 +70,75 @@ def serve(
         err.print(f"serving {served} as {namespace}/{arm}/correct on {config or endpoint}; stop with Ctrl-C")
 
     serve_model(model, settings, on_ready=ready, joint_path=joints, store=store)
+
+
+def prefilter(
+    model: ModelFile,
+    endpoint: Endpoint = ROBOT,
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
+    linear: Annotated[float, typer.Option(help="Fastest change of the correction, mm/s.")] = 50.0,
+    angular: Annotated[float, typer.Option(help="Fastest change of the correction, deg/s.")] = 60.0,
+    strict: Annotated[bool, typer.Option("--strict", help="Refuse poses out of the model's domain.")] = False,
+    ros_domain: RosDomain = None,
+) -> None:
+    """Correct a stream of desired poses before the robot sees them, until Ctrl-C or SIGTERM.
+
+    Desired poses on NAMESPACE/ARM/servo_cp and move_cp, in the frame that the model was trained in, come out as
+    commands on NAMESPACE/ARM/corrected/servo_cp and corrected/move_cp. Refused while the robot is not ENABLED and
+    homed, and without a stamp; why is said on NAMESPACE/ARM/error.
+
+    Example: gpcorrect sim serve --corrected --ready, and in another terminal gpcorrect prefilter model.gpc
+    """
+    from gpcorrect_service.crtk import Bus, BusSettings  # zenoh is an extra; other commands work without it
+    from gpcorrect_service.crtk.filter_server import FilterServer
+    from gpcorrect_service.crtk.prefilter import Prefilter, PrefilterSettings
+    from gpcorrect_service.ops.logger import open_logger
+    from gpcorrect_service.server.models import load_model
+
+    settings = PrefilterSettings(linear / 1e3, math.radians(angular), outside=not strict)
+    answering = Prefilter(load_model(model), settings)
+    with Bus(BusSettings(endpoint, arm, namespace, "client", ros_domain), node=f"gpcorrect_prefilter_{arm}") as bus:
+        server = FilterServer(answering, bus, open_logger(arm=arm))
+        err.print(f"{model.name} corrects {namespace}/{arm}/servo_cp on {endpoint}; stop with Ctrl-C")
+        server.run(stop_signal())
+
+
+def monitor(
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(help="Address of a robot or a service, repeatable; both on this machine without it."),
+    ] = None,
+    namespace: KeyRoot = "gpcorrect",
+    host: Annotated[str, typer.Option(help="Address to serve the page on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port to serve the page on.", min=1, max=65535)] = 8080,
+    allow_remote: Annotated[
+        bool, typer.Option("--allow-remote", help="Serve on an address that other machines can reach.")
+    ] = False,
+) -> None:
+    """Serve a page that shows every arm of a namespace: poses, correction, interval, domain, latency, drift, servers.
+
+    The page reads and can change nothing.
+
+    Example: gpcorrect monitor --connect tcp/127.0.0.1:7448 --connect tcp/127.0.0.1:7447
+    """
+    for library in ("starlette", "uvicorn"):
+        if find_spec(library) is None:
+            raise MissingExtraError(library, extra="monitor", purpose="The page")
+    if host not in ("127.0.0.1", "localhost", "::1") and not allow_remote:
+        raise DataError(
+            f"{host} can be reached from other machines, and the page asks nobody who they are.",
+            hint="Serve on 127.0.0.1 and tunnel to it, or allow remote access on purpose: --allow-remote",
+        )
+    import uvicorn
+
+    from gpcorrect_service.monitor import Board, Watcher  # zenoh is an extra; other commands work without it
+    from gpcorrect_service.monitor.app import application
+
+    board = Board(namespace)
+    names = ["*"] if allow_remote else ["127.0.0.1", "localhost", "[::1]", host]
+    page = application(board, names, lambda: server.should_exit)
+    server = uvicorn.Server(uvicorn.Config(page, host, port, log_level="warning", timeout_graceful_shutdown=2))
+    with Watcher(board, connect or [ROBOT, SERVICE]):
+        err.print(f"open http://{host}:{port}/ ; stop with Ctrl-C")
+        server.run()

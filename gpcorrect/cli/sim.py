@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
 from pathlib import Path
-from types import FrameType
 from typing import Annotated
 
 import typer
 
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import err, out
-from gpcorrect.cli.options import ArmName, KeyRoot, LogOutput
+from gpcorrect.cli.options import ROBOT, ArmName, KeyRoot, LogOutput, Remote
+from gpcorrect.cli.processes import stop_signal
 from gpcorrect.errors import DataError
 
-__all__ = ["HERE", "RosDomain", "sim_app", "simulate", "stop_signal"]
+__all__ = ["RosDomain", "sim_app", "simulate"]
 
 sim_app = typer.Typer(no_args_is_help=True, help="Simulated arms that run live.")
 
@@ -27,7 +25,6 @@ RosDomain = Annotated[
     int | None, typer.Option(help="Speak on rmw_zenoh's keys too, in this ROS_DOMAIN_ID.", show_default=False)
 ]
 
-HERE = "tcp/127.0.0.1:7448"  # where a robot listens
 COUNTS = {"debridement": 303, "reaches": 40, "joints": 24}  # motions of a task; the paper had 303 reaches
 LARGEST_RATE = 1000.0  # Hz
 LONGEST_BLOCK = 20  # servo steps
@@ -98,7 +95,7 @@ def serve(
     model: Machine = None,
     machine: Annotated[str, typer.Option(help="Packaged machine.")] = "raven2_debridement",
     arm: ArmName = "arm1",
-    endpoint: Annotated[str, typer.Option(help="Address to listen on.")] = HERE,
+    endpoint: Annotated[str, typer.Option(help="Address to listen on.")] = ROBOT,
     namespace: KeyRoot = "gpcorrect",
     rate: Annotated[float, typer.Option(help="State messages a second, up to 1000.")] = 100.0,
     time_scale: Annotated[float, typer.Option(help="How many times faster than a real arm it lives.")] = 1.0,
@@ -107,9 +104,7 @@ def serve(
     ] = False,
     ready: Annotated[bool, typer.Option("--ready", help="Start ENABLED and homed.")] = False,
     ros_domain: RosDomain = None,
-    allow_remote: Annotated[
-        bool, typer.Option("--allow-remote", help="Listen on an address that other machines can reach.")
-    ] = False,
+    allow_remote: Remote = False,
     seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.", min=0)] = 0,
 ) -> None:
     """Run an arm that speaks CRTK over zenoh until Ctrl-C or SIGTERM.
@@ -145,15 +140,3 @@ def serve(
         server = ArmServer(robot, bus, ArmServerSettings(rate, 100.0, time_scale, corrected), time.time())
         err.print(f"{known.arm} lives as {namespace}/{arm} on {endpoint} at {rate:g} Hz; stop with Ctrl-C")
         server.run(stop_signal())
-
-
-def stop_signal() -> threading.Event:
-    """Return an event that Ctrl-C and SIGTERM set; needs the main thread."""
-    stop = threading.Event()
-
-    def on_signal(number: int, frame: FrameType | None) -> None:
-        stop.set()
-
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, on_signal)
-    return stop
