@@ -1,0 +1,73 @@
+"""The map of the house, the registries, the tables of the documents and the command line's help agree."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import get_args
+
+import pytest
+from cli.cli_support import PROGRAM
+from support import ROOT
+
+from gpcorrect.estimator import ESTIMATOR_METHODS
+from gpcorrect.joint import Direction
+from gpcorrect.joint_corrector import METHODS
+from gpcorrect.logs.reader import FORMATS
+from gpcorrect.rigid import MarkerOption
+from gpcorrect.sim import EFFECTS
+
+PACKAGES = ("gpcorrect", "service/gpcorrect_service", "studies/gpcorrect_studies")
+
+
+def first_cells(page: str, head: str) -> Iterator[str]:
+    """First cells of the table of a page whose first column has this title."""
+    table = (ROOT / page).read_text().split(f"| {head} |", 1)[1].split("\n\n", 1)[0]
+    for row in table.splitlines()[2:]:
+        yield row.split("|")[1].strip()
+
+
+def option_help(command: str, option: str) -> str:
+    """Help of an option."""
+    parameters = PROGRAM.command(*command.split()).params
+    return str(next(p.help for p in parameters if f"--{option}" in p.opts))
+
+
+def test_the_map_names_every_package() -> None:
+    """Each package and each part of gpcorrect stands in the map of CONTRIBUTING.md, and nothing else does."""
+    named = {name for cell in first_cells("CONTRIBUTING.md", "package") for name in re.findall(r"`([^`]+)`", cell)}
+    folders = {f"gpcorrect.{path.parent.name}" for path in (ROOT / "gpcorrect").glob("*/__init__.py")}
+    modules = {f"gpcorrect.{path.stem}" for path in (ROOT / "gpcorrect").glob("*.py")}
+    assert folders <= named
+    assert named <= folders | modules | {"gpcorrect_service", "gpcorrect_studies"}
+
+
+def test_the_pages_on_effects_list_the_registry() -> None:
+    """The table of the simulator's page has a row for every effect."""
+    assert {cell.strip("`") for cell in first_cells("docs/simulator.md", "name")} == set(EFFECTS)
+
+
+def test_the_page_on_logs_names_every_format() -> None:
+    """Every ending that is read stands in the table of formats."""
+    told = " ".join(first_cells("docs/logs.md", "you have"))
+    assert {suffix for kind in FORMATS for suffix in kind.suffixes if f"`{suffix}`" not in told} == {".pq"}
+
+
+def test_the_page_on_joints_lists_the_methods() -> None:
+    """The table of methods has a row for every learner."""
+    listed = {name for cell in first_cells("docs/joint.md", "`--method`") for name in re.findall(r"`([^`]+)`", cell)}
+    assert listed == set(METHODS)
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "names"),
+    [
+        ("joint fit", "method", METHODS),
+        ("joint fit", "direction", get_args(Direction)),
+        ("vision fit", "method", ESTIMATOR_METHODS),
+        ("fit", "marker", get_args(MarkerOption)),
+    ],
+)
+def test_the_help_of_an_option_names_every_choice(command: str, option: str, names: tuple[str, ...]) -> None:
+    """What an option takes can be read from its help."""
+    assert set(names) <= set(re.findall(r"\w+", option_help(command, option)))
