@@ -15,9 +15,6 @@ from gpcorrect.joint import Direction
 from gpcorrect.joint_corrector import METHODS
 from gpcorrect.logs.reader import FORMATS
 from gpcorrect.rigid import MarkerOption
-from gpcorrect.sim import EFFECTS
-
-PACKAGES = ("gpcorrect", "service/gpcorrect_service", "studies/gpcorrect_studies")
 
 
 def first_cells(page: str, head: str) -> Iterator[str]:
@@ -40,11 +37,6 @@ def test_the_map_names_every_package() -> None:
     modules = {f"gpcorrect.{path.stem}" for path in (ROOT / "gpcorrect").glob("*.py")}
     assert folders <= named
     assert named <= folders | modules | {"gpcorrect_service", "gpcorrect_studies"}
-
-
-def test_the_pages_on_effects_list_the_registry() -> None:
-    """The table of the simulator's page has a row for every effect."""
-    assert {cell.strip("`") for cell in first_cells("docs/simulator.md", "name")} == set(EFFECTS)
 
 
 def test_the_page_on_logs_names_every_format() -> None:
