@@ -14,7 +14,12 @@ __all__ = ["atomic_path", "make_folder", "require_folder"]
 
 
 def require_folder(path: str | Path) -> None:
-    """Check, before the work, that a file can be put at `path`.
+    """Check, before the work, that a file can be put somewhere.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file to come.
 
     Raises
     ------
@@ -29,7 +34,12 @@ def require_folder(path: str | Path) -> None:
 
 
 def make_folder(path: str | Path) -> None:
-    """Make a folder for results, and those above it, before the work; one that is there is kept with what it holds.
+    """Make a folder for results, and those above it, before the work; one that is there stays with what it holds.
+
+    Parameters
+    ----------
+    path : str or Path
+        The folder.
 
     Raises
     ------
@@ -50,6 +60,11 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
     A kill, a full disk or an error leaves whatever was at `path` untouched and no half-written file.
 
+    Parameters
+    ----------
+    path : str or Path
+        The file to come.
+
     Raises
     ------
     GpCorrectError
@@ -68,12 +83,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     try:
         yield temporary
         temporary.chmod(0o644)
-        _sync(temporary)
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
         temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def _sync(path: Path) -> None:
-    with path.open("rb") as file:
-        os.fsync(file.fileno())

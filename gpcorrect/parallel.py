@@ -23,8 +23,8 @@ __all__ = ["ClusterError", "each", "each_as_done", "workers"]
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-PATIENCE = 10.0  # s for the scheduler to answer
-CHUNKS = 4  # a worker: small enough that a lost worker costs little, large enough that shared data travel seldom
+PATIENCE = 10.0  # s for the scheduler to answer; chosen by hand: a network's answer takes milliseconds
+CHUNKS = 4  # a worker, chosen by hand: few enough that shared data seldom travel, enough that a lost one costs little
 
 
 class ClusterError(GpCorrectError):
@@ -34,7 +34,7 @@ class ClusterError(GpCorrectError):
 def each(
     function: Callable[[Item], Result], items: Iterable[Item], progress: Progress | None = None, stage: str = ""
 ) -> Iterator[Result]:
-    """Yield `function(item)` of every item, in their order, told to `progress` as `stage`.
+    """Yield `function(item)` of every item, in their order, reported to `progress` as `stage`.
 
     Parameters
     ----------
@@ -53,7 +53,11 @@ def each(
     """
     todo = list(items)
     done = 0
-    for results in _chunks(partial(_called, function), _cut(todo), "generator"):
+    # Neighbouring items go together, some chunks for each worker; one by one where there is one worker.
+    jobs = effective_n_jobs()
+    size = 1 if jobs == 1 else max(1, math.ceil(len(todo) / (CHUNKS * jobs)))
+    chunks = [todo[k : k + size] for k in range(0, len(todo), size)]
+    for results in _run(partial(_results, function), chunks, "generator"):
         for result in results:
             done += 1
             if progress is not None:
@@ -62,8 +66,14 @@ def each(
 
 
 def each_as_done(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """Yield `function(item)` of every item as soon as it is there, in any order; for long calls."""
-    return _chunks(function, list(items), "generator_unordered")
+    """Yield `function(item)` of every item as soon as it is there, in any order; for long calls.
+
+    Parameters
+    ----------
+    function, items
+        See :func:`each`.
+    """
+    return _run(function, list(items), "generator_unordered")
 
 
 @contextmanager
@@ -143,18 +153,11 @@ def _own_version() -> str:
     return version("gpcorrect")
 
 
-def _called(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+def _results(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     return [function(item) for item in items]
 
 
-def _cut(items: Sequence[Item]) -> list[Sequence[Item]]:
-    """Cut items into neighbouring chunks, some for each worker; one by one where there is one worker."""
-    count = effective_n_jobs()
-    size = 1 if count == 1 else max(1, math.ceil(len(items) / (CHUNKS * count)))
-    return [items[k : k + size] for k in range(0, len(items), size)]
-
-
-def _chunks(function: Callable[[Item], Result], items: Sequence[Item], return_as: str) -> Iterator[Result]:
+def _run(function: Callable[[Item], Result], items: Sequence[Item], return_as: str) -> Iterator[Result]:
     """Run calls wherever the context says; all data travel with the call, so that any worker can take it again."""
     calls = [partial(function, item) for item in items]
     if len(calls) < 2:

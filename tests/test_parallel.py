@@ -30,8 +30,8 @@ def cluster() -> Iterator[object]:
         yield found
 
 
-class Told(Progress):
-    """Remembers what it was told."""
+class Recorded(Progress):
+    """Remembers what was reported."""
 
     def __init__(self) -> None:
         self.steps: list[tuple[str, float]] = []
@@ -94,11 +94,11 @@ def test_a_worker_that_is_killed_half_way_costs_no_result(cluster, tmp_path: Pat
     assert any(pid == killed[0] and (number, pid) not in done for number, pid in begun)
 
 
-def test_progress_is_told_and_anything_done_first_comes_first() -> None:
+def test_progress_is_reported_and_anything_done_first_comes_first() -> None:
     """Each call is counted once; in any order every result is there once."""
-    told = Told()
-    assert list(each(partial(drawn, 1.0), range(3), told, "drawing"))[2].shape == (50,)
-    assert told.steps == [("drawing", 1 / 3), ("drawing", 2 / 3), ("drawing", 1.0)]
+    progress = Recorded()
+    assert list(each(partial(drawn, 1.0), range(3), progress, "drawing"))[2].shape == (50,)
+    assert progress.steps == [("drawing", 1 / 3), ("drawing", 2 / 3), ("drawing", 1.0)]
     with workers(jobs=2):
         assert sorted(each_as_done(abs, [-3, -1, -2])) == [1, 2, 3]
 

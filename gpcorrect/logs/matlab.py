@@ -23,9 +23,9 @@ from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["MARKS", "read"]
 
-HDF5 = b"\x89HDF\r\n\x1a\n"
+HDF5 = b"\x89HDF\r\n\x1a\n"  # first bytes of every such file
 MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", HDF5)
-NUMERIC = "iufb"
+NUMERIC = "iufb"  # kinds of NumPy types
 DAMAGES = (ValueError, TypeError, OSError, EOFError, LookupError, NotImplementedError, MemoryError, zlib.error)
 POSE = (4, 4)  # a homogeneous transform
 NO_ROWS = 'Save one variable a signal, or columns named as in the native log: save("log.mat", "-struct", "log").'

@@ -20,7 +20,7 @@ from gpcorrect.types import FloatArray, LogMeta, PoseSignal
 
 __all__ = ["RAVEN_STATE_DEFINITION", "RAVEN_STATE_TYPE", "raven_row", "raven_streams"]
 
-RAVEN_STATE_TYPE = "raven_2/msg/raven_state"
+RAVEN_STATE_TYPE = "raven_2/msg/raven_state"  # of the public software
 RAVEN_STATE_DEFINITION = """\
 std_msgs/Header hdr
 int32 runlevel
@@ -64,8 +64,8 @@ FIELDS = {
     "jvel": 16,
     "jpos_d": 16,
 }
-PEDAL_DOWN = 3
-MICROMETRE = 1e-6
+PEDAL_DOWN = 3  # runlevel of the public software
+MICROMETRE = 1e-6  # m
 INSERTION = 2  # place of the prismatic joint
 LONGEST_INSERTION = 100.0  # 1.7 m times 180/pi: what is beyond it can only be millimetres
 

@@ -13,7 +13,7 @@ __all__: list[str] = []
 
 WIDEST = 5.0  # m; no arm here reaches so far, and 5 mm is less than any workspace in millimetres
 MIN_SPREAD = 1e-4  # m or rad; narrower signals are noise and their ratios mean nothing
-DEGREES = 180 / np.pi
+DEGREES = 180 / np.pi  # in a radian
 RATIOS = ((1000.0, 2.0), (DEGREES, 1.4))  # a unit's factor, and how far calibration errors may move the ratio
 FULL_TURN = 2 * np.pi  # rad; surgical wrists turn less
 LONGEST = 5.0  # m, of a prismatic joint
