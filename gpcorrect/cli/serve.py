@@ -91,8 +91,7 @@ def prefilter(
     Example: gpcorrect sim serve --corrected --ready, and in another terminal gpcorrect prefilter model.gpc
     """
     from gpcorrect_service.crtk import Bus, BusSettings  # zenoh is an extra; other commands work without it
-    from gpcorrect_service.crtk.filter_server import FilterServer
-    from gpcorrect_service.crtk.prefilter import Prefilter, PrefilterSettings
+    from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter, PrefilterSettings
     from gpcorrect_service.ops.logger import open_logger
     from gpcorrect_service.server.models import load_model
 

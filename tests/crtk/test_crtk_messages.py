@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from gpcorrect_service.crtk.bus import read_message
 from gpcorrect_service.crtk.messages import TOPICS, JointState, OperatingState, Pose, Text, checked_stamp
-from gpcorrect_service.crtk.rmw import RmwNode, attachment, gid_of, read_attachment, rmw_key
-from gpcorrect_service.crtk.ros_messages import from_cdr, to_cdr, to_ros
+from gpcorrect_service.crtk.ros import RmwNode, attachment, from_cdr, gid_of, read_attachment, rmw_key, to_cdr, to_ros
 from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import ServiceError
 

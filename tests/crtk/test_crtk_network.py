@@ -9,12 +9,10 @@ from crtk_support import SHIFT, ShiftCorrector, living_arm, model, wait_for
 from gpcorrect.errors import LogError
 from gpcorrect.logs import read_log
 from gpcorrect_service.crtk import Bus, BusSettings, JointState, Pose
-from gpcorrect_service.crtk.filter_server import FilterServer
-from gpcorrect_service.crtk.prefilter import Prefilter
+from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter
 from gpcorrect_service.crtk.recorder import Recorder, write_mcap
-from gpcorrect_service.crtk.rmw import read_attachment, rmw_key
 from gpcorrect_service.crtk.robot import Robot, RobotError
-from gpcorrect_service.crtk.ros_messages import from_cdr, to_cdr
+from gpcorrect_service.crtk.ros import from_cdr, read_attachment, rmw_key, to_cdr
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import EndpointError
@@ -46,7 +44,8 @@ def test_a_robot_is_driven_and_recorded(tmp_path):
     bag = read_log(tmp_path / "bag")
     assert {"setpoint_jp", "measured_jp", "external_jp", "tracker_cp"} <= set(bag.signals)
     assert bag.setpoint_jp is not None
-    assert np.ptp(bag.setpoint_jp[:, 2]) == pytest.approx(0.01, rel=0.2)  # a busy machine drops samples
+    seen = bag.setpoint_jp[np.isfinite(bag.setpoint_jp[:, 2]), 2]  # a busy machine drops samples of single topics
+    assert np.ptp(seen) == pytest.approx(0.01, rel=0.2)
 
 
 def test_what_a_robot_refuses_it_explains():

@@ -48,10 +48,10 @@ def arm(board: Board, now: float = 100.0) -> dict:
 def test_a_snapshot_says_what_was_heard():
     """Correction, miss, interval, latency, state and poses are the messages' own numbers in mm and ms."""
     board = Board("ns")
-    board.heard("arm1", "operating_state", OperatingState(10.0, "ENABLED", True, False), 99.0)
-    board.heard("arm1", "heartbeat", Heartbeat(10.0, 500.0, 0), 99.0)
-    board.heard("arm1", "corrected/report", report(), 99.0)
-    board.heard("arm1", "tracker_cp", tracked(10.01, 0.102), 99.5)
+    board.received("arm1", "operating_state", OperatingState(10.0, "ENABLED", True, False), 99.0)
+    board.received("arm1", "heartbeat", Heartbeat(10.0, 500.0, 0), 99.0)
+    board.received("arm1", "corrected/report", report(), 99.0)
+    board.received("arm1", "tracker_cp", tracked(10.01, 0.102), 99.5)
     shown = arm(board)
     assert shown["operating_state"] == "ENABLED"
     assert shown["rate_hz"] == 500.0
@@ -67,15 +67,15 @@ def test_a_snapshot_says_what_was_heard():
 def test_what_was_not_learned_is_not_shown_as_a_number():
     """A width that does not exist is null in the page's JSON, which has no NaN."""
     board = Board("ns")
-    board.heard("arm1", "corrected/report", report(width=None), 99.0)
+    board.received("arm1", "corrected/report", report(width=None), 99.0)
     assert arm(board)["correction"]["interval_mm"][0] is None
 
 
 def test_poses_of_different_moments_are_not_compared():
     """A tracked pose long after the desired one says nothing of the correction."""
     board = Board("ns")
-    board.heard("arm1", "corrected/report", report(10.0), 99.0)
-    board.heard("arm1", "tracker_cp", tracked(10.5), 99.5)
+    board.received("arm1", "corrected/report", report(10.0), 99.0)
+    board.received("arm1", "tracker_cp", tracked(10.5), 99.5)
     assert arm(board)["error"] is None
 
 
@@ -83,16 +83,16 @@ def test_the_share_out_of_domain_is_that_of_the_last_minute():
     """Reports older than a minute no longer count."""
     board = Board("ns")
     for k in range(10):
-        board.heard("arm1", "corrected/report", report(1.0 + k, inside=False), 10.0 + k)
+        board.received("arm1", "corrected/report", report(1.0 + k, inside=False), 10.0 + k)
     for k in range(6):
-        board.heard("arm1", "corrected/report", report(90.0 + k, inside=k < 3), 90.0 + k)
+        board.received("arm1", "corrected/report", report(90.0 + k, inside=k < 3), 90.0 + k)
     assert arm(board)["outside_share"] == pytest.approx(0.5)
 
 
 def test_two_arms_and_their_replicas_stay_apart():
     """Each arm has its own state and servers; a server that fell silent is shown as gone, and later not at all."""
     board = Board("ns")
-    board.heard("arm2", "error", Text(1.0, "not homed"), 99.0)
+    board.received("arm2", "error", Text(1.0, "not homed"), 99.0)
     board.replica("arm1", health("r1"), 0.002, 99.0)
     board.replica("arm1", health("r2"), 0.004, 99.0 + GONE)
     first, second = board.snapshot(99.5 + GONE)["arms"]
@@ -141,10 +141,10 @@ def test_another_model_starts_with_a_clean_slate():
     board = Board("ns")
     for k in range(2000):
         stamp = 10.0 + 0.02 * k
-        board.heard("arm1", "corrected/report", report(stamp), stamp)
-        board.heard("arm1", "tracker_cp", tracked(stamp, 0.12), stamp)
+        board.received("arm1", "corrected/report", report(stamp), stamp)
+        board.received("arm1", "tracker_cp", tracked(stamp, 0.12), stamp)
     assert arm(board)["drift"]["alarm"]
-    board.heard("arm1", "corrected/report", report(100.0, model="n"), 100.0)
+    board.received("arm1", "corrected/report", report(100.0, model="n"), 100.0)
     assert not arm(board)["drift"]["alarm"]
 
 

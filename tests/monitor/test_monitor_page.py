@@ -10,8 +10,7 @@ from chromium import browser
 from crtk_support import ShiftCorrector, living_arm, model
 
 from gpcorrect_service.crtk import Bus, BusSettings
-from gpcorrect_service.crtk.filter_server import FilterServer
-from gpcorrect_service.crtk.prefilter import Prefilter
+from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter
 from gpcorrect_service.crtk.robot import Robot
 from gpcorrect_service.ops.logger import open_logger
 

@@ -113,6 +113,6 @@ def test_joint_models_are_kept_and_served_too(tmp_path: Path, run: Run) -> None:
     assert kind_of(path) == "joints"
     assert run("models", "add", path, "--store", tmp_path / "store")[0] == 0
     model = load_joint_model(path)
-    answer = model.stream().estimate(1.0, np.array([0.1, 0.1, 0.02]))
-    np.testing.assert_allclose(answer.q, [0.11, 0.08, 0.023], atol=1e-4)
-    assert model.types == "RRP"
+    answer = model.corrector.stream().estimate(1.0, np.array([0.1, 0.1, 0.02]))
+    np.testing.assert_allclose(answer.joints, [0.11, 0.08, 0.023], atol=1e-4)
+    assert model.corrector.types == "RRP"

@@ -31,9 +31,9 @@ from gpcorrect_service.crtk.messages import (
 
 __all__ = ["ArmServer", "ArmServerSettings", "CommandedArm", "SensedArm"]
 
-STATE_HZ = 10.0
-BEAT_HZ = 2.0
-BEHIND = 0.5  # s of wall time after which lost ticks are given up instead of caught up with
+STATE_HZ = 10.0  # chosen by hand: fast enough for people
+BEAT_HZ = 2.0  # chosen by hand
+BEHIND = 0.5  # chosen by hand: s of wall time after which lost ticks are given up instead of caught up with
 
 
 class SensedArm(Protocol):
@@ -79,28 +79,70 @@ class CommandedArm(Protocol):
         """Seconds on the arm's clock."""
 
     def poses_of(self, q: FloatArray) -> FloatArray | None:
-        """(n, 4, 4) nominal tool poses of joints `(n, dof)`."""
+        """Return nominal tool poses (n, 4, 4).
+
+        Parameters
+        ----------
+        q : (n, dof) array
+        """
 
     def read(self, *, tracked: bool) -> SensedArm:
-        """Return what the sensors say, with or without the tracker."""
+        """Return what the sensors measure.
+
+        Parameters
+        ----------
+        tracked : bool
+            With the tracker.
+        """
 
     def operate(self, command: str) -> None:
-        """Change the operating state."""
+        """Change the operating state.
+
+        Parameters
+        ----------
+        command : str
+            CRTK's `state_command`.
+        """
 
     def servo_jp(self, q: FloatArray) -> None:
-        """Go to joints at once."""
+        """Go to joints at once.
+
+        Parameters
+        ----------
+        q : (dof,) array
+        """
 
     def move_jp(self, q: FloatArray) -> None:
-        """Go to joints smoothly."""
+        """Go to joints smoothly.
+
+        Parameters
+        ----------
+        q : (dof,) array
+        """
 
     def servo_cp(self, T: FloatArray) -> None:
-        """Go to a pose at once."""
+        """Go to a pose at once.
+
+        Parameters
+        ----------
+        T : (4, 4) array
+        """
 
     def move_cp(self, T: FloatArray) -> None:
-        """Go to a pose in a straight line."""
+        """Go to a pose in a straight line.
+
+        Parameters
+        ----------
+        T : (4, 4) array
+        """
 
     def advance(self, seconds: float) -> None:
-        """Let time pass."""
+        """Let time pass.
+
+        Parameters
+        ----------
+        seconds : float
+        """
 
 
 @dataclass(frozen=True)
@@ -131,7 +173,7 @@ class ArmServerSettings:
 
 
 class ArmServer:
-    """Serves one arm until told to stop.
+    """Serves one arm until it is stopped.
 
     Parameters
     ----------
@@ -147,17 +189,23 @@ class ArmServer:
         self._orders: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._late = 0
         prefix = "corrected/" if settings.corrected else ""
-        for name, order in (
-            ("servo_jp", self._queueing(self._joints, arm.servo_jp)),
-            ("move_jp", self._queueing(self._joints, arm.move_jp)),
-            (f"{prefix}servo_cp", self._queueing(self._pose, arm.servo_cp)),
-            (f"{prefix}move_cp", self._queueing(self._pose, arm.move_cp)),
-            ("state_command", self._queueing(self._command, arm.operate)),
-        ):
-            bus.subscribe(name, order, self._refused)
+        reading: tuple[tuple[str, Callable[..., object], Callable[..., None]], ...] = (
+            ("servo_jp", self._joints, arm.servo_jp),
+            ("move_jp", self._joints, arm.move_jp),
+            (f"{prefix}servo_cp", self._pose, arm.servo_cp),
+            (f"{prefix}move_cp", self._pose, arm.move_cp),
+            ("state_command", lambda message: message.string, arm.operate),
+        )
+        for name, read, act in reading:
+            bus.subscribe(name, self._queueing(read, act), self._refused)
 
     def run(self, stop: threading.Event) -> None:
-        """Let the arm live until `stop`."""
+        """Let the arm live until it is stopped.
+
+        Parameters
+        ----------
+        stop : threading.Event
+        """
         period = 1.0 / self._settings.rate_hz
         tick, due = 0, time.monotonic()
         while not stop.is_set():
@@ -178,19 +226,19 @@ class ArmServer:
         return due if ahead > -BEHIND else time.monotonic()
 
     def _queueing(self, read: Callable[..., object], act: Callable[..., None]) -> Callable[[object], None]:
-        def receive(message: object) -> None:
+        def _receive(message: object) -> None:
             self._orders.put(lambda: act(read(message)))
 
-        return receive
+        return _receive
 
     def _refused(self, error: GpCorrectError) -> None:
-        def raises() -> None:
+        def _raise() -> None:
             raise error
 
-        self._orders.put(raises)
+        self._orders.put(_raise)
 
     def _obey(self) -> None:
-        """Do what was commanded since the last tick; what is refused is told on `error`."""
+        """Do what was commanded since the last tick; what is refused is published on `error`."""
         while True:
             try:
                 order = self._orders.get_nowait()
@@ -209,9 +257,6 @@ class ArmServer:
         checked_stamp(message.stamp)
         numbers = np.array(checked_numbers(message.pose, 7, "a pose (x y z qw qx qy qz)"))
         return se3.from_parts(numbers[:3], numbers[3:])
-
-    def _command(self, message: Text) -> str:
-        return message.string
 
     def _stamp(self) -> float:
         return self._epoch + self._arm.time

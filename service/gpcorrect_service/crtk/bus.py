@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -14,15 +13,15 @@ import msgspec
 import zenoh
 
 from gpcorrect_service.crtk.messages import TOPICS, Message, Topic
-from gpcorrect_service.crtk.rmw import RmwNode, attachment, gid_of, rmw_key
-from gpcorrect_service.crtk.ros_messages import from_cdr, to_cdr
+from gpcorrect_service.crtk.ros import RmwNode, attachment, from_cdr, gid_of, rmw_key, to_cdr
+from gpcorrect_service.protocol.codec import JSON, MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
-from gpcorrect_service.protocol.sessions import COMMON
+from gpcorrect_service.protocol.limits import bad_input
+from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_config
 from gpcorrect_service.protocol.settings import check_loopback
 
 __all__ = ["Bus", "BusSettings", "Inbox", "open_session", "read_message"]
 
-MSGPACK, JSON, CDR = "application/msgpack", "application/json", "application/cdr"
 RETRY = {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 2}
 
 
@@ -83,7 +82,7 @@ class Bus:
         self._node: RmwNode | None = None
         if settings.ros_domain is not None:
             self._node = RmwNode(settings.ros_domain, str(self._session.info.zid()), node)
-            self._token(self._node.node_token())
+            self._stack.enter_context(self._session.liveliness().declare_token(self._node.node_token()))
 
     def __enter__(self) -> Self:
         return self
@@ -98,36 +97,49 @@ class Bus:
         self._publishers.clear()
         self._stack.close()
 
-    @property
-    def session(self) -> zenoh.Session:
-        """The zenoh session, without a namespace."""
-        return self._session
-
     def key(self, name: str) -> str:
-        """Return the native key of a topic."""
+        """Return the native key of a topic.
+
+        Parameters
+        ----------
+        name : str
+            Of the topic.
+        """
         return f"{self.settings.namespace}/{self.settings.arm}/{name}"
 
     def publish(self, name: str, message: Message) -> None:
-        """Send a message; it is dropped where a listener cannot keep up."""
+        """Send a message; it is dropped where a listener cannot keep up.
+
+        Parameters
+        ----------
+        name : str
+            Of the topic.
+        message : Struct
+        """
         sender = self._publishers.get(name)
         if sender is None:
             sender = self._publishers[name] = self._sender(TOPICS[name])
         sender.send(message)
 
     def subscribe(self, name: str, inbox: Inbox, refused: Refused | None = None) -> None:
-        """Hand every message of a topic to `inbox`, on zenoh's thread: it must not wait.
+        """Receive every message of a topic, on zenoh's thread.
 
-        What cannot be read goes to `refused`.
+        Parameters
+        ----------
+        name : str
+            Of the topic.
+        inbox : callable
+            Takes a message; must not wait.
+        refused : callable, optional
+            Takes the error of a message that cannot be read.
         """
         what = TOPICS[name]
         self._listen(self.key(name), what, inbox, refused)
         if self._node is not None and what.ros_type:
-            self._listen(rmw_key(self._node.domain, self._ros_name(name), what.ros_type), what, inbox, refused)
-            number = next(self._numbers)
-            self._token(self._node.topic_token(number, "MS", self._ros_name(name), what.ros_type))
+            self._listen(self._declare_ros(what, "MS")[0], what, inbox, refused)
 
     def _listen(self, key: str, what: Topic, inbox: Inbox, refused: Refused | None) -> None:
-        def receive(sample: zenoh.Sample) -> None:
+        def _receive(sample: zenoh.Sample) -> None:
             try:
                 message = read_message(sample.payload.to_bytes(), str(sample.encoding), what)
             except ServiceError as error:
@@ -136,41 +148,48 @@ class Bus:
                 return
             inbox(message)
 
-        callback = zenoh.handlers.Callback(receive, indirect=False)
+        callback = zenoh.handlers.Callback(_receive, indirect=False)
         self._stack.enter_context(self._session.declare_subscriber(key, callback))
 
     def _sender(self, what: Topic) -> _Sender:
-        native = self._declare(self.key(what.name))
+        native = self._publisher(self.key(what.name))
         if self._node is None or not what.ros_type:
-            return _Sender(native, what, None, b"")
-        ros = self._declare(rmw_key(self._node.domain, self._ros_name(what.name), what.ros_type))
-        token = self._node.topic_token(next(self._numbers), "MP", self._ros_name(what.name), what.ros_type)
-        self._token(token)
-        return _Sender(native, what, ros, gid_of(token))
+            return _Sender(native, what)
+        key, token = self._declare_ros(what, "MP")
+        return _Sender(native, what, self._publisher(key), gid_of(token))
 
-    def _declare(self, key: str) -> zenoh.Publisher:
+    def _publisher(self, key: str) -> zenoh.Publisher:
         return self._stack.enter_context(
             self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
         )
 
-    def _ros_name(self, name: str) -> str:
-        return f"{self.settings.arm}/{name}"
-
-    def _token(self, key: str) -> None:
-        self._stack.enter_context(self._session.liveliness().declare_token(key))
+    def _declare_ros(self, what: Topic, kind: str) -> tuple[str, str]:
+        """Show a topic in the ROS graph; return its key and its liveliness token."""
+        assert self._node is not None
+        name = f"{self.settings.arm}/{what.name}"
+        token = self._node.topic_token(next(self._numbers), kind, name, what.ros_type)
+        self._stack.enter_context(self._session.liveliness().declare_token(token))
+        return rmw_key(self._node.domain, name, what.ros_type), token
 
 
 class _Sender:
     """One topic's publishers."""
 
-    def __init__(self, native: zenoh.Publisher, what: Topic, ros: zenoh.Publisher | None, gid: bytes) -> None:
+    def __init__(
+        self, native: zenoh.Publisher, what: Topic, ros: zenoh.Publisher | None = None, gid: bytes = b""
+    ) -> None:
         self._native, self._ros, self._gid = native, ros, gid
-        self._encoding = f"{MSGPACK};gpcorrect.{what.kind}/1"
-        self._encode = msgspec.msgpack.Encoder().encode
+        self._encoding = f"{MSGPACK.media_type};gpcorrect.{what.kind}/1"
         self._count = 0
 
     def send(self, message: Message) -> None:
-        self._native.put(self._encode(message), encoding=self._encoding)
+        """Publish on every key.
+
+        Parameters
+        ----------
+        message : Struct
+        """
+        self._native.put(MSGPACK.encode(message), encoding=self._encoding)
         if self._ros is not None:
             self._count += 1
             beside = attachment(self._count, round(message.stamp * 1e9), self._gid)
@@ -180,49 +199,55 @@ class _Sender:
 def read_message(payload: bytes, encoding: str, what: Topic) -> msgspec.Struct:
     """Read a topic's message in whatever encoding it came; bytes without a name are ROS's, text without one is JSON.
 
+    Parameters
+    ----------
+    payload : bytes
+    encoding : str
+        zenoh's.
+    what : Topic
+
     Raises
     ------
     ServiceError
         BAD_INPUT: it is no such message.
     """
-    try:
-        if encoding.startswith(MSGPACK):
-            return msgspec.msgpack.decode(payload, type=what.form)
-        if encoding.startswith((JSON, "text/")):
-            return msgspec.json.decode(payload, type=what.form)
-        if what.ros_type and encoding.startswith((CDR, "zenoh/bytes")):
-            return from_cdr(payload, what.ros_type)
-    except msgspec.DecodeError as error:
-        raise ServiceError("BAD_INPUT", f"{what.name}: {error}") from error
-    raise ServiceError("BAD_INPUT", f"{what.name} does not come as {encoding}.", hint="Send msgpack, JSON or CDR.")
+    if encoding.startswith(MSGPACK.media_type):
+        return MSGPACK.decode(what.form, payload)
+    if encoding.startswith((JSON.media_type, "text/")):
+        return JSON.decode(what.form, payload)
+    if what.ros_type and encoding.startswith(("application/cdr", "zenoh/bytes")):
+        return from_cdr(payload, what.ros_type)
+    raise bad_input(f"{what.name} does not come as {encoding}.", "Send msgpack, JSON or CDR.")
 
 
 def open_session(settings: BusSettings) -> zenoh.Session:
     """Open a hub's or a client's session, without a namespace.
+
+    Parameters
+    ----------
+    settings : BusSettings
 
     Raises
     ------
     EndpointError
         A hub cannot listen there; or nobody answers a client.
     """
-    config = zenoh.Config()
     hub = settings.role == "hub"
     if hub:
         check_loopback(settings.endpoint, allow_remote=settings.allow_remote)
-    values = {
-        **COMMON,
-        "mode": "router" if hub else "client",
-        "listen/endpoints": [settings.endpoint] if hub else [],
-        "connect/endpoints": [] if hub else [settings.endpoint],
-        "connect/timeout_ms": round(1000 * settings.patience),
-        "connect/retry": RETRY,
-    }
-    for key, value in values.items():
-        config.insert_json5(key, json.dumps(value))
+    config = make_config(
+        {
+            **COMMON,
+            "mode": "router" if hub else "client",
+            "listen/endpoints": [settings.endpoint] if hub else [],
+            "connect/endpoints": [] if hub else [settings.endpoint],
+            "connect/timeout_ms": round(1000 * settings.patience),
+            "connect/retry": RETRY,
+        }
+    )
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        cause = str(error).split(" at /", maxsplit=1)[0].strip()
         what = "cannot listen here" if hub else "nobody answers here"
         hint = "Another program may hold this address." if hub else "Start the arm first: gpcorrect sim serve"
-        raise EndpointError(settings.endpoint, f"{what} ({cause}).", hint=hint) from error
+        raise EndpointError(settings.endpoint, f"{what} ({first_sentence(error)}).", hint=hint) from error

@@ -9,11 +9,12 @@ from gpcorrect.types import FloatArray
 __all__ = ["HELP", "KeyControl"]
 
 UP, DOWN = "qwertyu", "asdfghj"
+# What the command prints.
 HELP = (
     "q w e r t y u move joints 1 to 7 up, a s d f g h j move them down; + and - change the step; space stops; x leaves"
 )
-FACTOR = 1.5
-SMALLEST, LARGEST = 0.05, 20.0  # times the first step
+FACTOR = 1.5  # chosen by hand
+SMALLEST, LARGEST = 0.05, 20.0  # chosen by hand: times the first step
 
 
 class KeyControl:
@@ -43,7 +44,14 @@ class KeyControl:
         return size
 
     def press(self, key: str, setpoint: FloatArray) -> bool:
-        """Take a key stroke while the arm is commanded to `setpoint` `(dof,)`; return whether the target changed."""
+        """Take a key stroke; return whether the target changed.
+
+        Parameters
+        ----------
+        key : str
+        setpoint : (dof,) array
+            Where the arm is commanded to.
+        """
         match key:
             case "x":
                 self.done = True

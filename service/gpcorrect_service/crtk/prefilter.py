@@ -1,14 +1,17 @@
 """The correction before a robot's own `servo_cp`: desired poses in, commands out, or a refusal with its reason.
 
-No network here; see `filter_server`.
+`Prefilter` knows no network; `FilterServer` gives it the arm's topics.
 """
 
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from queue import Empty, Full, Queue
 
 import numpy as np
 
@@ -16,15 +19,22 @@ from gpcorrect import se3
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
-from gpcorrect_service.crtk.messages import OperatingState, Pose, Report, checked_stamp
+from gpcorrect_service.crtk.bus import Bus
+from gpcorrect_service.crtk.messages import OperatingState, Pose, Report, Text, checked_stamp
+from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.protocol.answer import PoseAnswer, pack
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import bad_input, check_command, checked_pose, checked_twist
 from gpcorrect_service.server.models import Model
 
-__all__ = ["Prefilter", "PrefilterSettings"]
+__all__ = ["FilterServer", "Prefilter", "PrefilterSettings"]
 
 POSE = 7  # numbers of a pose
+WAITING = 64  # chosen by hand: poses that may wait; a stream that is further behind loses its oldest
+LOG_EVERY = 1000  # refusals between two lines about them in the log
+
+
+Correct = Callable[[Pose], tuple[Pose, Report]]
 
 
 @dataclass(frozen=True)
@@ -200,6 +210,69 @@ class Prefilter:
             reference=tuple(self._model.reference(pose[None])[0].tolist()),
         )
         return Pose(message.stamp, tuple(command), self._settings.frame), report
+
+
+class FilterServer:
+    """Corrects an arm's commands: `servo_cp` and `move_cp` in, `corrected/...` out, refusals on `error`.
+
+    Parameters
+    ----------
+    prefilter : Prefilter
+    bus : Bus
+    logger : Logger
+        Where refusals are written, the first and every thousandth.
+    """
+
+    def __init__(self, prefilter: Prefilter, bus: Bus, logger: Logger) -> None:
+        self._prefilter, self._bus, self._logger = prefilter, bus, logger
+        self._waiting: Queue[tuple[str, Correct, Pose]] = Queue(WAITING)
+        self._refused = 0
+        bus.subscribe("operating_state", prefilter.robot_is)
+        for name, answer in (("servo_cp", prefilter.servo), ("move_cp", prefilter.move)):
+            bus.subscribe(name, self._queueing(f"corrected/{name}", answer), lambda error: self._refuse(0.0, error))
+
+    def run(self, stop: threading.Event) -> None:
+        """Answer until stopped.
+
+        Parameters
+        ----------
+        stop : threading.Event
+        """
+        while not stop.is_set():
+            try:
+                out, answer, message = self._waiting.get(timeout=0.1)
+            except Empty:
+                continue
+            self._answer(out, answer, message)
+
+    def _answer(self, out: str, answer: Correct, message: Pose) -> None:
+        try:
+            command, report = answer(message)
+        except ServiceError as error:
+            self._refuse(message.stamp, error)
+            return
+        self._bus.publish(out, command)
+        self._bus.publish("corrected/report", report)
+
+    def _queueing(self, out: str, answer: Correct) -> Callable[[Pose], None]:
+        def _receive(message: Pose) -> None:
+            # Where the queue is full the newest pose is the one that counts.
+            while True:
+                try:
+                    self._waiting.put_nowait((out, answer, message))
+                except Full:
+                    with suppress(Empty):
+                        self._waiting.get_nowait()
+                else:
+                    return
+
+        return _receive
+
+    def _refuse(self, stamp: float, error: ServiceError) -> None:
+        self._bus.publish("error", Text(stamp, str(error)))
+        if self._refused % LOG_EVERY == 0:
+            self._logger.warning("pose refused", status=error.status, cause=error.message, refused=self._refused + 1)
+        self._refused += 1
 
 
 @dataclass(frozen=True, eq=False)

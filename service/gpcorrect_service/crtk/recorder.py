@@ -16,7 +16,7 @@ from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, PoseSignal
 from gpcorrect_service.crtk.bus import Bus
 from gpcorrect_service.crtk.messages import Event, JointState, Message, Pose
 from gpcorrect_service.crtk.robot import NO_TRAJECTORY
-from gpcorrect_service.crtk.ros_messages import to_ros
+from gpcorrect_service.crtk.ros import to_ros
 from gpcorrect_service.protocol.cdr import ros_types
 
 __all__ = ["RECORDED", "Recorder", "Recording", "write_mcap"]
@@ -44,6 +44,11 @@ class Recording:
         """Return the samples at which everything that was recorded has a value, on the arm's clock from 0.
 
         Samples outside marked trajectories are left out where there are marks.
+
+        Parameters
+        ----------
+        meta : LogMeta, optional
+            Of the log; the arm's name by default.
 
         Raises
         ------
@@ -94,13 +99,19 @@ class Recorder:
         bus.subscribe("event", self._events.append)
 
     def recording(self) -> Recording:
-        """Return what was heard so far."""
+        """Return what came so far."""
         with self._lock:
             return Recording(self._arm, {k: tuple(v) for k, v in self._messages.items()}, tuple(self._events))
 
 
 def write_mcap(recording: Recording, folder: Path) -> None:
     """Write a ROS 2 recording: a folder with an MCAP file, topics `/arm/measured_js` and so on.
+
+    Parameters
+    ----------
+    recording : Recording
+    folder : path
+        Made.
 
     Raises
     ------
@@ -132,6 +143,13 @@ class _Table:
     values: dict[str, FloatArray]
 
     def at(self, stamps: FloatArray) -> dict[str, FloatArray]:
+        """Return the rows at stamps that are there.
+
+        Parameters
+        ----------
+        stamps : (n,) array
+            s.
+        """
         rows = np.searchsorted(self.stamp, stamps - SAME)
         return {name: column[rows] for name, column in self.values.items()}
 

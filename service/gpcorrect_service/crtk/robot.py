@@ -18,11 +18,11 @@ from gpcorrect_service.crtk.messages import Event, JointState, OperatingState, P
 
 __all__ = ["NO_TRAJECTORY", "Robot", "RobotError"]
 
-NO_TRAJECTORY = -1
-POLL = 0.002  # s
-NEAR = 1e-6  # rad or m from a goal that count as there
-LONGEST_STEP = 0.08  # s of a path between two commands
-STALLED = 5.0  # s of wall time without a state message after which a robot counts as gone
+NO_TRAJECTORY = -1  # in events: between trajectories
+POLL = 0.002  # s, chosen by hand
+NEAR = 1e-6  # chosen by hand: rad or m from a goal that count as there
+LONGEST_STEP = 0.08  # chosen by hand: s of a path between two commands
+STALLED = 5.0  # chosen by hand: s of wall time without a state message after which a robot counts as gone
 
 
 class RobotError(GpCorrectError):
@@ -50,7 +50,7 @@ class Robot:
         self._bus = Bus(settings, node="gpcorrect_tool")
         self._patience = patience
         self._latest: dict[str, Any] = {}
-        self._heard = time.monotonic()
+        self._latest_at = time.monotonic()
         self._fresh = threading.Condition()
         self._errors: list[str] = []
         for name in ("measured_js", "setpoint_js", "setpoint_cp", "operating_state"):
@@ -119,20 +119,44 @@ class Robot:
             self._until(lambda: self.state.is_homed, self._patience, "become homed")
 
     def operate(self, command: str) -> None:
-        """Send a state command."""
+        """Send a state command.
+
+        Parameters
+        ----------
+        command : str
+            enable, disable, pause, resume, home or unhome.
+        """
         self._errors.clear()
         self._bus.publish("state_command", Text(self.time, command))
 
     def servo_jp(self, q: FloatArray) -> None:
-        """Send one of a stream of joint commands."""
+        """Send one of a stream of joint commands.
+
+        Parameters
+        ----------
+        q : (dof,) array
+            rad or m.
+        """
         self._bus.publish("servo_jp", JointState(self.time, tuple(q.tolist())))
 
     def servo_cp(self, pose: FloatArray, frame: str = "") -> None:
-        """Send one of a stream of poses (7,): base frame, or the planner's where a pre-filter listens."""
+        """Send one of a stream of poses.
+
+        Parameters
+        ----------
+        pose : (7,) array
+        frame : str
+            The base's, or the planner's where a pre-filter listens.
+        """
         self._bus.publish("servo_cp", Pose(self.time, tuple(pose.tolist()), frame))
 
     def move_jp(self, q: FloatArray) -> None:
         """Go to joints and wait until the robot is there.
+
+        Parameters
+        ----------
+        q : (dof,) array
+            rad or m.
 
         Raises
         ------
@@ -181,7 +205,15 @@ class Robot:
         self._mark(NO_TRAJECTORY)
 
     def follow_poses(self, times: FloatArray, poses: FloatArray, frame: str) -> None:
-        """Stream a path of desired poses (n, 7) at `times` (n,) on the robot's own clock, each as it stands.
+        """Stream a path of desired poses on the robot's own clock, each as it stands.
+
+        Parameters
+        ----------
+        times : (n,) array
+            s.
+        poses : (n, 7) array
+        frame : str
+            That the poses are in.
 
         Raises
         ------
@@ -194,7 +226,7 @@ class Robot:
     def _paced(self, times: FloatArray) -> Iterator[float]:
         """Yield moments of a path as the robot's clock goes, one a state message, none twice, and the end at last.
 
-        A tool that was kept waiting by its machine goes on where it was: the path takes longer, and nothing jumps.
+        A tool that its machine held up goes on where it was: the path takes longer, and nothing jumps.
         """
         clock, since, end = self.time, 0.0, float(times[-1] - times[0])
         yield float(times[0])
@@ -219,7 +251,7 @@ class Robot:
                 if self._errors and patience is None:
                     raise RobotError(f"the robot does not {what}: {self._errors[-1]}")
                 now = time.monotonic()
-                if now > until or now > self._heard + STALLED:
+                if now > until or now > self._latest_at + STALLED:
                     where = f"{self._bus.settings.namespace}/{self._bus.settings.arm} on {self._bus.settings.endpoint}"
                     said = f" It said: {self._errors[-1]}" if self._errors else ""
                     raise RobotError(
@@ -229,13 +261,13 @@ class Robot:
                 self._fresh.wait(POLL if patience is not None else 0.1)
 
     def _keeper(self, name: str) -> Callable[[Any], None]:
-        def keep(message: Any) -> None:
+        def _keep(message: Any) -> None:
             with self._fresh:
                 self._latest[name] = message
-                self._heard = time.monotonic()
+                self._latest_at = time.monotonic()
                 self._fresh.notify_all()
 
-        return keep
+        return _keep
 
     def _complain(self, message: Text) -> None:
         with self._fresh:

@@ -23,7 +23,7 @@ from gpcorrect_service.monitor.board import Board
 
 __all__ = ["application"]
 
-EVERY = 0.2  # s between snapshots
+EVERY = 0.2  # chosen by hand: s between snapshots
 FILES = {
     "/": ("page.html", "text/html"),
     "/page.css": ("page.css", "text/css"),
@@ -49,18 +49,18 @@ def application(board: Board, hosts: list[str], closing: Callable[[], bool] = la
         Whether the server is about to stop: streams end then.
     """
 
-    async def state(request: Request) -> Response:
+    async def _state(request: Request) -> Response:
         return JSONResponse(board.snapshot(time.monotonic()))
 
-    async def events(request: Request) -> Response:
+    async def _events(request: Request) -> Response:
         return StreamingResponse(_stream(board, request, closing), media_type="text/event-stream")
 
-    async def no_icon(request: Request) -> Response:
+    async def _no_icon(request: Request) -> Response:
         return Response(status_code=204)
 
     routes = [Route(path, _file(*what), methods=["GET"]) for path, what in FILES.items()]
-    routes += [Route("/api/state", state, methods=["GET"]), Route("/events", events, methods=["GET"])]
-    routes.append(Route("/favicon.ico", no_icon, methods=["GET"]))
+    routes += [Route("/api/state", _state, methods=["GET"]), Route("/events", _events, methods=["GET"])]
+    routes.append(Route("/favicon.ico", _no_icon, methods=["GET"]))
     return Starlette(
         routes=routes,
         middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts), Middleware(_Headers)],
@@ -76,10 +76,10 @@ async def _stream(board: Board, request: Request, closing: Callable[[], bool]) -
 def _file(name: str, media_type: str) -> Callable[[Request], Awaitable[Response]]:
     text = resources.files("gpcorrect_service.monitor").joinpath("page", name).read_text(encoding="utf-8")
 
-    async def serve(request: Request) -> Response:
+    async def _serve(request: Request) -> Response:
         return Response(text, media_type=media_type)
 
-    return serve
+    return _serve
 
 
 class _Headers:
@@ -89,9 +89,9 @@ class _Headers:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        async def with_headers(message: Message) -> None:
+        async def _with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 message["headers"] = [*message["headers"], *HEADERS.items()]
             await send(message)
 
-        await self._app(scope, receive, with_headers)
+        await self._app(scope, receive, _with_headers)

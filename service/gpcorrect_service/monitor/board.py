@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,11 +16,19 @@ from gpcorrect_service.protocol.messages import HealthAnswer
 
 __all__ = ["Board"]
 
-WINDOW = 60.0  # s of reports that shares and latencies are taken over
-LATENCIES = 4096
-TOGETHER = 0.03  # s between a tracked pose and the desired one that it is compared with
-GONE = 5.0  # s of silence after which a replica is shown as gone, and later forgotten
-FORGOTTEN = 60.0
+WINDOW = 60.0  # chosen by hand: s of reports that fractions and latencies are taken over
+LATENCIES = 4096  # chosen by hand: a minute at 70 Hz
+TOGETHER = 0.03  # chosen by hand: s between a tracked pose and the desired one that it is compared with
+GONE = 5.0  # chosen by hand: s of silence after which a replica is shown as gone
+FORGOTTEN = 60.0  # chosen by hand: s of silence after which it is not shown
+
+
+class _Replica(NamedTuple):
+    """A server's health, the seconds that it took to come, and when it came."""
+
+    answer: HealthAnswer
+    seconds: float
+    now: float
 
 
 class Board:
@@ -38,47 +45,47 @@ class Board:
         self._arms: dict[str, _ArmView] = {}
         self._lock = threading.Lock()
 
-    def heard(self, arm: str, name: str, message: Any, now: float) -> None:
-        """Take note of a message on a topic, at a time of this machine, s."""
+    def received(self, arm: str, name: str, message: Any, now: float) -> None:
+        """Take note of a message on a topic.
+
+        Parameters
+        ----------
+        arm, name : str
+            Of the arm and of the topic.
+        message : Struct
+        now : float
+            Clock of this machine, s.
+        """
         with self._lock:
-            self._view(arm).heard(name, message, now)
+            self._view(arm).received(name, message, now)
 
     def replica(self, arm: str, answer: HealthAnswer, seconds: float, now: float) -> None:
-        """Take note of a server's health, which took `seconds` to come."""
+        """Take note of a server's health.
+
+        Parameters
+        ----------
+        arm : str
+        answer : HealthAnswer
+        seconds, now : float
+            That the answer took; clock of this machine, s.
+        """
         with self._lock:
             self._view(arm).replicas[answer.replica] = _Replica(answer, seconds, now)
 
     def snapshot(self, now: float) -> dict[str, Any]:
-        """Return everything, ready for JSON; NaN is None."""
+        """Return everything, ready for JSON; NaN is None.
+
+        Parameters
+        ----------
+        now : float
+            Clock of this machine, s.
+        """
         with self._lock:
             arms = [view.snapshot(now) for _, view in sorted(self._arms.items())]
         return {"namespace": self.namespace, "arms": arms}
 
     def _view(self, arm: str) -> _ArmView:
         return self._arms.setdefault(arm, _ArmView(arm))
-
-
-class _Replica:
-    def __init__(self, answer: HealthAnswer, seconds: float, now: float) -> None:
-        self.answer, self.seconds, self.now = answer, seconds, now
-
-    def snapshot(self, now: float) -> dict[str, Any]:
-        counts: Mapping[str, Mapping[str, int]] = self.answer.counts
-        corrections = [c for kind, c in counts.items() if kind.startswith("correct")]
-        asked = sum(sum(c.values()) for c in corrections)
-        outside = sum(c.get("EXTRAPOLATING", 0) for c in corrections)
-        return {
-            "replica": self.answer.replica,
-            "state": self.answer.state if now - self.now < GONE else "GONE",
-            "model_id": self.answer.model_id,
-            "model_hash": self.answer.model_hash[:12],
-            "uptime": self.answer.uptime,
-            "round_trip_ms": 1e3 * self.seconds,
-            "queued": sum(self.answer.queued.values()),
-            "asked": asked,
-            "outside_share": outside / asked if asked else None,
-            "faults": sum(c.get(status, 0) for c in corrections for status in ("INTERNAL", "STALE", "BUSY")),
-        }
 
 
 class _ArmView:
@@ -88,15 +95,23 @@ class _ArmView:
         self.name = name
         self.replicas: dict[str, _Replica] = {}
         self._latest: dict[str, Any] = {}
-        self._heard = -math.inf
+        self._received = -math.inf
         self._reports: deque[tuple[float, bool]] = deque()
         self._latencies: deque[float] = deque(maxlen=LATENCIES)
         self._drift = DriftWatch()
         self._refused = 0
         self._error = ""
 
-    def heard(self, name: str, message: Any, now: float) -> None:
-        self._heard = now
+    def received(self, name: str, message: Any, now: float) -> None:
+        """Take note of a message.
+
+        Parameters
+        ----------
+        name : str
+        message : Struct
+        now : float
+        """
+        self._received = now
         match message:
             case Report():
                 self._reported(message, now)
@@ -125,12 +140,18 @@ class _ArmView:
         self._drift.see(tracked.stamp, outside(miss, report.interval95))
 
     def snapshot(self, now: float) -> dict[str, Any]:
+        """Return everything of this arm.
+
+        Parameters
+        ----------
+        now : float
+        """
         self.replicas = {k: r for k, r in self.replicas.items() if now - r.now < FORGOTTEN}
         report, state = self._latest.get("report"), self._latest.get("operating_state")
         tracked = self._latest.get("tracker_cp")
         return {
             "name": self.name,
-            "silent_seconds": now - self._heard if math.isfinite(self._heard) else None,
+            "silent_seconds": now - self._received if math.isfinite(self._received) else None,
             "operating_state": None if state is None else state.state,
             "is_homed": None if state is None else state.is_homed,
             "is_busy": None if state is None else state.is_busy,
@@ -139,8 +160,8 @@ class _ArmView:
             "poses": self._poses(report),
             "correction": None if report is None else _correction(report),
             "error": None if report is None or tracked is None else _error(report, tracked),
-            "outside_share": _share(self._reports),
-            "latency_ms": _quantiles(self._latencies),
+            "outside_share": np.mean([not inside for _, inside in self._reports]).item() if self._reports else None,
+            "latency_ms": self._latency_ms(),
             "drift": {
                 "evidence": self._drift.evidence,
                 "threshold": self._drift.threshold,
@@ -149,8 +170,14 @@ class _ArmView:
             },
             "refused": self._refused,
             "last_refusal": self._error,
-            "replicas": [r.snapshot(now) for _, r in sorted(self.replicas.items())],
+            "replicas": [_shown_replica(r, now) for _, r in sorted(self.replicas.items())],
         }
+
+    def _latency_ms(self) -> dict[str, float] | None:
+        if not self._latencies:
+            return None
+        median, high = np.percentile(self._latencies, [50, 99])
+        return {"median": 1e3 * float(median), "p99": 1e3 * float(high)}
 
     def _poses(self, report: Report | None) -> dict[str, Any]:
         """Return desired, commanded, measured and tracked pose: mm, degrees, and the frame."""
@@ -162,6 +189,25 @@ class _ArmView:
             "tracked": self._latest.get("tracker_cp"),
         }
         return {k: None if pose is None else _shown(pose) for k, pose in named.items()}
+
+
+def _shown_replica(replica: _Replica, now: float) -> dict[str, Any]:
+    answer = replica.answer
+    corrections = [c for kind, c in answer.counts.items() if kind.startswith("correct")]
+    asked = sum(sum(c.values()) for c in corrections)
+    outside = sum(c.get("EXTRAPOLATING", 0) for c in corrections)
+    return {
+        "replica": answer.replica,
+        "state": answer.state if now - replica.now < GONE else "GONE",
+        "model_id": answer.model_id,
+        "model_hash": answer.model_hash[:12],
+        "uptime": answer.uptime,
+        "round_trip_ms": 1e3 * replica.seconds,
+        "queued": sum(answer.queued.values()),
+        "asked": asked,
+        "outside_share": outside / asked if asked else None,
+        "faults": sum(c.get(status, 0) for c in corrections for status in ("INTERNAL", "STALE", "BUSY")),
+    }
 
 
 def _shown(pose: Pose) -> dict[str, Any]:
@@ -201,17 +247,6 @@ def _error(report: Report, tracked: Pose) -> dict[str, Any] | None:
         return None
     miss = _difference(tracked.pose, report.desired)
     return {"mm": 1e3 * float(np.linalg.norm(miss[:3])), "deg": math.degrees(float(np.linalg.norm(miss[3:])))}
-
-
-def _share(reports: deque[tuple[float, bool]]) -> float | None:
-    return sum(not inside for _, inside in reports) / len(reports) if reports else None
-
-
-def _quantiles(latencies: deque[float]) -> dict[str, float] | None:
-    if not latencies:
-        return None
-    median, high = np.percentile(latencies, [50, 99])
-    return {"median": 1e3 * float(median), "p99": 1e3 * float(high)}
 
 
 def _plain(values: Any) -> list[float | None]:

@@ -18,16 +18,24 @@ from dataclasses import dataclass, field
 
 __all__ = ["DriftWatch", "outside"]
 
-USUAL, CHANGED = 0.1, 0.6  # share of votes for "outside" while the model holds, and when it does not
+USUAL, CHANGED = 0.1, 0.6  # chosen by hand: fraction of votes for "outside" while the model holds, and when it does not
 CHI_SQUARE_95 = {1: 3.841, 2: 5.991, 3: 7.815, 4: 9.488, 5: 11.070, 6: 12.592}
 NORMAL_95 = 1.96  # half width of a 95 % interval in standard deviations
-VOTE_SECONDS = 1.0
-FEWEST = 5  # samples that a vote needs
-ONE_IN = 1e5  # votes between false alarms, at least: more than a day of work
+VOTE_SECONDS = 1.0  # chosen by hand: longer than neighbouring samples err together
+FEWEST = 5  # chosen by hand: samples that a vote needs
+ONE_IN = 1e5  # chosen by hand: votes between false alarms, at least: more than a day of work
 
 
 def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
-    """Tell whether a miss `(6,)` is larger than 95 % of those that its intervals speak of; None is not known."""
+    """Tell whether a miss is larger than 95 % of those that its intervals cover.
+
+    Parameters
+    ----------
+    miss : (6,) sequence
+        m and rad.
+    interval95 : (6,) sequence
+        Half widths; None is not known.
+    """
     known = [(m, w) for m, w in zip(miss, interval95, strict=True) if w is not None and w > 0]
     if not known:
         return False
@@ -59,7 +67,15 @@ class DriftWatch:
         self._begin, self._samples = None, []
 
     def see(self, stamp: float, outside: bool) -> None:
-        """Take note of one sample: whether the tracked pose lay outside."""
+        """Take note of one sample.
+
+        Parameters
+        ----------
+        stamp : float
+            s.
+        outside : bool
+            Whether the tracked pose was outside.
+        """
         if self._begin is None or stamp < self._begin:
             self._begin, self._samples = stamp, []
         if stamp - self._begin >= VOTE_SECONDS:

@@ -23,9 +23,9 @@ __all__ = ["WATCHED", "Watcher"]
 WATCHED = (
     "measured_cp", "setpoint_cp", "tracker_cp", "servo_cp", "operating_state", "heartbeat", "error", "corrected/report",
 )  # fmt: skip
-ASK_EVERY = 1.0  # s
-ANSWER_WITHIN = 0.5  # s
-CONNECT_AGAIN = 2.0  # s between tries to reach an address that does not answer
+ASK_EVERY = 1.0  # chosen by hand: s between questions to the servers
+ANSWER_WITHIN = 0.5  # chosen by hand: s
+CONNECT_AGAIN = 2.0  # chosen by hand: s between tries to reach an address that does not answer
 
 
 class Watcher:
@@ -77,15 +77,15 @@ class Watcher:
     def _receiver(self, what: Topic) -> Callable[[zenoh.Sample], None]:
         depth = what.name.count("/") + 2
 
-        def receive(sample: zenoh.Sample) -> None:
+        def _receive(sample: zenoh.Sample) -> None:
             arm = str(sample.key_expr).split("/")[-depth]
             try:
                 message = read_message(sample.payload.to_bytes(), str(sample.encoding), what)
             except ServiceError:
                 return  # whoever the message was meant for says what is wrong with it
-            self._board.heard(arm, what.name, message, time.monotonic())
+            self._board.received(arm, what.name, message, time.monotonic())
 
-        return receive
+        return _receive
 
     def _ask(self, session: zenoh.Session) -> None:
         """Ask every server of every arm how it is."""

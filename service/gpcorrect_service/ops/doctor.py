@@ -9,7 +9,7 @@ import json
 import socket
 import ssl
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -21,7 +21,9 @@ from gpcorrect_service.protocol.settings import ENDPOINT, ClientSettings
 
 __all__ = ["Finding", "examine"]
 
-PATIENCE = 3.0  # s for each step
+PATIENCE = 3.0  # chosen by hand: s for each step
+REFUSAL_SECONDS = 0.5  # chosen by hand: in which a refusal of the client's certificate arrives
+SETTLED_SECONDS = 0.5  # chosen by hand: without change after which no further key is expected
 KEYS = ("health", "model", "correct", "correct_path", "correct_joints", "metrics", "model/list", "admin/activate")
 # Keys that a planner needs; the others may be denied to it on purpose.
 NEEDED = ("health", "correct")
@@ -69,23 +71,30 @@ class Finding:
 def examine(settings: ClientSettings) -> Iterator[Finding]:
     """Yield what is found, step by step; ends at the first trouble that hides all behind it.
 
+    Parameters
+    ----------
+    settings : ClientSettings
+        Whom the client would ask.
+
     Raises
     ------
     DataError
         The configuration cannot be read.
     """
     config = client_config(settings)
-    endpoints = _listed(json.loads(config.get_json("connect/endpoints")))
-    reached = False
-    for endpoint in endpoints:
-        findings = list(_link(endpoint, config))
-        yield from findings
-        reached = reached or all(finding.well for finding in findings)
-    if not reached:
-        if not endpoints:
-            yield Finding("address", "endpoints", False, "the configuration names no address", "Set connect/endpoints.")
-        return
-    yield from _conversation(config, settings, endpoints)
+    endpoints = json.loads(config.get_json("connect/endpoints"))
+    if isinstance(endpoints, dict):  # one list a mode
+        endpoints = [one for some in endpoints.values() for one in some]
+    if not isinstance(endpoints, list):
+        raise DataError(f"connect/endpoints must be a list, got {endpoints!r}.")
+    if not endpoints:
+        yield Finding("address", "endpoints", False, "the configuration names no address", "Set connect/endpoints.")
+    links = []
+    for endpoint in map(str, endpoints):
+        links.append(list(_link(endpoint, config)))
+        yield from links[-1]
+    if any(all(finding.well for finding in link) for link in links):
+        yield from _conversation(config, settings, endpoints)
 
 
 def _link(endpoint: str, config: zenoh.Config) -> Iterator[Finding]:
@@ -95,26 +104,23 @@ def _link(endpoint: str, config: zenoh.Config) -> Iterator[Finding]:
         yield Finding("address", endpoint, False, "this is not an address", "Write protocol/host:port.")
         return
     host, port = match["host"].strip("[]"), int(match["port"])
-    trouble = _dial(host, port)
-    yield Finding("port", endpoint, trouble is None, *(trouble or ("", "")))
-    if trouble is None and match["protocol"] in ("tls", "quic"):
-        trouble = _shake(host, port, json.loads(config.get_json("transport/link/tls")))
-        yield Finding("tls", endpoint, trouble is None, *(trouble or ("", "")))
-
-
-def _dial(host: str, port: int) -> tuple[str, str] | None:
+    trouble = None
     try:
         socket.create_connection((host, port), PATIENCE).close()
     except socket.gaierror:
-        return "unknown host", f"Nobody knows the name {host}: check its spelling, or write the number."
+        trouble = "unknown host", f"Nobody knows the name {host}: check its spelling, or write the number."
     except ConnectionRefusedError:
-        return "closed port", f"The machine answers, but nothing listens on port {port}: start the server or router."
+        listen = f"The machine answers, but nothing listens on port {port}: start the server or router."
+        trouble = "closed port", listen
     except OSError as error:
-        return "unreachable", f"No way to {host} ({error.strerror or error}): a firewall, or the machine is off."
-    return None
+        trouble = "unreachable", f"No way to {host} ({error.strerror or error}): a firewall, or the machine is off."
+    yield Finding("port", endpoint, trouble is None, *(trouble or ("", "")))
+    if trouble is None and match["protocol"] in ("tls", "quic"):
+        trouble = _handshake(host, port, json.loads(config.get_json("transport/link/tls")))
+        yield Finding("tls", endpoint, trouble is None, *(trouble or ("", "")))
 
 
-def _shake(host: str, port: int, tls: dict[str, Any]) -> tuple[str, str] | None:
+def _handshake(host: str, port: int, tls: dict[str, Any]) -> tuple[str, str] | None:
     """Do the TLS handshake as zenoh would; a refusal of the client's certificate comes with the first byte read."""
     try:
         context = ssl.create_default_context(cafile=tls.get("root_ca_certificate"))
@@ -122,25 +128,21 @@ def _shake(host: str, port: int, tls: dict[str, Any]) -> tuple[str, str] | None:
             context.load_cert_chain(tls["connect_certificate"], tls.get("connect_private_key"))
         dialled = socket.create_connection((host, port), PATIENCE)
         with dialled as raw, context.wrap_socket(raw, server_hostname=host) as link:
-            link.settimeout(0.5)
+            link.settimeout(REFUSAL_SECONDS)
             link.recv(1)
     except TimeoutError:
         return None  # zenoh waits for the client to speak first: the handshake is done
     except (FileNotFoundError, PermissionError) as error:
         return "missing certificate", f"{error.filename or 'A certificate file'} cannot be read: {error.strerror}."
     except ssl.SSLError as error:
-        return _tls_trouble(error)
+        text = f"{error.reason} {error}".upper().replace(" ", "_")
+        for sign, cause, next_step in TLS_TROUBLE:
+            if sign in text:
+                return cause, next_step
+        return "TLS refused", f"The handshake failed: {error}."
     except OSError as error:
         return "TLS refused", f"The other side ended the handshake ({error})."
     return None
-
-
-def _tls_trouble(error: ssl.SSLError) -> tuple[str, str]:
-    text = f"{error.reason} {error}".upper().replace(" ", "_")
-    for sign, cause, next_step in TLS_TROUBLE:
-        if sign in text:
-            return cause, next_step
-    return "TLS refused", f"The handshake failed: {error}."
 
 
 def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: list[str]) -> Iterator[Finding]:
@@ -151,45 +153,12 @@ def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: lis
     try:
         session = zenoh.open(config)
     except zenoh.ZError:
-        yield Finding("login", where, False, *_why_not_let_in(config, endpoints))
+        yield Finding("login", where, False, *_login_trouble(config, endpoints))
         return
     with session:
         yield Finding("login", where, True)
-        yield from _keys(session, settings, where)
-
-
-def _why_not_let_in(config: zenoh.Config, endpoints: list[str]) -> tuple[str, str]:
-    if any(_speaks_tls(endpoint) for endpoint in endpoints if endpoint.startswith("tcp/")):
-        return "plain TCP to a TLS port", "The other side speaks TLS: write tls/ in the endpoint, with certificates."
-    user = json.loads(config.get_json("transport/auth/usrpwd/user"))
-    if user:
-        return (
-            "wrong user or password",
-            f"The link stands, but user {user!r} is not let in: compare with passwords.txt.",
-        )
-    return "not let in", "The link stands, but zenoh's greeting fails: a user and password may be asked for."
-
-
-def _speaks_tls(endpoint: str) -> bool:
-    """Whether a TLS greeting is answered in TLS, by a refusal too."""
-    match = ENDPOINT.fullmatch(endpoint)
-    if match is None:
-        return False
-    context = ssl.create_default_context()
-    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-    try:
-        dialled = socket.create_connection((match["host"].strip("[]"), int(match["port"])), 1.0)
-        with dialled as raw, context.wrap_socket(raw):
-            return True
-    except ssl.SSLError as error:
-        return error.reason not in (None, "WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING")
-    except OSError:
-        return False
-
-
-def _keys(session: zenoh.Session, settings: ClientSettings, where: str) -> Iterator[Finding]:
-    matched = _matching(session, settings.arm)
-    if not any(matched.values()):
+        seen = _visible_keys(session, settings.arm)
+    if not any(seen.values()):
         yield Finding(
             "server",
             where,
@@ -199,49 +168,58 @@ def _keys(session: zenoh.Session, settings: ClientSettings, where: str) -> Itera
         )
         return
     yield Finding("server", where, True)
-    for key, seen in matched.items():
-        denied = "" if seen else "denied key"
-        needed = key in NEEDED
-        next_step = (
-            ""
-            if seen
-            else ("Others of this server are seen, this one is not: the access rules of this user leave it out.")
+    for key, visible in seen.items():
+        if visible:
+            yield Finding("key", f"{where}/{key}", True)
+        else:
+            next_step = "Others of this server are seen, this one is not: the access rules of this user leave it out."
+            yield Finding("key", f"{where}/{key}", key not in NEEDED, "denied key", next_step)
+
+
+def _login_trouble(config: zenoh.Config, endpoints: list[str]) -> tuple[str, str]:
+    for match in map(ENDPOINT.fullmatch, endpoints):
+        if (
+            match is not None
+            and match["protocol"] == "tcp"
+            and _speaks_tls(match["host"].strip("[]"), int(match["port"]))
+        ):
+            return (
+                "plain TCP to a TLS port",
+                "The other side speaks TLS: write tls/ in the endpoint, with certificates.",
+            )
+    user = json.loads(config.get_json("transport/auth/usrpwd/user"))
+    if user:
+        return (
+            "wrong user or password",
+            f"The link stands, but user {user!r} is not let in: compare with passwords.txt.",
         )
-        yield Finding("key", f"{where}/{key}", seen or not needed, denied, next_step)
+    return "not let in", "The link stands, but zenoh's greeting fails: a user and password may be asked for."
 
 
-def _matching(session: zenoh.Session, arm: str) -> dict[str, bool]:
-    """Return which keys a server declares, as far as this client is shown."""
+def _speaks_tls(host: str, port: int) -> bool:
+    """Whether a TLS greeting is answered in TLS, by a refusal too."""
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    try:
+        with socket.create_connection((host, port), 1.0) as raw, context.wrap_socket(raw):
+            return True
+    except ssl.SSLError as error:
+        return error.reason not in (None, "WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING")
+    except OSError:
+        return False
+
+
+def _visible_keys(session: zenoh.Session, arm: str) -> dict[str, bool]:
+    """Return which keys a server declares, looking until all are seen or what is seen has not changed for a while."""
     queriers = {key: session.declare_querier(f"{arm}/{key}") for key in KEYS}
-    until = time.monotonic() + PATIENCE
-
-    def look() -> dict[str, bool]:
-        return {key: _seen(querier) for key, querier in queriers.items()}
-
-    return _settled(look, until)
-
-
-def _settled(look: Callable[[], dict[str, bool]], until: float) -> dict[str, bool]:
-    """Look until everything is seen, or until what is seen has not changed for a while."""
-    seen, since = look(), time.monotonic()
-    while not all(seen.values()) and time.monotonic() < until:
-        if any(seen.values()) and time.monotonic() - since > PATIENCE / 6:
+    began = changed = time.monotonic()
+    seen: dict[str, bool] = {}
+    while time.monotonic() < began + PATIENCE:
+        statuses: dict[str, Any] = {key: querier.matching_status for key, querier in queriers.items()}
+        now = {key: bool(status.matching) for key, status in statuses.items()}
+        if now != seen:
+            seen, changed = now, time.monotonic()
+        if all(seen.values()) or (any(seen.values()) and time.monotonic() > changed + SETTLED_SECONDS):
             break
         time.sleep(0.02)
-        now = look()
-        if now != seen:
-            seen, since = now, time.monotonic()
     return seen
-
-
-def _seen(querier: zenoh.Querier) -> bool:
-    status = querier.matching_status
-    return bool(getattr(status, "matching", status))
-
-
-def _listed(endpoints: Any) -> list[str]:
-    if isinstance(endpoints, dict):
-        endpoints = [one for some in endpoints.values() for one in some]
-    if not isinstance(endpoints, list):
-        raise DataError(f"connect/endpoints must be a list, got {endpoints!r}.")
-    return [str(one) for one in endpoints]

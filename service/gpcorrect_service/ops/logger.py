@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import Any, Protocol, TextIO, cast
 
 import structlog
@@ -14,20 +15,22 @@ __all__ = ["Logger", "open_logger"]
 class Logger(Protocol):
     """What the service writes to: an event, and the facts that belong to it."""
 
-    def info(self, event: str, **facts: Any) -> Any:
-        """Write what happens in ordinary service."""
-
-    def warning(self, event: str, **facts: Any) -> Any:
-        """Write what someone should look at."""
-
-    def error(self, event: str, **facts: Any) -> Any:
-        """Write what went wrong."""
+    info: Callable[..., Any]
+    warning: Callable[..., Any]
+    error: Callable[..., Any]
 
 
 def open_logger(stream: TextIO | None = None, **facts: Any) -> Logger:
-    """Return a logger on `stream` (standard error) whose every line carries `facts`.
+    """Return a logger whose every line carries some facts.
 
     structlog is not configured globally: a planner that serves from its own process keeps its own logging.
+
+    Parameters
+    ----------
+    stream : TextIO, optional
+        Standard error by default.
+    **facts
+        Ready for JSON.
     """
     logger = structlog.wrap_logger(
         structlog.WriteLogger(stream or sys.stderr),

@@ -23,16 +23,14 @@ LATENCY_BOUNDS = (5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.
 STATES = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
 
 
-class _Latency:
-    """A histogram: how many answers took how long."""
+class _Key:
+    """What is counted of one key."""
 
     def __init__(self) -> None:
-        self.counts = [0] * (len(LATENCY_BOUNDS) + 1)
-        self.total = 0.0
-
-    def add(self, seconds: float) -> None:
-        self.counts[bisect_left(LATENCY_BOUNDS, seconds)] += 1
-        self.total += seconds
+        self.statuses: Counter[str] = Counter()
+        self.latencies = [0] * (len(LATENCY_BOUNDS) + 1)
+        self.seconds = 0.0
+        self.poses = self.outside = 0
 
 
 class Counters:
@@ -42,47 +40,53 @@ class Counters:
     """
 
     def __init__(self) -> None:
-        self._counts: dict[str, Counter[str]] = {}
-        self._latency: dict[str, _Latency] = {}
-        self._poses: dict[str, int] = {}
-        self._outside: dict[str, int] = {}
+        self._keys: dict[str, _Key] = {}
         self._lock = threading.Lock()
 
     def add(self, kind: str, status: str, seconds: float = 0.0, rows: int = 1, outside: int = 0) -> None:
-        """Count one answer that took `seconds`, to a number of poses of which some were `outside` the domain."""
+        """Count one answer.
+
+        Parameters
+        ----------
+        kind, status : str
+            Its key, and how it ended.
+        seconds : float
+            That it took.
+        rows, outside : int
+            Poses, and how many of them were out of domain.
+        """
         with self._lock:
-            if kind not in self._counts:
-                self._counts[kind], self._latency[kind] = Counter(), _Latency()
-                self._poses[kind] = self._outside[kind] = 0
-            self._counts[kind][status] += 1
-            self._latency[kind].add(seconds)
-            self._poses[kind] += rows
-            self._outside[kind] += outside
+            key = self._keys.get(kind)
+            if key is None:
+                key = self._keys[kind] = _Key()
+            key.statuses[status] += 1
+            key.latencies[bisect_left(LATENCY_BOUNDS, seconds)] += 1
+            key.seconds += seconds
+            key.poses += rows
+            key.outside += outside
 
     def counts(self) -> dict[str, dict[str, int]]:
         """Return the counts so far, as `{"correct": {"OK": 12, "BUSY": 3}}`."""
         with self._lock:
-            return {kind: dict(counts) for kind, counts in self._counts.items()}
+            return {kind: dict(key.statuses) for kind, key in self._keys.items()}
 
     def families(self) -> Iterator[Any]:
         """Yield the counts as metric families."""
+        answers = CounterMetricFamily("gpcorrect_answers", "Answers by key and status.", labels=["key", "status"])
+        latency = HistogramMetricFamily(
+            "gpcorrect_latency_seconds", "From a query's arrival to its answer.", labels=["key"], unit="seconds"
+        )
+        poses = CounterMetricFamily("gpcorrect_poses", "Poses and samples answered.", labels=["key"])
+        outside = CounterMetricFamily("gpcorrect_out_of_domain", "Poses outside the training.", labels=["key"])
+        bounds = [*(f"{bound:g}" for bound in LATENCY_BOUNDS), "+Inf"]
         with self._lock:
-            answers = CounterMetricFamily("gpcorrect_answers", "Answers by key and status.", labels=["key", "status"])
-            for kind, counts in self._counts.items():
-                for status, count in counts.items():
+            for kind, key in self._keys.items():
+                for status, count in key.statuses.items():
                     answers.add_metric([kind, status], count)
-            latency = HistogramMetricFamily(
-                "gpcorrect_latency_seconds", "From a query's arrival to its answer.", labels=["key"], unit="seconds"
-            )
-            for kind, histogram in self._latency.items():
-                bounds = [*(f"{bound:g}" for bound in LATENCY_BOUNDS), "+Inf"]
-                buckets = list(zip(bounds, accumulate(histogram.counts), strict=True))
-                latency.add_metric([kind], buckets, sum_value=histogram.total)
-            poses = CounterMetricFamily("gpcorrect_poses", "Poses and samples answered.", labels=["key"])
-            outside = CounterMetricFamily("gpcorrect_out_of_domain", "Poses outside the training.", labels=["key"])
-            for kind, count in self._poses.items():
-                poses.add_metric([kind], count)
-                outside.add_metric([kind], self._outside[kind])
+                buckets = list(zip(bounds, accumulate(key.latencies), strict=True))
+                latency.add_metric([kind], buckets, sum_value=key.seconds)
+                poses.add_metric([kind], key.poses)
+                outside.add_metric([kind], key.outside)
         yield from (answers, latency, poses, outside)
 
 
@@ -111,7 +115,13 @@ class _Collector:
 
 
 def exposition(report: HealthAnswer, counters: Counters) -> bytes:
-    """Return the OpenMetrics text of this moment."""
+    """Return the OpenMetrics text of this moment.
+
+    Parameters
+    ----------
+    report : HealthAnswer
+    counters : Counters
+    """
     registry = CollectorRegistry()
     registry.register(_Collector(report, counters))
     text: bytes = generate_latest(registry)  # type: ignore[no-untyped-call]

@@ -16,7 +16,15 @@ __all__ = ["route"]
 
 
 def route(config_file: Path, stop: threading.Event, on_ready: Callable[[], None] | None = None) -> None:
-    """Route until `stop` is set.
+    """Route until stopped.
+
+    Parameters
+    ----------
+    config_file : path
+        zenoh's, JSON5, with mode "router".
+    stop : threading.Event
+    on_ready : callable, optional
+        Called once it routes.
 
     Raises
     ------

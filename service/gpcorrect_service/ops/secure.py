@@ -7,20 +7,26 @@ may do, and nothing else: planners ask, the operator also changes models, monito
 from __future__ import annotations
 
 import datetime
+import ipaddress
 import json
 import secrets
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
 from gpcorrect.atomic import make_folder
 from gpcorrect.errors import DataError
-from gpcorrect_service.ops.certificates import Authority, write_pair, write_private
 from gpcorrect_service.protocol.sessions import CLIENT, COMMON
 
 __all__ = ["ROLES", "Site", "secure_site"]
 
-PASSWORD_BYTES = 24
+PASSWORD_BYTES = 24  # chosen by hand: 192 bits, beyond guessing
+OWNER_ONLY = 0o600  # mode of files
 ASKED = ("correct", "correct_path", "correct_joints", "model", "health")
 ROLES: dict[str, tuple[str, ...]] = {
     "server": (),
@@ -63,6 +69,14 @@ class Site:
 def secure_site(folder: Path, site: Site, now: datetime.datetime) -> None:
     """Write certificates, passwords and one configuration for the router and for every role.
 
+    Parameters
+    ----------
+    folder : path
+        Made.
+    site : Site
+    now : datetime
+        From which certificates are valid.
+
     Raises
     ------
     DataError
@@ -75,17 +89,17 @@ def secure_site(folder: Path, site: Site, now: datetime.datetime) -> None:
             f"{folder} holds a certificate authority already.", hint="Name a new folder; then hand out all its files."
         )
     make_folder(folder)
-    authority = Authority.new(f"{site.namespace} authority", now, site.days)
-    write_pair(folder, "ca", authority.certificate, authority.key)
+    authority = _Authority.new(f"{site.namespace} authority", now, site.days)
+    _write_pair(folder, "ca", authority.certificate, authority.key)
     hosts = tuple(dict.fromkeys((site.host, "localhost", "127.0.0.1")))
-    write_pair(folder, "router", *authority.sign("router", hosts, now, site.days))
+    _write_pair(folder, "router", *authority.sign("router", hosts, now, site.days))
     passwords = {user: secrets.token_urlsafe(PASSWORD_BYTES) for user in USERS}
     for user in USERS:
-        write_pair(folder, user, *authority.sign(user, (), now, site.days))
-        write_private(folder / f"{user}.json5", _json(_client_config(folder, site, user, passwords[user])))
+        _write_pair(folder, user, *authority.sign(user, (), now, site.days))
+        _write_private(folder / f"{user}.json5", _json(_client_config(folder, site, user, passwords[user])))
     listed = "".join(f"{user}:{password}\n" for user, password in passwords.items())
-    write_private(folder / "passwords.txt", listed.encode())
-    write_private(folder / "router.json5", _json(_router_config(folder, site)))
+    _write_private(folder / "passwords.txt", listed.encode())
+    _write_private(folder / "router.json5", _json(_router_config(folder, site)))
 
 
 def _router_config(folder: Path, site: Site) -> dict[str, Any]:
@@ -154,14 +168,14 @@ def _access(namespace: str) -> dict[str, Any]:
 
 def _rights(user: str) -> list[tuple[str, list[str], list[str], tuple[str, ...]]]:
     """Return name, directions (as the router sees them), messages and keys of what a user may do."""
-    asked, heard, said = ROLES.get(user, ()), STREAMS.get(user, ()), PUBLISHED.get(user, ())
+    asked, streams, published = ROLES.get(user, ()), STREAMS.get(user, ()), PUBLISHED.get(user, ())
     rights = [
         ("asks", ["ingress"], ["query"], asked),
         ("is answered", ["egress"], ["reply", "declare_queryable"], asked),
-        ("listens", ["ingress"], ["declare_subscriber"], heard),
-        ("hears", ["egress"], ["put"], heard),
-        ("publishes", ["ingress"], ["put"], said),
-        ("is listened to", ["egress"], ["declare_subscriber"], said),
+        ("subscribes", ["ingress"], ["declare_subscriber"], streams),
+        ("receives", ["egress"], ["put"], streams),
+        ("publishes", ["ingress"], ["put"], published),
+        ("is subscribed to", ["egress"], ["declare_subscriber"], published),
     ]
     if user == "server":
         everything = ("**",)
@@ -172,7 +186,7 @@ def _rights(user: str) -> list[tuple[str, list[str], list[str], tuple[str, ...]]
         ]
     if user != ROBOT:
         live = ("live/*",)
-        rights.append(("looks who lives", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], live))
+        rights.append(("asks who lives", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], live))
         rights.append(("sees who lives", ["egress"], ["liveliness_token"], live))
     return rights
 
@@ -191,3 +205,92 @@ def _nested(flat: dict[str, Any]) -> dict[str, Any]:
 
 def _json(value: dict[str, Any]) -> bytes:
     return json.dumps(value, indent=2).encode()
+
+
+@dataclass(frozen=True)
+class _Authority:
+    """Signs certificates; its key is needed again only to sign more of them."""
+
+    certificate: x509.Certificate
+    key: ec.EllipticCurvePrivateKey
+
+    @classmethod
+    def new(cls, name: str, now: datetime.datetime, days: int) -> _Authority:
+        """Make one that is valid from now on.
+
+        Parameters
+        ----------
+        name : str
+        now : datetime
+        days : int
+        """
+        key = ec.generate_private_key(ec.SECP256R1())
+        builder = _builder(name, name, key, now, days).add_extension(
+            x509.BasicConstraints(ca=True, path_length=0), critical=True
+        )
+        usage = x509.KeyUsage(True, False, False, False, False, True, True, False, False)
+        builder = builder.add_extension(usage, critical=True)
+        return cls(builder.sign(key, hashes.SHA256()), key)
+
+    def sign(
+        self, name: str, hosts: tuple[str, ...], now: datetime.datetime, days: int
+    ) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey]:
+        """Return a certificate and its key.
+
+        Parameters
+        ----------
+        name : str
+        hosts : tuple of str
+            Of a server; empty for a client.
+        now : datetime
+        days : int
+        """
+        key = ec.generate_private_key(ec.SECP256R1())
+        issuer = str(self.certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
+        uses = [ExtendedKeyUsageOID.CLIENT_AUTH, *([ExtendedKeyUsageOID.SERVER_AUTH] if hosts else [])]
+        names: list[x509.GeneralName] = []
+        for host in hosts or (name,):
+            try:
+                names.append(x509.IPAddress(ipaddress.ip_address(host)))
+            except ValueError:
+                names.append(x509.DNSName(host))
+        builder = (
+            _builder(name, issuer, key, now, days)
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(x509.ExtendedKeyUsage(uses), critical=False)
+            .add_extension(x509.SubjectAlternativeName(names), critical=False)
+        )
+        return builder.sign(self.key, hashes.SHA256()), key
+
+
+def _write_private(path: Path, data: bytes) -> None:
+    """Write a file that only its owner reads."""
+    path.touch(mode=OWNER_ONLY)
+    path.chmod(OWNER_ONLY)
+    path.write_bytes(data)
+
+
+def _write_pair(folder: Path, name: str, certificate: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> None:
+    """Write `name.pem` and, for its owner alone, `name.key`."""
+    (folder / f"{name}.pem").write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    encoded = key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    _write_private(folder / f"{name}.key", encoded)
+
+
+def _builder(
+    name: str, issuer: str, key: ec.EllipticCurvePrivateKey, now: datetime.datetime, days: int
+) -> x509.CertificateBuilder:
+    def common(text: str) -> x509.Name:
+        return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
+
+    return (
+        x509.CertificateBuilder()
+        .subject_name(common(name))
+        .issuer_name(common(issuer))
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - datetime.timedelta(minutes=5))  # clocks of the machines differ a little
+        .not_valid_after(now + datetime.timedelta(days=days))
+    )

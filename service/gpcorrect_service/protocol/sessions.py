@@ -12,7 +12,15 @@ from gpcorrect.errors import DataError
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
 from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES, ClientSettings, ServerSettings, check_loopback
 
-__all__ = ["client_config", "first_sentence", "open_client", "open_server", "read_config", "server_config"]
+__all__ = [
+    "client_config",
+    "first_sentence",
+    "make_config",
+    "open_client",
+    "open_server",
+    "read_config",
+    "server_config",
+]
 
 COMMON: dict[str, Any] = {
     "mode": "peer",
@@ -36,6 +44,10 @@ CLIENT: dict[str, Any] = {
 def open_server(settings: ServerSettings) -> zenoh.Session:
     """Open the session that a server listens with.
 
+    Parameters
+    ----------
+    settings : ServerSettings
+
     Raises
     ------
     EndpointError
@@ -58,13 +70,17 @@ def open_server(settings: ServerSettings) -> zenoh.Session:
 def server_config(settings: ServerSettings) -> zenoh.Config:
     """Return the zenoh configuration of a server.
 
+    Parameters
+    ----------
+    settings : ServerSettings
+
     Raises
     ------
     EndpointError, DataError
         As :func:`open_server`.
     """
     if settings.config_file is None:
-        config = _config({**COMMON, "listen/endpoints": [settings.endpoint]})
+        config = make_config({**COMMON, "listen/endpoints": [settings.endpoint]})
     else:
         config = read_config(settings.config_file)
     _default_namespace(config, settings.namespace)
@@ -75,6 +91,10 @@ def server_config(settings: ServerSettings) -> zenoh.Config:
 
 def open_client(settings: ClientSettings) -> zenoh.Session:
     """Open the session that a planner asks with; servers may come later.
+
+    Parameters
+    ----------
+    settings : ClientSettings
 
     Raises
     ------
@@ -97,20 +117,31 @@ def open_client(settings: ClientSettings) -> zenoh.Session:
 def client_config(settings: ClientSettings) -> zenoh.Config:
     """Return the zenoh configuration of a client.
 
+    Parameters
+    ----------
+    settings : ClientSettings
+
     Raises
     ------
     DataError
         The configuration file cannot be read.
     """
     if settings.config_file is None:
-        config = _config({**COMMON, **CLIENT, "connect/endpoints": list(settings.endpoints)})
+        config = make_config({**COMMON, **CLIENT, "connect/endpoints": list(settings.endpoints)})
     else:
         config = read_config(settings.config_file)
     _default_namespace(config, settings.namespace)
     return config
 
 
-def _config(values: dict[str, Any]) -> zenoh.Config:
+def make_config(values: dict[str, Any]) -> zenoh.Config:
+    """Return a zenoh configuration.
+
+    Parameters
+    ----------
+    values : dict
+        From zenoh's paths, as `listen/endpoints`, to what JSON can say.
+    """
     config = zenoh.Config()
     for key, value in values.items():
         config.insert_json5(key, json.dumps(value))
@@ -119,6 +150,11 @@ def _config(values: dict[str, Any]) -> zenoh.Config:
 
 def read_config(path: Path) -> zenoh.Config:
     """Read a zenoh configuration.
+
+    Parameters
+    ----------
+    path : path
+        JSON5.
 
     Raises
     ------
@@ -149,5 +185,10 @@ def _listen_endpoints(config: zenoh.Config) -> list[str]:
 
 
 def first_sentence(error: zenoh.ZError) -> str:
-    """Return what zenoh says without the place in its sources."""
+    """Return what zenoh says without the place in its sources.
+
+    Parameters
+    ----------
+    error : zenoh.ZError
+    """
     return str(error).split(" at /", maxsplit=1)[0].strip()
