@@ -83,7 +83,13 @@ class Body:
         return [number - 1 for number in self.joints]
 
     def all_joints(self, q: FloatArray) -> FloatArray:
-        """Values of every joint `(..., dof)` given those of the moving ones `(..., k)`."""
+        """Return the values of every joint `(..., dof)`.
+
+        Parameters
+        ----------
+        q : (..., k) array
+            Values of the moving joints, rad or m.
+        """
         assert self.chain is not None
         values = np.empty((*q.shape[:-1], self.chain.dof))
         values[..., self.columns] = q
@@ -91,7 +97,13 @@ class Body:
         return values
 
     def forward(self, q: FloatArray) -> FloatArray | None:
-        """Tip poses `(..., 4, 4)`, base frame, at moving joints `(..., k)`; None for bare joints."""
+        """Return the tip poses `(..., 4, 4)` in the base frame; None for bare joints.
+
+        Parameters
+        ----------
+        q : (..., k) array
+            Values of the moving joints, rad or m.
+        """
         return None if self.chain is None else self.chain.forward(self.all_joints(q))
 
     @property

@@ -13,7 +13,7 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["JointPath", "LinkLoad", "Posture", "link_load", "mean_inertia", "posture_at"]
 
-STEPS = 20  # of a posture, in the small steps that threads are counted in
+STEPS = 20  # steps, as threads count them, that one posture takes; measured against a servo step
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,13 @@ class Posture:
     shape: tuple[int, ...]
 
     def loads(self, velocity: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Torques or forces `(..., k)` that hold the arm up, and those that make it follow joint rates `(..., k)`."""
+        """Return the torques or forces `(..., k)` that hold the arm up, and those that make it follow joint rates.
+
+        Parameters
+        ----------
+        velocity, acceleration : (..., k) arrays
+            Rates of the moving joints.
+        """
         rates = [
             np.ascontiguousarray(a, dtype=np.float64).reshape(-1, self.shape[-1]) for a in (velocity, acceleration)
         ]
@@ -63,7 +69,15 @@ class Posture:
 
 
 def posture_at(body: Body, q: FloatArray) -> Posture | None:
-    """Return a body at moving joint values `(..., N, k)`; None when nothing weighs anything."""
+    """Return a body at joint values; None when nothing weighs anything.
+
+    Parameters
+    ----------
+    body : Body
+        Arm and masses.
+    q : (..., N, k) array
+        Values of the moving joints in N runs, rad or m.
+    """
     links = body.links
     if body.chain is None or not (links.mass.any() or links.payload.any()):
         return None
@@ -120,7 +134,15 @@ class LinkLoad:
 
 
 def link_load(body: Body, path: JointPath) -> LinkLoad:
-    """Return the load of a body along a path; bare joints and weightless arms have none."""
+    """Return the load of a body along a path; bare joints and weightless arms have none.
+
+    Parameters
+    ----------
+    body : Body
+        Arm and masses.
+    path : JointPath
+        Its motion.
+    """
     posture = posture_at(body, path.q)
     if posture is None:
         return LinkLoad(np.zeros(path.q.shape), np.zeros(path.q.shape))
@@ -128,7 +150,15 @@ def link_load(body: Body, path: JointPath) -> LinkLoad:
 
 
 def mean_inertia(body: Body, q: FloatArray) -> FloatArray:
-    """Mean inertia `(dof,)` of the links at each joint: the servo loop moves it and is passed the rest of the load."""
+    """Return the mean inertia `(k,)` of the links at each joint, which the servo loop moves; the rest is load.
+
+    Parameters
+    ----------
+    body : Body
+        Arm and masses.
+    q : (n, N, k) array
+        Path, rad or m.
+    """
     posture = posture_at(body, q[::INERTIA_STRIDE])
     if posture is None:
         return np.zeros(q.shape[-1])

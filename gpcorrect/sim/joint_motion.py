@@ -16,12 +16,13 @@ from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["joint_motion_log", "joint_motion_plan", "joint_ranges"]
 
-SHARE_OF_LIMITS = 0.25  # of a joint's range to either side of its home
+# All chosen by hand, so that a short recording shows every joint at many speeds, with rests and reversals.
+REACH = 0.25  # of a joint's range to either side of its home
 BARE_RANGE = {"R": 0.5, "P": 0.05}  # rad and m to either side of zero
 MOVE_SECONDS = (0.8, 6.0)  # drawn evenly on a logarithmic scale: a speed ladder
-PAUSE_SHARE = 0.3  # of the moves that end in a rest
-PAUSE_SECONDS = 0.5
-ALONE_SHARE = 0.3  # of the moves in which one joint moves and the others hold
+RESTING = 0.3  # fraction of the moves that end in a rest
+REST_SECONDS = 0.5  # s
+ALONE = 0.3  # fraction of the moves in which one joint moves and the others hold
 REST_BETWEEN_RUNS = 10.0  # s
 
 
@@ -82,7 +83,25 @@ def joint_motion_plan(
     sessions: int = 1,
     payloads: Sequence[float] = (),
 ) -> Plan:
-    """Trajectories one after the other, shared evenly among the sessions, within `ranges` (dof, 2)."""
+    """Plan random trajectories one after the other.
+
+    Parameters
+    ----------
+    ranges : (dof, 2) array
+        In which the joints move, rad or m.
+    trajectories : int
+        How many, over all sessions.
+    seconds : float
+        Length of each.
+    rate_hz : float
+        Samples a second.
+    rng : numpy.random.Generator
+        Chance.
+    sessions : int
+        The trajectories are divided evenly among them.
+    payloads : sequence of float
+        kg at the tip, taken in turn; the model's own when empty.
+    """
     segments: list[Segment] = []
     for session, numbers in enumerate(np.array_split(np.arange(trajectories), sessions)):
         for i, number in enumerate(numbers):
@@ -94,14 +113,20 @@ def joint_motion_plan(
 
 
 def joint_ranges(model: Model) -> FloatArray:
-    """Range `(dof, 2)`, rad or m, in which a model's joints are moved: around home, inside the limits."""
+    """Return the range `(dof, 2)`, rad or m, in which a model's joints are moved: around home, inside the limits.
+
+    Parameters
+    ----------
+    model : Model
+        The machine.
+    """
     if model.arm == BARE_JOINTS:
         reach = np.array([BARE_RANGE[kind] for kind in model.joint_types or "R" * len(model.joints)])
         return np.stack([-reach, reach], axis=1)
     arm = arm_named(model.arm)
     columns = [number - 1 for number in model.joints]
     limits, home = arm.limits[columns], arm.home[columns]
-    reach = SHARE_OF_LIMITS * np.ptp(limits, axis=1)
+    reach = REACH * np.ptp(limits, axis=1)
     return np.stack([np.maximum(home - reach, limits[:, 0]), np.minimum(home + reach, limits[:, 1])], axis=1)
 
 
@@ -119,9 +144,9 @@ def _moves(ranges: FloatArray, n: int, rate_hz: float, rng: np.random.Generator)
 
 def _move(here: FloatArray, ranges: FloatArray, rate_hz: float, rng: np.random.Generator) -> FloatArray:
     goal = rng.uniform(ranges[:, 0], ranges[:, 1])
-    if rng.random() < ALONE_SHARE:
+    if rng.random() < ALONE:
         goal = np.where(np.arange(len(here)) == rng.integers(len(here)), goal, here)
     duration = float(np.exp(rng.uniform(*np.log(MOVE_SECONDS))))
     path = here + minimum_jerk(duration, rate_hz)[1:, None] * (goal - here)
-    rest = round(PAUSE_SECONDS * rate_hz) if rng.random() < PAUSE_SHARE else 0
+    rest = round(REST_SECONDS * rate_hz) if rng.random() < RESTING else 0
     return np.concatenate([path, np.repeat(goal[None], rest, axis=0)])

@@ -25,7 +25,8 @@ __all__ = ["LiveRobot", "Reading", "RobotState"]
 RobotState = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 COMMANDS = ("enable", "disable", "pause", "resume", "home", "unhome")
 
-PEAK = 1.875  # of a minimum-jerk motion's speed over its mean
+PEAK = 1.875  # of a minimum-jerk motion's speed over its mean (Flash and Hogan 1985)
+# Chosen by hand:
 UNRATED = 0.25  # of a joint's range a second, where no speed limit is published
 HOLD = 0.1  # s: a servo command that comes later than this after the one before is gone to at the speed limit
 HASTE = 3.0  # times the way of that time at the speed limit: a servo command further away is refused
@@ -137,11 +138,22 @@ class LiveRobot:
         )
 
     def poses_of(self, q: FloatArray) -> FloatArray | None:
-        """Return the tool poses `(n, 4, 4)` that nominal kinematics give joints `(n, dof)`; None for bare joints."""
+        """Return the tool poses `(n, 4, 4)` that nominal kinematics give; None for bare joints.
+
+        Parameters
+        ----------
+        q : (n, dof) array
+            Joints, rad or m.
+        """
         return self.machine.body.forward(q)
 
     def operate(self, command: str) -> None:
         """Change the operating state: enable, disable, pause, resume, home, unhome.
+
+        Parameters
+        ----------
+        command : str
+            One of those.
 
         Raises
         ------
@@ -169,7 +181,12 @@ class LiveRobot:
             self._stand()
 
     def servo_jp(self, q: FloatArray) -> None:
-        """Go to joints `(dof,)` at once: one of a stream of commands.
+        """Go to joints at once: one of a stream of commands.
+
+        Parameters
+        ----------
+        q : (dof,) array
+            rad or m.
 
         Raises
         ------
@@ -193,7 +210,12 @@ class LiveRobot:
         self._coming = max(self._interval or float(apart.max()), since if since <= HOLD else 0.0, self._live.step)
 
     def move_jp(self, q: FloatArray) -> None:
-        """Go to joints `(dof,)` smoothly, within the speed limits.
+        """Go to joints smoothly, within the speed limits.
+
+        Parameters
+        ----------
+        q : (dof,) array
+            rad or m.
 
         Raises
         ------
@@ -207,7 +229,12 @@ class LiveRobot:
         self._path = self._setpoint + share * (q - self._setpoint)
 
     def servo_cp(self, T: FloatArray) -> None:
-        """Go to a tool pose `(4, 4)`, base frame, at once.
+        """Go to a tool pose at once.
+
+        Parameters
+        ----------
+        T : (4, 4) array
+            Tool pose, base frame.
 
         Raises
         ------
@@ -217,7 +244,12 @@ class LiveRobot:
         self.servo_jp(self._inverse(T[None])[-1])
 
     def move_cp(self, T: FloatArray) -> None:
-        """Go to a tool pose `(4, 4)`, base frame, in a straight line.
+        """Go to a tool pose in a straight line.
+
+        Parameters
+        ----------
+        T : (4, 4) array
+            Tool pose, base frame.
 
         Raises
         ------
@@ -235,7 +267,13 @@ class LiveRobot:
         self._path = np.stack([np.interp(at, np.arange(len(q)), q[:, j]) for j in range(q.shape[1])], axis=1)
 
     def advance(self, seconds: float) -> None:
-        """Let time pass."""
+        """Let time pass.
+
+        Parameters
+        ----------
+        seconds : float
+            Rounded to whole servo steps, at least one.
+        """
         steps = max(1, round(seconds / self._live.step))
         desired = np.repeat(self._setpoint[None], steps, axis=0)
         if self.state == "ENABLED":

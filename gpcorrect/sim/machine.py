@@ -101,15 +101,33 @@ class Machine:
         return replace(self, effects=effects)
 
     def payload(self, plan: Plan) -> FloatArray:
-        """Payload `(N,)` in each run: the plan's, or the model's own where the plan says none."""
+        """Payload `(N,)` in each run: the plan's, or the model's own where the plan says none.
+
+        Parameters
+        ----------
+        plan : Plan
+            Its runs.
+        """
         return np.where(np.isnan(plan.payload), self.body.links.payload, plan.payload)
 
     def nominal_body(self, payload: FloatArray) -> Body:
-        """Body as the controller knows it, with the known payloads."""
+        """Body as the controller knows it, with the known payloads.
+
+        Parameters
+        ----------
+        payload : (N,) array
+            kg at the tip in each run.
+        """
         return replace(self.body, links=replace(self.body.links, payload=payload)).compact()
 
     def actual_body(self, payload: FloatArray) -> Body:
-        """Body as it really is: with the effects on masses and geometry."""
+        """Body as it really is: with the effects on masses and geometry.
+
+        Parameters
+        ----------
+        payload : (N,) array
+            kg at the tip in each run.
+        """
         links, chain = replace(self.body.links, payload=payload), self.body.chain
         for load in of_kind(self.effects, LoadEffect):
             links = load.act(links)

@@ -30,7 +30,7 @@ __all__ = [
     "write_model",
 ]
 
-PRESETS = resources.files("gpcorrect.sim") / "presets"
+PRESETS = resources.files("gpcorrect.sim") / "presets"  # model files that come with the package
 Vector = tuple[Number, Number, Number]
 Moments = tuple[NonNegative, NonNegative, NonNegative]
 JointNumber = Annotated[int, Field(strict=True, ge=1)]
@@ -68,7 +68,7 @@ class LinkTable(Settings):
 
 
 class Model(Settings):
-    """Everything the simulator can be told of a machine; what is absent comes from the arm's own description.
+    """All that the simulator takes of a machine; what is absent comes from the arm's own description.
 
     Parameters
     ----------
@@ -130,6 +130,13 @@ class Model(Settings):
 def model_from_dict(values: Mapping[str, Any], source: str = "model") -> Model:
     """Check plain values and return the model.
 
+    Parameters
+    ----------
+    values : mapping
+        Keys of a model file.
+    source : str
+        What the message of an error begins with.
+
     Raises
     ------
     DataError
@@ -144,6 +151,11 @@ def model_from_dict(values: Mapping[str, Any], source: str = "model") -> Model:
 
 def read_model(path: str | Path) -> Model:
     """Read a model file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the file.
 
     Raises
     ------
@@ -162,12 +174,26 @@ def read_model(path: str | Path) -> Model:
 
 
 def model_text(model: Model) -> str:
-    """TOML of a model, without the keys that say nothing."""
+    """Return the TOML of a model, without the keys that say nothing.
+
+    Parameters
+    ----------
+    model : Model
+        Any model.
+    """
     return toml_text(model.model_dump(mode="python", exclude_none=True, exclude_defaults=True))
 
 
 def write_model(model: Model, path: str | Path) -> None:
-    """Write a model file, whole or not at all; `read_model` gives the same model back."""
+    """Write a model file, whole or not at all; `read_model` gives the same model back.
+
+    Parameters
+    ----------
+    model : Model
+        Any model.
+    path : str or Path
+        Of the file.
+    """
     with atomic_path(path) as temporary:
         temporary.write_text(model_text(model), encoding="utf-8")
 
@@ -180,6 +206,11 @@ def preset_names() -> tuple[str, ...]:
 
 def preset(name: str) -> Model:
     """Return a packaged model.
+
+    Parameters
+    ----------
+    name : str
+        One of :func:`preset_names`.
 
     Raises
     ------

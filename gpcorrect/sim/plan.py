@@ -13,7 +13,7 @@ from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["NOT_LOGGED", "Plan", "Segment", "minimum_jerk", "plan_of", "trapezoid"]
 
-NOT_LOGGED = -1
+NOT_LOGGED = -1  # number of a trajectory that is not recorded
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,14 @@ class Plan:
 
 
 def plan_of(segments: Sequence[Segment], rate_hz: float) -> Plan:
-    """Lay segments of any length side by side.
+    """Put segments of any length side by side.
+
+    Parameters
+    ----------
+    segments : sequence of Segment
+        Of the same joints.
+    rate_hz : float
+        Samples a second.
 
     Raises
     ------
@@ -111,9 +118,16 @@ def plan_of(segments: Sequence[Segment], rate_hz: float) -> Plan:
 
 
 def minimum_jerk(duration: float, rate_hz: float) -> FloatArray:
-    """Progress `(n,)` of the smoothest motion of that duration: 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985).
+    """Return the progress `(n,)` of the smoothest motion of a duration: 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985).
 
     Its peak speed is 1.875 times its mean.
+
+    Parameters
+    ----------
+    duration : float
+        s.
+    rate_hz : float
+        Samples a second.
     """
     n = max(2, round(duration * rate_hz) + 1)
     s = np.linspace(0.0, 1.0, n)
@@ -121,7 +135,7 @@ def minimum_jerk(duration: float, rate_hz: float) -> FloatArray:
 
 
 def trapezoid(distance: float, speed: float, acceleration: float, rate_hz: float) -> FloatArray:
-    """Progress `(n,)` over `distance` at a cruising speed, with constant acceleration at both ends.
+    """Return the progress `(n,)` over a distance at a cruising speed, with constant acceleration at both ends.
 
     A distance too short to reach the speed gives a triangle. The duration is rounded up to whole samples.
 

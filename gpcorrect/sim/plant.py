@@ -136,12 +136,30 @@ def _first_guess(machine: Machine, body: Body, command: Command) -> tuple[JointP
 
 
 def joint_path(effects: Sequence[Effect], motion: Motion) -> FloatArray:
-    """Return the true joint path `(n, N, dof)`: the reported motor path through every effect up to the link."""
+    """Return the true joint path `(n, N, dof)`: the reported motor path through every effect up to the link.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        In the order in which they act.
+    motion : Motion
+        Of the motors.
+    """
     return _through(effects, motion.position, motion)
 
 
 def tip_path(effects: Sequence[Effect], T_base_tip: FloatArray | None, motion: Motion) -> FloatArray | None:
-    """Return the true tool poses `(n, N, 4, 4)`: the kinematics' poses through the effects at tool and base."""
+    """Return the true tool poses `(n, N, 4, 4)`: the kinematics' poses through the effects at tool and base.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        In the order in which they act.
+    T_base_tip : (n, N, 4, 4) array or None
+        Poses of the kinematics.
+    motion : Motion
+        Of the motors.
+    """
     if T_base_tip is None:
         return None
     for effect in of_kind(effects, TipEffect):
@@ -210,7 +228,15 @@ class Command:
 
     @classmethod
     def of(cls, machine: Machine, plan: Plan) -> Command:
-        """Compute it for the arm and the drive of a machine; its effects do not count."""
+        """Compute it for the arm and the drive of a machine.
+
+        Parameters
+        ----------
+        machine : Machine
+            Arm and drive; its effects do not count.
+        plan : Plan
+            Desired paths.
+        """
         clock, spline = Clock.of(machine.drive.rate_hz, plan.rate_hz), plan.spline()
         body = machine.nominal_body(machine.payload(plan))
         samples = np.arange(len(plan.q)) / plan.rate_hz
@@ -234,7 +260,17 @@ class Command:
         return link_load(self.body, self.guess)
 
     def reference(self, carried: FloatArray, of_inertia: FloatArray, inertia: FloatArray) -> Reference:
-        """Return what the loop is given, for a load along the path and what of it the loop's inertia makes up."""
+        """Return what the servo loop is given.
+
+        Parameters
+        ----------
+        carried : (n, N, dof) array
+            Load along the path.
+        of_inertia : (n, N, dof) array
+            What of it the loop's own inertia makes up.
+        inertia : (dof,) array
+            That the loop accelerates.
+        """
         return Reference(self.position, self.velocity, self.feedforward, carried - of_inertia, inertia, carried)
 
 

@@ -16,8 +16,8 @@ from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["Pace", "Tour", "Workspace", "joint_tour", "tour", "upright", "working_posture"]
 
-ROOM_ATTEMPTS = 200
-WORKING_DEPTH = 0.13  # m
+ATTEMPTS = 200  # draws of a whole set of targets before a workspace counts as out of reach; chosen by hand
+WORKING_DEPTH = 0.13  # m from the remote centre: chosen by hand, the middle of the insertion of every arm here
 DEPTH_GRID = 331  # a millimetre or less apart
 CONTINUOUS = 0.5  # rad or m; a larger step between samples is another branch, not motion
 
@@ -45,7 +45,15 @@ class Pace:
     pause: float = 0.0
 
     def progress(self, distance: float, turn: float, rate_hz: float) -> FloatArray:
-        """Progress `(n,)` over a reach of that length (m) and turn (rad)."""
+        """Return the progress `(n,)` over a reach.
+
+        Parameters
+        ----------
+        distance, turn : float
+            Of the reach, m and rad.
+        rate_hz : float
+            Samples a second.
+        """
         longest = max(distance, turn * self.speed / self.turn_rate)
         if self.law == "minimum-jerk":
             return minimum_jerk(longest / self.speed, rate_hz)
@@ -77,7 +85,16 @@ class Workspace:
     crowding: float = 1.0
 
     def sample(self, arm: Arm, count: int, rng: np.random.Generator) -> FloatArray:
-        """Random tool poses `(count, 4, 4)` that the arm reaches within its limits.
+        """Return random tool poses `(count, 4, 4)` that the arm reaches within its limits.
+
+        Parameters
+        ----------
+        arm : Arm
+            That must reach the poses.
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Chance.
 
         Raises
         ------
@@ -85,7 +102,7 @@ class Workspace:
             Hardly any pose of the workspace can be reached.
         """
         found: list[FloatArray] = []
-        for _ in range(ROOM_ATTEMPTS):
+        for _ in range(ATTEMPTS):
             T = self._draw(count, rng)
             found += list(T[arm.solutions(T).within_limits.any(axis=-1)])
             if len(found) >= count:
@@ -147,7 +164,14 @@ def tour(
 
 
 def joint_tour(arm: Arm, path: Tour) -> FloatArray:
-    """Joint path `(n, dof)` of a tour, all on one branch of the inverse kinematics: the one nearest to home.
+    """Return the joint path `(n, dof)` of a tour, all on one branch of the inverse kinematics: the one nearest to home.
+
+    Parameters
+    ----------
+    arm : Arm
+        That follows.
+    path : Tour
+        Of its tool.
 
     Raises
     ------
@@ -166,7 +190,13 @@ def joint_tour(arm: Arm, path: Tour) -> FloatArray:
 
 
 def working_posture(arm: Arm) -> FloatArray:
-    """Joint values `(dof,)` of the arm at home, but with its wrist well inside: 13 cm from the remote centre."""
+    """Return joint values `(dof,)` of the arm at home, but with its wrist well inside: 13 cm from the remote centre.
+
+    Parameters
+    ----------
+    arm : Arm
+        With a remote centre.
+    """
     depths = np.linspace(arm.limits[2, 0], arm.limits[2, 1], DEPTH_GRID)
     postures = np.repeat(arm.home[None], DEPTH_GRID, axis=0)
     postures[:, 2] = depths
@@ -175,7 +205,13 @@ def working_posture(arm: Arm) -> FloatArray:
 
 
 def upright(gravity: FloatArray) -> FloatArray:
-    """Axes `(3, 3)`, as columns, of a box whose third axis points up against gravity, in the base frame."""
+    """Return the axes `(3, 3)`, as columns, of a box whose third axis points up against gravity, in the base frame.
+
+    Parameters
+    ----------
+    gravity : (3,) array
+        Free fall in the base frame, m/s^2.
+    """
     up = -gravity / np.linalg.norm(gravity)
     across = np.eye(3)[np.argmin(np.abs(up))]
     first = np.cross(across, up)

@@ -95,7 +95,15 @@ def rigid_loads(
 
 @njit(cache=True, nogil=True)
 def rigid_inertias(first: int, last: int, tables: Tables, payload: FloatArray, q: FloatArray, out: FloatArray) -> None:
-    """Write the diagonal `(m, k)` of the mass matrix of the postures `first` to `last` into `out`."""
+    """Write the diagonals of the mass matrices of the postures `first` to `last` into `out`.
+
+    Parameters
+    ----------
+    first, last, tables, payload, q
+        As of :func:`rigid_loads`.
+    out : (m, k) array
+        Result.
+    """
     screws = np.empty((out.shape[1], 6))
     for r in range(first, last):
         frame = _base(tables)

@@ -11,10 +11,10 @@ from test_sim_effects import ACTIVE, NEUTRAL
 from gpcorrect.arms import arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.sim import EFFECTS, machine_of, preset, run
-from gpcorrect.sim.debridement import debridement_plan
 from gpcorrect.sim.effects import FrictionEffect, PathEffect, ReadingEffect, TipEffect, TorqueEffect, effect_from_dict
 from gpcorrect.sim.live import LiveArm
 from gpcorrect.sim.motion import Motion, Readings
+from gpcorrect.sim.reaches import debridement_plan
 from gpcorrect.sim.servo import Clock, Loop, Reference
 
 # Effects that hold no matter when the arm is looked at: they change the machine itself, before it moves.

@@ -165,7 +165,13 @@ class LoadEffect(Effect):
 
     @abstractmethod
     def act(self, links: Links) -> Links:
-        """Return the masses with the effect."""
+        """Return the masses with the effect.
+
+        Parameters
+        ----------
+        links : Links
+            Masses without it.
+        """
 
 
 class ChainEffect(Effect):
@@ -175,7 +181,13 @@ class ChainEffect(Effect):
 
     @abstractmethod
     def act(self, chain: Chain) -> Chain:
-        """Return the kinematic chain with the effect."""
+        """Return the kinematic chain with the effect.
+
+        Parameters
+        ----------
+        chain : Chain
+            Kinematics without it.
+        """
 
 
 class TorqueEffect(Effect):
@@ -274,7 +286,15 @@ class TipEffect(Effect):
 
     @abstractmethod
     def act(self, T_base_tip: FloatArray, motion: Motion) -> FloatArray:
-        """Return the `(n, N, 4, 4)` poses with the effect."""
+        """Return the `(n, N, 4, 4)` poses with the effect.
+
+        Parameters
+        ----------
+        T_base_tip : (n, N, 4, 4) array
+            Poses before the effect, base frame.
+        motion : Motion
+            Any stretch of samples.
+        """
 
 
 def lateral_force(tip: FloatArray, tip_force: FloatArray | None) -> tuple[FloatArray, FloatArray]:
@@ -311,15 +331,43 @@ class ReadingEffect(Effect):
 
     @abstractmethod
     def advance(self, readings: Readings, motion: Motion, rng: np.random.Generator, memory: Memory) -> Readings:
-        """Return the readings of a stretch with the effect, and bring the memory up to its end."""
+        """Return the readings of a stretch with the effect, and bring the memory up to its end.
+
+        Parameters
+        ----------
+        readings : Readings
+            Of the stretch.
+        motion : Motion
+            The stretch.
+        rng : numpy.random.Generator
+            Chance.
+        memory : dict
+            Empty at the start of a recording.
+        """
 
     def operator(self, rng: np.random.Generator) -> ReadingOperator:
-        """Return the effect at the start of a recording, to be called on one stretch of it after the other."""
+        """Return the effect at the start of a recording, to be called on one stretch of it after the other.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Chance.
+        """
         return partial(self.advance, rng=rng, memory={})
 
 
 def with_column(q: FloatArray, column: int, path: FloatArray) -> FloatArray:
-    """Return `q` `(n, N, dof)` with `path` `(n, N)` in one column."""
+    """Return the paths of all joints with another one in one column.
+
+    Parameters
+    ----------
+    q : (n, N, dof) array
+        Of all joints.
+    column : int
+        Which to replace.
+    path : (n, N) array
+        By this.
+    """
     changed = np.array(q)
     changed[..., column] = path
     return changed

@@ -45,11 +45,23 @@ class Scope:
     torques: FloatArray | None = None
 
     def type_of(self, joint: int | str) -> str:
-        """Return "R" or "P"; what belongs to no joint counts in metres."""
+        """Return "R" or "P"; what belongs to no joint counts in metres.
+
+        Parameters
+        ----------
+        joint : int or str
+            As of an effect.
+        """
         return self.types[self.joints.index(joint)] if isinstance(joint, int) else "P"
 
     def range_of(self, joint: int | str) -> FloatArray:
-        """Lowest and highest value `(2,)` of a joint."""
+        """Lowest and highest value `(2,)` of a joint.
+
+        Parameters
+        ----------
+        joint : int or str
+            As of an effect.
+        """
         return self.ranges[self.joints.index(joint)] if isinstance(joint, int) else np.array([0.0, 1.0])
 
 

@@ -139,7 +139,7 @@ def _slopes(t: FloatArray, y: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def _end(h: float, h_next: float, chord: float, chord_next: float) -> float:
-    """Slope at an end: the parabola's through three samples, kept from overshooting."""
+    """Slope at an end: the parabola's through three samples, limited so that nothing overshoots."""
     slope = ((2.0 * h + h_next) * chord - h * chord_next) / (h + h_next)
     if slope * chord <= 0.0:
         return 0.0

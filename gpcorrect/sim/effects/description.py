@@ -142,11 +142,23 @@ class Parameter:
     change_point: bool = False
 
     def range(self, joint_type: str) -> Range:
-        """Range on a joint of type "R" or "P"."""
+        """Return the range on a joint of a type.
+
+        Parameters
+        ----------
+        joint_type : str
+            "R" or "P".
+        """
         return self.prismatic if joint_type == "P" and self.prismatic is not None else self.revolute
 
     def prior(self, joint_type: str) -> Any:
-        """Frozen SciPy distribution of the parameter on a joint of type "R" or "P"."""
+        """Return the prior on a joint of a type, a frozen SciPy distribution.
+
+        Parameters
+        ----------
+        joint_type : str
+            "R" or "P".
+        """
         typical = self.range(joint_type).typical
         if self.positive:
             return stats.lognorm(s=np.log(self.factor), scale=typical)

@@ -14,7 +14,7 @@ from gpcorrect import se3
 from gpcorrect.arms import Arm, arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Machine, machine_of, preset
-from gpcorrect.sim.debridement import PRESET
+from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.sim.reaching import upright, working_posture
 from gpcorrect.types import FloatArray, frozen_array
 
@@ -254,7 +254,7 @@ def _station(number: int, T_tracker_box: FloatArray, *, alone: bool) -> Station:
     name = SIDES[number]
     arm = arm_named(name)
     nominal = se3.compose(T_tracker_box, se3.invert(_box(arm, np.pi * number)))
-    machine = machine_of(preset(PRESET).model_copy(update={"arm": name}))
+    machine = machine_of(preset(DEBRIDEMENT_PRESET).model_copy(update={"arm": name}))
     wrong = MISREGISTERED[number]
     error = machine.T_tracker_base if wrong is None else se3.pose(se3.matrix_from_rotvec(wrong[1]), wrong[0])
     R_tool = nominal[:3, :3] @ arm.forward(working_posture(arm))[:3, :3]

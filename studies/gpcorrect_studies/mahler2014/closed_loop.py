@@ -21,7 +21,7 @@ from gpcorrect.errors import LogError
 from gpcorrect.experiment import Experiment
 from gpcorrect.rigid import pose_residual
 from gpcorrect.sim import Machine, Segment, plan_of, run
-from gpcorrect.sim.debridement import PACE
+from gpcorrect.sim.reaches import DEBRIDEMENT_PACE
 from gpcorrect.sim.reaching import Tour, joint_tour, tour
 from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
@@ -167,7 +167,7 @@ def _landing(machine: Machine, tours: list[Tour], orders: list[IntArray], places
 
 def _tour(stops: FloatArray, machine: Machine) -> Tour:
     count = len(stops) - 1
-    return tour(stops, range(count), [replace(PACE, pause=SETTLING)] * count, machine.log_rate_hz)
+    return tour(stops, range(count), [replace(DEBRIDEMENT_PACE, pause=SETTLING)] * count, machine.log_rate_hz)
 
 
 def _corrected_path(corrector: CommandCorrector, path: Tour, machine: Machine) -> Tour:

@@ -23,7 +23,7 @@ from gpcorrect.gpr import ExactGPR, SparseGPR, learn_inflation
 from gpcorrect.parallel import each
 from gpcorrect.rigid import apply_residual, pose_residual
 from gpcorrect.sim import debridement_log, preset
-from gpcorrect.sim.debridement import PRESET
+from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
 
 __all__ = ["Limit", "TrainingSize", "limits", "training_sizes"]
@@ -171,7 +171,7 @@ def limits(reaches: int, settings: FitSettings, progress: Progress) -> tuple[Lim
         Five rows, in the order of `docs/reproduce.md`.
     """
     progress.step("limits", 0.0)
-    noiseless = preset(PRESET).model_copy(update={"noise": None})
+    noiseless = preset(DEBRIDEMENT_PRESET).model_copy(update={"noise": None})
     seen = debridement_log(settings.seed, reaches=reaches, faults=False)
     exact = debridement_log(settings.seed, reaches=reaches, faults=False, model=noiseless)
     settings = replace(settings, clean=False, time_offset="none")

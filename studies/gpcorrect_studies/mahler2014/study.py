@@ -12,7 +12,7 @@ import numpy as np
 from gpcorrect.corrector import FitSettings
 from gpcorrect.errors import DataError
 from gpcorrect.sim import debridement_log, machine_of, preset
-from gpcorrect.sim.debridement import PRESET
+from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.types import Progress
 from gpcorrect_studies.mahler2014.closed_loop import Landing, closed_loop, places_to_visit
 from gpcorrect_studies.mahler2014.regressions import Limit, TrainingSize, limits, training_sizes
@@ -204,7 +204,7 @@ def reproduce_mahler2014(scope: Scope, seed: int = 0, progress: Progress | None 
     progress.step("Table II", 0.0)
     rng = np.random.default_rng([seed, 6])
     places = places_to_visit(table1.full, scope.places, rng)
-    machine, recording_end = machine_of(preset(PRESET)), float(log.time[-1])
+    machine, recording_end = machine_of(preset(DEBRIDEMENT_PRESET)), float(log.time[-1])
     table2 = closed_loop(table1.full.corrector, machine, places, scope.repetitions, recording_end, rng)
     progress.step("Table II", 1.0)
     left = limits(scope.reaches, settings, progress)
