@@ -36,7 +36,13 @@ BAD_INPUT = 2
 
 
 def bad_input(error: GpCorrectError) -> int:
-    """Show what is wrong with the input in one clear message; return the exit status."""
+    """Print what is wrong with the input in one clear message; return the exit status.
+
+    Parameters
+    ----------
+    error : GpCorrectError
+        Its message and hint are shown.
+    """
     err.print(f"[bold red]error:[/] {_plain(error.message)}")
     if error.hint:
         err.print(f"[bold]  try:[/] {_plain(error.hint)}")
@@ -44,7 +50,13 @@ def bad_input(error: GpCorrectError) -> int:
 
 
 def note(text: str) -> None:
-    """Print a remark that is no error."""
+    """Print a remark that is no error.
+
+    Parameters
+    ----------
+    text : str
+        One sentence.
+    """
     err.print(f"[yellow]note:[/] {_plain(text)}")
 
 
@@ -53,7 +65,13 @@ def _plain(text: str) -> str:
 
 
 def json_ready(value: Any) -> Any:
-    """Replace what JSON cannot say (NaN, infinity, NumPy scalars and arrays, tuples) by what it can."""
+    """Replace what JSON cannot hold (NaN, infinity, NumPy scalars and arrays, tuples) by what it can.
+
+    Parameters
+    ----------
+    value : Any
+        Dictionaries, lists, arrays and scalars, nested.
+    """
     if isinstance(value, dict):
         return {str(k): json_ready(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -66,12 +84,24 @@ def json_ready(value: Any) -> Any:
 
 
 def print_json(value: Any) -> None:
-    """Print `value` as JSON on standard output: the only thing there when `--json` was given."""
+    """Print a value as JSON on standard output: the only thing there when `--json` was given.
+
+    Parameters
+    ----------
+    value : Any
+        As :func:`json_ready` takes it.
+    """
     typer.echo(json.dumps(json_ready(value), indent=2))
 
 
 def split_names(text: str) -> tuple[str, ...]:
-    """Names of a comma-separated option."""
+    """Return the names of a comma-separated option.
+
+    Parameters
+    ----------
+    text : str
+        As it was given.
+    """
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
@@ -88,14 +118,30 @@ class _Bar(ProgressCallback):
 
 @contextmanager
 def progress_bar(*, quiet: bool = False) -> Iterator[ProgressCallback]:
-    """Show the stages of long work with time left on standard error; nothing when that is not a terminal."""
+    """Show the stages of long work with time left on standard error; nothing when that is not a terminal.
+
+    Parameters
+    ----------
+    quiet : bool
+        Show nothing.
+    """
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=err, disable=quiet or not err.is_terminal, transient=True) as progress:
         yield _Bar(progress)
 
 
 def plain_table(*columns: str, title: str | None = None, left: int = 1) -> Table:
-    """Return an empty table without rules; its first `left` columns are flush left, the others right."""
+    """Return an empty table without rules.
+
+    Parameters
+    ----------
+    *columns : str
+        Titles.
+    title : str, optional
+        Of the table.
+    left : int
+        How many columns, the first ones, are flush left; the others are flush right.
+    """
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for number, column in enumerate(columns):
         table.add_column(_plain(column), justify="left" if number < left else "right", no_wrap=True)
@@ -103,7 +149,15 @@ def plain_table(*columns: str, title: str | None = None, left: int = 1) -> Table
 
 
 def show_errors(title: str, errors: Mapping[str, Any]) -> None:
-    """Print the table of errors before, after the rigid part, and corrected."""
+    """Print the table of errors before, after the rigid part, and corrected.
+
+    Parameters
+    ----------
+    title : str
+        Of the table.
+    errors : mapping
+        Of each method: `position_mm` and, where known, `rotation_deg`, each with a `norm` of mean, sd, p95 and max.
+    """
     table = plain_table("", "mm: mean", "SD", "p95", "max", "deg: mean", "SD", "p95", "max", title=title)
     for name, parts in errors.items():
         leaves = (parts["position_mm"]["norm"], parts.get("rotation_deg", {}).get("norm"))

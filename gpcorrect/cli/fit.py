@@ -10,7 +10,7 @@ import typer
 
 from gpcorrect.atomic import atomic_path, make_folder, require_folder
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, split_names
-from gpcorrect.cli.options import Json, Logs, ModelFile, ModelOutput, Reading, one_of, takes_reading
+from gpcorrect.cli.options import Holdout, Json, Logs, ModelFile, ModelOutput, Reading, Seed, one_of, takes_reading
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -43,11 +43,11 @@ def fit(
     marker: Annotated[
         str, typer.Option(help="Marker is not the tool tip: none, solve, or auto (by held-out error).")
     ] = "auto",
-    holdout: Annotated[float, typer.Option(help="Share of whole trajectories to measure on; 0 for none.")] = 0.2,
+    holdout: Holdout = 0.2,
     shuffle: Annotated[
         bool, typer.Option("--shuffle", help="Hold out random trajectories, not the last ones.")
     ] = False,
-    seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 0,
+    seed: Seed = 0,
     report: Annotated[
         Path | None,
         typer.Option(help="Folder for the report page and the list of dropped samples.", show_default=False),

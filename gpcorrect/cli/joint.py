@@ -10,7 +10,7 @@ import typer
 
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names
-from gpcorrect.cli.options import Columns, Json, Logs, ModelOutput, one_of, read_logs
+from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelOutput, Seed, one_of, read_logs
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -32,9 +32,7 @@ Input = Annotated[
     typer.Option("--input", help="measured_jp or setpoint_jp; the reported one where logged.", show_default=False),
 ]
 Way = Annotated[str, typer.Option("--direction", help="estimate (reported to true) or command (desired to commanded).")]
-Holdout = Annotated[float, typer.Option(help="Share of whole trajectories, the last ones, to measure on.")]
 Clock = Annotated[str, typer.Option("--time-offset", help="Clock of the outside encoders: auto, none, or seconds.")]
-Seed = Annotated[int, typer.Option(help="Seed of everything random.")]
 Model = Annotated[Path, typer.Argument(help="Model file that `gpcorrect joint fit` wrote.", show_default=False)]
 
 
@@ -191,7 +189,15 @@ def _settings(
 
 
 def show_joint_errors(title: str, errors: dict[str, JointErrors]) -> None:
-    """Print a table of joint errors, before and after."""
+    """Print a table of joint errors, before and after.
+
+    Parameters
+    ----------
+    title : str
+        Of the table.
+    errors : dict
+        Of each method, a row a joint; empty where nothing was held out.
+    """
     if not errors:
         note("nothing was held out, so nothing was measured")
         return

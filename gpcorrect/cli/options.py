@@ -25,6 +25,7 @@ __all__ = [
     "Config",
     "Disordered",
     "Endpoint",
+    "Holdout",
     "Jobs",
     "Json",
     "KeyRoot",
@@ -36,6 +37,7 @@ __all__ = [
     "Reading",
     "Remote",
     "Scheduler",
+    "Seed",
     "Tracker",
     "TrackerLog",
     "numbers",
@@ -73,6 +75,8 @@ Clock = Annotated[
     str,
     typer.Option(help="Tracker's clock: auto (shift what cannot be robot lag), none, or seconds it runs ahead."),
 ]
+Holdout = Annotated[float, typer.Option(help="Fraction of whole trajectories to measure on; 0 for none.")]
+Seed = Annotated[int, typer.Option(help="Seed of everything random.", min=0)]
 ModelFile = Annotated[Path, typer.Argument(help="Model file that `gpcorrect fit` wrote.", show_default=False)]
 ModelOutput = Annotated[Path, typer.Option("--output", "-o", help="Model file to write.", show_default=False)]
 LogOutput = Annotated[

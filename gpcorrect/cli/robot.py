@@ -72,7 +72,7 @@ def operate(
             robot.make_ready()
         else:
             robot.operate(command)
-            time.sleep(0.5)  # states are told ten times a second
+            time.sleep(0.5)  # states are published ten times a second
         out.print(f"{robot.state.state}, {'homed' if robot.state.is_homed else 'not homed'}")
 
 
@@ -252,11 +252,11 @@ def extract(
 
     require_folder(output)
     log = read_log(recording, columns=columns)
-    kept = _chosen(log, signals)
+    chosen = _chosen(log, signals)
     rows = np.flatnonzero((log.time >= begin) & (log.time <= (np.inf if end is None else end)))[::every]
     if not len(rows):
         raise DataError(f"no sample lies between {begin:g} s and {end} s; the recording has {log.time[-1]:.3f} s.")
-    part = kept.select(rows)
+    part = chosen.select(rows)
     write_log(part, output)
     facts = {"samples": len(part), "signals": list(part.signals), "output": str(output)}
     if json:

@@ -86,7 +86,7 @@ def prefilter(
 
     Desired poses on NAMESPACE/ARM/servo_cp and move_cp, in the frame that the model was trained in, come out as
     commands on NAMESPACE/ARM/corrected/servo_cp and corrected/move_cp. Refused while the robot is not ENABLED and
-    homed, and without a stamp; why is said on NAMESPACE/ARM/error.
+    homed, and without a stamp; the reason is published on NAMESPACE/ARM/error.
 
     Example: gpcorrect sim serve --corrected --ready, and in another terminal gpcorrect prefilter model.gpc
     """

@@ -12,7 +12,7 @@ import typer
 
 from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors
-from gpcorrect.cli.options import Columns, Json, Logs, ModelFile, Reading, takes_reading
+from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Reading, takes_reading
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def update(
         Path | None,
         typer.Option("--output", "-o", help="Model file to write; by default MODEL is replaced.", show_default=False),
     ] = None,
-    holdout: Annotated[float, typer.Option(help="Share of the new trajectories to measure on; 0 for none.")] = 0.2,
+    holdout: Holdout = 0.2,
     force: Annotated[bool, typer.Option("--force", help="Write also where the held-out error grew.")] = False,
     json: Json = False,
 ) -> None:
@@ -91,7 +91,7 @@ def _show_update(found: Update, target: Path, *, written: bool) -> None:
         out.print(f"95 % intervals cover {covered[0]:.1f} % before and {covered[1]:.1f} % after")
     else:
         note("nothing was held out, so nothing is known of the updated model's error")
-    out.print(f"{found.n_added} samples added; the old data kept {100 * found.keep:.0f} % of their weight")
+    out.print(f"{found.n_added} samples added; the old data have {100 * found.keep:.0f} % of their weight left")
     if found.unseen > UNSEEN:
         note(
             f"the model's points cannot see {100 * found.unseen:.0f} % of the new motion: "
@@ -146,7 +146,7 @@ def drift(
         ages.append(recorded if age is None else age[i])
     scores = np.concatenate(parts)
     if scores.size == 0:
-        raise DataError("no trajectory lies in the model's training region: nothing can be said of its age.")
+        raise DataError("no trajectory lies in the model's training region: its age cannot be estimated.")
     rng = np.random.default_rng(seed)
     found = detect(baseline, scores, false_alarms, rng)
     counts = [len(part) for part in parts]

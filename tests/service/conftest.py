@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from support import Once
 
 from gpcorrect import artifact
 from gpcorrect.corrector import FitSettings, fit_corrector
@@ -12,11 +13,11 @@ from gpcorrect.sim import debridement_log
 
 
 @pytest.fixture(scope="session")
-def model_files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Two model files that answer differently."""
-    folder = tmp_path_factory.mktemp("models")
-    paths = folder / "monday.gpc", folder / "tuesday.gpc"
+def model_files(once: Once) -> tuple[Path, Path]:
+    """Two model files that answer differently; no test may write to them."""
     settings = FitSettings(clean=False, inducing=20, marker="none", time_offset="none")
-    for path, reaches in zip(paths, (4, 5), strict=True):
+
+    def fit(path: Path, reaches: int) -> None:
         artifact.save(fit_corrector(debridement_log(reaches=reaches), settings), path)
-    return paths
+
+    return once.file("monday.gpc", lambda path: fit(path, 4)), once.file("tuesday.gpc", lambda path: fit(path, 5))
