@@ -1,13 +1,13 @@
 """Where the tool is, seen by ordinary cameras: calibration, balls, pose over time. The only user of OpenCV."""
 
 from gpcorrect.vision.annotate import AnnotatedVideo, annotated
-from gpcorrect.vision.boards import Chessboard, calibrate_lens, find_corners, find_markers
-from gpcorrect.vision.calibrate import CalibrationReport, CameraReport, calibrate_rig
+from gpcorrect.vision.boards import Chessboard, calibrate_lens, find_corners
+from gpcorrect.vision.calibrate import CalibrationReport, calibrate_rig
 from gpcorrect.vision.camera import Camera, Intrinsics
 from gpcorrect.vision.checks import check_fit
 from gpcorrect.vision.files import Rig, read_cameras, read_rig, read_target, target_from_dict, write_cameras
-from gpcorrect.vision.filtering import STATUSES, Filtered, PoseFilter, Status
-from gpcorrect.vision.place import Placement, adjust, poses_from_board, poses_from_points, refine_pose
+from gpcorrect.vision.filtering import PoseFilter, Status
+from gpcorrect.vision.place import adjust, poses_from_board, refine_pose
 from gpcorrect.vision.rim import Outline, outline
 from gpcorrect.vision.search import REASONS, Reason
 from gpcorrect.vision.settings import VisionSettings
@@ -21,28 +21,23 @@ from gpcorrect.vision.space import (
     pose_nelder_mead,
     triangulate,
 )
-from gpcorrect.vision.target import COLOURS, END_EFFECTOR, BallSpec, Colour, Target, colour_of, single_ball
+from gpcorrect.vision.target import END_EFFECTOR, BallSpec, Colour, Target, colour_of, single_ball
 from gpcorrect.vision.track import Track, TrackResult, TrackSettings, track
-from gpcorrect.vision.tracker import Frame, Tracker, View
+from gpcorrect.vision.tracker import Frame, Tracker
 
 __all__ = [
-    "COLOURS",
     "END_EFFECTOR",
     "REASONS",
-    "STATUSES",
     "AnnotatedVideo",
     "BallSpec",
     "CalibrationReport",
     "Camera",
-    "CameraReport",
     "Chessboard",
     "Colour",
-    "Filtered",
     "Frame",
     "Intrinsics",
     "Observations",
     "Outline",
-    "Placement",
     "PoseFilter",
     "Reason",
     "Rig",
@@ -53,7 +48,6 @@ __all__ = [
     "TrackResult",
     "TrackSettings",
     "Tracker",
-    "View",
     "VisionSettings",
     "adjust",
     "annotated",
@@ -63,7 +57,6 @@ __all__ = [
     "colour_of",
     "common_perpendicular",
     "find_corners",
-    "find_markers",
     "mean_midpoint",
     "open_source",
     "outline",
@@ -71,7 +64,6 @@ __all__ = [
     "pose_from_observations",
     "pose_nelder_mead",
     "poses_from_board",
-    "poses_from_points",
     "read_cameras",
     "read_rig",
     "read_target",

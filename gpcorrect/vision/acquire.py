@@ -161,9 +161,8 @@ def acquire(
 def _shape_fits(chosen: Sequence[Hypothesis | None], places: FloatArray, settings: AgreementSettings) -> bool:
     """Whether the distances between the chosen balls are those on the tool."""
     for (a, place_a), (b, place_b) in itertools.combinations(zip(chosen, places, strict=True), 2):
-        if a is not None and b is not None:
-            known = float(np.linalg.norm(place_a - place_b))
-            apart = float(np.linalg.norm(a.position - b.position))
-            if abs(apart - known) > settings.shape + settings.shape_fraction * known:
-                return False
+        known = float(np.linalg.norm(place_a - place_b))
+        limit = settings.shape + settings.shape_fraction * known
+        if a is not None and b is not None and abs(np.linalg.norm(a.position - b.position) - known) > limit:
+            return False
     return True

@@ -135,18 +135,13 @@ def _dot(grey: FloatArray, place: FloatArray, reach: float, settings: Calibratio
             off = float(np.linalg.norm(middles[k] + corner - place)) / reach
             score = level * roundness * np.exp(-(off**2))
             if score > best_score:
-                best, best_score = _weighted_middle(signed, labels == k), score
-    return None if best is None else best + corner
-
-
-def _weighted_middle(signed: FloatArray, patch: FloatArray) -> FloatArray:
-    """Centre of gravity of the patch and its soft border."""
-    around = cv2.dilate(patch.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
-    level = float(signed[patch].mean())
-    weight = np.where(around, np.clip(signed, 0.0, level), 0.0)
-    v, u = np.nonzero(weight)
-    w = weight[v, u]
-    return np.array([float(u @ w), float(v @ w)]) / float(w.sum())
+                best, best_score = (signed, labels == k), score
+    if best is None:
+        return None
+    signed, patch = best
+    around = cv2.dilate(patch.astype(np.uint8), np.ones((5, 5), np.uint8))  # with the dot's soft border
+    moments = cv2.moments(np.clip(signed, 0.0, signed[patch].mean()) * around)
+    return corner + np.array([moments["m10"], moments["m01"]]) / moments["m00"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -331,7 +331,11 @@ def _colour_regions(
         if not cv2.countNonZero(mask):
             break
         for region in _regions(mask, radii):
-            if not any(_alike(region[2], other[2]) for other in found):
+            u, v, size = region[2]
+            if not any(
+                np.hypot(u - a, v - b) < 0.4 * min(size, r) + 1.0 and abs(size - r) < 0.25 * max(size, r)
+                for _, _, (a, b, r) in found
+            ):
                 found.append(region)
     found.sort(key=lambda region: -region[0])
     return [(window, circle) for _, window, circle in found[: settings.balls.regions]]
@@ -357,9 +361,3 @@ def _regions(mask: Image, radii: tuple[float, float]) -> list[tuple[float, Windo
         roundness = area / (np.pi * around**2 + 1.0) * (1.0 if fits else 0.3)
         regions.append((roundness, window, np.array([left + 0.5 * (wide - 1), top + 0.5 * (high - 1), size])))
     return regions
-
-
-def _alike(a: FloatArray, b: FloatArray) -> bool:
-    """Whether two patches' circles are one."""
-    near = float(np.linalg.norm(a[:2] - b[:2])) < 0.4 * min(a[2], b[2]) + 1.0
-    return near and bool(abs(a[2] - b[2]) < 0.25 * max(a[2], b[2]))

@@ -104,7 +104,17 @@ def open_source(path: str | Path) -> Source:
     """
     path = Path(path)
     if path.is_dir():
-        return _folder(path)
+        files = [file for file in path.iterdir() if file.suffix.lower() in IMAGES and not file.name.startswith(".")]
+        if not files:
+            raise LogError(
+                "the folder holds no images.", path=str(path), hint=f"Known endings: {', '.join(sorted(IMAGES))}."
+            )
+        if all(STAMP.fullmatch(file.stem) for file in files):
+            files.sort(key=lambda file: (float(file.stem), file.name))
+            return Source(path, len(files), times=np.array([float(file.stem) for file in files]), files=tuple(files))
+        numbers = re.compile(r"(\d+)")  # 2 before 10
+        files.sort(key=lambda file: [int(p) if p.isdigit() else p for p in numbers.split(file.name)])
+        return Source(path, len(files), files=tuple(files))
     if not path.is_file():
         raise LogError("there is no such video or folder of images.", path=str(path))
     video = cv2.VideoCapture(str(path))
@@ -117,19 +127,6 @@ def open_source(path: str | Path) -> Source:
         )
     fps = float(video.get(cv2.CAP_PROP_FPS))
     return Source(path, count, fps if np.isfinite(fps) and fps > 0 else None, _video=video)
-
-
-def _folder(path: Path) -> Source:
-    files = [file for file in path.iterdir() if file.suffix.lower() in IMAGES and not file.name.startswith(".")]
-    if not files:
-        raise LogError(
-            "the folder holds no images.", path=str(path), hint=f"Known endings: {', '.join(sorted(IMAGES))}."
-        )
-    if all(STAMP.fullmatch(file.stem) for file in files):
-        files.sort(key=lambda file: (float(file.stem), file.name))
-        return Source(path, len(files), None, np.array([float(file.stem) for file in files]), tuple(files))
-    files.sort(key=lambda file: [int(p) if p.isdigit() else p for p in re.split(r"(\d+)", file.name)])  # 2 before 10
-    return Source(path, len(files), files=tuple(files))
 
 
 def read_image(path: Path) -> Image:
