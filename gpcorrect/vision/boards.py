@@ -141,7 +141,8 @@ def _dot(grey: FloatArray, place: FloatArray, reach: float, settings: Calibratio
     signed, patch = best
     around = cv2.dilate(patch.astype(np.uint8), np.ones((5, 5), np.uint8))  # with the dot's soft border
     moments = cv2.moments(np.clip(signed, 0.0, signed[patch].mean()) * around)
-    return corner + np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+    middle: FloatArray = corner + np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+    return middle
 
 
 @dataclass(frozen=True, eq=False)
