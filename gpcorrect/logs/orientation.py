@@ -8,11 +8,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpcorrect import se3
-from gpcorrect.types import FloatArray
+from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray
 
-__all__ = ["CONVERTERS", "NORM_TOLERANCE", "quaternion_from_euler", "unit_quaternions"]
+__all__ = ["CONVERTERS", "quaternion_from_euler", "unit_quaternions"]
 
-NORM_TOLERANCE = 1e-3  # of the log format: a quaternion further off is a bad sample
 ROUNDING = 1e-12  # nearer to one than this a quaternion is left as it is, so that a written log reads back exactly
 
 
@@ -28,9 +27,9 @@ def unit_quaternions(quaternion: FloatArray) -> FloatArray:
         norm = np.linalg.norm(quaternion, axis=1)
     result = np.array(quaternion, dtype=np.float64)
     off = np.abs(norm - 1.0)
-    inexact = (off > ROUNDING) & (off <= NORM_TOLERANCE)
+    inexact = (off > ROUNDING) & (off <= QUATERNION_TOLERANCE)
     result[inexact] /= norm[inexact, None]
-    result[~(off <= NORM_TOLERANCE)] = np.nan
+    result[~(off <= QUATERNION_TOLERANCE)] = np.nan
     return result
 
 
@@ -65,7 +64,7 @@ def _nearest_rotations(flat: FloatArray) -> FloatArray:
     bounded = np.abs(matrix).max(axis=(1, 2)) < 2.0  # others would overflow
     matrix = np.where(bounded[:, None, None], matrix, 0.0)
     skew = np.abs(matrix @ np.swapaxes(matrix, 1, 2) - np.eye(3)).max(axis=(1, 2))
-    proper = (skew <= NORM_TOLERANCE) & (np.linalg.det(matrix) > 0)
+    proper = (skew <= QUATERNION_TOLERANCE) & (np.linalg.det(matrix) > 0)
     result = np.full(matrix.shape, np.nan)
     result[proper] = se3.nearest_rotation(matrix[proper])
     return result

@@ -81,7 +81,7 @@ numbers = st.floats(width=32) | st.sampled_from([0.0, 1.0, np.nan])
 
 
 @given(data=st.data(), rows=st.integers(1, 40))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_garbage_is_looked_at_without_an_exception(data, rows):
     """Any numbers in any signals, any stamps and trajectory numbers: a report that is strict JSON."""
 

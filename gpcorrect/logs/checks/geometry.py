@@ -9,9 +9,8 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms import Arm, arm_named
 from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, mirrored, rigid_misfit, spread
-from gpcorrect.logs.orientation import NORM_TOLERANCE
 from gpcorrect.logs.sync import TimeOffset
-from gpcorrect.types import BoolArray, FloatArray
+from gpcorrect.types import QUATERNION_TOLERANCE, BoolArray, FloatArray
 
 __all__: list[str] = []
 
@@ -33,7 +32,7 @@ def _quaternion_norm(evidence: Evidence) -> Iterator[Finding]:
     for name, quaternion in evidence.quaternions():
         norm = np.linalg.norm(quaternion, axis=1)
         known = np.isfinite(norm)
-        rows = np.flatnonzero(known & (np.abs(norm - 1) > NORM_TOLERANCE))
+        rows = np.flatnonzero(known & (np.abs(norm - 1) > QUATERNION_TOLERANCE))
         if rows.size:
             fraction = rows.size / int(known.sum())
             severity: Severity = "error" if fraction > 0.5 else "warning" if fraction > MANY_BAD else "info"

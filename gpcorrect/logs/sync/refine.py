@@ -20,12 +20,12 @@ from scipy.stats import t as student_t
 from gpcorrect.logs.streams import default_max_gap
 from gpcorrect.logs.sync.blocks import MIN_BLOCKS, lost_freedom, sandwich
 from gpcorrect.logs.sync.motion import Motion, MotionPair
+from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["MIN_INFORMATION", "Refinement", "Timing"]
 
 HUBER = 2.0  # robust standard deviations up to which a residual counts in full
-MAD = 1.4826  # of a normal distribution, standard deviation over median absolute deviation
 MAX_STEPS = 40  # of Gauss and Newton; converging takes about ten
 MIN_INFORMATION = 1e-3  # of the velocity must be out of the reach of a constant registration
 FREE_STEPS = 8  # then the noise scale and the samples compared are held, or they and the shift could cycle
@@ -295,7 +295,7 @@ class Timing:
         coefficient = fit @ y
         residual = y - x @ coefficient
         if scale is None:
-            scale = np.maximum(MAD * np.median(np.abs(residual), axis=0), self.floor)
+            scale = np.maximum(robust_scale(np.abs(residual)), self.floor)
         size = _size(residual, scale)
         velocity = sampled.derivatives[valid] @ coefficient[:-1]
         gradient = [velocity, velocity * elapsed[:, None]][:parameters]
