@@ -75,12 +75,8 @@ def answerers(model: Path) -> list[Handler]:
     parser = RequestParser(
         Active(load_model(model)), arm="arm1", replica="r", logger=open_logger(io.StringIO()), clock=Clock()
     )
-    answering = Corrections(parser)
-    return [
-        parser.handler("correct", answering.correct),
-        parser.handler("correct_path", answering.correct_path),
-        parser.handler("correct_joints", answering.correct_joints),
-    ]
+    handlers = Corrections(parser).handlers()
+    return [handlers["correct"], handlers["correct_path"], handlers["correct_joints"]]
 
 
 def nearly_right(model: Path, count: int) -> Counter[str]:

@@ -21,6 +21,7 @@ from gpcorrect_service.server.admin import Health
 from gpcorrect_service.server.bounds import RateBound, Throttle
 from gpcorrect_service.server.models import FAULTS_IN_A_ROW, Active, Model
 from gpcorrect_service.server.queues import WorkerQueue
+from gpcorrect_service.server.requests import Clock, RequestParser
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -132,7 +133,8 @@ def test_a_dead_worker_is_a_fault() -> None:
         "one", lambda _: None, lambda _: None, workers=1, capacity=1, logger=open_logger(io.StringIO())
     )
     active = Active(Model(ShiftCorrector()))
-    health = Health(active, arm="a", replica="r", counters=Counters(), queues={"one": queue}, monotonic=time.monotonic)
+    parser = RequestParser(active, arm="a", replica="r", logger=open_logger(io.StringIO()), clock=Clock())
+    health = Health(parser, Counters(), {"one": queue})
     queue.start()
     assert health.report().state == "ENABLED"
     queue.close()

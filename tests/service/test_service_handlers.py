@@ -41,10 +41,8 @@ class Answering:
         clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
         logger = open_logger(log or io.StringIO())
         parser = RequestParser(Active(model), arm="arm1", replica="r1", logger=logger, clock=clock)
-        corrections = Corrections(parser)
-        self.correct = parser.handler("correct", corrections.correct)
-        self.correct_path = parser.handler("correct_path", corrections.correct_path)
-        self.model = parser.handler("model", corrections.model)
+        handlers = Corrections(parser).handlers()
+        self.correct, self.correct_path, self.model = (handlers[k] for k in ("correct", "correct_path", "model"))
 
 
 def request(kind: Kind, body: Any, codec: Codec = JSON, age: float = 0.0, **meta: Any) -> Request:

@@ -37,9 +37,7 @@ def ask(body: CorrectJointsRequest | bytes, active: Active | None = None) -> Res
         active or Active(joints=lagging_joints()), arm="arm1", replica="r1", logger=logger, clock=clock
     )
     payload = body if isinstance(body, bytes) else JSON.encode(body)
-    return parser.handler("correct_joints", Corrections(parser).correct_joints)(
-        Request(payload, JSON.encoding("correct_joints"), b"", NOW)
-    )
+    return Corrections(parser).handlers()["correct_joints"](Request(payload, JSON.encoding("correct_joints"), b"", NOW))
 
 
 def answer(body: CorrectJointsRequest) -> JointsAnswer:

@@ -36,7 +36,7 @@ def ask(payload: bytes, bound: CorrectionBound | None = None, **meta: Any) -> Re
     clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
     parser = RequestParser(active, arm="arm1", replica="r1", logger=open_logger(io.StringIO()), clock=clock)
     attachment = JSON.encode(RequestMeta(**meta)) if meta else b""
-    correct = parser.handler("correct", Corrections(parser, bound).correct)
+    correct = Corrections(parser, bound).handlers()["correct"]
     return correct(Request(payload, CDR_ENCODING, attachment, NOW - 0.2))
 
 
@@ -118,7 +118,7 @@ def test_the_bound_holds_along_a_path() -> None:
     body = JSON.encode(CorrectPathRequest((tuple(POSE), tuple(POSE)), (0.0, 0.1)))
     request = Request(body, JSON.encoding("correct_path"), b"", NOW)
     corrections = Corrections(parser, CorrectionBound(position=1e-3))
-    answer = parser.handler("correct_path", corrections.correct_path)(request)
+    answer = corrections.handlers()["correct_path"](request)
     path = JSON.decode(PathAnswer, answer.payload)
     away = np.linalg.norm(np.array(path.position) - POSE[:3], axis=1)
     np.testing.assert_allclose(away, 1e-3)
@@ -132,8 +132,8 @@ def test_metrics_are_openmetrics_and_count_what_was_answered() -> None:
         counters.add("correct", "OK", seconds)
     counters.add("correct_path", "EXTRAPOLATING", 1e-2, rows=100, outside=7)
     active = Active(Model(ShiftCorrector(), id="m", hash="h"))
-    health = Health(active, arm="arm1", replica="r1", counters=counters, queues={}, monotonic=lambda: NOW)
-    answer = health.metrics(Request(b"", "", b"", NOW))
+    parser = RequestParser(active, arm="arm1", replica="r1", logger=open_logger(io.StringIO()), clock=Clock())
+    answer = Health(parser, counters, {}, lambda: NOW).handlers()["metrics"](Request(b"", "", b"", NOW))
     samples = {
         (s.name, *sorted(s.labels.items())): s.value
         for family in text_string_to_metric_families(answer.payload.decode())

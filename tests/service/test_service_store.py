@@ -163,7 +163,7 @@ def test_an_activation_reads_its_model_once(store: ModelStore, monkeypatch: pyte
     monkeypatch.setattr(np, "load", lambda *given, **options: reads.append(given[0]) or read(*given, **options))
     active, logger = Active(), open_logger(io.StringIO())
     parser = RequestParser(active, arm="a", replica="r", logger=logger, clock=Clock())
-    activate = parser.handler("admin/activate", Admin(parser, store, logger).activate)
+    activate = Admin(parser, store, logger).handlers()["admin/activate"]
     request = Request(JSON.encode(ActivateRequest("tuesday")), JSON.encoding("admin/activate"), b"", time.monotonic())
     assert not activate(request).is_error
     assert reads == [store.path(store.find("tuesday"))]

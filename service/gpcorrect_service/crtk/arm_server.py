@@ -37,7 +37,7 @@ BEHIND = 0.5  # chosen by hand: s of wall time after which lost ticks are given 
 
 
 class SensedArm(Protocol):
-    """What is measured at one instant; see `gpcorrect.sim.live_robot.Reading`."""
+    """What is measured at one instant; see `gpcorrect.sim.live_sensors.Reading`."""
 
     @property
     def position(self) -> FloatArray:
@@ -61,7 +61,7 @@ class SensedArm(Protocol):
 
 
 class CommandedArm(Protocol):
-    """An arm with a controller; see `gpcorrect.sim.live_robot.LiveRobot`."""
+    """An arm with a controller; see `gpcorrect.sim.live_robot.LiveRobot`. Callables are properties."""
 
     state: State
     is_homed: bool
@@ -78,71 +78,37 @@ class CommandedArm(Protocol):
     def time(self) -> float:
         """Seconds on the arm's clock."""
 
-    def poses_of(self, q: FloatArray) -> FloatArray | None:
-        """Return nominal tool poses (n, 4, 4).
+    @property
+    def poses_of(self) -> Callable[[FloatArray], FloatArray | None]:
+        """From joints (n, dof) to nominal tool poses (n, 4, 4)."""
 
-        Parameters
-        ----------
-        q : (n, dof) array
-        """
+    @property
+    def read(self) -> Callable[..., SensedArm]:
+        """What the sensors measure, with the tracker or without (`tracked=`)."""
 
-    def read(self, *, tracked: bool) -> SensedArm:
-        """Return what the sensors measure.
+    @property
+    def operate(self) -> Callable[[str], None]:
+        """Change the operating state by CRTK's `state_command`."""
 
-        Parameters
-        ----------
-        tracked : bool
-            With the tracker.
-        """
+    @property
+    def servo_jp(self) -> Callable[[FloatArray], None]:
+        """Go to joints (dof,) at once."""
 
-    def operate(self, command: str) -> None:
-        """Change the operating state.
+    @property
+    def move_jp(self) -> Callable[[FloatArray], None]:
+        """Go to joints (dof,) smoothly."""
 
-        Parameters
-        ----------
-        command : str
-            CRTK's `state_command`.
-        """
+    @property
+    def servo_cp(self) -> Callable[[FloatArray], None]:
+        """Go to a pose (4, 4) at once."""
 
-    def servo_jp(self, q: FloatArray) -> None:
-        """Go to joints at once.
+    @property
+    def move_cp(self) -> Callable[[FloatArray], None]:
+        """Go to a pose (4, 4) in a straight line."""
 
-        Parameters
-        ----------
-        q : (dof,) array
-        """
-
-    def move_jp(self, q: FloatArray) -> None:
-        """Go to joints smoothly.
-
-        Parameters
-        ----------
-        q : (dof,) array
-        """
-
-    def servo_cp(self, T: FloatArray) -> None:
-        """Go to a pose at once.
-
-        Parameters
-        ----------
-        T : (4, 4) array
-        """
-
-    def move_cp(self, T: FloatArray) -> None:
-        """Go to a pose in a straight line.
-
-        Parameters
-        ----------
-        T : (4, 4) array
-        """
-
-    def advance(self, seconds: float) -> None:
-        """Let time pass.
-
-        Parameters
-        ----------
-        seconds : float
-        """
+    @property
+    def advance(self) -> Callable[[float], None]:
+        """Let time pass, s."""
 
 
 @dataclass(frozen=True)

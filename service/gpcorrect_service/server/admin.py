@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -14,14 +15,15 @@ from gpcorrect_service.protocol.messages import (
     ActivateAnswer,
     ActivateRequest,
     HealthAnswer,
+    Kind,
     ModelEntry,
     ModelListAnswer,
     StateAnswer,
     StateRequest,
 )
-from gpcorrect_service.server.models import Active, JointModel, Model, load_joint_model, load_model
+from gpcorrect_service.server.models import JointModel, Model, load_joint_model, load_model
 from gpcorrect_service.server.queues import WorkerQueue
-from gpcorrect_service.server.requests import Parsed, Request, RequestParser, Response, plain_response
+from gpcorrect_service.server.requests import Handler, Parsed, RequestParser, Response, plain_response
 
 __all__ = ["Admin", "Health", "load_entry"]
 
@@ -40,18 +42,23 @@ class Admin:
     """
 
     def __init__(self, parser: RequestParser, store: ModelStore | None, logger: Logger) -> None:
+        self._parser = parser
         self._active = parser.active
         self._replica = parser.replica
         self._store = store
         self._logger = logger
 
-    def models(self, parsed: Parsed) -> Response:
-        """Answer which models there are.
+    def handlers(self) -> dict[Kind, Handler]:
+        """Return which key is answered by what."""
+        handler = self._parser.handler
+        return {
+            "model/list": handler("model/list", self._models),
+            "admin/activate": handler("admin/activate", self._activate),
+            "admin/state": handler("admin/state", self._state),
+        }
 
-        Parameters
-        ----------
-        parsed : Parsed
-        """
+    def _models(self, parsed: Parsed) -> Response:
+        """Answer which models there are."""
         now = self._active.now
         serving = {kind: m.hash for kind, m in (("pose", now.pose), ("joints", now.joints)) if m is not None}
         entries, history = [], {}
@@ -62,13 +69,8 @@ class Admin:
             ]
         return plain_response(parsed, "model/list", ModelListAnswer(self._replica, entries, history, serving))
 
-    def activate(self, parsed: Parsed) -> Response:
-        """Load, verify and try a model of the store once, note it there, and answer with it from then on.
-
-        Parameters
-        ----------
-        parsed : Parsed
-        """
+    def _activate(self, parsed: Parsed) -> Response:
+        """Load, verify and try a model of the store once, note it there, and answer with it from then on."""
         asked = parsed.codec.decode(ActivateRequest, parsed.request.payload)
         if self._store is None:
             raise ServiceError(
@@ -94,13 +96,8 @@ class Admin:
         message = ActivateAnswer(model.id, model.hash, entry.kind, old, self._replica)
         return plain_response(parsed, "admin/activate", message)
 
-    def state(self, parsed: Parsed) -> Response:
-        """Pause, or go on.
-
-        Parameters
-        ----------
-        parsed : Parsed
-        """
+    def _state(self, parsed: Parsed) -> Response:
+        """Pause, or go on."""
         asked = parsed.codec.decode(StateRequest, parsed.request.payload)
         self._active.pause(asked.state == "PAUSED")
         self._logger.warning("state set", asked=asked.state, state=self._active.state)
@@ -112,10 +109,8 @@ class Health:
 
     Parameters
     ----------
-    active : Active
-        The active models.
-    arm, replica : str
-        Names that the answer carries.
+    parser : RequestParser
+        Whose requests are answered.
     counters : Counters
         What was answered.
     queues : mapping of name to WorkerQueue
@@ -126,45 +121,31 @@ class Health:
 
     def __init__(
         self,
-        active: Active,
-        *,
-        arm: str,
-        replica: str,
+        parser: RequestParser,
         counters: Counters,
         queues: Mapping[str, WorkerQueue[Any]],
-        monotonic: Callable[[], float],
+        monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._active = active
-        self._names = {"arm": arm, "replica": replica}
+        self._parser = parser
         self._counters = counters
         self._queues = queues
         self._monotonic = monotonic
         self._started = monotonic()
 
-    def answer(self, parsed: Parsed) -> Response:
-        """Answer how the server is.
-
-        Parameters
-        ----------
-        parsed : Parsed
-        """
-        return plain_response(parsed, "health", self.report())
-
-    def metrics(self, request: Request) -> Response:
-        """Answer the numbers of this moment as OpenMetrics text, whatever the request holds.
-
-        Parameters
-        ----------
-        request : Request
-        """
-        return Response(exposition(self.report(), self._counters), OPENMETRICS)
+    def handlers(self) -> dict[Kind, Handler]:
+        """Return which key is answered by what; metrics are, whatever the request holds."""
+        return {
+            "health": self._parser.handler("health", lambda parsed: plain_response(parsed, "health", self.report())),
+            "metrics": lambda _: Response(exposition(self.report(), self._counters), OPENMETRICS),
+        }
 
     def report(self) -> HealthAnswer:
         """Return the state of this moment; FAULT also when a worker is gone."""
-        now = self._active.now
+        active = self._parser.active
+        now = active.now
         alive = all(queue.alive for queue in self._queues.values())
         return HealthAnswer(
-            state=self._active.state if alive else "FAULT",
+            state=active.state if alive else "FAULT",
             model_id=now.pose.id if now.pose else "",
             model_hash=now.pose.hash if now.pose else "",
             uptime=self._monotonic() - self._started,
@@ -172,7 +153,8 @@ class Health:
             counts=self._counters.counts(),
             joint_model_id=now.joints.id if now.joints else "",
             joint_model_hash=now.joints.hash if now.joints else "",
-            **self._names,
+            arm=self._parser.arm,
+            replica=self._parser.replica,
         )
 
 

@@ -33,7 +33,7 @@ from gpcorrect_service.protocol.messages import (
     Numbers,
 )
 from gpcorrect_service.server.models import JointModel, Model
-from gpcorrect_service.server.requests import Parsed, RequestParser, Response, plain_response
+from gpcorrect_service.server.requests import Handler, Parsed, RequestParser, Response, plain_response
 
 __all__ = ["Corrections"]
 
@@ -56,13 +56,18 @@ class Corrections:
         self._active = parser.active
         self._bound = bound if bound is not None and bound.acts else None
 
-    def correct(self, parsed: Parsed) -> Response:
-        """Answer one desired pose, in the encoding in which it came.
+    def handlers(self) -> dict[Kind, Handler]:
+        """Return which key is answered by what."""
+        handler = self._parser.handler
+        return {
+            "correct": handler("correct", self._correct),
+            "correct_path": handler("correct_path", self._correct_path),
+            "correct_joints": handler("correct_joints", self._correct_joints),
+            "model": handler("model", self._model),
+        }
 
-        Parameters
-        ----------
-        parsed : Parsed
-        """
+    def _correct(self, parsed: Parsed) -> Response:
+        """Answer one desired pose, in the encoding in which it came."""
         request, codec = parsed.request, parsed.codec
         if request.encoding.startswith(CDR_ENCODING):
             return self._correct_cdr(parsed)
@@ -89,13 +94,8 @@ class Corrections:
             payload, CDR_ENCODING, parsed.codec.encode(beside), message.status, outside=not message.in_domain
         )
 
-    def correct_path(self, parsed: Parsed) -> Response:
-        """Answer a timed path.
-
-        Parameters
-        ----------
-        parsed : Parsed
-        """
+    def _correct_path(self, parsed: Parsed) -> Response:
+        """Answer a timed path."""
         asked = parsed.codec.decode(CorrectPathRequest, parsed.request.payload)
         model = self._active.pose_model()
         poses, times = checked_path(asked.poses, asked.times, model.limit)
@@ -106,13 +106,8 @@ class Corrections:
             check_command(position, quaternion, model.limit)
         return self._rows(parsed, "correct_path", model, message)
 
-    def correct_joints(self, parsed: Parsed) -> Response:
-        """Answer a timed path of joints; each request is a path of its own, at rest before its first row.
-
-        Parameters
-        ----------
-        parsed : Parsed
-        """
+    def _correct_joints(self, parsed: Parsed) -> Response:
+        """Answer a timed path of joints; each request is a path of its own, at rest before its first row."""
         asked = parsed.codec.decode(CorrectJointsRequest, parsed.request.payload)
         model = self._active.joint_model()
         n, types = len(asked.q), model.corrector.types
@@ -126,13 +121,8 @@ class Corrections:
         message = pack(JointsAnswer, model.corrector.correct_path(q, times, efforts, asked.sessions))
         return self._rows(parsed, "correct_joints", model, message)
 
-    def model(self, parsed: Parsed) -> Response:
-        """Answer which model is active.
-
-        Parameters
-        ----------
-        parsed : Parsed
-        """
+    def _model(self, parsed: Parsed) -> Response:
+        """Answer which model is active."""
         now = self._active.now
         model = now.pose or now.joints or self._active.pose_model()
         info = dict(model.corrector.info())

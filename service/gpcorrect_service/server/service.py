@@ -30,9 +30,8 @@ from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.admin import Admin, Health, load_entry
 from gpcorrect_service.server.bounds import Throttle
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.dispatch import Dispatcher, Job
 from gpcorrect_service.server.models import Active, Corrector, JointModel, Model, load_joint_model, load_model
-from gpcorrect_service.server.queues import WorkerQueue
+from gpcorrect_service.server.queues import Dispatcher, Job, WorkerQueue
 from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, RequestParser
 from gpcorrect_service.server.stream import stream_queue
 
@@ -164,24 +163,12 @@ class Server:
         self._queryables.callback(token.undeclare)
 
     def _handlers(self) -> dict[Kind, Handler]:
-        """Return which key is answered by what."""
-        names = {"arm": self.settings.arm, "replica": self.settings.replica}
-        parser = RequestParser(self.active, logger=self._logger, clock=self._clock, **names)
-        corrections = Corrections(parser, self.settings.bound)
-        admin = Admin(parser, self._store, self._logger)
-        monotonic = self._clock.monotonic
-        health = Health(self.active, counters=self._counters, queues=self._queues, monotonic=monotonic, **names)
-        return {
-            "correct": parser.handler("correct", corrections.correct),
-            "correct_path": parser.handler("correct_path", corrections.correct_path),
-            "correct_joints": parser.handler("correct_joints", corrections.correct_joints),
-            "model": parser.handler("model", corrections.model),
-            "model/list": parser.handler("model/list", admin.models),
-            "health": parser.handler("health", health.answer),
-            "metrics": health.metrics,
-            "admin/activate": parser.handler("admin/activate", admin.activate),
-            "admin/state": parser.handler("admin/state", admin.state),
-        }
+        """Return which key is answered by what; the monitor's and the operator's come last."""
+        s, clock = self.settings, self._clock
+        parser = RequestParser(self.active, arm=s.arm, replica=s.replica, logger=self._logger, clock=clock)
+        health = Health(parser, self._counters, self._queues, clock.monotonic)
+        corrections, admin = Corrections(parser, s.bound), Admin(parser, self._store, self._logger)
+        return {**corrections.handlers(), **health.handlers(), **admin.handlers()}
 
     def _declare_key(self, session: zenoh.Session, kind: Kind, handler: Handler) -> None:
         s = self.settings
