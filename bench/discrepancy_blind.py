@@ -24,8 +24,8 @@ from discrepancy_cases import ADVISED, Job, outcome_of, solve
 from support import RESULTS, print_table
 from truth import SUITES, short, specs
 
-from gpcorrect.discrepancy.advice.next_experiment import ENOUGH
 from gpcorrect.discrepancy.protocol.score_reports import Proportion, Score, score_cases, score_text
+from gpcorrect.discrepancy.settings import SETTINGS
 from gpcorrect.parallel import each_as_done, workers
 
 FIRST_SEED = 930_000
@@ -100,7 +100,7 @@ def told_apart(entries: list[dict[str, Any]]) -> None:
         return
     ambiguous = [e for e in cases if "advice" in e]
     made = [e for e in ambiguous if e["outcome"] is not None]
-    equivalent = sum(e["advice"]["expected_nats"] < ENOUGH for e in ambiguous)
+    equivalent = sum(e["advice"]["expected_nats"] < SETTINGS.advice.enough for e in ambiguous)
     print(
         f"\nadvised set, {len(cases)} cases: {len(ambiguous)} ambiguous at first; of these {equivalent} are called "
         f"equivalent with these sensors, {len(made)} had an advised run that one model file can hold."

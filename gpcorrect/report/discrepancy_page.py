@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gpcorrect import plots
-from gpcorrect.discrepancy.advice.next_experiment import ENOUGH
-from gpcorrect.discrepancy.evidence.localise import EQUIVALENCE, Finding
+from gpcorrect.discrepancy.evidence.localise import Finding
 from gpcorrect.discrepancy.naming.posterior import Level
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect
 from gpcorrect.discrepancy.outcome.words import (
@@ -27,6 +26,7 @@ from gpcorrect.discrepancy.outcome.words import (
     verdict_sentence,
 )
 from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.settings import ADVICE, TESTS
 from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
 from gpcorrect.sim import machine_of
 
@@ -98,8 +98,9 @@ def _where(result: DiscrepancyResult) -> Section:
     table = TableData(["channel", "depends on", "most at", "nats"], rows, text=(1, 2))
     if not found[0].counts:
         words.append(
-            f"All of these are in paths that the motors' encoders report, and below {100 * EQUIVALENCE:.0f} % of the "
-            "noise of the sensors outside: they do not matter, and count only where an effect explains them."
+            "All of these are in paths that the motors' encoders report, and below "
+            f"{100 * TESTS.equivalence:.0f} % of the noise of the sensors outside: they do not matter, and count only "
+            "where an effect explains them."
         )
     left = () if result.remainder is None else result.remainder.findings
     after = f"After the named effects, {_left(left)}." if left else "Nothing is left after the named effects."
@@ -270,7 +271,7 @@ def _next(result: DiscrepancyResult) -> Section:
         f"{experiment.minutes:.1f} minutes."
         if experiment.decisive
         else f"The best run of all would bring {experiment.expected_nats:.1f} nats between {first} and {second}; "
-        f"{ENOUGH:g} are needed."
+        f"{ADVICE.enough:g} are needed."
     )
     return Section(title, [words, gain])
 

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.advice.next_experiment import ENOUGH, advise
+from gpcorrect.discrepancy.advice.next_experiment import advise
 from gpcorrect.discrepancy.advice.planned_runs import Site, planned_runs
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
+from gpcorrect.discrepancy.settings import SETTINGS
 from gpcorrect.sim.effects import Run
 from gpcorrect.sim.joint_motion import joint_motion_log
 
@@ -49,7 +50,7 @@ def test_an_offset_and_a_drift_are_told_apart_by_a_run_of_their_descriptions(sce
     recommended = {run.value for c in (own, rival) for run in c.kind.about.separating_runs}
     assert advice.run.split(":")[0] in recommended
     assert advice.separates == (own.label, rival.label)
-    assert advice.expected_nats > ENOUGH
+    assert advice.expected_nats > SETTINGS.advice.enough
     assert advice.minutes > 0
 
 
@@ -64,7 +65,7 @@ def test_an_effect_too_small_for_any_run_asks_for_a_sensor(scene: Scene) -> None
     """Where no run brings three nats, the two are called equivalent and a sensor is named."""
     advice, _ = advise(scene, (), [question(candidate(scene, "transmission_ratio"), None, u=1e-4)], noises(scene))
     assert advice is not None
-    assert advice.expected_nats < ENOUGH
+    assert advice.expected_nats < SETTINGS.advice.enough
     assert not advice.decisive
     assert "equivalent" in advice.run
     assert "measure" in advice.run

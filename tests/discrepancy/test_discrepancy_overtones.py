@@ -8,12 +8,13 @@ import numpy as np
 from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log, motors
 from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.naming.name import MOST_OVERTONES, overtone_nats
+from gpcorrect.discrepancy.naming.name import overtone_nats
 from gpcorrect.discrepancy.naming.weigh import view_of
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import start_search
+from gpcorrect.discrepancy.settings import SETTINGS
 from gpcorrect.sim.effects import HomingOffset, PulleyEccentricity
 from gpcorrect.types import CalibrationLog
 
@@ -50,7 +51,7 @@ def test_a_wheel_off_its_centre_has_no_overtones() -> None:
 
 def test_a_periodic_error_of_another_kind_has() -> None:
     own, others = gains(wave(0.9))
-    assert others > MOST_OVERTONES * own
+    assert others > SETTINGS.naming.most_overtones * own
 
 
 def test_effects_that_are_not_periodic_have_none_to_look_for() -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpcorrect.discrepancy.naming.posterior import STABLE, posterior
+from gpcorrect.discrepancy.naming.posterior import posterior
 from gpcorrect.discrepancy.naming.weigh import Rival, Unknown, Weighed
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
+from gpcorrect.discrepancy.settings import SETTINGS
 from gpcorrect.sim import model_from_dict
 from gpcorrect.types import CalibrationLog
 
@@ -58,7 +59,7 @@ def test_a_lead_smaller_than_what_is_still_missing_leaves_the_rival(catalogue: d
     own, rival = catalogue["transmission_ratio"], catalogue["homing_offset"]
     for missing, stays in ((0.0, False), (30.0, False), (60.0, True)):
         found = posterior(own, _weighed(1000.0, rival, 960.0, beside=missing + COST), COST)
-        assert (found[-1].probability >= STABLE) is stays
+        assert (found[-1].probability >= SETTINGS.naming.stable) is stays
 
 
 def test_a_lead_that_an_error_of_our_own_signatures_could_make_leaves_the_rival(
@@ -68,4 +69,4 @@ def test_a_lead_that_an_error_of_our_own_signatures_could_make_leaves_the_rival(
     own, rival = catalogue["transmission_ratio"], catalogue["homing_offset"]
     for nats, stays in ((1e3, False), (1e5, True)):
         found = posterior(own, _weighed(nats, rival, nats - 80.0), COST)
-        assert (found[-1].probability >= STABLE) is stays
+        assert (found[-1].probability >= SETTINGS.naming.stable) is stays

@@ -11,8 +11,9 @@ import pytest
 
 from gpcorrect.discrepancy.naming import selection
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
-from gpcorrect.discrepancy.naming.selection import SEARCHES, STRONG, SWAPS, name_effects
+from gpcorrect.discrepancy.naming.selection import name_effects
 from gpcorrect.discrepancy.naming.weigh import Rival, Unknown, Weighed
+from gpcorrect.discrepancy.settings import SETTINGS
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def test_what_may_be_named_stays_and_the_rest_is_dropped_weakest_first(settle: S
 def test_what_a_strong_dropped_effect_stood_in_for_is_searched_without_it(settle: Settle) -> None:
     levels: dict[str, tuple[Level, float]] = {
         "a": (Level.EXACT, 50.0),
-        "wrong": (Level.INCONCLUSIVE, STRONG + 1.0),
+        "wrong": (Level.INCONCLUSIVE, SETTINGS.naming.hole + 1.0),
         "right": (Level.EXACT, 90.0),
     }
     laboratory = Laboratory(levels, finds=["right"])
@@ -132,13 +133,15 @@ def test_an_effect_at_the_edge_is_replaced_before_the_next_is_dropped(settle: Se
 
 def test_searches_come_to_an_end(settle: Settle) -> None:
     """A catalogue full of strong effects that may not be named is searched a few times only."""
-    names = [f"x{i}" for i in range(SEARCHES + 3)]
-    laboratory = Laboratory({"a": (Level.EXACT, 50.0)} | dict.fromkeys(names, (Level.INCONCLUSIVE, STRONG + 5.0)))
+    names = [f"x{i}" for i in range(SETTINGS.naming.searches + 3)]
+    laboratory = Laboratory(
+        {"a": (Level.EXACT, 50.0)} | dict.fromkeys(names, (Level.INCONCLUSIVE, SETTINGS.naming.hole + 5.0))
+    )
     laboratory.finds = names[1:]
     kept, dropped = settle(laboratory, parts("a", names[0]))
     assert kept == ["a"]
-    assert dropped == names[: SEARCHES + 1]
-    assert laboratory.refused == [names[: i + 1] for i in range(SEARCHES)]
+    assert dropped == names[: SETTINGS.naming.searches + 1]
+    assert laboratory.refused == [names[: i + 1] for i in range(SETTINGS.naming.searches)]
 
 
 def test_a_rival_that_explains_more_takes_the_place(settle: Settle) -> None:
@@ -149,7 +152,7 @@ def test_a_rival_that_explains_more_takes_the_place(settle: Settle) -> None:
 def test_what_was_dropped_does_not_come_back_as_a_rival(settle: Settle) -> None:
     levels: dict[str, tuple[Level, float]] = {
         "a": (Level.EXACT, 50.0),
-        "wrong": (Level.INCONCLUSIVE, STRONG + 1.0),
+        "wrong": (Level.INCONCLUSIVE, SETTINGS.naming.hole + 1.0),
         "right": (Level.EXACT, 90.0),
     }
     laboratory = Laboratory(levels, finds=["right"], rivals={"right": ("wrong", 999.0)})
@@ -161,7 +164,7 @@ def test_two_rivals_that_praise_each_other_do_not_swap_for_ever(settle: Settle) 
         {"a": (Level.EXACT, 50.0), "b": (Level.EXACT, 50.0)}, rivals={"a": ("b", 60.0), "b": ("a", 60.0)}
     )
     kept, dropped = settle(laboratory, parts("a"))
-    assert kept == ["a" if SWAPS % 2 == 0 else "b"]
+    assert kept == ["a" if SETTINGS.naming.swaps % 2 == 0 else "b"]
     assert dropped == []
 
 

@@ -8,10 +8,11 @@ import numpy as np
 from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log, motors
 from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.naming.name import LEAST_FRACTION, fraction_closed
+from gpcorrect.discrepancy.naming.name import fraction_closed
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import Search, start_search
+from gpcorrect.discrepancy.settings import SETTINGS
 from gpcorrect.sim.effects import HomingOffset
 from gpcorrect.types import CalibrationLog
 
@@ -30,4 +31,4 @@ def test_the_right_effect_closes_the_gap_and_a_small_part_of_something_else_does
     assert fraction_closed(*_with_offset(joint_log(2, HomingOffset(joint=1, offset=20 * NOISE)), 20 * NOISE)) == 1.0
     step = np.zeros((SAMPLES, RUNS, 2))
     step[..., 0] = 20 * NOISE * np.sign(motors(np.random.default_rng(2))[1][..., 0])
-    assert fraction_closed(*_with_offset(joint_log(2, more=step), NOISE)) < LEAST_FRACTION
+    assert fraction_closed(*_with_offset(joint_log(2, more=step), NOISE)) < SETTINGS.naming.least_closed

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from gpcorrect.discrepancy.settings import SETTINGS
+
 sys.path.append(str(Path(__file__).resolve().parents[2] / "bench"))
 
 from discrepancy_support import result
 from truth import Spec, make_case
 
 from gpcorrect.discrepancy import DiscrepancyResult, Level
-from gpcorrect.discrepancy.outcome.verdict import MOST_TOLERATED
 from gpcorrect.discrepancy.outcome.words import verdict_sentence
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.run import find_discrepancy
@@ -31,7 +32,7 @@ def test_a_registration_that_is_off_is_never_nothing() -> None:
     """At half the noise it may be within the tolerance of a table, and is not called nothing for that."""
     found = found_in("registration_error", ratio=0.5)
     assert found.level != Level.NONE
-    assert max(found.provenance.tolerated.values()) > MOST_TOLERATED or found.effects
+    assert max(found.provenance.tolerated.values()) > SETTINGS.verdict.most_tolerated or found.effects
 
 
 def stub(tolerated: float, level: str) -> DiscrepancyResult:

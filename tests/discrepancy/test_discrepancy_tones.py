@@ -7,10 +7,11 @@ import pytest
 from discrepancy_support import outside
 from scipy.signal import lfilter
 
-from gpcorrect.discrepancy.evidence.localise import SURE, ChannelData, localise
+from gpcorrect.discrepancy.evidence.localise import ChannelData, localise
 from gpcorrect.discrepancy.evidence.tones import strongest_tone
 from gpcorrect.discrepancy.evidence.variables import Covariates, Quantity, Variable, all_cells
 from gpcorrect.discrepancy.recording.noise import estimate_noise
+from gpcorrect.discrepancy.settings import SETTINGS
 from gpcorrect.types import FloatArray, IntArray
 
 RUNS, ROWS, STEP = 19, 375, 0.06
@@ -37,12 +38,12 @@ def recording(
 @pytest.mark.parametrize("phi", [0.0, 0.8, 0.95, 0.999])
 def test_noise_of_a_smooth_spectrum_has_no_tone(phi: float) -> None:
     tones = [strongest_tone(*recording(seed, phi=phi)) for seed in range(6)]
-    assert max(t.nats for t in tones if t is not None) < SURE
+    assert max(t.nats for t in tones if t is not None) < SETTINGS.tests.sure_tone
 
 
 def test_heavy_tails_are_no_tone() -> None:
     tones = [strongest_tone(*recording(seed, tail=2.5)) for seed in range(6)]
-    assert max(t.nats for t in tones if t is not None) < SURE
+    assert max(t.nats for t in tones if t is not None) < SETTINGS.tests.sure_tone
 
 
 @pytest.mark.parametrize("frequency", [0.6, 1.0, 3.3, 7.5])
@@ -51,7 +52,7 @@ def test_a_tone_is_found_at_its_frequency_and_of_its_size(frequency: float, jitt
     """Whether samples come evenly or not, and in slow noise."""
     tone = strongest_tone(*recording(1, 0.5, frequency, phi=0.8, jitter=jitter))
     assert tone is not None
-    assert tone.nats > SURE
+    assert tone.nats > SETTINGS.tests.sure_tone
     assert tone.low < frequency < tone.high
     assert tone.rms == pytest.approx(0.5, rel=0.2)
 

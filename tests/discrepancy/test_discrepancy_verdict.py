@@ -10,7 +10,8 @@ from discrepancy_support import outside
 from gpcorrect.discrepancy.evidence.localise import Equivalence, Finding, Localisation
 from gpcorrect.discrepancy.evidence.variables import Quantity, Variable
 from gpcorrect.discrepancy.naming.posterior import Level, Named
-from gpcorrect.discrepancy.outcome.verdict import EXPLAINED, PLAIN, is_plain
+from gpcorrect.discrepancy.outcome.verdict import is_plain
+from gpcorrect.discrepancy.settings import SETTINGS
 
 THRESHOLD = 10.0
 A, B = outside(1), outside(2)
@@ -28,8 +29,8 @@ def dropped(level: Level, nats: float) -> Named:
 
 
 def test_a_finding_far_above_the_luckiest_test_is_plain() -> None:
-    assert is_plain(localisation(PLAIN * THRESHOLD + 1), {A, B}, ())
-    assert not is_plain(localisation(PLAIN * THRESHOLD - 1), {A, B}, ())
+    assert is_plain(localisation(SETTINGS.verdict.plain * THRESHOLD + 1), {A, B}, ())
+    assert not is_plain(localisation(SETTINGS.verdict.plain * THRESHOLD - 1), {A, B}, ())
 
 
 def test_it_must_be_in_one_of_the_channels_and_large_enough_to_matter() -> None:
@@ -40,6 +41,6 @@ def test_it_must_be_in_one_of_the_channels_and_large_enough_to_matter() -> None:
 @pytest.mark.parametrize(("level", "plain"), [(Level.INCONCLUSIVE, False), (Level.UNKNOWN, True)])
 def test_what_the_catalogue_says_half_of_is_not_plain(level: Level, plain: bool) -> None:
     """Unless what says it is but a part of something else."""
-    half = EXPLAINED * 500.0
+    half = SETTINGS.verdict.explained * 500.0
     assert is_plain(localisation(500.0), {A}, [dropped(level, half + 1.0)]) == plain
     assert is_plain(localisation(500.0), {A}, [dropped(level, half - 1.0)])

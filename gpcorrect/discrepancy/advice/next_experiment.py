@@ -13,21 +13,20 @@ from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
 from gpcorrect.discrepancy.outcome.result import Experiment
 from gpcorrect.discrepancy.recording.build import build_scene
-from gpcorrect.discrepancy.recording.dataset import MOST_ROWS, Dataset, build_dataset
+from gpcorrect.discrepancy.recording.dataset import Dataset, build_dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Split
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
+from gpcorrect.discrepancy.settings import ADVICE, SPLIT
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Model, Noise, TrackerFaults, effect_from_dict, machine_of, simulate
 from gpcorrect.sim.effects import Effect, Run
 from gpcorrect.sim.plan import Plan
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
 
-__all__ = ["ENOUGH", "advise", "expected_nats"]
+__all__ = ["advise", "expected_nats"]
 
-ENOUGH = 3.0  # nats: below, two effects are equivalent with these sensors
-OPEN = 0.01  # posterior from which on an alternative is worth an experiment
 STEP = 0.02  # of a coordinate, for slopes
 EVALUATIONS = 6  # of a refit: the rival starts near, and only the order of magnitude counts
 BULK = (2.0, 98.0)  # percentiles of the motor path: the range that runs stay in
@@ -67,12 +66,12 @@ def advise(
     comparison = Comparison(scene, tuple(rest), leader.fit, _variants(scene, rival), tuple(noises))
     runs = _separating(own, comparison.rivals)
     best = _best(comparison, runs)
-    if best is None or best[1] < ENOUGH:
+    if best is None or best[1] < ADVICE.enough:
         tried = (best, _best(comparison, [run for run in Run if run not in runs]))
         best = max((t for t in tried if t is not None), key=lambda t: t[1], default=None)
     if best is None:
         return None, ()
-    names, enough = (own.label, rival.label), best[1] >= ENOUGH
+    names, enough = (own.label, rival.label), best[1] >= ADVICE.enough
     words = best[0].words if enough else _sensor(scene, own)
     experiment = Experiment(words, enough, names, best[1], best[0].minutes)
     return experiment, best[0].plans if enough else ()
@@ -117,7 +116,7 @@ def _is_open(named: Named, other: Alternative) -> bool:
     return (
         other.explanation != Explanation.UNKNOWN
         and other.label != named.fit.candidate.label
-        and other.probability >= OPEN
+        and other.probability >= ADVICE.open_probability
     )
 
 
@@ -150,7 +149,7 @@ def _best(comparison: Comparison, runs: Sequence[Run]) -> tuple[PlannedRun, floa
     made = planned_runs(_site(comparison.scene, comparison.leader.candidate.joint), runs)
     gains = [(planned, expected_nats(first, planned)) for planned in made]
     best = max(gains, key=lambda g: g[1], default=None)
-    if best is None or len(comparison.rivals) < 2 or best[1] < ENOUGH:
+    if best is None or len(comparison.rivals) < 2 or best[1] < ADVICE.enough:
         return best
     return best[0], min(best[1], expected_nats(replace(comparison, rivals=comparison.rivals[1:]), best[0]))
 
@@ -205,7 +204,7 @@ def _same_signals(log: CalibrationLog, scene: Scene) -> CalibrationLog:
 
 def _stride(scene: Scene) -> int:
     """Return samples that are condensed into one row, as for the present recording."""
-    return max(1, int(np.ceil(len(scene) / MOST_ROWS)))
+    return max(1, int(np.ceil(len(scene) / SPLIT.most_rows)))
 
 
 def _homed(effect: Effect, comparison: Comparison, planned: PlannedRun) -> Effect:

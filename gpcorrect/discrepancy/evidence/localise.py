@@ -15,18 +15,13 @@ from gpcorrect.discrepancy.evidence.tones import strongest_tone
 from gpcorrect.discrepancy.evidence.variables import Cells, Quantity, Span, Variable
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, Whitener, standard_draws
+from gpcorrect.discrepancy.settings import TESTS
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["EQUIVALENCE", "ChannelData", "Equivalence", "Finding", "Localisation", "localise"]
+__all__ = ["ChannelData", "Equivalence", "Finding", "Localisation", "localise"]
 
 FOLDS = 5
-DRAWS = 300
-LEVEL = 0.99
-PRIOR_STD = 3.0  # of a cell's mean, in root mean squares of the residual
-CLIP = 5.0  # whitened residuals beyond count as this
-SURE = 12.0  # nats of a tone
 SHOWN = 5  # findings of a channel
-EQUIVALENCE = 0.25  # of the noise: a systematic part below does not matter
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +136,8 @@ def localise(
     channels: Sequence[ChannelData],
     rng: np.random.Generator,
     *,
-    level: float = LEVEL,
-    draws: int = DRAWS,
+    level: float = TESTS.level,
+    draws: int = TESTS.draws,
     tolerance: float = 0.0,
 ) -> Localisation:
     """Run every test of every channel, and the null law of the largest of them by parametric bootstrap from the noise.
@@ -196,7 +191,7 @@ def _test_channel(data: ChannelData, rng: np.random.Generator, draws: int) -> _C
     for cells in data.cells:
         columns = cells.indicator(rows)
         sums = grams(whitener(columns), both, fold)
-        gains = held_out_nats(sums, np.arange(len(sums.gram)), 1.0 / (PRIOR_STD * size) ** 2).sum(axis=0)
+        gains = held_out_nats(sums, np.arange(len(sums.gram)), 1.0 / (TESTS.prior_std * size) ** 2).sum(axis=0)
         null = np.maximum(null, gains[1:])
         part = _systematic(sums, columns.mean(axis=0))
         fraction = part.size / data.noise.std
@@ -215,7 +210,7 @@ def _test_channel(data: ChannelData, rng: np.random.Generator, draws: int) -> _C
 def _tone(data: ChannelData) -> Finding | None:
     """Return a tone that stands out beyond doubt and matters."""
     tone = strongest_tone(data.time, data.residual, data.block)
-    if tone is None or tone.nats < SURE or tone.rms < EQUIVALENCE * data.noise.std:
+    if tone is None or tone.nats < TESTS.sure_tone or tone.rms < TESTS.equivalence * data.noise.std:
         return None
     frequency = Variable(Quantity.FREQUENCY)
     where = Span(frequency, tone.low, tone.high, "Hz")
@@ -235,7 +230,7 @@ def _rows_by_fold(data: ChannelData) -> tuple[IntArray, IntArray, IntArray]:
 
 def _clipped(z: FloatArray) -> FloatArray:
     """Whitened residuals with the far tails pulled in to some robust deviations of their column."""
-    limit = CLIP * np.maximum(1.0, np.median(np.abs(z), axis=0) / 0.6745)
+    limit = TESTS.clip * np.maximum(1.0, np.median(np.abs(z), axis=0) / 0.6745)
     return np.clip(z, -limit, limit)
 
 
@@ -289,4 +284,4 @@ def _systematic(sums: Grams, fraction: FloatArray) -> _Systematic:
 
 def _equivalence(result: _ChannelResult, tolerance: float) -> Equivalence:
     std = result.data.noise.std
-    return Equivalence(result.data.channel, result.systematic / std, max(EQUIVALENCE, tolerance / std))
+    return Equivalence(result.data.channel, result.systematic / std, max(TESTS.equivalence, tolerance / std))

@@ -10,6 +10,7 @@ from itertools import combinations, pairwise, product
 import numpy as np
 
 from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.discrepancy.settings import TESTS
 from gpcorrect.types import FloatArray, IntArray
 
 __all__ = [
@@ -24,9 +25,7 @@ __all__ = [
     "travel_direction",
 ]
 
-RESOLUTION = 1e-3  # of the joint's travel: smaller moves do not turn the direction; chosen by hand
 BINS = {1: 8, 2: 5}
-MAX_TESTS = 150  # of a channel: the null law of their maximum is simulated for all of them
 
 
 class Quantity(StrEnum):
@@ -86,7 +85,7 @@ def travel_direction(path: FloatArray, run: IntArray) -> FloatArray:
     run : (n,) int array
         Continuous motion that each row belongs to.
     """
-    threshold = RESOLUTION * float(np.ptp(path))
+    threshold = TESTS.resolution * float(np.ptp(path))
     direction = np.zeros(len(path))
     for k in np.unique(run):
         rows = np.flatnonzero(run == k)
@@ -243,7 +242,7 @@ def all_cells(covariates: Covariates) -> list[Cells]:
     """
     names = list(covariates.values)
     pairs = [(a, b) for a, b in combinations(names, 2) if a in covariates.primary or b in covariates.primary]
-    wanted = [*((name,) for name in names), *pairs][:MAX_TESTS]
+    wanted = [*((name,) for name in names), *pairs][: TESTS.max_tests]
     return [cells_of({v: covariates.values[v] for v in variables}, covariates.units) for variables in wanted]
 
 

@@ -19,13 +19,10 @@ from gpcorrect.discrepancy.recording.stated_noise import (
     sampling_step,
     stated_noises,
 )
+from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["DatasetWhitener", "estimate_noises", "whitener_on"]
-
-FLOOR = 1e-6  # rad or m; finer residuals are rounding
-MOTOR_FRACTION = 1.0  # of the outside sensor's noise: an error of the motors below does not matter
-MOTOR_FLOOR = 2e-4  # rad or m, where no joint is seen from outside
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +135,7 @@ def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> 
         Those to estimate on.
     """
     block = np.where(rows, dataset.block, -1)
-    own = [estimate_noise(dataset.time, column, block, dataset.still, FLOOR) for column in residual.T]
+    own = [estimate_noise(dataset.time, column, block, dataset.still, NOISE.floor) for column in residual.T]
     own = [rounded_to(n, resolution) for n, resolution in zip(own, dataset.resolution, strict=True)]
     count, step = samples_a_row(dataset.group), sampling_step(dataset.scene)
     stated = [n and averaged(n, count, step) for n in stated_noises(dataset.scene)]
@@ -146,7 +143,8 @@ def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> 
     channels = dataset.scene.channels
     outside = {c.joint: n.std for c, n in zip(channels, own, strict=True) if c.signal == "external_jp"}
     floors = [
-        0.0 if c.signal != "measured_jp" else MOTOR_FRACTION * outside.get(c.joint, MOTOR_FLOOR) for c in channels
+        0.0 if c.signal != "measured_jp" else NOISE.motor_fraction * outside.get(c.joint, NOISE.motor_floor)
+        for c in channels
     ]
     # Encoders have hardly any noise: a servo model that is wrong by less than the outside sensors see is not missing.
     return tuple(replace(n, white=max(n.white, floor)) for n, floor in zip(own, floors, strict=True))

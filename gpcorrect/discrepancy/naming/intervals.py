@@ -14,12 +14,12 @@ from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.instants import instant_half_width
 from gpcorrect.discrepancy.search.linearisation import linearise
 from gpcorrect.discrepancy.search.state import Search
+from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["SHAPE_ERROR", "away_from_nothing", "explained_by_others", "half_widths"]
+__all__ = ["away_from_nothing", "explained_by_others", "half_widths"]
 
-SHAPE_ERROR = 0.03  # of a signature, relative: how well an operator and its integration describe the real thing
-TANGENT_ERROR = SHAPE_ERROR / 2  # the part of it that a change of a single number could make
+TANGENT_ERROR = NAMING.shape_error / 2  # the part of it that a change of a single number could make
 
 
 def half_widths(

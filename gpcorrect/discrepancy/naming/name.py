@@ -10,21 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others
-from gpcorrect.discrepancy.naming.posterior import EXACT, STABLE, Alternative, Level, Named, posterior
+from gpcorrect.discrepancy.naming.posterior import Alternative, Level, Named, posterior
 from gpcorrect.discrepancy.naming.weigh import View, Weighed, smooth_nats, weigh
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.state import Search, penalty
+from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["LEAST_FRACTION", "MOST_OVERTONES", "fraction_closed", "name_effect", "overtone_nats"]
-
-LEAST_FRACTION = 0.4  # of the mean square above noise
-PLAIN = 1.25  # noise levels: what is left above is no noise
-MOST_OVERTONES = 0.25  # of its own nats: then it is a part of something else
-CONFIRMED = 3.0  # nats on the confirmation part
-POSITIVE_FRACTION = 0.6  # of the trajectories in which it acts
-FEW = 3  # of those: below, they may be odd for a reason of their own
-EXPLAINED = 0.95  # of a signature by the others: not nameable
+__all__ = ["fraction_closed", "name_effect", "overtone_nats"]
 
 
 def fraction_closed(search: Search, fit: FittedEffect) -> float:
@@ -40,7 +33,7 @@ def fraction_closed(search: Search, fit: FittedEffect) -> float:
     if not touched.any():
         return 1.0
     strongest = int(np.argmax(np.where(touched, change / noise, -1.0)))
-    if after[strongest] <= PLAIN**2 * noise[strongest]:
+    if after[strongest] <= NAMING.plain_rest**2 * noise[strongest]:
         return 1.0
     worth = touched & (before > noise)
     closed = 1.0 - (after - noise)[worth] / (before - noise)[worth]
@@ -82,12 +75,12 @@ def _doubts(view: View, fit: FittedEffect, weighed: Weighed, cost: float) -> lis
     doubts = []
     if found < cost:
         doubts.append(f"gains only {found:.1f} nats on the discovery part, {cost:.1f} are needed")
-    if confirmed < CONFIRMED:
+    if confirmed < NAMING.confirmed:
         doubts.append(f"not confirmed: {confirmed:.1f} nats on the confirmation part")
     gains = np.concatenate([weighed.discovery, weighed.confirmation])[weighed.active]
-    if len(gains) < FEW:
+    if len(gains) < NAMING.few:
         doubts.append(f"acts in only {len(gains)} of the trajectories")
-    elif (fraction := float((gains > 0).mean())) < POSITIVE_FRACTION:
+    elif (fraction := float((gains > 0).mean())) < NAMING.positive_fraction:
         doubts.append(f"helps in only {100 * fraction:.0f} % of the trajectories in which it acts")
     return doubts + _doubts_of_numbers(view, fit)
 
@@ -95,9 +88,9 @@ def _doubts(view: View, fit: FittedEffect, weighed: Weighed, cost: float) -> lis
 def _partial(view: View, fit: FittedEffect, weighed: Weighed, cost: float) -> list[str]:
     """Signs that an effect is but a part of something that is not in the catalogue."""
     signs = []
-    if (closed := fraction_closed(view.search, fit)) < LEAST_FRACTION:
+    if (closed := fraction_closed(view.search, fit)) < NAMING.least_closed:
         signs.append(f"{100 * closed:.0f} % of the gap is closed where it shows, and the rest is no noise")
-    if (more := overtone_nats(view, fit)) > max(MOST_OVERTONES * weighed.nats, cost * weighed.overdispersion):
+    if (more := overtone_nats(view, fit)) > max(NAMING.most_overtones * weighed.nats, cost * weighed.overdispersion):
         signs.append(
             f"its overtones gain {more / weighed.overdispersion:.0f} nats more: a part of another periodic error"
         )
@@ -113,7 +106,7 @@ def _doubts_of_numbers(view: View, fit: FittedEffect) -> list[str]:
     if not away_from_nothing(search, search.whitener, fitted, index):
         doubts.append("its size cannot be distinguished from zero")
     explained = explained_by_others(search, fitted, index)
-    if explained > EXPLAINED:
+    if explained > NAMING.explained:
         doubts.append(
             f"{100 * explained:.1f} % of its signature is explained by the others: not nameable from these data"
         )
@@ -124,13 +117,13 @@ def _level(alternatives: Sequence[Alternative], doubts: Sequence[str], partial: 
     if partial:
         return Level.UNKNOWN, partial
     own, others = alternatives[0], alternatives[1:]
-    stable = [a for a in others if a.is_effect and a.probability >= STABLE]
+    stable = [a for a in others if a.is_effect and a.probability >= NAMING.stable]
     nothing, unknown = others[0].probability, others[1].probability
     if unknown > 0.5:
         return Level.UNKNOWN, ["a smooth model outside the catalogue explains more"]
-    if doubts or nothing > STABLE:
+    if doubts or nothing > NAMING.stable:
         return Level.INCONCLUSIVE, []
-    if own.probability >= EXACT:
+    if own.probability >= NAMING.exact:
         return Level.EXACT, []
     if not stable:
         return Level.INCONCLUSIVE, ["the catalogue and a smooth model explain it equally well"]

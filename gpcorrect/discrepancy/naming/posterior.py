@@ -7,17 +7,11 @@ from enum import StrEnum
 
 import numpy as np
 
-from gpcorrect.discrepancy.naming.intervals import SHAPE_ERROR
 from gpcorrect.discrepancy.naming.weigh import Weighed
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
-from gpcorrect.discrepancy.search.state import COMPLEXITY
+from gpcorrect.discrepancy.settings import NAMING, SEARCH
 
-__all__ = ["EXACT", "STABLE", "UNKNOWN_FRACTION", "Alternative", "Explanation", "Level", "Named", "posterior"]
-
-EXACT = 0.95
-STABLE = 0.05  # posterior above which a rival cannot be ruled out
-UNKNOWN_FRACTION = 0.25  # of an effect's nats, found beside it by the smooth model: then that model competes in full
-STRONG = 30.0  # nats from which an effect with a small remainder stands against any smooth model
+__all__ = ["Alternative", "Explanation", "Level", "Named", "posterior"]
 
 
 class Level(StrEnum):
@@ -128,7 +122,7 @@ class Named:
     def rivals(self) -> tuple[Alternative, ...]:
         """Other effects that cannot be ruled out."""
         own = self.fit.candidate.label
-        return tuple(a for a in self.alternatives if a.is_effect and a.label != own and a.probability >= STABLE)
+        return tuple(a for a in self.alternatives if a.is_effect and a.label != own and a.probability >= NAMING.stable)
 
 
 def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alternative]:
@@ -159,7 +153,7 @@ def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alter
     odds = np.array(
         [
             (a.nats - own.nats) / (between_effects if a.is_effect else weighed.overdispersion)
-            - COMPLEXITY * (a.extra - own.extra)
+            - SEARCH.complexity * (a.extra - own.extra)
             for a in alternatives
         ]
     )
@@ -174,8 +168,8 @@ def _rival_overdispersion(weighed: Weighed, cost: float) -> float:
     size leaves the rival at e^-3, the edge of the stable set. So does a lead that a small error in the shape of our own
     signatures could make: both are models, and neither is exact.
     """
-    tolerated = max(weighed.unknown.beside - cost, SHAPE_ERROR**2 * weighed.nats)
-    return max(weighed.overdispersion, tolerated / float(-np.log(STABLE)))
+    tolerated = max(weighed.unknown.beside - cost, NAMING.shape_error**2 * weighed.nats)
+    return max(weighed.overdispersion, tolerated / float(-np.log(NAMING.stable)))
 
 
 def _unknown_nats(weighed: Weighed, cost: float) -> float:
@@ -188,7 +182,7 @@ def _unknown_nats(weighed: Weighed, cost: float) -> float:
     """
     unknown = weighed.unknown
     nats = unknown.instead - max(0.0, unknown.beside - cost)
-    strong = weighed.nats > STRONG * weighed.overdispersion
-    if strong and unknown.beside <= UNKNOWN_FRACTION * weighed.nats:
+    strong = weighed.nats > NAMING.strong * weighed.overdispersion
+    if strong and unknown.beside <= NAMING.unknown_fraction * weighed.nats:
         return min(nats, weighed.nats - 2 * cost * weighed.overdispersion)
     return nats

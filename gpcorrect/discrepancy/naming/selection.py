@@ -12,23 +12,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
-from gpcorrect.discrepancy.naming.intervals import SHAPE_ERROR
 from gpcorrect.discrepancy.naming.name import name_effect
 from gpcorrect.discrepancy.naming.posterior import Named
 from gpcorrect.discrepancy.naming.weigh import Weighed, view_of
 from gpcorrect.discrepancy.search.candidates import FittedEffect
-from gpcorrect.discrepancy.search.state import COMPLEXITY, Search
+from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.search.stepwise import search as search_on
+from gpcorrect.discrepancy.settings import NAMING, SEARCH
 from gpcorrect.types import Progress
 
 __all__ = ["name_effects"]
 
 Assessment = tuple[Named, Weighed]
-SWAPS = 6  # at most
 TINY = 1e-12  # odds
-SEARCHES = 2  # searches for what the effects taken out had stood in for
-ROUNDS = 2  # of each
-STRONG = 30.0  # nats of an effect that leaves a hole when it goes
 
 
 def name_effects(
@@ -110,7 +106,7 @@ class _ModelSelection:
 
     def _swap(self) -> bool:
         """Put the best rival in a fit's place."""
-        if self.swaps == SWAPS:
+        if self.swaps == NAMING.swaps:
             return False
         better = _better_rival(self.search, self.assessments, self.dropped)
         if better is None:
@@ -133,10 +129,10 @@ class _ModelSelection:
     def _search_again(self) -> bool:
         """Look for what the effects taken out since the last search had stood in for, if they leave a hole."""
         gone, self.filled = self.dropped[self.filled :], len(self.dropped)
-        if self.searches == SEARCHES or not any(n.fit.at_edge or n.nats > STRONG for n in gone):
+        if self.searches == NAMING.searches or not any(n.fit.at_edge or n.nats > NAMING.hole for n in gone):
             return False
         self.searches += 1
-        found = search_on(self.search, rounds=ROUNDS, refused=[n.fit.candidate for n in self.dropped])
+        found = search_on(self.search, rounds=NAMING.search_rounds, refused=[n.fit.candidate for n in self.dropped])
         found_more = found is not self.search
         if found_more:
             self.search, self.assessments, self.swaps = found, {}, 0
@@ -168,8 +164,8 @@ def _better_rival(
         odds = {a.label: a.probability / max(named.probability, TINY) for a in named.alternatives}
         for rival in (r for r in weighed.rivals if r.candidate.key not in out):
             gain = (rival.nats - weighed.nats) / weighed.overdispersion
-            gain -= COMPLEXITY * (rival.candidate.extra - fit.candidate.extra)
-            if weighed.nats - rival.nats < SHAPE_ERROR**2 * weighed.nats:
+            gain -= SEARCH.complexity * (rival.candidate.extra - fit.candidate.extra)
+            if weighed.nats - rival.nats < NAMING.shape_error**2 * weighed.nats:
                 gain = max(gain, float(np.log(odds.get(rival.candidate.label, 0.0) + TINY)))
             if gain > best:
                 best, place, new = gain, fit, rival.fit

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import t as student
 
-from gpcorrect.discrepancy.naming.posterior import EXACT, Alternative, Explanation, Level, Named
+from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise
@@ -21,6 +21,7 @@ from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.stated_noise import UNIFORM, samples_are_dense, sampling_step, stated_noises
 from gpcorrect.discrepancy.search.candidates import Candidate, Estimate, FittedEffect, coordinate_of
 from gpcorrect.discrepancy.search.state import penalty
+from gpcorrect.discrepancy.settings import NAMING, SENSORS
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Effect
 from gpcorrect.sim.effects.encoder_quantisation import EncoderQuantisation
@@ -30,14 +31,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["Growth", "NoiseEffect", "growth_of", "levels_of", "noise_effects", "roughness", "stated_level"]
 
-FEWEST = 60  # second differences of a trajectory
-SIDE = 2  # trajectories on either side of a change
-TRIM = 5.0  # robust standard deviations: what is farther out is a fault
 NORM = np.sqrt(6.0)  # deviation of a second difference of unit white noise
-SURE = 1e-3  # chance of a change in noise that does not change, shared by the channels
-LEAST = 0.02  # of the logarithm of the level: a smaller change is none
-BEYOND = 1.2  # times the stated level, in nearly every trajectory
-NEARLY = 0.9
 
 
 @dataclass(frozen=True)
@@ -84,8 +78,8 @@ def levels_of(residual: FloatArray, trajectory: IntArray, rows: BoolArray) -> tu
         second = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / NORM
         second = second[np.isfinite(second)]
         scale = float(np.median(np.abs(second))) / NORMAL_MAD if len(second) else 0.0
-        inner = second[np.abs(second) < TRIM * scale]
-        if len(inner) < FEWEST:
+        inner = second[np.abs(second) < SENSORS.trim * scale]
+        if len(inner) < SENSORS.fewest:
             continue
         levels.append(float(np.sqrt(np.mean(inner**2))))
         numbers.append(number)
@@ -128,7 +122,7 @@ def growth_of(
     channels : int
         That are looked at: each has its fraction of the chance of a false alarm.
     """
-    grown = _change(np.log(levels), errors, start, end, channels) if len(levels) >= 2 * SIDE else None
+    grown = _change(np.log(levels), errors, start, end, channels) if len(levels) >= 2 * SENSORS.side else None
     if grown is None and stated is not None and len(levels):
         return _excess(levels, errors, start, stated)
     return grown
@@ -138,7 +132,7 @@ def _change(height: FloatArray, errors: FloatArray, start: FloatArray, end: Floa
     order = np.argsort(start, kind="stable")
     height, start, end = height[order], start[order], end[order]
     splits = np.flatnonzero(np.diff(start) > 0) + 1
-    splits = splits[(splits >= SIDE) & (splits <= len(height) - SIDE)]
+    splits = splits[(splits >= SENSORS.side) & (splits <= len(height) - SENSORS.side)]
     if len(splits) == 0:
         return None
     floor = float(np.median(errors))
@@ -147,7 +141,7 @@ def _change(height: FloatArray, errors: FloatArray, start: FloatArray, end: Floa
     chance = min(1.0, len(splits) * float(student.sf(rises[best], len(height) - 2)))
     at = int(splits[best])
     before, after = height[:at], height[at:]
-    if chance > SURE / channels or after.mean() - before.mean() < LEAST:
+    if chance > SENSORS.chance / channels or after.mean() - before.mean() < SENSORS.least_change:
         return None
     spread = np.sqrt(max(_within(before, after), floor**2))
     low, high = _extra(before, after, spread)
@@ -182,7 +176,7 @@ def _extra(before: FloatArray, after: FloatArray, spread: float) -> tuple[float,
 
 def _excess(levels: FloatArray, errors: FloatArray, start: FloatArray, stated: float) -> Growth | None:
     """Return noise beyond the stated one, when nearly every trajectory has it."""
-    if float(np.mean(levels > BEYOND * stated)) < NEARLY:
+    if float(np.mean(levels > SENSORS.beyond * stated)) < SENSORS.nearly:
         return None
     height, floor = np.log(levels), float(np.median(errors))
     spread = max(float(height.std()), floor)
@@ -191,10 +185,6 @@ def _excess(levels: FloatArray, errors: FloatArray, start: FloatArray, stated: f
     nats = 0.5 * float((((height - nominal) / spread) ** 2 - ((height - middle) / spread) ** 2).sum())
     ends = _further(middle - half, nominal), _further(middle + half, nominal)
     return Growth(_further(middle, nominal), ends, 0.0, (0.0, float(start.min())), nats, 0.0)
-
-
-MATTERS = 0.1  # of the outside sensors' noise: rounding by less is no discrepancy
-COARSER = 2.0  # times the stated encoder step
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,7 +295,7 @@ def _matters(scene: Scene, column: int, counts: Quantisation, level: FloatArray)
     joint = scene.joints[column]
     stated = scene.model.noise.encoder_step if scene.model.noise is not None else ()
     known = [e.step for e in scene.model.effects if isinstance(e, EncoderQuantisation) and e.joint == joint]
-    if counts.step < COARSER * max([*stated[column : column + 1], *known], default=0.0):
+    if counts.step < SENSORS.coarser * max([*stated[column : column + 1], *known], default=0.0):
         return False
     outside = np.array([c.signal != "measured_jp" for c in scene.channels])
     try:
@@ -315,7 +305,7 @@ def _matters(scene: Scene, column: int, counts: Quantisation, level: FloatArray)
         return False
     size = np.sqrt(np.nanmean(change[:, outside] ** 2, axis=0))
     raw = np.array([roughness(r) for r in scene.residual()[:, outside].T])  # an outside sensor may be coarse as well
-    return bool((size > MATTERS * np.maximum(level[outside], raw)).any())
+    return bool((size > SENSORS.rounding_matters * np.maximum(level[outside], raw)).any())
 
 
 def _named(fit: FittedEffect, nats: float, tried: int) -> Named:
@@ -327,5 +317,5 @@ def _named(fit: FittedEffect, nats: float, tried: int) -> Named:
         Alternative(Explanation.NOTHING, 0.0, "nothing", probability=1.0 - probability),
         Alternative(Explanation.UNKNOWN, 0.0, "unknown"),
     )
-    level = Level.EXACT if probability >= EXACT else Level.INCONCLUSIVE
+    level = Level.EXACT if probability >= NAMING.exact else Level.INCONCLUSIVE
     return Named(fit, level, probability, nats, alternatives, ())

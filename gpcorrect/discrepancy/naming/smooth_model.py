@@ -18,11 +18,11 @@ from gpcorrect.discrepancy.evidence.linear import fold_of, held_out_nats, solve
 from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
 from gpcorrect.discrepancy.search.linearisation import FOLDS
+from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 
 __all__ = ["SmoothFit", "smooth_columns", "smooth_fit"]
 
-PAIRS = 3  # strongest of a channel
 KNOTS = {1: 8, 2: 5}
 PRECISIONS = (1.0, 10.0, 100.0)  # of a column's size, in units of the residual's mean square
 
@@ -77,7 +77,7 @@ def smooth_columns(
     for i in map(int, np.flatnonzero(channels)):
         pairs = [t for t in tests[i] if len(t.variables) == 2]
         strength = [_explained(t, residual[:, i], rows) for t in pairs]
-        chosen = [pairs[k].variables for k in np.argsort(strength)[::-1][:PAIRS]]
+        chosen = [pairs[k].variables for k in np.argsort(strength)[::-1][: NAMING.smooth_pairs]]
         for variables in (*((name,) for name in inputs[i].values), *chosen):
             basis = _basis([inputs[i].values[v] for v in variables])
             columns = np.zeros((m, c, basis.shape[1]))

@@ -18,15 +18,10 @@ from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import held_out, linearise
 from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.search.stepwise import rank
+from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 
 __all__ = ["Rival", "Unknown", "View", "Weighed", "size_overdispersion", "view_of", "weigh"]
-
-RIVALS = 2  # names that are refined in each effect's place, beside its simpler look-alikes
-TRIED = 8  # looked at for likeness
-LIKENESS = 0.5  # cosine of two signatures, beyond what the other effects explain, below which they are no rivals
-ACTIVE = 0.01  # of the strongest trajectory's energy: below, one says nothing of a size
-SMOOTH_CHANNELS = 3  # of those an effect shows in, the ones where it shows most
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +134,7 @@ def size_overdispersion(search: Search, fit: FittedEffect) -> float:
     own = linearised.slopes[:, [begin + i for i in fit.candidate.sizes]].sum(axis=1)
     block = search.whitener.block
     energy, score = np.bincount(block, own**2), np.bincount(block, own * linearised.z)
-    active = energy > ACTIVE * energy.max(initial=0.0)
+    active = energy > NAMING.active * energy.max(initial=0.0)
     if not active.any():
         return 1.0
     return max(1.0, float((score[active] ** 2 / energy[active]).sum() / chi2.ppf(0.95, active.sum())))
@@ -152,7 +147,7 @@ def _active(view: View, fit: FittedEffect) -> BoolArray:
         without, view.whitened_residuals(view.search.fitted), (view.search.whitener, view.confirmation), strict=True
     )
     energy = np.concatenate([np.bincount(whitener.block, (a - b) ** 2) for a, b, whitener in parts])
-    return np.asarray(energy > ACTIVE * energy.max(initial=0.0), dtype=np.bool_)
+    return np.asarray(energy > NAMING.active * energy.max(initial=0.0), dtype=np.bool_)
 
 
 def _gains(
@@ -175,13 +170,13 @@ def _rivals(
     ranked = [r for r in rank(search, bare, [fit.candidate], search.touched(fit.candidate)) if r.nats > 0]
     found: list[Rival] = []
     for place, leader in enumerate(ranked):
-        enough = sum(not r.candidate.called_like(fit.candidate) for r in found) >= RIVALS
-        if (enough or place >= TRIED) and not _is_simpler(leader.candidate, fit.candidate):
+        enough = sum(not r.candidate.called_like(fit.candidate) for r in found) >= NAMING.rivals
+        if (enough or place >= NAMING.tried) and not _is_simpler(leader.candidate, fit.candidate):
             continue
         if any(leader.candidate.called_like(r.candidate) for r in found):
             continue
         first = reference[0] - view.whitened_residuals((*rest, leader.fit))[0]
-        if _likeness(first, own, bare.slopes) < LIKENESS:
+        if _likeness(first, own, bare.slopes) < NAMING.likeness:
             continue
         fitted = search.refit((*rest, leader.fit), leader.candidate)
         if fitted[-1].at_edge:
@@ -210,7 +205,7 @@ def _strongest_channels(view: View, fit: FittedEffect, channels: BoolArray) -> B
     search = view.search
     change = search.dataset.predict([fit.effect]) - search.dataset.predict()
     size = np.sqrt(np.mean(change**2, axis=0)) / search.whitener.std
-    few = np.argsort(np.where(channels, size, -1.0))[::-1][:SMOOTH_CHANNELS]
+    few = np.argsort(np.where(channels, size, -1.0))[::-1][: NAMING.smooth_channels]
     mask = np.zeros(len(channels), dtype=np.bool_)
     mask[few] = channels[few]
     return mask

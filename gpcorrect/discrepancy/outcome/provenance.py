@@ -10,7 +10,6 @@ import numpy as np
 import scipy
 
 from gpcorrect.discrepancy.evidence.localise import Localisation
-from gpcorrect.discrepancy.naming.posterior import EXACT, STABLE
 from gpcorrect.discrepancy.outcome.result import DataSource, DecisionThresholds, Provenance
 from gpcorrect.discrepancy.outcome.verdict import bursts_of
 from gpcorrect.discrepancy.recording.noise import NoiseSource
@@ -18,6 +17,7 @@ from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.search.needs import Lack, lacks_of_traces, limits_of
 from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search, penalty
+from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import CalibrationLog
 
 __all__ = ["provenance_of"]
@@ -63,7 +63,7 @@ def provenance_of(
             "numpy": np.__version__,
             "scipy": scipy.__version__,
         },
-        thresholds=DecisionThresholds(before.threshold, penalty(max(state.n_kinds, 1)), EXACT, STABLE),
+        thresholds=DecisionThresholds(before.threshold, penalty(max(state.n_kinds, 1)), NAMING.exact, NAMING.stable),
         seconds=seconds,
         noise=dict(zip(names, noises, strict=True)),
         tolerated=dataset.tolerated(noises),

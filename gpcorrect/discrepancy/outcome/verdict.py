@@ -16,13 +16,10 @@ from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search, penalty
+from gpcorrect.discrepancy.settings import VERDICT
 
-__all__ = ["MOST_TOLERATED", "bursts_of", "is_plain", "verdict_level"]
+__all__ = ["bursts_of", "is_plain", "verdict_level"]
 
-BURST = 3.0  # noise levels
-MOST_TOLERATED = 0.5  # of the noise: more of it put down to tolerances may hide what is missing
-PLAIN = 3.0  # thresholds of the largest of all tests in noise
-EXPLAINED = 0.5  # of a finding's nats: what an unnamed effect may have gained, and the finding stay unexplained
 SURENESS = (Level.EXACT, Level.CLASS, Level.SET)
 
 
@@ -43,7 +40,7 @@ def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise]) -> tuple[Burst, 
     trajectory = dataset.scene.trajectory[np.flatnonzero(dataset.group >= 0)[first]]
     found = []
     for channel, column, noise in zip(dataset.scene.channels, residual.T, noises, strict=True):
-        limit = BURST * noise.std
+        limit = VERDICT.burst * noise.std
         if all(_rms(column[part == p]) <= limit for p in np.unique(part)):
             continue
         size = {int(t): _rms(column[trajectory == t]) for t in np.unique(trajectory)}
@@ -98,7 +95,7 @@ def verdict_level(
 def _nothing_hides(state: Search) -> bool:
     """Whether neither rare moments nor the tolerance of the arm's table can hide what is missing."""
     dataset, noises = state.dataset, state.whitener.noises
-    small = all(fraction <= MOST_TOLERATED for fraction in dataset.tolerated(noises).values())
+    small = all(fraction <= VERDICT.most_tolerated for fraction in dataset.tolerated(noises).values())
     return small and not bursts_of(dataset, noises)
 
 
@@ -120,7 +117,7 @@ def is_plain(before: Localisation, channels: Set[Channel], dropped: Sequence[Nam
     matters = {e.channel for e in before.equivalence if not e.shown}
     found = [f.nats for f in before.findings if f.counts and f.channel in channels & matters]
     explained = max((n.nats for n in dropped if n.level != Level.UNKNOWN), default=0.0)
-    return max(found, default=0.0) > max(PLAIN * before.threshold, explained / EXPLAINED)
+    return max(found, default=0.0) > max(VERDICT.plain * before.threshold, explained / VERDICT.explained)
 
 
 def _least_sure(effects: Sequence[NamedEffect]) -> Level:

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.localise import EQUIVALENCE
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
 from gpcorrect.discrepancy.naming.posterior import Level
 from gpcorrect.discrepancy.outcome.result import Burst, ChannelGap, DiscrepancyResult, NamedEffect
-from gpcorrect.discrepancy.outcome.verdict import MOST_TOLERATED
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource
-from gpcorrect.discrepancy.recording.tolerance import ANGLE, LENGTH
 from gpcorrect.discrepancy.search.candidates import Estimate
+from gpcorrect.discrepancy.settings import NOISE, TESTS, VERDICT
 from gpcorrect.sim.effects import Family
 
 __all__ = [
@@ -60,7 +58,9 @@ NOISE_SOURCES = {
     NoiseSource.SHORT_LAGS: "changes over short lags (assumes that motion effects are smoother)",
     NoiseSource.TOO_FEW: "too few samples; the smallest noise is assumed",
 }
-TOLERANCES = f"tolerances of table and registration ({1e3 * ANGLE:.1g} mrad, {1e3 * LENGTH:.1g} mm)"
+TOLERANCES = (
+    f"tolerances of table and registration ({1e3 * NOISE.table_angle:.1g} mrad, {1e3 * NOISE.table_length:.1g} mm)"
+)
 VISIBLE = 1.15  # of the noise: a residual below shows nothing
 ALTERNATIVES = 3  # names for one thing, its own among them
 LONG_UNIT = 8  # letters, beyond which a number is left to the table
@@ -231,7 +231,7 @@ def next_step(result: DiscrepancyResult) -> str:
             return "find what shakes at that frequency, whatever the arm does: a pump, a fan, the floor"
         case Level.UNKNOWN:
             return "look at the machine where the maps below are dark; no effect of the catalogue acts like that"
-        case _ if not found and _tolerated(result) > MOST_TOLERATED:
+        case _ if not found and _tolerated(result) > VERDICT.most_tolerated:
             return "calibrate the table, or leave T_tracker_base out of the model: then it is registered from the data"
         case _ if result.provenance.bursts and not found:
             return "record more motions like those in which it happens: a name must hold on motions not seen"
@@ -357,7 +357,7 @@ def _nothing(result: DiscrepancyResult) -> str:
         size = f"{100 * faint.size:.0f} % of it"
         seen = f"; {channel_words(faint.channel)} differs by {size}, too little to matter"
     tolerated = _tolerated(result)
-    beyond = f" and {TOLERANCES} ({100 * tolerated:.0f} % of it)" if tolerated > EQUIVALENCE else ""
+    beyond = f" and {TOLERANCES} ({100 * tolerated:.0f} % of it)" if tolerated > TESTS.equivalence else ""
     return f"Nothing is missing: simulation and recording agree up to noise{beyond}{rest}{seen}."
 
 
@@ -367,7 +367,7 @@ def _undecided(result: DiscrepancyResult) -> str:
         return f"Not decided: simulation and recording differ{where}, but no name can be given from these data."
     if bursts := result.provenance.bursts:
         return f"Not decided: something rare happens in the {_burst_words(bursts[0])}, too rarely for a name."
-    if (tolerated := _tolerated(result)) > MOST_TOLERATED:
+    if (tolerated := _tolerated(result)) > VERDICT.most_tolerated:
         return (
             f"Not decided: what differs can be put down to {TOLERANCES}, but it is {100 * tolerated:.0f} % of the "
             "noise: something else may hide in it."

@@ -13,12 +13,12 @@ from gpcorrect.discrepancy.recording.noise import ChannelNoise, outliers
 from gpcorrect.discrepancy.recording.quantisation import quantisation_of
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Parts, Split
+from gpcorrect.discrepancy.settings import SPLIT
 from gpcorrect.sim.effects import Effect
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["Dataset", "build_dataset"]
 
-MOST_ROWS = 9000  # condensed rows that evidence is taken from: above, time grows and figures hardly change
 REMEMBERED_BYTES = 150_000_000
 REMEMBERED_SETS = 20_000
 STILL = 1e-4  # of a joint's travel between samples: slower is standing still
@@ -167,7 +167,7 @@ class Dataset(Parts):
         return np.asarray(self.part != 2)
 
 
-def build_dataset(scene: Scene, split: Split, max_rows: int = MOST_ROWS) -> Dataset:
+def build_dataset(scene: Scene, split: Split, max_rows: int = SPLIT.most_rows) -> Dataset:
     """Condense a scene to about `max_rows` rows.
 
     Parameters

@@ -13,19 +13,15 @@ from numba import njit
 from scipy.optimize import minimize, nnls
 from scipy.stats import t as student
 
+from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["ChannelNoise", "NoiseSource", "Whitener", "estimate_noise", "outliers", "standard_draws", "whiten"]
 
-MIN_PAIRS = 200  # of samples in holds, without which the whole recording is used
-LONGEST_LAG = 0.8  # s; beyond, motion and noise can no longer be separated
 CORRELATION_TIMES = np.geomspace(0.02, 0.5, 20)  # s; longer ones would take motion effects for noise
-LIKELY_TAIL = 8.0  # degrees of freedom, between normal noise and the heavy tails of sensors
 NORMAL_MAD = 0.6744897501960817
 TAILS = (3.0, 4.0, 6.0, 10.0, np.inf)
 MANY, BULK = 0.2, 0.99  # fraction of unchanged samples from which on a sensor rounds, and the fraction that is no fault
-SPIKE = 6.0  # robust standard deviations from the running median
-LONGEST_SPIKE = 2  # samples in a row that a sensor's fault may last
 SPIKE_REACH = 3  # samples on either side
 
 
@@ -99,7 +95,7 @@ def estimate_noise(
     """
     usable = np.isfinite(residual) & (block >= 0)
     holds = _hold_labels(block, still & usable)
-    if (holds >= 0).sum() >= MIN_PAIRS:
+    if (holds >= 0).sum() >= NOISE.min_pairs:
         label, source = holds, NoiseSource.HOLDS
     else:
         label, source = np.where(usable, block, -1), NoiseSource.SHORT_LAGS
@@ -126,13 +122,13 @@ def _structure(time: FloatArray, residual: FloatArray, label: IntArray) -> tuple
     steps = np.diff(time)[inside]
     if len(steps) == 0:
         return np.zeros(0), np.zeros(0)
-    longest = int(np.clip(LONGEST_LAG / np.median(steps), 4, 400))
+    longest = int(np.clip(NOISE.longest_lag / np.median(steps), 4, 400))
     lags, halves = [], []
     for lag in np.unique(np.geomspace(1, longest, 16).astype(int)):
         pair = (label[lag:] == label[:-lag]) & (label[lag:] >= 0)
         change = (residual[lag:] - residual[:-lag])[pair]
         change = change[np.isfinite(change)]
-        if len(change) >= MIN_PAIRS // 4:
+        if len(change) >= NOISE.min_pairs // 4:
             lags.append(float(np.median((time[lag:] - time[:-lag])[pair])))
             halves.append(_half_square(change))
     return np.array(lags), np.array(halves)
@@ -182,7 +178,9 @@ def _most_likely(
         z, ones = _innovations(values, block, gain, size, phi).T
         energy = np.bincount(block, ones**2)
         left = z - (np.bincount(block, ones * z) / energy)[block] * ones
-        likely = 0.5 * (LIKELY_TAIL + 1.0) * np.log1p(left**2 / (LIKELY_TAIL - 2.0)).sum() + np.log(size).sum()
+        likely = (
+            0.5 * (NOISE.likely_tail + 1.0) * np.log1p(left**2 / (NOISE.likely_tail - 2.0)).sum() + np.log(size).sum()
+        )
         return float(likely + 0.5 * np.log(energy).sum())
 
     first = np.clip(np.log(np.maximum(start, 1e-300)), low, high)
@@ -193,7 +191,7 @@ def _most_likely(
 
 def _tail(z: FloatArray) -> float:
     """Degrees of freedom whose ratio of 98th percentile to median of |z| is nearest the observed one."""
-    if len(z) < MIN_PAIRS:
+    if len(z) < NOISE.min_pairs:
         return float("inf")
     low, high = np.quantile(np.abs(z), [0.5, 0.98])
     ratios = [student.ppf(0.99, nu) / student.ppf(0.75, nu) for nu in TAILS]
@@ -315,7 +313,7 @@ def outliers(residual: FloatArray, block: IntArray) -> BoolArray:
         distance = np.abs(residual[rows] - local)
         scale = np.median(distance) / NORMAL_MAD
         around = np.lib.stride_tricks.sliding_window_view(np.pad(distance, SPIKE_REACH, mode="edge"), window)
-        far = (distance > SPIKE * max(scale, 1e-300)) & (distance > 3 * np.median(around, axis=1))
+        far = (distance > NOISE.spike * max(scale, 1e-300)) & (distance > 3 * np.median(around, axis=1))
         spikes[rows] = far & ~_in_long_run(far)
     return spikes
 
@@ -325,7 +323,7 @@ def _in_long_run(flags: BoolArray) -> BoolArray:
     edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
     long = np.zeros(len(flags), dtype=np.bool_)
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        long[start:stop] = stop - start > LONGEST_SPIKE
+        long[start:stop] = stop - start > NOISE.longest_spike
     return long
 
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gpcorrect.discrepancy.settings import SENSORS
 from gpcorrect.types import FloatArray
 
 __all__ = ["Quantisation", "quantisation_of"]
 
-FEWEST = 8  # counts that were visited
-AGREE = 0.97  # length of the mean of unit vectors at the remainders' angles
 TRIES = 25  # step sizes near a first guess
 
 
@@ -43,7 +42,7 @@ def quantisation_of(values: FloatArray) -> Quantisation | None:
     Values rounded a second time, more finely, still count. Each value counts once, however long the joint rested there.
     """
     distinct = np.unique(values[np.isfinite(values)])
-    if len(distinct) < FEWEST:
+    if len(distinct) < SENSORS.fewest_counts:
         return None
     gaps = np.diff(distinct)
     found = [c for guess in _guesses(gaps) if (c := _fitted(distinct, guess)) is not None]
@@ -62,7 +61,7 @@ def _fitted(distinct: FloatArray, guess: float) -> Quantisation | None:
     """Best step near a guess, fitted over an ever wider range of values, so that no count is skipped."""
     step, base = guess, distinct[0]
     span = float(np.ptp(distinct))
-    if span < (FEWEST - 1) * guess:
+    if span < (SENSORS.fewest_counts - 1) * guess:
         return None
     reach = 4.0 * guess
     while True:
@@ -75,7 +74,7 @@ def _fitted(distinct: FloatArray, guess: float) -> Quantisation | None:
         reach *= 2.0
     agreement = _agreement(distinct, step)
     visited = len(np.unique(np.round((distinct - base) / step)))
-    if agreement < AGREE or visited < FEWEST:
+    if agreement < SENSORS.agreement or visited < SENSORS.fewest_counts:
         return None
     return Quantisation(step, float(width), agreement, visited)
 

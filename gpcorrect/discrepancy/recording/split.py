@@ -9,17 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gpcorrect.discrepancy.settings import SPLIT
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["NOT_USED", "Parts", "Split", "split_rows"]
 
 NOT_USED = -1
-FRACTIONS = (0.6, 0.2, 0.2)
-MIN_UNITS = 10  # fewer whole trajectories are cut into blocks
-MIN_SESSIONS = 3
-OPENING = 0.2  # of a session's trajectories
-GUARD = 0.05  # of a block's length is left out between blocks, so that slow noise does not reach across
 
 
 class Parts:
@@ -91,13 +87,13 @@ def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: n
     block, remark = _blocks(time, trajectory)
     used = block != NOT_USED
     n_sessions = len(np.unique(session))
-    unit = session if n_sessions >= MIN_SESSIONS else block
-    if n_sessions >= MIN_SESSIONS:
+    unit = session if n_sessions >= SPLIT.min_sessions else block
+    if n_sessions >= SPLIT.min_sessions:
         remark = (
             f"split by session ({n_sessions} sessions), the opening of each in discovery: a homing is new every time"
         )
     units = np.unique(unit[used])
-    if len(units) < MIN_SESSIONS:
+    if len(units) < SPLIT.min_sessions:
         raise DataError(
             f"the log has {len(units)} separate motions, a split into discovery, confirmation and sealed part needs 3.",
             hint="Record more trajectories, or longer ones.",
@@ -105,7 +101,7 @@ def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: n
     part_of_unit = _dealt(len(units), rng)
     part = np.full(len(time), NOT_USED)
     part[used] = part_of_unit[np.searchsorted(units, unit[used])]
-    if n_sessions >= MIN_SESSIONS:
+    if n_sessions >= SPLIT.min_sessions:
         part[_openings(block, session)] = 0
     return Split(block, part, remark)
 
@@ -119,14 +115,14 @@ def _openings(block: IntArray, session: IntArray) -> BoolArray:
     for number in np.unique(session):
         blocks = np.unique(block[(session == number) & (block != NOT_USED)])
         if len(blocks) > 1:
-            opening |= (session == number) & np.isin(block, blocks[: max(1, round(OPENING * len(blocks)))])
+            opening |= (session == number) & np.isin(block, blocks[: max(1, round(SPLIT.opening * len(blocks)))])
     return opening
 
 
 def _dealt(n: int, rng: np.random.Generator) -> IntArray:
     """Part of each of n units in a random order, none of the parts empty."""
-    n_sealed = max(1, round(FRACTIONS[2] * n))
-    n_confirmation = max(1, round(FRACTIONS[1] * n))
+    n_sealed = max(1, round(SPLIT.fractions[2] * n))
+    n_confirmation = max(1, round(SPLIT.fractions[1] * n))
     parts = np.zeros(n, dtype=np.int64)
     parts[:n_sealed] = 2
     parts[n_sealed : n_sealed + n_confirmation] = 1
@@ -136,16 +132,16 @@ def _dealt(n: int, rng: np.random.Generator) -> IntArray:
 
 def _blocks(time: FloatArray, trajectory: IntArray) -> tuple[IntArray, str]:
     numbers, inverse, counts = np.unique(trajectory, return_inverse=True, return_counts=True)
-    if len(numbers) >= MIN_UNITS:
+    if len(numbers) >= SPLIT.min_units:
         return inverse.astype(np.int64), f"split by trajectory ({len(numbers)} trajectories)"
-    pieces = np.maximum(1, np.round(counts / counts.sum() * 2 * MIN_UNITS)).astype(np.int64)
+    pieces = np.maximum(1, np.round(counts / counts.sum() * 2 * SPLIT.min_units)).astype(np.int64)
     block = np.full(len(time), NOT_USED)
     first = 0
     for number, count in zip(range(len(numbers)), pieces, strict=True):
         rows = np.flatnonzero(inverse == number)
         for piece in np.array_split(rows, count):
-            guard = int(np.ceil(GUARD * len(piece))) if count > 1 else 0
+            guard = int(np.ceil(SPLIT.guard * len(piece))) if count > 1 else 0
             block[piece[: len(piece) - guard]] = first
             first += 1
-    words = f"only {len(numbers)} trajectories: cut into {first} contiguous blocks with {100 * GUARD:.0f} % guard gaps"
-    return block, words
+    gaps = f"{100 * SPLIT.guard:.0f} % guard gaps"
+    return block, f"only {len(numbers)} trajectories: cut into {first} contiguous blocks with {gaps}"

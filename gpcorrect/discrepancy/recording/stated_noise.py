@@ -9,6 +9,7 @@ import numpy as np
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.sim import Noise
 from gpcorrect.sim.effects import of_kind
 from gpcorrect.sim.effects.encoder_quantisation import EncoderQuantisation
@@ -16,7 +17,6 @@ from gpcorrect.sim.effects.noise_change import NoiseChange
 from gpcorrect.types import IntArray
 
 __all__ = [
-    "DENSE",
     "averaged",
     "chosen_noise",
     "rounded_to",
@@ -26,10 +26,7 @@ __all__ = [
     "stated_noises",
 ]
 
-NOISIER = 1.25  # times what is stated: from there on the recording's own noise is believed
-DENSE = 0.06  # s between samples at most: beyond, second differences are motion; chosen by hand on simulated arms
 FINEST = 1e-9  # rad or m; a sensor without any white noise is rounding
-ROUNDED_FOR = 0.5  # s; how long a rounding error stays the same
 UNIFORM = np.sqrt(12.0)  # step of a rounded value over the standard deviation of its error
 
 
@@ -47,7 +44,7 @@ def samples_are_dense(scene: Scene) -> bool:
     scene : Scene
         The recording.
     """
-    return sampling_step(scene) <= DENSE
+    return sampling_step(scene) <= NOISE.dense
 
 
 def stated_noises(scene: Scene) -> tuple[ChannelNoise | None, ...]:
@@ -104,7 +101,7 @@ def rounded_to(noise: ChannelNoise, step: float) -> ChannelNoise:
     if noise.std >= error:
         return noise
     slow = float(np.sqrt(error**2 - noise.white**2))
-    return replace(noise, slow=slow, time_constant=ROUNDED_FOR, rounding_step=step)
+    return replace(noise, slow=slow, time_constant=NOISE.rounded_for, rounding_step=step)
 
 
 def chosen_noise(own: ChannelNoise, stated: ChannelNoise | None, step: float) -> ChannelNoise:
@@ -124,7 +121,7 @@ def chosen_noise(own: ChannelNoise, stated: ChannelNoise | None, step: float) ->
     if stated is None:
         return own
     ratio = _from_row_to_row(own, step) / _from_row_to_row(stated, step)
-    if ratio > NOISIER:
+    if ratio > NOISE.noisier:
         return replace(own, times_stated=ratio)
     return replace(stated, tail=own.tail)
 

@@ -14,13 +14,18 @@ import numpy as np
 
 from gpcorrect.arms import Chain
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["ANGLE", "LENGTH", "Slack", "rotation_onto", "slack_of", "table_slopes", "without_registration"]
+__all__ = ["Slack", "rotation_onto", "slack_of", "table_slopes", "without_registration"]
 
-ANGLE, LENGTH = 1e-4, 2e-5  # rad, m; standard deviations of what a calibrated table and registration may be wrong by
 STEP = 1e-5  # rad or m, for slopes
-ROW_TERMS = (("alpha", ANGLE), ("a", LENGTH), ("d", LENGTH), ("theta", ANGLE))
+ROW_TERMS = {
+    "alpha": NOISE.table_angle,
+    "a": NOISE.table_length,
+    "d": NOISE.table_length,
+    "theta": NOISE.table_angle,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +100,11 @@ def table_slopes(chain: Chain, q: FloatArray, axes: FloatArray) -> FloatArray:
     columns = [
         (changed.forward(q)[:, :3, 3] - tip) @ axes.T * (size / STEP)
         for i in range(chain.dof)
-        for name, size in ROW_TERMS
+        for name, size in ROW_TERMS.items()
         for changed in [_moved(chain, i, name)]
     ]
-    columns += [np.broadcast_to(LENGTH * axes[:, k], tip.shape) for k in range(3)]
-    columns += [ANGLE * np.cross(np.eye(3)[k], tip) @ axes.T for k in range(3)]
+    columns += [np.broadcast_to(NOISE.table_length * axes[:, k], tip.shape) for k in range(3)]
+    columns += [NOISE.table_angle * np.cross(np.eye(3)[k], tip) @ axes.T for k in range(3)]
     return np.stack(columns, axis=2)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Candidate as Shape
 from gpcorrect.sim.effects import Effect, Family, Parameter, Scope
@@ -19,7 +20,6 @@ from gpcorrect.sim.effects import candidates as shapes
 from gpcorrect.types import FloatArray
 
 __all__ = [
-    "WATCHED",
     "Candidate",
     "Coordinate",
     "Estimate",
@@ -111,9 +111,6 @@ def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> 
     return Coordinate(parameter, kind, span.typical or 1.0, span.low, span.high, span.unit, amplitude)
 
 
-WATCHED = 2  # motions before and after: one alone may be odd for a reason of its own
-
-
 def watched(scene: Scene, session: int) -> tuple[float, float]:
     """Session time from the end of the first motions to the start of the last ones, s; inf, -inf for too few.
 
@@ -126,12 +123,10 @@ def watched(scene: Scene, session: int) -> tuple[float, float]:
     """
     here, time = scene.session == session, scene.layout.gather(scene.motion.time, len(scene))
     motions = [time[here & (scene.trajectory == t)] for t in np.unique(scene.trajectory[here])]
-    if len(motions) < 2 * WATCHED:
+    n = SEARCH.watched
+    if len(motions) < 2 * n:
         return np.inf, -np.inf
-    return sorted(float(m.max()) for m in motions)[WATCHED - 1], sorted(float(m.min()) for m in motions)[-WATCHED]
-
-
-EDGE = 0.01  # of a bound
+    return sorted(float(m.max()) for m in motions)[n - 1], sorted(float(m.min()) for m in motions)[-n]
 
 
 @dataclass(frozen=True)
@@ -263,7 +258,7 @@ class FittedEffect:
         names = []
         for i in self.candidate.sizes:
             low, high = self.candidate.coordinates[i].bounds
-            if not low + EDGE * abs(low) + 1e-9 < self.u[i] < high - EDGE * abs(high):
+            if not low + SEARCH.edge * abs(low) + 1e-9 < self.u[i] < high - SEARCH.edge * abs(high):
                 names.append(self.candidate.coordinates[i].parameter.name)
         return tuple(names)
 

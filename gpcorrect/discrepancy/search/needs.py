@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from gpcorrect.discrepancy.recording.scene import LOOP_STAGES, Scene
-from gpcorrect.discrepancy.recording.stated_noise import DENSE, samples_are_dense
-from gpcorrect.discrepancy.search.candidates import WATCHED, Candidate
+from gpcorrect.discrepancy.recording.stated_noise import samples_are_dense
+from gpcorrect.discrepancy.search.candidates import Candidate
+from gpcorrect.discrepancy.settings import NOISE, SEARCH
 from gpcorrect.sim.effects import EFFECTS, ChainEffect, Effect, Family, LoadEffect, Site, TipEffect
 from gpcorrect.types import CalibrationLog
 
@@ -92,7 +93,7 @@ def _lacking(kind: type[Effect], scene: Scene, log: CalibrationLog, *, placed: b
     if scene.machine.body.chain is None and issubclass(kind, ChainEffect | LoadEffect | TipEffect):
         return "the model has bare joints: name the arm, for its kinematics and masses"
     if kind.about.family == Family.NOISE:
-        return "" if samples_are_dense(scene) else f"samples come slower than {1.0 / DENSE:.0f} Hz"
+        return "" if samples_are_dense(scene) else f"samples come slower than {1.0 / NOISE.dense:.0f} Hz"
     if kind.stage in LOOP_STAGES and not issubclass(kind, ChainEffect | LoadEffect) and scene.plan is None:
         return "the servo loop is not simulated: it takes [controller] in the model, setpoints, and an even clock"
     return "" if placed else _no_place(kind)
@@ -100,7 +101,8 @@ def _lacking(kind: type[Effect], scene: Scene, log: CalibrationLog, *, placed: b
 
 def _no_place(kind: type[Effect]) -> str:
     if any(p.change_point for p in kind.about.parameters):
-        return f"no session has {2 * WATCHED} motions: an instant takes {WATCHED} before it and {WATCHED} after"
+        n = SEARCH.watched
+        return f"no session has {2 * n} motions: an instant takes {n} before it and {n} after"
     sites = set(kind.about.sites)
     if sites == {Site.INSERTION}:
         return "none of the model's joints slides"

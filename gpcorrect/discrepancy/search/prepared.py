@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.localise import EQUIVALENCE, ChannelData, Localisation, localise
+from gpcorrect.discrepancy.evidence.localise import ChannelData, Localisation, localise
 from gpcorrect.discrepancy.evidence.variables import Cells, Covariates, all_cells, covariates_of
 from gpcorrect.discrepancy.evidence.whitener import whitener_on
 from gpcorrect.discrepancy.recording.build import build_scene
@@ -16,6 +16,7 @@ from gpcorrect.discrepancy.recording.dataset import Dataset, build_dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.split import split_rows
 from gpcorrect.discrepancy.search.candidates import FittedEffect
+from gpcorrect.discrepancy.settings import TESTS
 from gpcorrect.sim import machine_of
 from gpcorrect.sim.model import Model
 from gpcorrect.types import CalibrationLog
@@ -96,7 +97,7 @@ def localise_residual(
             whitener.blocks[i],
             noises[i],
             prepared.tests[i],
-            least=EQUIVALENCE if c.signal == "measured_jp" else 0.0,
+            least=TESTS.equivalence if c.signal == "measured_jp" else 0.0,
         )
         for i, c in enumerate(dataset.scene.channels)
     ]

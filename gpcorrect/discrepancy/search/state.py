@@ -12,15 +12,11 @@ from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, estimate_no
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import Linearisation, linearise, refine, signature
+from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.parallel import each
 from gpcorrect.types import BoolArray, FloatArray, Progress
 
-__all__ = ["COMPLEXITY", "Search", "Step", "Trace", "penalty", "start_search"]
-
-TRACE = 0.02  # of the noise: a signature below leaves none
-PRIOR = 0.01  # probability that any effect at all is added, before it is divided among the candidates
-COMPLEXITY = 4.0  # nats that each parameter beyond an effect's first must bring: limits of one effect are not another
-FREE_TOGETHER = 8  # effects that are refitted with a new one
+__all__ = ["Search", "Step", "Trace", "penalty", "start_search"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +125,7 @@ class Search:
         candidate : Candidate
             In whose channels.
         """
-        near = [f for f in fitted if self.alike(f.candidate, candidate)][-FREE_TOGETHER:]
+        near = [f for f in fitted if self.alike(f.candidate, candidate)][-SEARCH.free_together :]
         return [f for f in fitted if not any(f is n for n in near)], near
 
     def linearise_near(self, fitted: Sequence[FittedEffect], candidate: Candidate) -> Linearisation:
@@ -188,7 +184,7 @@ def penalty(n_kinds: int, round_number: int = 0) -> float:
     round_number : int
         Of the search, from 0.
     """
-    return float(np.log(max(n_kinds, 1) / (PRIOR / 2**round_number)))
+    return float(np.log(max(n_kinds, 1) / (SEARCH.prior / 2**round_number)))
 
 
 def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Progress | None = None) -> Search:
@@ -223,5 +219,5 @@ def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Pr
 def _trace(candidate: Candidate, change: FloatArray | None, std: FloatArray) -> Trace | None:
     if change is None or not np.isfinite(change).all():
         return None
-    touched: BoolArray = np.sqrt(np.mean(change**2, axis=(0, 2))) > TRACE * std
+    touched: BoolArray = np.sqrt(np.mean(change**2, axis=(0, 2))) > SEARCH.trace * std
     return Trace(candidate, change, touched) if touched.any() else None

@@ -14,7 +14,8 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.linear import bordered, fold_of, held_out_nats, solve
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import FOLDS, Linearisation, held_out, linearise
-from gpcorrect.discrepancy.search.state import COMPLEXITY, Search, Step, penalty
+from gpcorrect.discrepancy.search.state import Search, Step, penalty
+from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.types import BoolArray, FloatArray, Progress
 
 __all__ = ["Ranked", "Search", "Step", "contribution", "rank", "search"]
@@ -65,7 +66,7 @@ def rank(
         factors = solve(sums.gram.sum(axis=0), sums.moment.sum(axis=0))[p:]
         if not _is_physical(candidate, factors):
             continue
-        nats = float(held_out_nats(sums, fold).sum()) - base_nats - COMPLEXITY * candidate.extra
+        nats = float(held_out_nats(sums, fold).sum()) - base_nats - SEARCH.complexity * candidate.extra
         if candidate.key not in best or nats > best[candidate.key].nats:
             best[candidate.key] = Ranked(candidate, nats, factors)
     return sorted(best.values(), key=lambda r: -r.nats)
@@ -79,14 +80,12 @@ def _is_physical(candidate: Candidate, factors: FloatArray) -> bool:
     return all(f > 0 for c, f in zip(one_sided, factors, strict=True) if c.parameter.positive or c.kind == "inverse")
 
 
-ROUNDS = 4  # at most one effect a joint in each
-REFINED = 2  # leaders that are refined before one is chosen
-LOOKED_AT = 4  # for that many whose numbers stay physical
-NEAR_LEADER = 0.3  # of the leader's nats: below, a candidate is not worth refining
-
-
 def search(
-    state: Search, *, rounds: int = ROUNDS, refused: Sequence[Candidate] = (), progress: Progress | None = None
+    state: Search,
+    *,
+    rounds: int = SEARCH.rounds,
+    refused: Sequence[Candidate] = (),
+    progress: Progress | None = None,
 ) -> Search:
     """Add effects while they pay, at most one a joint in each round, and take out those that no longer do.
 
@@ -132,11 +131,13 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
     linearised = linearise(state.whitener, state.fitted)
     ranked = [r for r in rank(state, linearised, refused) if r.candidate.joint not in joints and r.nats > 0]
     leaders = [
-        r for r in ranked if r.nats > NEAR_LEADER * ranked[0].nats and state.alike(r.candidate, ranked[0].candidate)
+        r
+        for r in ranked
+        if r.nats > SEARCH.near_leader * ranked[0].nats and state.alike(r.candidate, ranked[0].candidate)
     ]
     best: tuple[float, tuple[FittedEffect, ...]] | None = None
     refined = 0
-    for leader in leaders[:LOOKED_AT]:
+    for leader in leaders[: SEARCH.looked_at]:
         fitted = state.refit((*state.fitted, leader.fit), leader.candidate)
         if fitted[-1].at_edge:
             continue
@@ -144,7 +145,7 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
         gain = gain_over(state, linearised, fitted, leader.fit)
         if best is None or gain > best[0]:
             best = gain, fitted
-        if refined == REFINED:
+        if refined == SEARCH.refined:
             break
     if best is None or best[0] < threshold:
         return state

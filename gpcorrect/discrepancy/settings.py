@@ -1,0 +1,266 @@
+"""Every number that can move a verdict, with where it comes from.
+
+One set for all runs. Development cases are simulated recordings of seeds that no published figure uses; numbers chosen
+on them have no sensitivity table yet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+__all__ = [
+    "ADVICE",
+    "NAMING",
+    "NOISE",
+    "SEARCH",
+    "SENSORS",
+    "SETTINGS",
+    "SPLIT",
+    "TESTS",
+    "VERDICT",
+    "DiscrepancySettings",
+]
+
+
+@dataclass(frozen=True)
+class SplitSettings:
+    """Who may look at which rows."""
+
+    # Of the trajectories: discovery, confirmation, test set. Asked for by the design of the method.
+    fractions: tuple[float, float, float] = (0.6, 0.2, 0.2)
+    # Fewer whole trajectories are cut into blocks. Chosen by hand on development cases.
+    min_units: int = 10
+    # From there on the split is by session, one at least for each part. Asked for by the design of the method.
+    min_sessions: int = 3
+    # Of a session's trajectories, in which what is new in it (a homing) is learned. Chosen by hand on development
+    # cases.
+    opening: float = 0.2
+    # Of a block's length, left out between blocks so that slow noise does not reach across. Chosen by hand on
+    # development cases.
+    guard: float = 0.05
+    # Condensed rows that evidence is taken from: above, time grows and results hardly change. Chosen by hand on
+    # development cases.
+    most_rows: int = 9000
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """What of a residual is noise."""
+
+    # Times the stated noise: from there on the recording's own is believed. Chosen by hand on development cases.
+    noisier: float = 1.25
+    # s between samples at most: beyond, neighbouring samples differ by motion, not by noise. Chosen by hand on
+    # development cases.
+    dense: float = 0.06
+    # s that a rounding error stays the same: about a joint's time from count to count. Chosen by hand on development
+    # cases.
+    rounded_for: float = 0.5
+    # Samples in holds, without which the whole recording is used. Chosen by hand on development cases.
+    min_pairs: int = 200
+    # s; beyond, motion and noise can no longer be separated. Chosen by hand on development cases.
+    longest_lag: float = 0.8
+    # Degrees of freedom, between normal noise and the heavy tails of sensors. Chosen by hand on development cases.
+    likely_tail: float = 8.0
+    # Robust standard deviations from the running median: in normal noise one sample in 5e8. Chosen by hand on
+    # development cases.
+    spike: float = 6.0
+    # Samples in a row that a sensor's fault may last; what lasts longer is the machine. Chosen by hand on development
+    # cases.
+    longest_spike: int = 2
+    # rad or m; finer residuals are rounding of what logs write down. Chosen by hand on development cases.
+    floor: float = 1e-6
+    # Of the outside sensor's noise: an error of the motors below it does not matter. A definition.
+    motor_fraction: float = 1.0
+    # rad or m, the same where no joint is seen from outside. Chosen by hand on development cases.
+    motor_floor: float = 2e-4
+    # rad; standard deviation of the angles of a calibrated table and registration. Chosen by hand on development
+    # cases.
+    table_angle: float = 1e-4
+    # m; the same of its lengths. Chosen by hand on development cases.
+    table_length: float = 2e-5
+
+
+@dataclass(frozen=True)
+class TestSettings:
+    """Small tests of the residual."""
+
+    # Bootstrap samples of the null law: its 99 % quantile rests on three of them. Chosen by hand on development
+    # cases.
+    draws: int = 300
+    # Quantile of the largest of all tests in noise that a finding must beat. Asked for by the design of the method.
+    level: float = 0.99
+    # Of a cell's mean, in root mean squares of the residual: hardly any shrinkage. Chosen by hand on development
+    # cases.
+    prior_std: float = 3.0
+    # Whitened residuals beyond count as this. Chosen by hand on development cases.
+    clip: float = 5.0
+    # Nats of a tone: a chance below 1e-5 in noise of a smooth spectrum (Chernoff). Chosen by hand on development
+    # cases.
+    sure_tone: float = 12.0
+    # Of the noise: a systematic part below it does not matter. Asked for by the design of the method.
+    equivalence: float = 0.25
+    # Of a joint's travel: smaller moves do not turn its direction. Chosen by hand on development cases.
+    resolution: float = 1e-3
+    # Of a channel. Asked for by the design of the method.
+    max_tests: int = 150
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Which effects are looked for, and when one is added."""
+
+    # Of the noise: a signature below leaves no trace. Chosen by hand on development cases.
+    trace: float = 0.02
+    # Probability that any effect at all is added, before it is divided among the candidates. Asked for by the design
+    # of the method.
+    prior: float = 0.01
+    # Nats that each parameter beyond an effect's first must bring: limits of one effect are not another. Chosen by
+    # hand on development cases.
+    complexity: float = 4.0
+    # Effects that are refitted with a new one. For time.
+    free_together: int = 8
+    # Motions before and after an instant: one alone may be odd for a reason of its own. Chosen by hand on development
+    # cases.
+    watched: int = 2
+    # Of a bound: a number this near to it is at the edge of its physical range. Chosen by hand on development cases.
+    edge: float = 0.01
+    # Of the search, at most one effect a joint in each. Asked for by the design of the method.
+    rounds: int = 4
+    # Leaders that are refined before one is chosen. For time.
+    refined: int = 2
+    # Leaders tried for that many whose numbers stay physical. For time.
+    looked_at: int = 4
+    # Of the leader's nats: below, a candidate is not worth refining. Chosen by hand on development cases.
+    near_leader: float = 0.3
+
+
+@dataclass(frozen=True)
+class NamingSettings:
+    """When an effect may be named."""
+
+    # Posterior of an exact name. Asked for by the design of the method.
+    exact: float = 0.95
+    # Posterior above which a rival cannot be ruled out: what EXACT leaves.
+    stable: float = 0.05
+    # Of an effect's nats, found beside it by the smooth model: then that model competes in full. Chosen by hand on
+    # development cases.
+    unknown_fraction: float = 0.25
+    # Nats from which an effect with a small remainder stands against any smooth model. Chosen by hand on development
+    # cases.
+    strong: float = 30.0
+    # Of a signature, relative: how well an operator describes the real thing. Chosen by hand on development cases.
+    shape_error: float = 0.03
+    # Names that are refined in each effect's place, beside its simpler look-alikes. For time.
+    rivals: int = 2
+    # Candidates looked at for likeness. For time.
+    tried: int = 8
+    # Cosine of two signatures, beyond what the others explain, below which they are no rivals. Chosen by hand on
+    # development cases.
+    likeness: float = 0.5
+    # Of the strongest trajectory's energy: below, one says nothing of a size. Chosen by hand on development cases.
+    active: float = 0.01
+    # Channels of the smooth model, those in which an effect shows most. For time.
+    smooth_channels: int = 3
+    # Strongest pairs of variables of a channel in the smooth model. For time.
+    smooth_pairs: int = 3
+    # Rivals put in place between two searches: two that each explain the other's must end.
+    swaps: int = 6
+    # Searches for what the effects taken out had stood in for. Chosen by hand on development cases.
+    searches: int = 2
+    # Of each of them. Chosen by hand on development cases.
+    search_rounds: int = 2
+    # Nats of an effect that leaves a hole when it goes. Chosen by hand on development cases.
+    hole: float = 30.0
+    # Of the mean square above noise, that must close where an effect shows. Chosen by hand on development cases.
+    least_closed: float = 0.4
+    # Noise levels: a rest below may be noise. Chosen by hand on development cases.
+    plain_rest: float = 1.25
+    # Of an effect's own nats: with more in its overtones it is a part of something else. Chosen by hand on
+    # development cases.
+    most_overtones: float = 0.25
+    # Nats on the confirmation part: odds of twenty to one. Chosen by hand on development cases.
+    confirmed: float = 3.0
+    # Of the trajectories in which an effect acts, that it must help. Asked for by the design of the method.
+    positive_fraction: float = 0.6
+    # Trajectories in which it acts: fewer may be odd for a reason of their own. Chosen by hand on development cases.
+    few: int = 3
+    # Of a signature by the others: not nameable. Asked for by the design of the method.
+    explained: float = 0.95
+
+
+@dataclass(frozen=True)
+class SensorSettings:
+    """When noise itself has a name."""
+
+    # Second differences of a trajectory: fewer say too little of its level. Chosen by hand on development cases.
+    fewest: int = 60
+    # Trajectories on either side of a change. Chosen by hand on development cases.
+    side: int = 2
+    # Robust standard deviations: what is farther out is a fault. Chosen by hand on development cases.
+    trim: float = 5.0
+    # Chance of a change in noise that does not change, shared by the channels. A definition.
+    chance: float = 1e-3
+    # Of the logarithm of the level: a smaller change is none. Chosen by hand on development cases.
+    least_change: float = 0.02
+    # Times the stated level. Chosen by hand on development cases.
+    beyond: float = 1.2
+    # Of the trajectories, that must be beyond it. Chosen by hand on development cases.
+    nearly: float = 0.9
+    # Of the outside sensors' noise: rounding by less is no discrepancy. Chosen by hand on development cases.
+    rounding_matters: float = 0.1
+    # Times the stated encoder step. Chosen by hand on development cases.
+    coarser: float = 2.0
+    # Counts visited by an encoder: fewer show no step. Chosen by hand on development cases.
+    fewest_counts: int = 8
+    # Length of the mean of unit vectors at the remainders' angles. Chosen by hand on development cases.
+    agreement: float = 0.97
+
+
+@dataclass(frozen=True)
+class VerdictSettings:
+    """What a run comes to."""
+
+    # Noise levels of a part of the recording: above, something rare happens. Chosen by hand on development cases.
+    burst: float = 3.0
+    # Of the noise: more of it put down to tolerances may hide what is missing. Chosen by hand on development cases.
+    most_tolerated: float = 0.5
+    # Thresholds of the tests: a finding above them is beyond doubt. Chosen by hand on development cases.
+    plain: float = 3.0
+    # Of a finding's nats, that an unnamed effect may have gained, and the finding stay unexplained. Chosen by hand on
+    # development cases.
+    explained: float = 0.5
+
+
+@dataclass(frozen=True)
+class AdviceSettings:
+    """What is worth recording next."""
+
+    # Nats: below, two effects are equivalent with these sensors. Asked for by the design of the method.
+    enough: float = 3.0
+    # Posterior from which on an alternative is worth an experiment. Chosen by hand on development cases.
+    open_probability: float = 0.01
+
+
+@dataclass(frozen=True)
+class DiscrepancySettings:
+    """All of them, by what they decide."""
+
+    split: SplitSettings = field(default_factory=SplitSettings)
+    noise: NoiseSettings = field(default_factory=NoiseSettings)
+    tests: TestSettings = field(default_factory=TestSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
+    naming: NamingSettings = field(default_factory=NamingSettings)
+    sensors: SensorSettings = field(default_factory=SensorSettings)
+    verdict: VerdictSettings = field(default_factory=VerdictSettings)
+    advice: AdviceSettings = field(default_factory=AdviceSettings)
+
+
+SETTINGS = DiscrepancySettings()
+SPLIT = SETTINGS.split
+NOISE = SETTINGS.noise
+TESTS = SETTINGS.tests
+SEARCH = SETTINGS.search
+NAMING = SETTINGS.naming
+SENSORS = SETTINGS.sensors
+VERDICT = SETTINGS.verdict
+ADVICE = SETTINGS.advice
