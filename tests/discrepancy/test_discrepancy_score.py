@@ -21,6 +21,7 @@ from gpcorrect.discrepancy.protocol.score_reports import (
     score_reports,
     score_text,
 )
+from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.errors import DataError
 
 
@@ -67,8 +68,8 @@ def test_a_set_with_the_truth_is_no_wrong_name() -> None:
 def test_a_coupling_from_another_joint_is_wrong() -> None:
     """The joint that a coupling comes from is part of its name."""
     truth = {"name": "cable_coupling", "joint": 2, "known": True, "source": 1}
-    said = {"source": {"value": 3, "ci95": None, "unit": ""}}
-    assert case_outcome("a", label(truth), report("EXACT", named("cable_coupling", 2, parameters=said))).wrong
+    other = {"source": Estimate(3, None, "")}
+    assert case_outcome("a", label(truth), report("EXACT", named("cable_coupling", 2, parameters=other))).wrong
 
 
 def test_outside_the_catalogue_only_unknown_is_right() -> None:

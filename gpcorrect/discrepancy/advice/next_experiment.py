@@ -158,6 +158,13 @@ def expected_nats(comparison: Comparison, planned: PlannedRun) -> float:
     """Return the evidence that a run should bring: half the whitened squares between leader and refitted rival.
 
     Only the run counts, not what the present recording says of the rival's numbers: the true gain is at least this.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The two explanations.
+    planned : PlannedRun
+        The run.
     """
     views = [_view(comparison, planned, index) for index in range(len(planned.plans))]
     fits = [_misfit(comparison, views, c) for c in comparison.rivals]

@@ -96,7 +96,15 @@ class PlannedRun:
 
 
 def planned_runs(site: Site, wanted: Sequence[Run]) -> list[PlannedRun]:
-    """Return the runs of these kinds that can be made, and simulated, at this site."""
+    """Return the runs of these kinds that can be made, and simulated, at this site.
+
+    Parameters
+    ----------
+    site : Site
+        What they are made for.
+    wanted : sequence of Run
+        Kinds.
+    """
     made = [MAKERS[run](site) for run in wanted if run in MAKERS]
     return [planned for planned in made if planned is not None]
 

@@ -30,15 +30,30 @@ class Grams:
     moment: FloatArray
 
     def take(self, columns: IntArray | list[int]) -> Grams:
-        """Return the same of some columns only."""
+        """Return the same of some columns only.
+
+        Parameters
+        ----------
+        columns : int array or list of int
+            Which ones.
+        """
         index = np.asarray(columns, dtype=np.int64)
         return Grams(self.gram[:, index[:, None], index], self.moment[:, index])
 
 
 def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
-    """Sum products of whitened columns `(n, p)` and residual `(n,)` or `(n, r)` over each block.
+    """Return sums of products over each block.
 
     Labels from 0 without gaps, -1 left out.
+
+    Parameters
+    ----------
+    columns : (n, p) array
+        Whitened.
+    residual : (n,) or (n, r) array
+        Whitened.
+    block : (n,) int array
+        Label of each row, from 0 without gaps; -1 is left out.
     """
     n_blocks = int(block.max(initial=-1)) + 1
     p = columns.shape[1]
@@ -52,7 +67,21 @@ def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
 
 
 def bordered(base: Grams, columns: FloatArray, new: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
-    """Return sums of `columns` `(n, p)`, which are known already, with `new` columns `(n, q)` behind them."""
+    """Return the sums of columns with further ones behind them.
+
+    Parameters
+    ----------
+    base : Grams
+        Of `columns`, known already.
+    columns : (n, p) array
+        Whitened.
+    new : (n, q) array
+        Further columns.
+    residual : (n,) array
+        Whitened.
+    block : (n,) int array
+        Label of each row, from 0 without gaps.
+    """
     n_blocks, p = base.moment.shape
     q = new.shape[1]
     gram, moment = np.zeros((n_blocks, p + q, p + q)), np.zeros((n_blocks, p + q))
@@ -76,7 +105,15 @@ def _by_block(block: IntArray, n_blocks: int) -> tuple[IntArray | slice, IntArra
 
 
 def fold_of(n_blocks: int, n_folds: int) -> IntArray:
-    """Fold of each block, dealt in turn."""
+    """Return the fold of each block, dealt in turn.
+
+    Parameters
+    ----------
+    n_blocks : int
+        Number of blocks.
+    n_folds : int
+        Folds, where there are blocks for them.
+    """
     return np.arange(n_blocks) % max(2, min(n_folds, n_blocks))
 
 

@@ -265,7 +265,15 @@ class _Systematic:
         return float(np.sqrt(max(0.0, square)))
 
     def upper(self, rng: np.random.Generator, draws: int = 400) -> float:
-        """Upper 95 % bound of its root mean square."""
+        """Return the upper 95 % bound of its root mean square.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Draws from the posterior.
+        draws : int
+            How many.
+        """
         k = len(self.beta)
         # Posterior draws scatter once more than the estimate did; that scatter taken off twice leaves the true part.
         root = np.linalg.cholesky(self.covariance + 1e-12 * np.trace(self.covariance) * np.eye(k))

@@ -25,10 +25,21 @@ TANGENT_ERROR = NAMING.shape_error / 2  # the part of it that a change of a sing
 def half_widths(
     search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], index: int
 ) -> dict[int, float]:
-    """Half widths of the 95 % intervals of one fit's coordinates.
+    """Return the half widths of the 95 % intervals of one effect's coordinates.
 
     The larger of sandwich (by trajectory) and Gauss-Newton, and what an error in the shape of our own signatures adds:
     an effect that is seen a hundred times above noise is still only known as well as its operator describes it.
+
+    Parameters
+    ----------
+    search : Search
+        Data, signatures and the fitted set.
+    whitener : DatasetWhitener
+        Data, and the rows and noise to use.
+    fitted : sequence of FittedEffect
+        The set.
+    index : int
+        Which one of the set.
 
     Notes
     -----
@@ -55,10 +66,21 @@ def _energy(search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEf
 
 
 def away_from_nothing(search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], index: int) -> bool:
-    """Whether one fit's sizes, all together and in its present shape, differ from those of no effect (5 % level).
+    """Return whether an effect's sizes, together and in its present shape, differ from those of none (5 % level).
 
     Together, because two sizes may trade places: neither is known well alone, and yet not both can be nothing. In its
     present shape, because an effect of no size has none (Davies 1977, Biometrika 64(2)).
+
+    Parameters
+    ----------
+    search : Search
+        Data, signatures and the fitted set.
+    whitener : DatasetWhitener
+        Data, and the rows and noise to use.
+    fitted : sequence of FittedEffect
+        The set.
+    index : int
+        Which one of the set.
 
     Notes
     -----
@@ -101,7 +123,17 @@ def _own(fitted: Sequence[FittedEffect], index: int) -> IntArray:
 
 
 def explained_by_others(search: Search, fitted: Sequence[FittedEffect], index: int) -> float:
-    """Proportion of a fit's tangent (along its amplitude) that the other fitted' tangents make up."""
+    """Return the fraction of an effect's tangent (along its amplitude) that the others' tangents make up.
+
+    Parameters
+    ----------
+    search : Search
+        Data, signatures and the fitted set.
+    fitted : sequence of FittedEffect
+        The set.
+    index : int
+        Which one of the set.
+    """
     slopes = linearise(search.whitener, fitted).slopes
     ends = np.cumsum([0, *(len(m.u) for m in fitted)])
     own = slopes[:, ends[index] + fitted[index].candidate.sizes[0]]

@@ -21,9 +21,16 @@ __all__ = ["fraction_closed", "name_effect", "overtone_nats"]
 
 
 def fraction_closed(search: Search, fit: FittedEffect) -> float:
-    """Proportion of the mean square above noise that the set closes in a fit's channels, the best of them.
+    """Return the fraction of the mean square above noise that the set closes in an effect's channels, the best of them.
 
     On discovery and confirmation, sample by sample. 1 where what is left may be noise.
+
+    Parameters
+    ----------
+    search : Search
+        Data, signatures and the fitted set.
+    fit : FittedEffect
+        One of the set.
     """
     rows = search.dataset.training
     before, after = (_mean_square(search.residual(fitted), rows) for fitted in ((), search.fitted))
@@ -45,7 +52,15 @@ def _mean_square(values: FloatArray, rows: BoolArray) -> FloatArray:
 
 
 def overtone_nats(view: View, fit: FittedEffect) -> float:
-    """Nats that a fit's overtones gain beside the set; 0 for effects that have none."""
+    """Return the log Bayes factor of an effect's overtones beside the set; 0 for effects that have none.
+
+    Parameters
+    ----------
+    view : View
+        The search, seen on discovery and confirmation.
+    fit : FittedEffect
+        One of the set.
+    """
     effects = fit.effect.overtones()
     if not effects:
         return 0.0
@@ -55,7 +70,15 @@ def overtone_nats(view: View, fit: FittedEffect) -> float:
 
 
 def name_effect(view: View, fit: FittedEffect) -> tuple[Named, Weighed]:
-    """Weigh one fit of a finished search, and say at what level it may be named."""
+    """Weigh one effect of a finished search, and say at what level it may be named.
+
+    Parameters
+    ----------
+    view : View
+        The search, seen on discovery and confirmation.
+    fit : FittedEffect
+        One of the set.
+    """
     weighed = weigh(view, fit)
     cost = penalty(view.search.n_kinds)
     alternatives = posterior(fit.candidate, weighed, cost)

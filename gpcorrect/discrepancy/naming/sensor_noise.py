@@ -89,13 +89,27 @@ def levels_of(residual: FloatArray, trajectory: IntArray, rows: BoolArray) -> tu
 
 
 def roughness(residual: FloatArray) -> float:
-    """Root mean square of all second differences of single samples `(n,)`, as white noise would have it."""
+    """Return the root mean square of all second differences, as white noise would have it.
+
+    Parameters
+    ----------
+    residual : (n,) array
+        Single samples, rad or m.
+    """
     second = (residual[2:] - 2.0 * residual[1:-1] + residual[:-2]) / NORM
     return float(np.sqrt(np.nanmean(second**2))) if np.isfinite(second).any() else 0.0
 
 
 def stated_level(noise: ChannelNoise, step: float) -> float:
-    """Return the level that :func:`levels_of` gives noise as it is stated."""
+    """Return the level that :func:`levels_of` gives noise as it is stated.
+
+    Parameters
+    ----------
+    noise : ChannelNoise
+        As it is stated.
+    step : float
+        s from sample to sample.
+    """
     phi = np.exp(-step / noise.time_constant)
     slow = noise.slow**2 * (6.0 - 8.0 * phi + 2.0 * phi**2) / 6.0
     return float(np.sqrt(noise.white**2 + slow))

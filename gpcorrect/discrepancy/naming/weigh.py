@@ -34,13 +34,29 @@ class View:
     inputs: Sequence[Covariates]
 
     def whitened_residuals(self, fitted: Sequence[FittedEffect]) -> tuple[FloatArray, FloatArray]:
-        """Seen residual of a set on discovery and confirmation."""
+        """Return the whitened residual of a set on discovery and confirmation.
+
+        Parameters
+        ----------
+        fitted : sequence of FittedEffect
+            The set.
+        """
         left = self.search.residual(fitted)
         return self.search.whitener.whiten(left), self.confirmation.whiten(left)
 
 
 def view_of(search: Search, tests: Sequence[Sequence[Cells]], inputs: Sequence[Covariates]) -> View:
-    """Look at confirmation with the noise that discovery has taught."""
+    """Whiten the confirmation part with the noise of discovery.
+
+    Parameters
+    ----------
+    search : Search
+        Data, signatures and the fitted set.
+    tests : sequence
+        Small tests of each channel.
+    inputs : sequence of Covariates
+        Variables of each channel.
+    """
     residual = search.residual(search.fitted)
     confirmation = whitener_on(search.dataset, residual, search.dataset.confirmation, search.whitener.noises)
     return View(search, confirmation, tests, inputs)
@@ -99,7 +115,15 @@ class Weighed:
 
 
 def weigh(view: View, fit: FittedEffect) -> Weighed:
-    """Weigh a fit of the search's set against what could stand in its place."""
+    """Weigh an effect of the set against what could stand in its place.
+
+    Parameters
+    ----------
+    view : View
+        The search, seen on discovery and confirmation.
+    fit : FittedEffect
+        One of the set.
+    """
     search = view.search
     candidate = fit.candidate
     rest = search.refit([m for m in search.fitted if m is not fit], candidate)
@@ -119,11 +143,18 @@ def weigh(view: View, fit: FittedEffect) -> Weighed:
 
 
 def size_overdispersion(search: Search, fit: FittedEffect) -> float:
-    """How much more a fit's size seems to differ from trajectory to trajectory than noise lets it, 1 at least.
+    """Return how much more an effect's size differs between trajectories than noise lets it, 1 at least.
 
     Noise that wanders slowly gives every trajectory a size of its own; nats counted sample by sample do not know that.
     Each trajectory's score along the signature, in its standard deviations, has a mean square of one; what the sum of
     squares is above its 95 % quantile says by how much evidence counts less.
+
+    Parameters
+    ----------
+    search : Search
+        Data, signatures and the fitted set.
+    fit : FittedEffect
+        One of the set.
     """
     linearised = search.linearise_near(search.fitted, fit.candidate)
     begin, near = 0, search.parted(search.fitted, fit.candidate)[1]
@@ -220,7 +251,19 @@ def _unknown(view: View, rest: Sequence[FittedEffect], channels: BoolArray) -> U
 def smooth_nats(
     view: View, fitted: Sequence[FittedEffect], channels: BoolArray, columns: FloatArray | None = None
 ) -> float:
-    """Nats that the smooth model gains in these channels beyond a set, on discovery (held out) and confirmation."""
+    """Return the log Bayes factor of the smooth model beyond a set, on discovery (held out) and confirmation.
+
+    Parameters
+    ----------
+    view : View
+        The search, seen on discovery and confirmation.
+    fitted : sequence of FittedEffect
+        The set.
+    channels : (c,) bool array
+        Those that the smooth model speaks of.
+    columns : (m, c, k) array, optional
+        Of the smooth model; made where not given.
+    """
     search = view.search
     left, discovery = search.residual(fitted), search.dataset.discovery
     if columns is None:

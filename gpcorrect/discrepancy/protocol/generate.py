@@ -107,6 +107,11 @@ class Case:
 def read_spec(path: Path) -> Spec:
     """Read a spec file; the model's path is relative to it.
 
+    Parameters
+    ----------
+    path : Path
+        The file.
+
     Raises
     ------
     DataError
@@ -128,6 +133,13 @@ def read_spec(path: Path) -> Spec:
 
 def generate(spec: Spec, progress: Progress | None = None) -> Iterator[Case]:
     """Simulate every case of a spec, in an order that tells nothing.
+
+    Parameters
+    ----------
+    spec : Spec
+        What to simulate.
+    progress : Progress, optional
+        Reported every step.
 
     Yields
     ------
@@ -196,6 +208,13 @@ def seal(labels: Mapping[str, Any], folder: Path) -> str:
 
     Whoever gets the logs and the hash, but not the folder, can later check that the labels were not changed.
 
+    Parameters
+    ----------
+    labels : mapping
+        Plain values.
+    folder : Path
+        Folder of the logs.
+
     Raises
     ------
     GpCorrectError
@@ -213,7 +232,15 @@ def seal(labels: Mapping[str, Any], folder: Path) -> str:
 
 
 def label_of(case: Case, log_sha256: str) -> dict[str, Any]:
-    """Return what `gpcorrect discrepancy score` needs to know of a case."""
+    """Return what `gpcorrect discrepancy score` needs to know of a case.
+
+    Parameters
+    ----------
+    case : Case
+        One of :func:`generate`.
+    log_sha256 : str
+        Of its recording.
+    """
     effects = [{"class": str(e.about.family), "known": True} | e.to_dict() for e in case.effects]
     kinds = {0: "null", 1: "single", 2: "pair"}
     return {

@@ -109,6 +109,11 @@ class Score:
 def read_labels(path: Path) -> dict[str, Any]:
     """Read sealed labels, and check them against the hash beside the logs where that is at hand.
 
+    Parameters
+    ----------
+    path : Path
+        labels.json.
+
     Raises
     ------
     DataError
@@ -128,6 +133,11 @@ def read_labels(path: Path) -> dict[str, Any]:
 
 def read_reports(folders: Iterable[Path]) -> list[tuple[str, dict[str, Any]]]:
     """Read report.json of folders, or of the folders in them, with the folder's name.
+
+    Parameters
+    ----------
+    folders : iterable of Path
+        Output folders of runs, or folders of them.
 
     Raises
     ------
@@ -153,6 +163,13 @@ def read_reports(folders: Iterable[Path]) -> list[tuple[str, dict[str, Any]]]:
 def score_reports(labels: Mapping[str, Any], reports: Iterable[tuple[str, Mapping[str, Any]]]) -> Score:
     """Match reports with labels by the hash of the recording, else by the folder's name, and score them.
 
+    Parameters
+    ----------
+    labels : mapping
+        By the case's name.
+    reports : iterable of (str, mapping)
+        Folder's name and content of report.json.
+
     Raises
     ------
     DataError
@@ -172,7 +189,15 @@ def score_reports(labels: Mapping[str, Any], reports: Iterable[tuple[str, Mappin
 
 
 def score_cases(outcomes: Sequence[CaseOutcome], missing: tuple[str, ...] = ()) -> Score:
-    """Return the score of cases."""
+    """Return the score of cases.
+
+    Parameters
+    ----------
+    outcomes : sequence of CaseOutcome
+        One a case.
+    missing : tuple of str
+        Labels without a report.
+    """
     return Score(tuple(_targets(outcomes)), _confusion(outcomes), _limits(outcomes), missing)
 
 
@@ -305,7 +330,13 @@ def _limits(outcomes: Sequence[CaseOutcome]) -> dict[str, float | None]:
 
 
 def score_text(score: Score) -> str:
-    """Return target table, confusion matrix and detection limits as text with aligned columns."""
+    """Return target table, confusion matrix and detection limits as text with aligned columns.
+
+    Parameters
+    ----------
+    score : Score
+        Of cases.
+    """
     parts = [_table([["target", "n", "measured", "95 % interval", "asked for", "met"], *map(_target, score.targets)])]
     if score.confusion:
         columns = list(next(iter(score.confusion.values())))

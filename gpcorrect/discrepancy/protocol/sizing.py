@@ -35,6 +35,13 @@ class Drawn:
 def noise_of(model: Model, scene: Scene) -> FloatArray:
     """Return standard deviation `(c,)` of the noise that the model gives each channel; NaN for motor encoders.
 
+    Parameters
+    ----------
+    model : Model
+        What is known of the machine.
+    scene : Scene
+        Recording and simulator.
+
     Raises
     ------
     DataError
@@ -56,7 +63,17 @@ def noise_of(model: Model, scene: Scene) -> FloatArray:
 
 
 def effect_to_noise(scene: Scene, std: FloatArray, effects: Sequence[Effect]) -> float:
-    """Return the largest of the outside channels' ratios: RMS of what the effects change, over the noise."""
+    """Return the largest of the outside channels' ratios: RMS of what the effects change, over the noise.
+
+    Parameters
+    ----------
+    scene : Scene
+        Recording and simulator.
+    std : (c,) array
+        Noise of each channel; NaN for those that do not count.
+    effects : sequence of Effect
+        That are added.
+    """
     change = scene.predict(effects) - scene.predict()
     outside = np.isfinite(std)
     return float((np.sqrt(np.nanmean(change**2, axis=0))[outside] / std[outside]).max())

@@ -49,9 +49,18 @@ class Channel:
 
 
 def joint_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) -> FloatArray:
-    """Columns `(n, k)` of a joint signal for these joint numbers.
+    """Return the columns `(n, k)` of a joint signal for these joint numbers.
 
     A log with just as many columns has them in this order.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        The recording.
+    signal : str
+        Name of the signal.
+    joints : tuple of int
+        Joint numbers.
 
     Raises
     ------
@@ -70,7 +79,12 @@ def joint_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) -> 
 
 
 def motor_side(log: CalibrationLog) -> str:
-    """Name of the signal that says where the motors were: measured, else commanded.
+    """Return the name of the signal that says where the motors were: measured, else commanded.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        The recording.
 
     Raises
     ------
@@ -87,7 +101,14 @@ def motor_side(log: CalibrationLog) -> str:
 
 
 def external_signal(log: CalibrationLog, *, kinematics: bool) -> str:
-    """Name of the signal that sees the arm from outside.
+    """Return the name of the signal that sees the arm from outside.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        The recording.
+    kinematics : bool
+        Whether the arm's kinematics are known.
 
     Raises
     ------
@@ -108,12 +129,19 @@ def external_signal(log: CalibrationLog, *, kinematics: bool) -> str:
 
 
 def continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
-    """Label `(n,)` of the continuous motion each row belongs to.
+    """Return the label `(n,)` of the continuous motion each row belongs to.
 
     Play and hysteresis remember across trajectory numbers.
 
     Two trajectories of a session are one motion when time and motors `(n, k)` step from one to the next no further than
     they ever do inside a trajectory.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        The recording.
+    motor : (n, k) array
+        rad or m.
     """
     change = np.diff(log.trajectory) != 0
     if not change.any():
@@ -129,7 +157,15 @@ def continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
 
 
 def sampling_is_even(time: FloatArray, run: IntArray) -> bool:
-    """Whether a servo loop can be run on this clock: all steps inside the runs agree."""
+    """Return whether a servo loop can be run on this clock: all steps inside the runs agree.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    run : (n,) int array
+        Continuous motion of each row.
+    """
     steps = np.diff(time)[np.diff(run) == 0]
     if len(steps) == 0:
         return False

@@ -95,7 +95,13 @@ class Dataset(Parts):
         return len(self.time)
 
     def means(self, values: FloatArray) -> FloatArray:
-        """Means `(m, ...)` of log rows' values `(n, ...)`."""
+        """Return means `(m, ...)` over the samples of each condensed row.
+
+        Parameters
+        ----------
+        values : (n, ...) array
+            Of the log's rows.
+        """
         used, index, count = self._grouping
         flat = values[used].reshape(len(index), -1)
         sums = np.stack([np.bincount(index, weights=column, minlength=len(self)) for column in flat.T], axis=1)
@@ -109,7 +115,13 @@ class Dataset(Parts):
         return used, self.group[used], np.bincount(self.group[used], minlength=len(self))
 
     def residual(self, effects: Sequence[Effect] = ()) -> FloatArray:
-        """Mean of measured minus simulated `(m, c)` over the good samples; NaN where a channel has none."""
+        """Return the mean of measured minus simulated `(m, c)` over the good samples; NaN where a channel has none.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            Beyond the model's own.
+        """
         error = self.scene.residual(effects)
         count, sums = self.means(self.good.astype(np.float64)), self.means(np.where(self.good, error, 0.0))
         known = count > 0

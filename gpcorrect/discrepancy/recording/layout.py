@@ -28,11 +28,25 @@ class Layout:
     valid: BoolArray
 
     def spread(self, values: FloatArray) -> FloatArray:
-        """Values `(m, ...)` of the table's rows as a grid `(n, N, ...)`."""
+        """Return values as a grid `(n, N, ...)`.
+
+        Parameters
+        ----------
+        values : (m, ...) array
+            Of the table's rows.
+        """
         return values[self.rows]
 
     def gather(self, grid: FloatArray, n_rows: int) -> FloatArray:
-        """Values `(n_rows, ...)` of the rows in a grid `(n, N, ...)`; NaN for rows that stand nowhere."""
+        """Return the values `(n_rows, ...)` of the rows in a grid; NaN for rows that stand nowhere.
+
+        Parameters
+        ----------
+        grid : (n, N, ...) array
+            Values in the grid.
+        n_rows : int
+            Rows of the table.
+        """
         if n_rows == len(self._cell_of_row) and self._every_row:
             whole: FloatArray = grid.reshape(-1, *grid.shape[2:])[self._cell_of_row]
             return whole

@@ -243,7 +243,17 @@ class Whitener:
 
     @classmethod
     def of(cls, noise: ChannelNoise, time: FloatArray, block: IntArray) -> Whitener:
-        """Prepare it for rows that all have a block."""
+        """Prepare it for rows that all have a block.
+
+        Parameters
+        ----------
+        noise : ChannelNoise
+            Of the columns.
+        time : (n,) array
+            s.
+        block : (n,) int array
+            Of each row, from 0.
+        """
         if noise.slow == 0.0:
             nothing = np.zeros(len(block))
             return cls(block, nothing, np.full(len(block), noise.white), nothing)
@@ -301,7 +311,15 @@ def _innovations(
 
 
 def outliers(residual: FloatArray, block: IntArray) -> BoolArray:
-    """Mark single samples far from the running median of their neighbours: faults of a sensor, not of the machine."""
+    """Mark single samples far from the running median of their neighbours: faults of a sensor, not of the machine.
+
+    Parameters
+    ----------
+    residual : (n,) array
+        rad or m; NaN is missing.
+    block : (n,) int array
+        Trajectory of each row, from 0 without gaps; -1 for rows to leave out.
+    """
     spikes = np.zeros(len(residual), dtype=np.bool_)
     window = 2 * SPIKE_REACH + 1
     for k in np.unique(block[block >= 0]):
@@ -328,7 +346,17 @@ def _in_long_run(flags: BoolArray) -> BoolArray:
 
 
 def standard_draws(tail: float, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
-    """Independent draws with the whitened noise's tails; their median of |z| is that of a normal."""
+    """Return independent draws with the whitened noise's tails; their median of |z| is that of a normal.
+
+    Parameters
+    ----------
+    tail : float
+        Degrees of freedom; infinite is normal.
+    shape : tuple of int
+        Of the result.
+    rng : numpy.random.Generator
+        Draws.
+    """
     if np.isinf(tail):
         return rng.standard_normal(shape)
     draws: FloatArray = rng.standard_t(tail, shape) * (NORMAL_MAD / student.ppf(0.75, tail))

@@ -37,9 +37,14 @@ class Quantisation:
 
 
 def quantisation_of(values: FloatArray) -> Quantisation | None:
-    """Return the largest step on whose multiples (and a common remainder) values `(n,)` lie; None when there is none.
+    """Return the largest step on whose multiples (and a common remainder) values lie; None when there is none.
 
     Values rounded a second time, more finely, still count. Each value counts once, however long the joint rested there.
+
+    Parameters
+    ----------
+    values : (n,) array
+        rad or m.
     """
     distinct = np.unique(values[np.isfinite(values)])
     if len(distinct) < SENSORS.fewest_counts:

@@ -84,7 +84,17 @@ class PathMemory:
         return columns
 
     def joint_path(self, effects: Sequence[Effect], motion: Motion, of_motion: Hashable) -> FloatArray:
-        """Return the paths of all joints `(n, N, k)`."""
+        """Return the paths of all joints `(n, N, k)`.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            In the order in which they act.
+        motion : Motion
+            Of the motors.
+        of_motion : hashable
+            What the motion depends on.
+        """
         return np.stack([c.path for c in self.joint_columns(effects, motion, of_motion)], axis=-1)
 
     def _behind(self, effect: PathEffect, columns: list[JointColumn], motion: Motion) -> list[JointColumn]:
@@ -235,7 +245,13 @@ class Scene:
         return self.layout.gather(self.motion.position, len(self))
 
     def load(self, effects: Sequence[Effect] = ()) -> FloatArray:
-        """Load `(n, k)` of each joint at the log's rows."""
+        """Return the load `(n, k)` of each joint at the log's rows, N m or N.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            Beyond the model's own.
+        """
         return self.layout.gather(self._replay(self._machine(effects)).load, len(self))
 
     def peak_torque(self) -> FloatArray | None:
@@ -246,6 +262,11 @@ class Scene:
     def predict(self, effects: Sequence[Effect] = ()) -> FloatArray:
         """Return what the channels `(n, c)` should say with these effects beyond the model's own.
 
+        Parameters
+        ----------
+        effects : sequence of Effect
+            Beyond the model's own.
+
         Raises
         ------
         DataError
@@ -255,6 +276,11 @@ class Scene:
 
     def signals(self, effects: Sequence[Effect] = ()) -> list[Signal]:
         """Return the same channel by channel, each with what it depends on.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            Beyond the model's own.
 
         Raises
         ------
@@ -311,7 +337,13 @@ class Scene:
         return replace(self, slack=None)
 
     def residual(self, effects: Sequence[Effect] = ()) -> FloatArray:
-        """Measured minus simulated `(n, c)`; NaN where nothing was measured."""
+        """Return measured minus simulated `(n, c)`; NaN where nothing was measured.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            Beyond the model's own.
+        """
         return self.observed - self.predict(effects)
 
     def _machine(self, effects: Sequence[Effect]) -> Machine:

@@ -31,7 +31,13 @@ UNIFORM = np.sqrt(12.0)  # step of a rounded value over the standard deviation o
 
 
 def sampling_step(scene: Scene) -> float:
-    """Return the usual time between samples, s."""
+    """Return the usual time between samples, s.
+
+    Parameters
+    ----------
+    scene : Scene
+        Recording and simulator.
+    """
     steps = np.diff(scene.time)
     return float(np.median(steps[steps > 0]))
 
@@ -48,7 +54,13 @@ def samples_are_dense(scene: Scene) -> bool:
 
 
 def stated_noises(scene: Scene) -> tuple[ChannelNoise | None, ...]:
-    """Return the noise of single samples of every channel as the model states it; None where it says nothing."""
+    """Return the noise of single samples of every channel as the model states it; None where it says nothing.
+
+    Parameters
+    ----------
+    scene : Scene
+        Recording and simulator.
+    """
     return tuple(_of_channel(scene, i) for i in range(len(scene.channels)))
 
 
@@ -83,7 +95,17 @@ def _number(values: tuple[float, ...], index: int) -> float:
 
 
 def averaged(noise: ChannelNoise, count: int, step: float) -> ChannelNoise:
-    """Return the noise of means over `count` neighbouring samples, `step` seconds apart."""
+    """Return the noise of means over neighbouring samples.
+
+    Parameters
+    ----------
+    noise : ChannelNoise
+        Of single samples.
+    count : int
+        Samples in a mean.
+    step : float
+        s from sample to sample.
+    """
     if count <= 1:
         return noise
     lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) * step
@@ -92,10 +114,17 @@ def averaged(noise: ChannelNoise, count: int, step: float) -> ChannelNoise:
 
 
 def rounded_to(noise: ChannelNoise, step: float) -> ChannelNoise:
-    """Return the noise of a channel that is written down in steps of this size: no smaller than rounding makes it.
+    """Return the noise of a channel that is written down in steps: no smaller than rounding makes it.
 
     A coarse sensor stands still while nothing moves, each time at another distance from the truth: what it does in
     holds says nothing of its error, which is as slow as the motion.
+
+    Parameters
+    ----------
+    noise : ChannelNoise
+        Of the channel.
+    step : float
+        Size of the steps, rad or m; 0 for none.
     """
     error = step / float(UNIFORM)
     if noise.std >= error:
@@ -132,6 +161,12 @@ def _from_row_to_row(noise: ChannelNoise, step: float) -> float:
 
 
 def samples_a_row(group: IntArray) -> int:
-    """Return how many samples a condensed row is usually the mean of."""
+    """Return how many samples a condensed row is usually the mean of.
+
+    Parameters
+    ----------
+    group : (n,) int array
+        Condensed row of each log row, -1 for none.
+    """
     counts = np.bincount(group[group >= 0])
     return int(np.median(counts)) if len(counts) else 1

@@ -47,7 +47,13 @@ class Slack:
     rows: BoolArray
 
     def part(self, residual: FloatArray) -> FloatArray:
-        """Part `(n, c)` of a residual `(n, c)` that is left out of account."""
+        """Return the part `(n, c)` of a residual that is left out of account.
+
+        Parameters
+        ----------
+        residual : (n, c) array
+            Measured minus simulated.
+        """
         taken: FloatArray = self.slopes @ (self.pick @ residual[self.rows])
         return taken
 
@@ -76,7 +82,15 @@ def slack_of(slopes: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ..
 
 
 def rotation_onto(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Rotation `(3, 3)` that best turns points `(n, 3)` onto others, both about their means (Arun 1987)."""
+    """Return the rotation `(3, 3)` that best turns points onto others, both about their means (Arun 1987).
+
+    Parameters
+    ----------
+    a : (n, 3) array
+        Points to turn.
+    b : (n, 3) array
+        Where they should be.
+    """
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     a, b = a[good], b[good]
     u, _, vt = np.linalg.svd((b - b.mean(axis=0)).T @ (a - a.mean(axis=0)))
@@ -115,7 +129,17 @@ def _moved(chain: Chain, row: int, name: str) -> Chain:
 
 
 def without_registration(slopes: FloatArray, tip: FloatArray, rows: BoolArray) -> FloatArray:
-    """Slopes `(n, 3, r)` less the rigid motion of tips `(n, 3)` that a registration on these rows takes up."""
+    """Return slopes less the rigid motion of the tips that a registration on these rows takes up.
+
+    Parameters
+    ----------
+    slopes : (n, 3, r) array
+        Change of the tips.
+    tip : (n, 3) array
+        Tips, m.
+    rows : (n,) bool array
+        Those registered on.
+    """
     centred = tip - tip[rows].mean(axis=0)
     rigid = [np.broadcast_to(axis, tip.shape) for axis in np.eye(3)] + [np.cross(a, centred) for a in np.eye(3)]
     basis = np.stack(rigid, axis=2)

@@ -78,7 +78,13 @@ class Coordinate:
         return self.low / self.typical, self.high / self.typical
 
     def value(self, u: float) -> float:
-        """Parameter at a coordinate."""
+        """Return the parameter at a coordinate.
+
+        Parameters
+        ----------
+        u : float
+            Coordinate.
+        """
         if self.kind == "inverse":
             return self.typical / u if u > 0 else float("inf")
         if self.kind == "log":
@@ -86,7 +92,13 @@ class Coordinate:
         return self.typical * u
 
     def coordinate(self, value: float) -> float:
-        """Coordinate of a parameter's value."""
+        """Return the coordinate of a value.
+
+        Parameters
+        ----------
+        value : float
+            Of the parameter.
+        """
         if self.kind == "inverse":
             return self.typical / value
         if self.kind == "log":
@@ -94,13 +106,29 @@ class Coordinate:
         return value / self.typical
 
     def prior_residual(self, u: float) -> float:
-        """Return standard score of a shape parameter under its prior; amplitudes are left free."""
+        """Return the standard score of a shape parameter under its prior; amplitudes are left free.
+
+        Parameters
+        ----------
+        u : float
+            Coordinate.
+        """
         free = self.amplitude or self.kind != "log" or self.parameter.change_point
         return 0.0 if free else u / PRIOR_LOG
 
 
 def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> Coordinate:
-    """Choose the coordinate of a parameter on a joint of this type."""
+    """Choose the coordinate of a parameter on a joint of this type.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        From the effect's description.
+    joint_type : str
+        "R" or "P".
+    amplitude : bool
+        Whether the effect grows with it.
+    """
     span = parameter.range(joint_type)
     if np.isinf(parameter.identity):
         kind = "inverse"
@@ -175,7 +203,13 @@ class Candidate:
         return (self.name, self.joint, self.fixed)
 
     def called_like(self, other: Candidate) -> bool:
-        """Whether a report would give both the same name: on which side of the cable friction sits is a detail."""
+        """Return whether a report gives both the same name: on which side of the cable friction sits is a detail.
+
+        Parameters
+        ----------
+        other : Candidate
+            The other one.
+        """
         own, others = ({k: v for k, v in c.fixed if k != "side"} for c in (self, other))
         return (self.name, self.joint, own) == (other.name, other.joint, others)
 
@@ -202,14 +236,26 @@ class Candidate:
         return low, high
 
     def single(self, index: int) -> FloatArray:
-        """Start, with every amplitude but one at what does nothing."""
+        """Return the start, with every amplitude but one at what does nothing.
+
+        Parameters
+        ----------
+        index : int
+            Of the amplitude.
+        """
         u = np.array(self.start)
         for i in self.amplitudes:
             u[i] = self.start[i] if i == index else self.coordinates[i].identity
         return u
 
     def build(self, u: FloatArray) -> Effect:
-        """Return the effect at these coordinates."""
+        """Return the effect at these coordinates.
+
+        Parameters
+        ----------
+        u : array
+            Coordinates.
+        """
         values: dict[str, Any] = {}
         position = 0
         for parameter, count in zip(self.kind.about.parameters, self.counts, strict=True):
@@ -221,7 +267,13 @@ class Candidate:
         return self.kind(joint=self.joint, **dict(self.fixed), **values)
 
     def scaled(self, factors: FloatArray) -> FloatArray:
-        """Coordinates with the amplitudes moved to `factors` times their start, inside the bounds; a shape stays."""
+        """Return coordinates with the amplitudes at multiples of their start, inside the bounds; a shape stays.
+
+        Parameters
+        ----------
+        factors : array
+            One for each amplitude.
+        """
         u = np.array(self.start)
         for i, factor in zip(self.amplitudes, factors, strict=False):
             base = self.coordinates[i].identity
@@ -264,9 +316,14 @@ class FittedEffect:
 
 
 def all_candidates(scene: Scene) -> list[Candidate]:
-    """Everything in the catalogue that could be missing in this machine, in a few shapes each.
+    """Return everything in the catalogue that could be missing in this machine, in a few shapes each.
 
     Effects on noise are left out: they change no mean, and are tested for by themselves.
+
+    Parameters
+    ----------
+    scene : Scene
+        Recording and simulator.
     """
     motor = scene.motor_path()
     body = scene.machine.body

@@ -45,12 +45,28 @@ class Profile:
 
 
 def has_instant(fit: FittedEffect) -> bool:
-    """Whether one of a fit's numbers is a change-point."""
+    """Return whether one of an effect's numbers is a change-point.
+
+    Parameters
+    ----------
+    fit : FittedEffect
+        One of the set.
+    """
     return any(c.parameter.change_point for c in fit.candidate.coordinates)
 
 
 def with_best_instant(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: FittedEffect) -> FittedEffect:
-    """Move a fit's change-point, and its size with it, to where they explain most."""
+    """Move an effect's change-point, and its size with it, to where they explain most.
+
+    Parameters
+    ----------
+    whitener : DatasetWhitener
+        Data, and the rows and noise to use.
+    others : sequence of FittedEffect
+        Present beside it.
+    fit : FittedEffect
+        One of the set.
+    """
     fit = _scanned(whitener, others, fit)
     profile = instant_profile(whitener, others, fit, _row_seconds(whitener.dataset))
     best = int(np.argmax(profile.nats))
@@ -95,7 +111,13 @@ class _Cuts:
     instants: FloatArray
 
     def at(self, instants: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Best factor of the trace when it begins at each of k instants, and its gain in nats."""
+        """Return the best factor of the trace when it begins at each of k instants, and its gain in nats.
+
+        Parameters
+        ----------
+        instants : (k,) array
+            Session time, s.
+        """
         factor, nats = np.zeros(len(instants)), np.zeros(len(instants))
         for begin in range(0, len(instants), AT_ONCE):
             part = slice(begin, begin + AT_ONCE)
@@ -132,7 +154,19 @@ def instant_profile(
     fit: FittedEffect,
     window: float,
 ) -> Profile:
-    """Gain at instants within `window` seconds of a fit's own, its size fitted at each."""
+    """Return the gain at instants near an effect's own, its size fitted at each.
+
+    Parameters
+    ----------
+    whitener : DatasetWhitener
+        Data, and the rows and noise to use.
+    others : sequence of FittedEffect
+        Present beside it.
+    fit : FittedEffect
+        One of the set.
+    window : float
+        s on either side.
+    """
     index = _place(fit)
     coordinate = fit.candidate.coordinates[index]
     low, high = coordinate.bounds
@@ -156,9 +190,18 @@ def instant_profile(
 
 
 def instant_half_width(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: FittedEffect) -> float:
-    """Half width of the 95 % interval of a change-point's coordinate: where the profile is within 1.92 nats of its top.
+    """Return the half width of the 95 % interval of a change-point's coordinate.
 
     At every row, for the profile has many tops; and a row more, within which nothing can be distinguished.
+
+    Parameters
+    ----------
+    whitener : DatasetWhitener
+        Data, and the rows and noise to use.
+    others : sequence of FittedEffect
+        Present beside it.
+    fit : FittedEffect
+        One of the set.
     """
     index = _place(fit)
     coordinate, cuts = fit.candidate.coordinates[index], _cuts(whitener, others, fit)

@@ -52,6 +52,15 @@ class PreparedData:
 def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) -> PreparedData:
     """Split a log, build its simulator, condense its rows and cut its variables.
 
+    Parameters
+    ----------
+    log : CalibrationLog
+        The recording.
+    model : Model
+        What is known of the machine.
+    rng : numpy.random.Generator
+        Deals the parts.
+
     Raises
     ------
     DataError
@@ -84,7 +93,21 @@ def localise_residual(
     tolerance: float,
     rng: np.random.Generator,
 ) -> Localisation:
-    """Test what a set leaves on discovery and confirmation against noise."""
+    """Test what a set leaves on discovery and confirmation against noise.
+
+    Parameters
+    ----------
+    prepared : PreparedData
+        The recording.
+    fitted : sequence of FittedEffect
+        The set.
+    noises : tuple of ChannelNoise
+        Of each channel.
+    tolerance : float
+        Of the task, rad or m.
+    rng : numpy.random.Generator
+        Draws the null law.
+    """
     dataset = prepared.dataset
     residual = dataset.residual([m.effect for m in fitted])
     whitener = whitener_on(dataset, residual, dataset.training, noises)

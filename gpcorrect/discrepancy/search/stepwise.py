@@ -162,9 +162,22 @@ def gain_over(
     new: FittedEffect,
     channels: BoolArray | None = None,
 ) -> float:
-    """Held-out nats of a set beyond another one's, tempered by how far the new residual still is from noise.
+    """Return the held-out log Bayes factor of a set against another one, divided by the overdispersion.
 
     In these channels; by default in those in which the new fit shows.
+
+    Parameters
+    ----------
+    state : Search
+        Data, signatures and the fitted set.
+    before : Linearisation
+        The other set.
+    fitted : sequence of FittedEffect
+        The set.
+    new : FittedEffect
+        What it has beyond the other.
+    channels : (c,) bool array, optional
+        Whose overdispersion counts; by default those in which the new effect shows.
     """
     after = state.linearise_near(fitted, new.candidate)
     nats = held_out(state.whitener, before.z, after.z, after.slopes) - held_out(
@@ -223,7 +236,15 @@ def _backward(state: Search, threshold: float) -> Search:
 
 
 def contribution(state: Search, index: int) -> float:
-    """Held-out nats that the set loses without one fit, the others refitted to first order."""
+    """Return the held-out nats that the set loses without one effect, the others refitted to first order.
+
+    Parameters
+    ----------
+    state : Search
+        Data, signatures and the fitted set.
+    index : int
+        Which one of the set.
+    """
     fit = state.fitted[index]
     rest = [m for m in state.fitted if m is not fit]
     return gain_over(state, state.linearise_near(rest, fit.candidate), state.fitted, fit)
