@@ -11,7 +11,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms import Arm
 from gpcorrect.errors import DataError
-from gpcorrect.sim.plan import NOT_LOGGED, minimum_jerk, trapezoid
+from gpcorrect.sim.plan import minimum_jerk, trapezoid
 from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["Pace", "Tour", "Workspace", "joint_tour", "tour", "upright", "working_posture"]
@@ -136,9 +136,7 @@ class Tour:
     trajectory: IntArray
 
 
-def tour(
-    stops: FloatArray, numbers: Sequence[int], paces: Sequence[Pace], rate_hz: float, *, log_pauses: bool = True
-) -> Tour:
+def tour(stops: FloatArray, numbers: Sequence[int], paces: Sequence[Pace], rate_hz: float) -> Tour:
     """Go from stop to stop in straight lines, turning evenly.
 
     Parameters
@@ -151,15 +149,13 @@ def tour(
         How fast each reach goes.
     rate_hz : float
         Samples a second.
-    log_pauses : bool
-        Whether the rests are recorded.
     """
     poses, labels = [stops[:1]], [np.array([numbers[0]])]
     for start, goal, number, pace in zip(stops[:-1], stops[1:], numbers, paces, strict=True):
         path = _reach(start, goal, pace, rate_hz)
         rest = round(pace.pause * rate_hz)
         poses += [path, np.repeat(goal[None], rest, axis=0)]
-        labels += [np.full(len(path), number), np.full(rest, number if log_pauses else NOT_LOGGED)]
+        labels += [np.full(len(path), number), np.full(rest, number)]
     return Tour(np.concatenate(poses), np.concatenate(labels))
 
 

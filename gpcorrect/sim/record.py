@@ -7,7 +7,6 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.sim.faults import corrupted
 from gpcorrect.sim.machine import Machine
-from gpcorrect.sim.motion import Readings
 from gpcorrect.sim.plan import NOT_LOGGED, Plan
 from gpcorrect.sim.plant import run
 from gpcorrect.sim.sensors import Sensors
@@ -42,12 +41,6 @@ def simulate(machine: Machine, plan: Plan, seed: int = 0, *, position_only: bool
     rng = np.random.default_rng(seed)
     outcome = run(machine, plan)
     readings = Sensors(machine, rng).read(outcome.motion, outcome.torque, outcome.q, outcome.T_base_tip)
-    return _log(machine, plan, readings, rng, position_only)
-
-
-def _log(
-    machine: Machine, plan: Plan, readings: Readings, rng: np.random.Generator, position_only: bool
-) -> CalibrationLog:
     rows = _recorded(plan)
     q_set, q_measured = plan.q[rows], readings.measured_jp[rows]
     extra, tracker = {}, None

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gpcorrect.sim.effects.base import ChainEffect, Effect, LoadEffect, TipEffect
-from gpcorrect.sim.effects.description import Description, Parameter, Per, Site
+from gpcorrect.sim.effects.description import Parameter, Per, Site
 from gpcorrect.sim.effects.registry import EFFECTS
 from gpcorrect.types import FloatArray
 
@@ -119,18 +119,12 @@ def candidates(scope: Scope) -> Iterator[Candidate]:
     Candidate
     """
     for kind in EFFECTS.values():
-        if scope.kinematics or not issubclass(kind, ChainEffect | LoadEffect | TipEffect):
-            for place in _places(kind.about, scope):
-                yield from _shapes(kind, place, scope)
-
-
-def _places(about: Description, scope: Scope) -> Iterator[dict[str, Any]]:
-    options = [
-        dict(zip((f for f, _ in about.choices), v, strict=True)) for v in product(*(v for _, v in about.choices))
-    ]
-    for site in about.sites:
-        for place, option in product(_of_site(site, scope), options):
-            yield place | option
+        if not scope.kinematics and issubclass(kind, ChainEffect | LoadEffect | TipEffect):
+            continue
+        fields_of_choice = [[(field, value) for value in values] for field, values in kind.about.choices]
+        for site in kind.about.sites:
+            for place, choice in product(_of_site(site, scope), product(*fields_of_choice)):
+                yield from _shapes(kind, place | dict(choice), scope)
 
 
 def _of_site(site: Site, scope: Scope) -> list[dict[str, Any]]:
@@ -148,21 +142,13 @@ def _of_site(site: Site, scope: Scope) -> list[dict[str, Any]]:
 
 def _shapes(kind: type[Effect], place: dict[str, Any], scope: Scope) -> Iterator[Candidate]:
     """Candidates at every combination of the ladders' rungs; amplitudes that a shape makes void are left out."""
-    joint_type = scope.type_of(place["joint"])
     shaped = [p for p in kind.about.parameters if p.ladder is not None]
-    rungs = [dict.fromkeys(_rungs(p, place, scope)) for p in shaped]
-    for values in product(*rungs):
-        shape = dict(zip((p.name for p in shaped), values, strict=True))
-        amplitudes = tuple(p for p in kind.about.parameters if p.ladder is None and not _void(p, kind, shape))
-        yield Candidate(kind, place, shape, amplitudes, joint_type)
-
-
-def _void(parameter: Parameter, kind: type[Effect], shape: Mapping[str, float]) -> bool:
-    """Whether the parameter that gives this one a meaning is absent."""
-    if not parameter.shaped_by:
-        return False
     absent = {f.name: f.default for f in fields(kind) if f.default is not MISSING}
-    return shape.get(parameter.shaped_by) == absent.get(parameter.shaped_by)
+    for values in product(*(dict.fromkeys(_rungs(p, place, scope)) for p in shaped)):
+        shape = dict(zip((p.name for p in shaped), values, strict=True))
+        void = {name for name, value in shape.items() if value == absent.get(name)}
+        amplitudes = tuple(p for p in kind.about.parameters if p.ladder is None and p.shaped_by not in void)
+        yield Candidate(kind, place, shape, amplitudes, scope.type_of(place["joint"]))
 
 
 def _rungs(parameter: Parameter, place: Mapping[str, Any], scope: Scope) -> list[float]:
