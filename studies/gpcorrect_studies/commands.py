@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,7 +19,8 @@ __all__ = ["reproduce_app"]
 
 reproduce_app = typer.Typer(help="Do a published study again on simulated data.", no_args_is_help=True)
 
-DEFAULT_FOLDER = Path("mahler2014")
+Output = Annotated[Path, typer.Option("--output", "-o", help="Folder for report.html and reproduce.json.")]
+Quick = Annotated[bool, typer.Option("--quick", help="A small study: every part, rough figures.")]
 
 
 @reproduce_app.callback()
@@ -28,12 +30,10 @@ def _studies() -> None:
 
 @reproduce_app.command()
 def mahler2014(
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder for report.html and reproduce.json.")
-    ] = DEFAULT_FOLDER,
+    output: Output = Path("mahler2014"),
     seed: Annotated[int, typer.Option(help="Seed of the recording and of everything random.")] = 0,
     reaches: Annotated[int, typer.Option(help="Reaches of the recording; the paper had 303.")] = 303,
-    quick: Annotated[bool, typer.Option("--quick", help="A small recording: every part, rough figures.")] = False,
+    quick: Quick = False,
     jobs: Jobs = 1,
     scheduler: Scheduler = None,
     json: Json = False,
@@ -51,24 +51,19 @@ def mahler2014(
     from gpcorrect_studies.mahler2014 import Scope, reproduce_mahler2014
     from gpcorrect_studies.mahler2014.page import write_mahler_report  # the report's libraries are an extra
 
-    make_folder(output)
     scope = Scope(reaches)
+    make_folder(output)
     with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
         result = reproduce_mahler2014(Scope.quick() if quick else scope, seed, progress)
     write_mahler_report(result, output / "report.html")
-    figures = json_ready(result.to_dict())
-    _write_json(figures, output)
-    if json:
-        print_json(figures)
-    else:
-        _show(figures, output)
+    _finish(result.to_dict(), output, _show_mahler2014, json=json)
 
 
 @reproduce_app.command()
 def peng2020(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for reproduce.json.")] = Path("peng2020"),
     seed: Annotated[int, typer.Option(help="Seed of scene, motion and noise.")] = 0,
-    quick: Annotated[bool, typer.Option("--quick", help="A small study: every part, rough figures.")] = False,
+    quick: Quick = False,
     json: Json = False,
 ) -> None:
     """Peng et al. 2020: accuracy of four webcams on rendered pictures (Table I), and of the position estimator.
@@ -81,48 +76,13 @@ def peng2020(
 
     make_folder(output)
     with progress_bar(quiet=json) as progress:
-        result = reproduce_peng2020(Peng2020Scope.quick() if quick else Peng2020Scope(), seed, progress)
-    figures = json_ready(result)
-    with atomic_path(output / "reproduce.json") as path:
-        path.write_text(json_text.dumps(figures, indent=2), encoding="utf-8")
-    if json:
-        print_json(figures)
-    else:
-        _show_peng2020(figures, output)
-
-
-def _show_peng2020(figures: dict[str, Any], output: Path) -> None:
-    published = figures["published"]
-    table = Table(title="Table I: where the cameras see the tool (mm, deg)", title_justify="left", box=None)
-    for column in ("", "RMS", "paper", "SD x y z", "deg"):
-        table.add_column(column, no_wrap=True, justify="left" if not column else "right")
-    for name, row in figures["table1"].items():
-        paper = published["single_ball_rms_mm" if name.startswith("single") else "end_effector_rms_mm"]
-        turn = f"{row['rotation_rms_deg']:.3f}" if "rotation_rms_deg" in row else "-"
-        table.add_row(name, f"{row['rms_mm']:.3f}", f"{paper:g}", _three(row["sd_axes_mm"]), turn)
-    out.print(table)
-    out.print(f"cameras placed within {max(figures['cameras_mm']):.2f} mm")
-    rows = Table(
-        title="Estimator on held-out reaches: RMS in mm, time of a sample in us", title_justify="left", box=None
-    )
-    for column in ("", "raw", "rigid", "RMS", "RMS less", "SD less", "us"):
-        rows.add_column(column, no_wrap=True, justify="left" if not column else "right")
-    for method, row in figures["estimator"].items():
-        errors = [f"{row[name]['rms_mm']:.3f}" for name in ("raw", "rigid", "estimated")]
-        shares = [f"{row[name]:.1f} %" for name in ("rms_reduction", "sd_reduction")]
-        rows.add_row(method, *errors, *shares, f"{row['microseconds_a_sample']:.0f}")
-    paper = [f"{published[name]:g} %" for name in ("rms_reduction_percent", "sd_reduction_percent")]
-    rows.add_row("the paper's", "-", "-", "-", *paper, "-")
-    out.print(rows)
-    out.print(f"not at hand: {figures['missing']}")
-    out.print(f"{figures['seconds']:.0f} s; figures: {output / 'reproduce.json'}")
+        figures = reproduce_peng2020(Peng2020Scope.quick() if quick else Peng2020Scope(), seed, progress)
+    _finish(figures, output, _show_peng2020, json=json)
 
 
 @reproduce_app.command()
 def peng2024(
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for report.html and reproduce.json.")] = Path(
-        "peng2024"
-    ),
+    output: Output = Path("peng2024"),
     seed: Annotated[int, typer.Option(help="Seed of the recordings.")] = 0,
     short: Annotated[bool, typer.Option("--short", "--quick", help="Every part, with fewer repeats.")] = False,
     json: Json = False,
@@ -144,24 +104,60 @@ def peng2024(
     with progress_bar(quiet=json) as progress:
         result = reproduce_peng2024(PengScope.short() if short else PengScope(), seed, progress)
     write_peng_report(result, output / "report.html")
-    figures = json_ready(result.to_dict())
-    _write_json(figures, output)
-    if json:
-        print_json(figures)
-    else:
-        _show_peng(figures, output)
+    _finish(result.to_dict(), output, _show_peng2024, json=json)
 
 
-def _write_json(figures: Any, output: Path) -> None:
+def _finish(result: dict[str, Any], output: Path, show: Callable[[dict[str, Any]], None], *, json: bool) -> None:
+    """Write the figures, and print them for programs or for people."""
+    figures = json_ready(result)
     with atomic_path(output / "reproduce.json") as path:
         path.write_text(json_text.dumps(figures, indent=2), encoding="utf-8")
+    if json:
+        print_json(figures)
+        return
+    show(figures)
+    page = output / "report.html"
+    out.print(
+        f"{figures['seconds']:.0f} s; {f'page: {page}   ' if page.exists() else ''}figures: {output / 'reproduce.json'}"
+    )
 
 
-def _show_peng(figures: dict[str, Any], output: Path) -> None:
+def _show_mahler2014(figures: dict[str, Any]) -> None:
+    for which in ("clean", "dirty"):
+        table = _table(f"Table I, {which} set", ("position (mm)", "SD", "rotation (deg)", "SD"))
+        for method, errors in figures["table1"][which].items():
+            parts = (errors["position_mm"], errors["rotation_deg"])
+            table.add_row(method, *(f"{part[leaf]:.2f}" for part in parts for leaf in ("mean", "sd")))
+        out.print(table)
+    for name, target in figures["targets"].items():
+        met = "met" if target["met"] else "not met"
+        out.print(f"{name}: {target['measured']:.1f} (target {target['target']:g}): {met}")
+
+
+def _show_peng2020(figures: dict[str, Any]) -> None:
+    published = figures["published"]
+    table = _table("Table I: where the cameras see the tool (mm, deg)", ("RMS", "paper", "SD x y z", "deg"))
+    for name, row in figures["table1"].items():
+        paper = published["single_ball_rms_mm" if name.startswith("single") else "end_effector_rms_mm"]
+        turn = f"{row['rotation_rms_deg']:.3f}" if "rotation_rms_deg" in row else "-"
+        table.add_row(name, f"{row['rms_mm']:.3f}", f"{paper:g}", _three(row["sd_axes_mm"]), turn)
+    out.print(table)
+    out.print(f"cameras placed within {max(figures['cameras_mm']):.2f} mm")
+    title = "Estimator on held-out reaches: RMS in mm, time of a sample in us"
+    rows = _table(title, ("raw", "rigid", "RMS", "RMS less", "SD less", "us"))
+    for method, row in figures["estimator"].items():
+        errors = [f"{row[name]['rms_mm']:.3f}" for name in ("raw", "rigid", "estimated")]
+        less = [f"{row[name]:.1f} %" for name in ("rms_reduction", "sd_reduction")]
+        rows.add_row(method, *errors, *less, f"{row['microseconds_a_sample']:.0f}")
+    paper = [f"{published[name]:g} %" for name in ("rms_reduction_percent", "sd_reduction_percent")]
+    rows.add_row("the paper's", "-", "-", "-", *paper, "-")
+    out.print(rows)
+    out.print(f"not at hand: {figures['missing']}")
+
+
+def _show_peng2024(figures: dict[str, Any]) -> None:
     rows = figures["table1"]
-    table = Table(title="Table I, RMSE by training direction (deg, deg, mm)", title_justify="left", box=None)
-    for column in ("", *rows):
-        table.add_column(column, no_wrap=True)
+    table = _table("Table I, RMSE by training direction (deg, deg, mm)", tuple(rows))
     for method in next(iter(rows.values())):
         table.add_row(method, *(_three(row[method]["mean"]) for row in rows.values()))
     out.print(table)
@@ -173,24 +169,16 @@ def _show_peng(figures: dict[str, Any], output: Path) -> None:
     for name, target in figures["targets"].items():
         met = ", ".join("met" if one else "not met" for one in target["met"])
         out.print(f"{name}: {_three(target['measured'])} (target below {_three(target['target'])}): {met}")
-    out.print(f"{figures['seconds']:.0f} s; page: {output / 'report.html'}   figures: {output / 'reproduce.json'}")
+
+
+def _table(title: str, columns: Sequence[str]) -> Table:
+    """Return a table whose first column names the rows."""
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for column in columns:
+        table.add_column(column, no_wrap=True, justify="right")
+    return table
 
 
 def _three(values: list[float]) -> str:
     return " ".join(f"{value:.3f}" for value in values)
-
-
-def _show(figures: dict[str, Any], output: Path) -> None:
-    for which in ("clean", "dirty"):
-        table = Table(title=f"Table I, {which} set", title_justify="left", box=None, pad_edge=False)
-        for column in ("", "position [mm]", "SD", "rotation [deg]", "SD"):
-            table.add_column(column, justify="right" if column else "left", no_wrap=True)
-        for method, errors in figures["table1"][which].items():
-            parts = (errors["position_mm"], errors["rotation_deg"])
-            table.add_row(method, *(f"{part[leaf]:.2f}" for part in parts for leaf in ("mean", "sd")))
-        out.print(table)
-    for name, target in figures["targets"].items():
-        out.print(
-            f"{name}: {target['measured']:.1f} (target {target['target']:g}): {'met' if target['met'] else 'not met'}"
-        )
-    out.print(f"{figures['seconds']:.0f} s; page: {output / 'report.html'}   figures: {output / 'reproduce.json'}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from gpcorrect_studies.mahler2014.closed_loop import Reached
 from gpcorrect_studies.mahler2014.table1 import COMPONENTS, FULL, MEMORY, METHODS, NORMS
 
 SEED = 21
+pytestmark = pytest.mark.slow
 
 
 def _run(*words: object) -> int:
@@ -31,9 +33,13 @@ def _run(*words: object) -> int:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder that one short run wrote."""
+    """Return the folder that one short run wrote, with fewer inducing points and visits than `--quick` has."""
     output = tmp_path_factory.mktemp("study") / "mahler2014"
-    assert _run("--quick", "--seed", SEED, "--output", output) == 0
+    settings = replace(Scope().settings, marker="none", inducing=60)
+    small = Scope(30, places=3, repetitions=2, fractions=(0.02, 1.0), settings=settings)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Scope, "quick", classmethod(lambda _: small))
+        assert _run("--quick", "--seed", SEED, "--output", output) == 0
     return output
 
 

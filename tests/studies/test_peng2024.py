@@ -17,6 +17,7 @@ from gpcorrect_studies.peng2024.recordings import whole_state
 from gpcorrect_studies.published import PENG_2024, PENG_MISSING
 
 SEED = 23
+pytestmark = pytest.mark.slow
 SCOPE = PengScope(
     directions=("J1-J2-J3",),
     sparsities=(1, 2),
