@@ -18,10 +18,9 @@ Disorder = Literal["refuse", "drop", "keep"]
 
 
 def rising(time: FloatArray, group: IntArray | None = None) -> BoolArray:
-    """(n,) mask of as many samples as can be kept so that time strictly increases inside each group.
+    """(n,) mask of as many samples as possible with time strictly increasing inside each group.
 
-    One stamp from far in the future costs one sample, not all that follow. A time that is not finite is never
-    kept.
+    One stamp from far in the future costs one sample, not all that follow. A time that is not finite is never in it.
 
     Parameters
     ----------

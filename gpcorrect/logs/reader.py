@@ -44,11 +44,8 @@ class Format:
         return any(seen.startswith(mark) for mark in self.marks)
 
 
-def _titles(*titles: str) -> tuple[bytes, ...]:
-    """Titles that stand alone in their line, or in its first cell."""
-    return tuple(title.encode() + end for title in titles for end in (b"\r", b"\n", b",", b";", b"\t", b'"'))
-
-
+ENDS = (b"\r", b"\n", b",", b";", b"\t", b'"')  # of a title that stands alone in its line, or in its first cell
+VICON = tuple(title.encode() + end for title in vicon.TITLES for end in ENDS)
 FORMATS = (
     Format("Parquet", (".parquet", ".pq"), (b"PAR1",), parquet_file.read),
     Format("NumPy", (".npy",), (b"\x93NUMPY",), npy_file.read),
@@ -57,7 +54,7 @@ FORMATS = (
     Format("ROS 2 database", (".db3",), (b"SQLite format 3\0",), rosbag.read, whole=False),
     Format("MATLAB", (".mat",), matlab.MARKS, matlab.read),
     Format("OptiTrack Motive CSV", (), (b"Format Version,",), motive.read, text=True),
-    Format("Vicon CSV", (), _titles(*vicon.TITLES), vicon.read, text=True),
+    Format("Vicon CSV", (), VICON, vicon.read, text=True),
     Format("TRC", (".trc",), (b"PathFileType",), trc.read, text=True),
     Format("C3D", (".c3d",), (), c3d_file.read),
     Format("CSV", (".csv", ".tsv", ".txt"), (), csv_file.read),

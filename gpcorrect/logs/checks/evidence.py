@@ -14,19 +14,13 @@ from scipy.stats import spearmanr
 from gpcorrect import se3
 from gpcorrect.arms import Arm, arm_named
 from gpcorrect.errors import DataError
-from gpcorrect.logs.sync import TimeOffset, log_offset
+from gpcorrect.logs.sync import REFERENCES, TimeOffset, log_offset
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
 __all__ = ["CHECKS", "Check", "Evidence", "Finding", "Severity", "check"]
 
 Severity = Literal["error", "warning", "info"]
 
-OFFSET_PAIRS = (
-    ("tracker_cp", ("measured_cp", "setpoint_cp")),
-    ("external_jp", ("measured_jp", "setpoint_jp")),
-    ("measured_cp", ("setpoint_cp",)),
-    ("measured_jp", ("setpoint_jp",)),
-)
 EXAMPLES = 5  # rows named in a finding
 MIN_CORRELATION = 0.8  # of ranks: two signals of one joint agree at least so well, whatever their units
 MIN_PAIRED = 20  # samples, below which two signals are not compared; chosen by hand
@@ -99,7 +93,7 @@ class Evidence:
     def offsets(self) -> tuple[TimeOffset, ...]:
         """Time offset of every observed signal against the best reference there is for it; none without a clock."""
         found: list[TimeOffset] = []
-        for observed, references in () if self.log.static else OFFSET_PAIRS:
+        for observed, references in () if self.log.static else REFERENCES.items():
             reference = next((r for r in references if self.has(observed) and self.has(r)), None)
             if reference is not None:
                 found.append(log_offset(self.log, observed, reference))

@@ -7,27 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, runs
+from gpcorrect.logs.sync import REFERENCES
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__: list[str] = []
 
 MANY_MISSING = 0.1  # of the samples: more than an occlusion now and then
 COPIED = 0.99  # of the samples equal to the last bit: two sensors never agree so well
-COPIES = (
-    ("measured_cp", "setpoint_cp"),
-    ("measured_jp", "setpoint_jp"),
-    ("tracker_cp", "setpoint_cp"),
-    ("tracker_cp", "measured_cp"),
-    ("external_jp", "setpoint_jp"),
-    ("external_jp", "measured_jp"),
-)
 OUTSIDE = ("tracker_cp", "external_jp")
-REFERENCES = (
-    ("tracker_cp", ("setpoint_cp", "measured_cp")),
-    ("measured_cp", ("setpoint_cp",)),
-    ("external_jp", ("setpoint_jp", "measured_jp")),
-    ("measured_jp", ("setpoint_jp",)),
-)
 FROZEN_SAMPLES = 5  # repeats in a row; noise alone makes a living sensor differ sooner
 MOVED_POSE = 1e-3  # m that the reference must have moved meanwhile: five times a good tracker's noise
 MOVED_JOINT = np.deg2rad(1.0)  # rad, and m times ten
@@ -87,7 +74,7 @@ def _still(evidence: Evidence, name: str) -> bool:
 @check
 def _loopback(evidence: Evidence) -> Iterator[Finding]:
     """Find copies among signals of different sources: no sensor repeats a command to the last bit."""
-    for name, source in COPIES:
+    for name, source in ((n, s) for n, sources in REFERENCES.items() for s in sources):
         if not (evidence.has(name) and evidence.has(source)) or _still(evidence, name):
             continue
         a, b = evidence.table(name), evidence.table(source)
@@ -103,8 +90,9 @@ def _loopback(evidence: Evidence) -> Iterator[Finding]:
 @check
 def _frozen(evidence: Evidence) -> Iterator[Finding]:
     """Find sensors that repeat a value to the last bit while the robot moves: blind, or held between samples."""
-    for name, references in REFERENCES:
-        reference = next((r for r in references if evidence.has(name) and evidence.has(r)), None)
+    for name, references in REFERENCES.items():
+        commands_first = reversed(references)
+        reference = next((r for r in commands_first if evidence.has(name) and evidence.has(r)), None)
         if reference is None:
             continue
         same = evidence.repeats(name)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from gpcorrect.logs.sync.clocks import PLAUSIBLE_LAG, Clocks, align, match_clocks, seconds_of
 from gpcorrect.logs.sync.estimate import estimate_offset, log_offset, stream_offset
-from gpcorrect.logs.sync.motion import Motion, MotionPair, pairs_of
+from gpcorrect.logs.sync.motion import REFERENCES, Motion, MotionPair, pairs_of
 from gpcorrect.logs.sync.offset import ClockDrift, TimeOffset
 
 __all__ = [
     "PLAUSIBLE_LAG",
+    "REFERENCES",
     "ClockDrift",
     "Clocks",
     "Motion",

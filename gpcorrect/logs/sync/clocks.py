@@ -108,7 +108,8 @@ def match_clocks(
     middle, low, high = (1e3 * seconds for seconds in (found.offset, *found.ci95))
     what = REFERENCES.get(reference, "what the robot reports")
     size = f"{name} runs {middle:.1f} ms behind {what} (95 %: {low:.1f} to {high:.1f})"
-    step = _sample_step(log)
+    inside = np.diff(log.trajectory) == 0
+    step = float(np.median(np.diff(log.time)[inside])) if inside.any() else 0.0  # less is not worth an interpolation
     if plausible_lag[0] - step <= found.ci95[1] and found.ci95[0] <= plausible_lag[1] + step:
         return log, Clocks(found, 0.0, f"{size}, as a servo may: left to the velocity features")
     doubt = _doubt(log, found, float(np.clip(found.offset, *plausible_lag)), step)
@@ -131,12 +132,6 @@ def _doubt(log: CalibrationLog, found: TimeOffset, lag: float, step: float) -> s
     if not shifted <= MAX_MISFIT * plain:
         return f"a lag of {1e3 * lag:.0f} ms fits the motion nearly as well, as with hysteresis or too few reaches"
     return ""
-
-
-def _sample_step(log: CalibrationLog) -> float:
-    """Median time between samples of a trajectory, s: an offset below it is not worth an interpolation."""
-    inside = np.diff(log.trajectory) == 0
-    return float(np.median(np.diff(log.time)[inside])) if inside.any() else 0.0
 
 
 def seconds_of(text: str) -> float:

@@ -214,7 +214,9 @@ def _refined(
     fits = [fit for s in starts if (fit := timing.refine(np.array([s]), bracket)) is not None]
     if not fits:
         return _nothing(("unrelated", f"no shift of {names[1]}{_searched(curve)} fits {names[0]}."), curve)
-    best, *others = _equals(_distinct(fits, DISTINCT_STEPS * slow))
+    first, *rest = _distinct(fits, DISTINCT_STEPS * slow)
+    equals = [first, *(fit for fit in rest if _as_good(fit, first))]
+    best, *others = sorted(equals, key=lambda fit: abs(float(fit.timing[0])))
     rivals = tuple(float(f.timing[0]) for f in others)
     drift, best = _with_drift(timing, best, pieces, reach)
     offset, width = float(best.timing[0]), float(best.half_width()[0])
@@ -289,12 +291,6 @@ def _distinct(fits: Sequence[Refinement], apart: float) -> list[Refinement]:
         if all(abs(fit.timing[0] - f.timing[0]) > apart for f in found):
             found.append(fit)
     return found
-
-
-def _equals(fits: Sequence[Refinement]) -> list[Refinement]:
-    """Return the best fit and those that are as good, the smallest shift first."""
-    best = [fits[0], *(f for f in fits[1:] if _as_good(f, fits[0]))]
-    return sorted(best, key=lambda f: abs(float(f.timing[0])))
 
 
 def _as_good(rival: Refinement, best: Refinement) -> bool:

@@ -14,7 +14,7 @@ from gpcorrect.logs.streams import Stream
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
 
 __all__ = [
-    "PREFERRED_PAIRS",
+    "REFERENCES",
     "Motion",
     "MotionPair",
     "clock_runs",
@@ -24,15 +24,13 @@ __all__ = [
     "stretches",
 ]
 
-# What the robot reports moves with the robot: such a pair holds least servo lag, and comes first.
-PREFERRED_PAIRS = (
-    ("tracker_cp", "measured_cp"),
-    ("tracker_cp", "setpoint_cp"),
-    ("external_jp", "measured_jp"),
-    ("external_jp", "setpoint_jp"),
-    ("measured_cp", "setpoint_cp"),
-    ("measured_jp", "setpoint_jp"),
-)
+REFERENCES = {
+    "tracker_cp": ("measured_cp", "setpoint_cp"),
+    "external_jp": ("measured_jp", "setpoint_jp"),
+    "measured_cp": ("setpoint_cp",),
+    "measured_jp": ("setpoint_jp",),
+}
+"""What an observed signal is compared with: first what the robot reports, for it holds least servo lag."""
 STILL = 1e-6  # a joint that spans less than this fraction of the widest joint does not move
 
 
@@ -132,7 +130,7 @@ def stretches(pair: MotionPair, gap: float, margin: float) -> Iterator[MotionPai
 
 
 def default_pair(log: CalibrationLog) -> tuple[str, str]:
-    """Names of the observed and the reference signal to compare: the first of PREFERRED_PAIRS in the log.
+    """Names of the observed and the reference signal to compare: the first of REFERENCES in the log.
 
     Parameters
     ----------
@@ -144,9 +142,10 @@ def default_pair(log: CalibrationLog) -> tuple[str, str]:
     LogError
         The log holds no two signals of one motion.
     """
-    for observed, reference in PREFERRED_PAIRS:
-        if observed in log.signals and reference in log.signals:
-            return observed, reference
+    for observed, references in REFERENCES.items():
+        for reference in references:
+            if observed in log.signals and reference in log.signals:
+                return observed, reference
     raise LogError(
         f"expected two signals of one motion, got {', '.join(log.signals) or 'no signal'}.",
         hint="Record the command (setpoint_cp or setpoint_jp) beside what was observed.",
