@@ -4,8 +4,9 @@
 
 Tracker: a rendered sequence with side light, noise and colourful clutter, in which a camera is hidden for a third of
 the frames, all are for two, and the tool jumps once; then the same for a single ball. Calibration: four rendered
-lenses, 12 boards, 16 markers, one of them gross. A row is printed where half or twice changes accuracy by more than
-5 %, coverage by any frame, or processor time by more than 15 %.
+lenses, 12 boards, 16 markers, one of them gross. The settings `check` are left out: what they refuse is in the
+tests. A row is printed where half or twice changes accuracy by more than 5 %, coverage by any frame, or processor time
+by more than 15 %.
 """
 
 from __future__ import annotations

@@ -1,7 +1,9 @@
 """Every number of the cameras and the tracker that decides something, with where it comes from.
 
 Where no source stands beside a number, it was chosen by hand on rendered recordings;
-`python bench/vision_sensitivity.py` prints what half and twice of it do to accuracy, coverage and speed.
+`python bench/vision_sensitivity.py` prints what half and twice of it do to accuracy, coverage and speed. Numbers that
+change nothing there guard against what that recording lacks: markers that were mixed up, lenses that boards do not
+determine, balls of the background's hue.
 """
 
 from __future__ import annotations
