@@ -127,7 +127,7 @@ def same_kernels(corrector: CommandCorrector) -> list[GaussianProcessRegressor]:
     peers = []
     for part in corrector.predictor.parts:
         kernel = WhiteKernel(0.1)
-        for weight, scales in zip(part.component_weights, part.length_scales, strict=True):
+        for weight, scales in zip(part.kernel.weights, part.kernel.length_scales, strict=True):
             kernel += ConstantKernel(weight) * RBF(np.minimum(scales, UNSEEN))
         peers.append(peer(kernel, part.basis, corrector.predictor.mean_std_batch(part.basis)[0][:, :3]))
     return peers
@@ -136,7 +136,7 @@ def same_kernels(corrector: CommandCorrector) -> list[GaussianProcessRegressor]:
 def plain_kernels(corrector: CommandCorrector, *, apart: bool) -> list[GaussianProcessRegressor]:
     part = corrector.predictor.parts[0]
     outputs = corrector.predictor.mean_std_batch(part.basis)[0]
-    kernel = RBF(part.length_scales[-1]) + WhiteKernel(0.1)
+    kernel = RBF(part.kernel.length_scales[-1]) + WhiteKernel(0.1)
     return [peer(kernel, part.basis, column) for column in (outputs.T if apart else [outputs])]
 
 

@@ -16,7 +16,7 @@ from sklearn.linear_model import LinearRegression
 from support import print_table, save_results
 
 from gpcorrect.gpr import SparseGPR
-from gpcorrect.gpr.kernels import AdditiveRBF
+from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.types import FloatArray
 
 HEAD = ["", "rmse mm", "rmse deg", "NLPD", "95 % covers", "fit s", "query us"]
@@ -25,7 +25,7 @@ HEAD = ["", "rmse mm", "rmse deg", "NLPD", "95 % covers", "fit s", "query us"]
 class KMeansGPR(SparseGPR):
     """Inducing points at the centres of clusters, in inputs divided by the length scales of the last component."""
 
-    def _inducing_points(self, kernel: AdditiveRBF, X: FloatArray, rng: np.random.Generator) -> FloatArray:
+    def _inducing_points(self, kernel: Kernel, X: FloatArray, rng: np.random.Generator) -> FloatArray:
         scales = kernel.length_scales[-1]
         clusters = MiniBatchKMeans(self.n_inducing, n_init=1, batch_size=4096, max_iter=30, random_state=0)
         centres: FloatArray = clusters.fit(X[rng.permutation(len(X))[:10_000]] / scales).cluster_centers_
@@ -35,7 +35,7 @@ class KMeansGPR(SparseGPR):
 class RandomGPR(SparseGPR):
     """Inducing points at random samples."""
 
-    def _inducing_points(self, kernel: AdditiveRBF, X: FloatArray, rng: np.random.Generator) -> FloatArray:
+    def _inducing_points(self, kernel: Kernel, X: FloatArray, rng: np.random.Generator) -> FloatArray:
         return np.unique(X[rng.permutation(len(X))[: self.n_inducing]], axis=0)
 
 

@@ -19,10 +19,8 @@ from gpr_support import Split, real, scores, simulated
 from support import print_table, save_results
 
 from gpcorrect.corrector import trajectory_folds
-from gpcorrect.gpr import Predictor, SparseGPR, Statistics
-from gpcorrect.gpr.kernels import AdditiveRBF
+from gpcorrect.gpr import Predictor, SharedPredictor, SparseGPR, Statistics
 from gpcorrect.gpr.linalg import cholesky
-from gpcorrect.gpr.shared_predictor import SharedPredictor
 from gpcorrect.gpr.statistics import collect, updated
 from gpcorrect.types import FloatArray, Progress
 
@@ -102,14 +100,13 @@ def robust(predictor: Predictor, X: FloatArray, Y: FloatArray) -> Predictor:
 
 def weighted(part: SharedPredictor, X: FloatArray, Y: FloatArray, weight: FloatArray) -> SharedPredictor:
     """Return the posterior in which sample i has its noise divided by its weight."""
-    kernel = AdditiveRBF(part.component_weights, part.length_scales)
-    L = cholesky(kernel(part.basis, part.basis))[0]
+    L = cholesky(part.kernel(part.basis, part.basis))[0]
     weight = weight / np.median(weight)
     total = Statistics(np.zeros((len(part.basis),) * 2), np.zeros((len(part.basis), 3)), 0.0)
     levels = np.clip(np.round(8 * np.log2(weight)) / 8, -6, 2)  # samples of like weight are summed together
     for level in np.unique(levels):
         rows = levels == level
-        sums = collect(kernel, part.basis, L, part.offset, X[rows], Y[rows], Progress())
+        sums = collect(part.kernel, part.basis, L, part.offset, X[rows], Y[rows], Progress())
         total = total.plus(Statistics(2**level * sums.G, 2**level * sums.Vy, 2**level * sums.n))
     return updated(part, total)
 

@@ -15,8 +15,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.corrector import CommandCorrector
 from gpcorrect.errors import DataError
-from gpcorrect.gpr.kernels import AdditiveRBF
-from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.gpr import SharedPredictor
 from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["Proposal", "explore"]
@@ -100,11 +99,10 @@ class _Covariance:
 
     @classmethod
     def of(cls, part: SharedPredictor, candidates: FloatArray, task: FloatArray) -> _Covariance:
-        kernel = AdditiveRBF(part.component_weights, part.length_scales)
         explained = part.explained.mean(axis=0)
-        w_own, w_task = (_projected(part, kernel, X) for X in (candidates, task))
-        own = kernel(candidates, candidates) - (w_own * explained) @ w_own.T
-        cross = kernel(task, candidates) - (w_task * explained) @ w_own.T
+        w_own, w_task = (_projected(part, X) for X in (candidates, task))
+        own = part.kernel(candidates, candidates) - (w_own * explained) @ w_own.T
+        cross = part.kernel(task, candidates) - (w_task * explained) @ w_own.T
         variance = np.maximum(1.0 - (w_task**2) @ explained, 0.0)
         return cls(own, cross, variance, float((part.noise / part.signal).mean()), float(variance.sum()))
 
@@ -132,9 +130,9 @@ class _Covariance:
         return float(np.maximum(self.task_variance, 0.0).sum()) / self.start
 
 
-def _projected(part: SharedPredictor, kernel: AdditiveRBF, X: FloatArray) -> FloatArray:
+def _projected(part: SharedPredictor, X: FloatArray) -> FloatArray:
     """Return `P k` for inputs `(n, d)`: `(n, r)`."""
-    w: FloatArray = kernel(X, part.basis[: part.projection.shape[1]]) @ part.projection.T
+    w: FloatArray = part.kernel(X, part.basis[: part.projection.shape[1]]) @ part.projection.T
     return w
 
 

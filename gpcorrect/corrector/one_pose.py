@@ -187,7 +187,7 @@ def rotvec_from_matrix(R: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def _write_rotation(R: FloatArray, f: Frame, x: FloatArray) -> int:
-    """Write the rotation's features behind the position's, see `gpr.rotation_features`; return how many there are."""
+    """Write the rotation's features behind the position's, see `gpr.features`; return how many there are."""
     kind = int(f.kind[0])
     if kind == NO_ROTATION:
         return 0

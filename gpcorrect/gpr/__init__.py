@@ -1,21 +1,24 @@
 """Gaussian-process regression of the residual: features, posteriors, the hot path, honest intervals."""
 
-from gpcorrect.gpr.calibration import IntervalCalibration, coverage_by_group, novelty_limit
-from gpcorrect.gpr.evidence import LeftOut, learn_inflation
 from gpcorrect.gpr.exact import ExactGPR, conditioned
 from gpcorrect.gpr.features import FeatureMap
-from gpcorrect.gpr.kernels import AdditiveRBF
-from gpcorrect.gpr.predictor import Predictor
+from gpcorrect.gpr.inflation import LeftOut, learn_inflation
+from gpcorrect.gpr.intervals import IntervalCalibration, coverage_by_group, novelty_limit
+from gpcorrect.gpr.kernels import AdditiveMatern52, AdditiveRBF, Kernel
+from gpcorrect.gpr.predictor import Predictor, SharedPredictor
 from gpcorrect.gpr.sparse import SparseGPR
 from gpcorrect.gpr.statistics import Statistics
 
 __all__ = [
+    "AdditiveMatern52",
     "AdditiveRBF",
     "ExactGPR",
     "FeatureMap",
     "IntervalCalibration",
+    "Kernel",
     "LeftOut",
     "Predictor",
+    "SharedPredictor",
     "SparseGPR",
     "Statistics",
     "conditioned",

@@ -2,7 +2,7 @@
 
 With correlations k to the basis points the mean of output o is `k^T alpha_o` and its latent variance `s_o (1 - sum_j
 c_oj w_j^2)`, `w = P k`: the shared kernel lets one product `P k` serve every output, whatever its noise
-(docs/design/0002). The exponents of k are linear in the input but for one number a component. One thread and no
+(docs/design/0002). Squared distances to them are linear in the input but for one number a component. One thread and no
 library's thread pool, so a query never waits for another's.
 
 All of it is in one file: numba's cache notices a change of the file that holds the outermost function, and no other.
@@ -11,13 +11,15 @@ All of it is in one file: numba's cache notices a change of the file that holds 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from gpcorrect.gpr.shared_predictor import SharedPredictor
 from gpcorrect.types import FloatArray
+
+if TYPE_CHECKING:
+    from gpcorrect.gpr.predictor import SharedPredictor
 
 __all__ = ["Tables", "predict_one", "tables"]
 
@@ -33,15 +35,16 @@ MANTISSA_BITS, EXPONENT_BIAS = 52, 1023
 class Tables(NamedTuple):
     """What a query reads, for g groups of m outputs (short ones padded), c components, d features, p and q points.
 
-    `inverse` is `1 / length_scale^2 / 2` `(g, c, d)`, zero where a component does not see a feature. `slopes` `(g, c,
-    d, p)` and `levels` `(g, c, p)` give the exponents `level + slope . u - inverse . u^2` of the correlations, u
-    counted from `origin` `(g, d)`. `sizes` `(g, 1)` are the numbers of outputs; `projection` is in single precision.
+    The first six are those of :class:`gpcorrect.gpr.kernels.KernelTable`, a group each. `sizes` `(g, 1)` are the
+    numbers of outputs; `projection` is in single precision.
     """
 
+    code: FloatArray
     origin: FloatArray
     inverse: FloatArray
     slopes: FloatArray
     levels: FloatArray
+    log_weights: FloatArray
     alpha: FloatArray
     offset: FloatArray
     projection: FloatArray
@@ -59,14 +62,8 @@ def tables(parts: Sequence[SharedPredictor]) -> Tables:
 
 
 def _group(part: SharedPredictor) -> Tables:
-    inverse = part.length_scales**-2.0
-    origin = part.basis.mean(axis=0)
-    shifted = part.basis - origin
     return Tables(
-        origin=origin,
-        inverse=0.5 * inverse,
-        slopes=inverse[:, :, None] * shifted.T[None],
-        levels=np.log(part.component_weights)[:, None] - 0.5 * inverse @ (shifted**2).T,
+        *part.kernel.table(part.basis),
         alpha=part.alpha,
         offset=part.offset,
         projection=part.projection,
@@ -113,9 +110,11 @@ def predict_one(x: FloatArray, t: Tables) -> tuple[FloatArray, FloatArray, float
 def _correlations(x: FloatArray, g: int, t: Tables, k: FloatArray) -> None:
     """Correlations `(p,)` of one input with the basis, written to `k`."""
     exponents, scratch = np.empty(len(k)), np.empty(len(k))
+    matern52 = t.code[g, 0] == 1.0
     k[:] = 0.0
     for c in range(t.levels.shape[1]):
-        exponents[:] = t.levels[g, c]
+        offset = 0.0 if matern52 else t.log_weights[g, c]
+        exponents[:] = t.levels[g, c] + offset
         for d in range(len(x)):
             inverse = t.inverse[g, c, d]
             if inverse > 0.0:
@@ -123,7 +122,23 @@ def _correlations(x: FloatArray, g: int, t: Tables, k: FloatArray) -> None:
                 slope, drop = t.slopes[g, c, d], inverse * u * u
                 for j in range(len(k)):
                     exponents[j] += u * slope[j] - drop
-        _add_exp(exponents, scratch, k)
+        if matern52:
+            _add_matern52(exponents, scratch, t.log_weights[g, c], k)
+        else:
+            _add_exp(exponents, scratch, k)
+
+
+@njit(cache=True, nogil=True, fastmath=LOOSE)
+def _add_matern52(x: FloatArray, scratch: FloatArray, log_weight: float, total: FloatArray) -> None:
+    """Add `exp(log_weight) (1 + r + r^2 / 3) exp(-r)`, `r = sqrt(5 s)`, to `total`, given `x = -s / 2`."""
+    factor, decay = np.empty(len(x)), np.zeros(len(x))
+    for j in range(len(x)):
+        r = np.sqrt(10.0 * max(-x[j], 0.0))
+        factor[j] = 1.0 + r + r * r / 3.0
+        x[j] = log_weight - r
+    _add_exp(x, scratch, decay)
+    for j in range(len(x)):
+        total[j] += factor[j] * decay[j]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})  # said, or the caller's would hold: x + ROUND - ROUND must stay

@@ -15,10 +15,8 @@ from sklearn.utils.validation import check_array, check_consistent_length, check
 
 from gpcorrect.errors import DataError
 from gpcorrect.gpr.kernels import component_masks
-from gpcorrect.gpr.learned import Learned, Scaling
-from gpcorrect.gpr.learning import learn
-from gpcorrect.gpr.predictor import Predictor
-from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.gpr.learning import KernelOption, Learned, Scaling, learn
+from gpcorrect.gpr.predictor import Predictor, SharedPredictor
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 __all__ = ["GaussianProcess"]
@@ -41,6 +39,7 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
     output_groups: Sequence[int] | None
     n_learn: int
     n_restarts: int
+    kernel: KernelOption
     random_state: int | None
     _most_samples: int | None = None  # that the posterior can bear; None for any number
 
@@ -86,7 +85,7 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
     def relearn(
         self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None, times: ArrayLike | None = None
     ) -> Self:
-        """Return a copy fitted to other data of the same kind, whose search for hyperparameters starts at these."""
+        """Return a copy fitted to other data of the same kind, whose search starts at this kernel's hyperparameters."""
         check_is_fitted(self, "predictor_")
         return copy(self)._fit(X, y, groups, times, Progress(), self.learned_)
 
@@ -131,8 +130,10 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
         for i, columns in enumerate(_columns(outputs.shape[1], self.output_groups)):
             scaling = Scaling.of(inputs, outputs[:, columns])
             A, B = inputs[rows] / scaling.x_spread, scaling.outputs(outputs[rows, columns])
-            start = None if starts is None else starts[i].hyperparameters.theta
-            options: dict[str, Any] = {"start": start, "restarts": self.n_restarts, "rng": learning}
+            options: dict[str, Any] = {"restarts": self.n_restarts, "rng": learning, "kernel": self.kernel}
+            if starts is not None:
+                known = starts[i].hyperparameters
+                options |= {"start": known.theta, "kernel": known.kernel.name}
             learned.append(Learned(columns, scaling, learn(A, B, masks, *stretches, **options, progress=progress)))
         self.learned_: tuple[Learned, ...] = tuple(learned)
         self.predictor_ = self._predictor(inputs, outputs, placing, progress)

@@ -8,23 +8,23 @@ import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from gpcorrect.gpr.estimator import GaussianProcess
-from gpcorrect.gpr.kernels import AdditiveRBF
-from gpcorrect.gpr.learned import Learned
+from gpcorrect.gpr.kernels import Kernel
+from gpcorrect.gpr.learning import KernelOption, Learned
 from gpcorrect.gpr.linalg import cholesky
-from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.gpr.predictor import SharedPredictor
 from gpcorrect.types import FloatArray, Progress
 
 __all__ = ["ExactGPR", "conditioned"]
 
 
 def conditioned(
-    kernel: AdditiveRBF, noise: float, X: FloatArray, Y: FloatArray, at: FloatArray
+    kernel: Kernel, noise: float, X: FloatArray, Y: FloatArray, at: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean and standard deviation of noisy observations, given others (Rasmussen and Williams 2006, Eq. 2.23).
 
     Parameters
     ----------
-    kernel : AdditiveRBF
+    kernel : Kernel
         Prior covariance, of unit variance.
     noise : float
         Noise variance.
@@ -42,7 +42,7 @@ def conditioned(
     lower, _ = cholesky(kernel(X, X) + noise * np.eye(len(X)))
     cross = kernel(at, X)
     explained = (solve_triangular(lower, cross.T, lower=True) ** 2).sum(axis=0)
-    return cross @ cho_solve((lower, True), Y), np.sqrt(np.maximum(1.0 - explained, 0.0) + noise)
+    return cross @ cho_solve((lower, True), Y), np.sqrt(np.maximum(kernel.diagonal(at) - explained, 0.0) + noise)
 
 
 class ExactGPR(GaussianProcess):
@@ -58,6 +58,8 @@ class ExactGPR(GaussianProcess):
         Samples that the hyperparameters are learned from.
     n_restarts : int
         Further searches for the hyperparameters, from random starts.
+    kernel : "rbf", "matern52" or "auto"
+        Correlation function; "auto" takes, for each group of outputs, the one of greater evidence.
     random_state : int, RandomState or None
         Seed of the subset and the restarts.
 
@@ -75,12 +77,14 @@ class ExactGPR(GaussianProcess):
         output_groups: Sequence[int] | None = None,
         n_learn: int = 1000,
         n_restarts: int = 0,
+        kernel: KernelOption = "rbf",
         random_state: int | None = 0,
     ) -> None:
         self.feature_groups = feature_groups
         self.output_groups = output_groups
         self.n_learn = n_learn
         self.n_restarts = n_restarts
+        self.kernel = kernel
         self.random_state = random_state
 
     def _posterior(
@@ -93,8 +97,7 @@ class ExactGPR(GaussianProcess):
         alpha = Q @ ((Q.T @ scaling.outputs(Y)) / spread)
         progress.step("posterior", 1.0)
         return SharedPredictor(
-            component_weights=kernel.weights,
-            length_scales=kernel.length_scales,
+            kernel=kernel,
             basis=X,
             alpha=(alpha * scaling.y_spread).T,
             offset=scaling.y_centre,

@@ -1,26 +1,28 @@
-"""What the regression sees of a pose and its velocity: numbers without wrap-around faults, each of unit spread."""
+"""What the regression sees of a pose and its velocity: numbers without wrap-around faults, each of unit spread.
+
+What is near must have near numbers, also across +-180 degrees. No three numbers do that for all rotations. Three do (a
+rotation vector measured from the mean) while the data stay well within half a turn of their mean; else six are used:
+two columns of the matrix, smooth everywhere. Euler angles are kept for comparison with the paper.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect.gpr.rotation_features import (
-    RotationKind,
-    choose_rotation_kind,
-    rotation_features,
-    rotations_from_features,
-)
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
-__all__ = ["KINDS", "FeatureMap"]
+__all__ = ["KINDS", "FeatureMap", "RotationKind", "fixed_axes_angles"]
+
+RotationKind = Literal["none", "rotvec", "columns", "euler"]
 
 KINDS = ("pose", "euler", "velocity")
+WIDEST_ROTVEC = float(np.deg2rad(120.0))  # leaves 60 degrees between the training and the jump at 180
 SPREAD_QUANTILES = (16, 84)  # two standard deviations apart in normal data, and blind to a few outliers
 # Least spread a feature is divided by: less is jitter of a motion that held it still, not to be blown up to unit size.
 # What a feature may always lie outside its training range, m, rad, m/s and rad/s.
@@ -36,7 +38,7 @@ class FeatureMap:
     Parameters
     ----------
     kinds : sequence of str
-        "pose": position and rotation, the latter as in :mod:`gpcorrect.gpr.rotation_features`; or "euler": position
+        "pose": position and rotation, the latter as in the module says; or "euler": position
         and the paper's angles about fixed axes, which jump at +-180 degrees. And "velocity": the twist. Data without
         rotations give the linear parts only.
     rotation : str
@@ -117,7 +119,7 @@ class FeatureMap:
         if rotations is not None:
             finite = rotations[np.isfinite(rotations).all(axis=(1, 2))]
             R_mean = se3.rotation_mean(finite)
-            kind: RotationKind = "euler" if "euler" in self.kinds else choose_rotation_kind(finite, R_mean)
+            kind: RotationKind = "euler" if "euler" in self.kinds else _rotation_kind(finite, R_mean)
             known = replace(self, rotation=kind, R_mean=R_mean)
         raw = known._raw(positions, rotations, twists)
         raw = raw[known.usable(raw)]
@@ -143,7 +145,7 @@ class FeatureMap:
         """
         raw = features * self.spread
         pose = len(self.groups[0])
-        rotations = rotations_from_features(raw[:, 3:pose], self.rotation, self.R_mean)
+        rotations = _rotations_from_features(raw[:, 3:pose], self.rotation, self.R_mean)
         return raw[:, :3], rotations, raw[:, pose:] if self.uses_velocity else None
 
     @staticmethod
@@ -155,7 +157,7 @@ class FeatureMap:
     def _raw(self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray | None) -> FloatArray:
         parts = [positions]
         if rotations is not None and self.rotation != "none":
-            parts.append(rotation_features(rotations, self.rotation, self.R_mean))
+            parts.append(_rotation_features(rotations, self.rotation, self.R_mean))
         if self.uses_velocity:
             twists = np.zeros((len(positions), 6)) if twists is None else twists
             parts.append(twists[:, : 6 if self.has_orientation else 3])
@@ -205,3 +207,47 @@ class FeatureMap:
                 f"a feature map of {features.n_features} features was expected, got {features.spread.shape}."
             )
         return features
+
+
+def _rotation_kind(rotations: FloatArray, R_mean: FloatArray) -> RotationKind:
+    """Return "rotvec" when all rotations `(n, 3, 3)` lie within 120 degrees of `R_mean`, else "columns"."""
+    return "rotvec" if se3.angle(rotations @ R_mean.T).max() <= WIDEST_ROTVEC else "columns"
+
+
+def _rotation_features(rotations: FloatArray, kind: RotationKind, R_mean: FloatArray) -> FloatArray:
+    """Features `(n, 3)` or `(n, 6)` of rotations `(n, 3, 3)`; NaN for a rotation that is not finite."""
+    if kind == "columns":
+        return np.concatenate([rotations[:, :, 0], rotations[:, :, 1]], axis=1)
+    if kind == "euler":
+        return fixed_axes_angles(rotations)
+    features = np.full((len(rotations), 3), np.nan)
+    finite = np.isfinite(rotations).all(axis=(1, 2))
+    features[finite] = se3.rotvec_from_matrix(rotations[finite] @ R_mean.T)
+    return features
+
+
+def _rotations_from_features(features: FloatArray, kind: RotationKind, R_mean: FloatArray) -> FloatArray | None:
+    """Rotations `(n, 3, 3)` of features `(n, 3)` or `(n, 6)`; columns that are not orthonormal are made so."""
+    if kind == "none":
+        return None
+    if kind == "columns":
+        x = features[:, :3] / np.linalg.norm(features[:, :3], axis=1, keepdims=True)
+        y = features[:, 3:] - (features[:, 3:] * x).sum(axis=1, keepdims=True) * x
+        y /= np.linalg.norm(y, axis=1, keepdims=True)
+        return np.stack([x, y, np.cross(x, y)], axis=2)
+    if kind == "euler":
+        axes = np.eye(3)
+        Rx, Ry, Rz = (se3.matrix_from_rotvec(features[:, [i]] * axes[i]) for i in range(3))
+        return Rz @ Ry @ Rx
+    return se3.matrix_from_rotvec(features) @ R_mean
+
+
+def fixed_axes_angles(rotations: FloatArray) -> FloatArray:
+    """Angles `(..., 3)` about the fixed axes x, y and z in this order, rad: `R = Rz Ry Rx` (the paper's Euler angles).
+
+    They jump by a full turn at +-180 degrees, and x and z are not defined apart where y reaches +-90 degrees.
+    """
+    x = np.arctan2(rotations[..., 2, 1], rotations[..., 2, 2])
+    y = np.arctan2(-rotations[..., 2, 0], np.hypot(rotations[..., 0, 0], rotations[..., 1, 0]))
+    z = np.arctan2(rotations[..., 1, 0], rotations[..., 0, 0])
+    return np.stack([x, y, z], axis=-1)

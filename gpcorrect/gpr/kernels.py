@@ -1,26 +1,55 @@
-"""The correlation between inputs: a sum of squared exponentials, one over all features and one over each group of them.
+"""Kernels: the correlation between inputs as an object, with its gradient and the table that the hot path reads.
 
-`k(x, z) = sum_c w_c exp(-|x - z|_c^2 / 2)`, `|x - z|_c^2 = sum_d ((x_d - z_d) / l_cd)^2`, weights summing to one. A
+`k(x, z) = sum_c w_c f(s_c(x, z))`, `s_c = sum_d ((x_d - z_d) / l_cd)^2`, weights summing to one and `f(0) = 1`. A
 component that does not see a feature has an infinite length scale there. With groups (pose), (velocity) the sum says:
 part of the error depends on pose alone, part on velocity alone, the rest on both together (additive Gaussian
-processes: Duvenaud et al. 2011). One component is the usual ARD kernel.
+processes: Duvenaud et al. 2011). One component is the usual kernel with automatic relevance determination.
+
+A new kernel is a class here that states f and its slope, a line in `KERNELS`, and a branch of `compiled.py`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
-__all__ = ["AdditiveRBF", "component_masks", "squared_distances"]
+__all__ = [
+    "KERNELS",
+    "AdditiveMatern52",
+    "AdditiveRBF",
+    "Kernel",
+    "KernelTable",
+    "component_masks",
+    "kernel_named",
+    "squared_distances",
+]
+
+Pullback = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+
+class KernelTable(NamedTuple):
+    """What the hot path reads of a kernel: squared distances to p basis points, linear in the input but for one number.
+
+    `-s_c / 2 = level + slope . u - inverse . u^2` for an input u (d,) counted from `origin`.
+    """
+
+    code: FloatArray  # (1,) which f
+    origin: FloatArray  # (d,)
+    inverse: FloatArray  # (c, d): 1 / length_scale^2 / 2, zero where a component does not see a feature
+    slopes: FloatArray  # (c, d, p)
+    levels: FloatArray  # (c, p)
+    log_weights: FloatArray  # (c,)
 
 
 @dataclass(frozen=True, eq=False)
-class AdditiveRBF:
+class Kernel(ABC):
     """Correlation function of unit variance.
 
     Parameters
@@ -34,27 +63,147 @@ class AdditiveRBF:
     weights: FloatArray
     length_scales: FloatArray
 
+    name: ClassVar[str]  # in settings and model files
+    code: ClassVar[float]  # in compiled.py
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", frozen_array(self.weights))
         object.__setattr__(self, "length_scales", frozen_array(self.length_scales))
 
-    def components(self, A: FloatArray, B: FloatArray) -> list[FloatArray]:
-        """Correlation matrices `(n, m)` of each component, not yet weighted, for inputs `(n, d)` and `(m, d)`."""
-        return [_rbf(A / scales, B / scales) for scales in self.length_scales]
+    @staticmethod
+    @abstractmethod
+    def profile(squares: FloatArray) -> FloatArray:
+        """Return f of squared distances `(n, m)`, which it may use up."""
+
+    @staticmethod
+    @abstractmethod
+    def profile_and_slope(squares: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return f and `-2 df/ds` of squared distances `(n, m)`, which it may use up."""
 
     def __call__(self, A: FloatArray, B: FloatArray) -> FloatArray:
-        """Correlation matrix `(n, m)` of inputs `(n, d)` and `(m, d)`."""
+        """Return the correlation matrix `(n, m)` of inputs `(n, d)` and `(m, d)`."""
         total = np.zeros((len(A), len(B)))
-        for weight, part in zip(self.weights, self.components(A, B), strict=True):
+        for weight, scales in zip(self.weights, self.length_scales, strict=True):
+            part = self.profile(squared_distances(A / scales, B / scales))
             part *= weight
             total += part
         return total
 
+    def diagonal(self, A: FloatArray) -> FloatArray:
+        """Return the correlations `(n,)` of inputs `(n, d)` with themselves."""
+        return np.ones(len(A))
+
+    def with_gradient(self, X: FloatArray) -> tuple[FloatArray, Pullback]:
+        """Return the correlation matrix R `(n, n)` of inputs `(n, d)`, and the chain rule through it.
+
+        The latter takes the symmetric gradient `(n, n)` of a number with respect to R, and returns its gradients with
+        respect to the log length scales `(c, d)` and the log odds of the weights `(c,)`.
+        """
+        parts = [self.profile_and_slope(squared_distances(X / scales, X / scales)) for scales in self.length_scales]
+        R = np.sum([weight * part for weight, (part, _) in zip(self.weights, parts, strict=True)], axis=0)
+
+        def pullback(upstream: FloatArray) -> tuple[FloatArray, FloatArray]:
+            by_scale, by_weight = np.empty(self.length_scales.shape), np.empty(len(parts))
+            for c, (part, slope) in enumerate(parts):
+                by_weight[c] = np.vdot(upstream, part)
+                H = self.weights[c] * upstream * slope
+                A = X / self.length_scales[c]
+                # sum_ij H_ij (A_i - A_j)^2 for each feature, without the n x n x d differences
+                by_scale[c] = 2.0 * (H.sum(axis=1) @ (A * A) - np.einsum("nd,nd->d", A, H @ A))
+            return by_scale, self.weights * (by_weight - self.weights @ by_weight)
+
+        return R, pullback
+
+    def rescaled(self, factor: FloatArray) -> Self:
+        """Return the kernel of inputs that are `factor` (d,) times as large."""
+        return type(self)(self.weights, self.length_scales * factor)
+
+    def table(self, basis: FloatArray) -> KernelTable:
+        """Return what the hot path reads for basis points `(p, d)`."""
+        inverse = self.length_scales**-2.0
+        origin = basis.mean(axis=0)
+        shifted = basis - origin
+        return KernelTable(
+            code=np.array([self.code]),
+            origin=origin,
+            inverse=0.5 * inverse,
+            slopes=inverse[:, :, None] * shifted.T[None],
+            levels=-0.5 * inverse @ (shifted**2).T,
+            log_weights=np.log(self.weights),
+        )
+
+
+class AdditiveRBF(Kernel):
+    """Squared exponential, `f(s) = exp(-s / 2)`: fields that are smooth to any order."""
+
+    name = "rbf"
+    code = 0.0
+
+    @staticmethod
+    def profile(squares: FloatArray) -> FloatArray:  # noqa: D102  # documented on the base
+        squares *= -0.5
+        return np.exp(squares, out=squares)
+
+    @staticmethod
+    def profile_and_slope(squares: FloatArray) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        part = AdditiveRBF.profile(squares)
+        return part, part
+
+
+class AdditiveMatern52(Kernel):
+    """Matern 5/2, `f(s) = (1 + r + r^2 / 3) exp(-r)`, `r = sqrt(5 s)`: fields that bend twice and no oftener.
+
+    Rasmussen and Williams 2006, Eq. 4.17.
+    """
+
+    name = "matern52"
+    code = 1.0
+
+    @staticmethod
+    def profile(squares: FloatArray) -> FloatArray:  # noqa: D102  # documented on the base
+        r = np.sqrt(5.0 * squares)
+        part: FloatArray = (1.0 + r + r * r / 3.0) * np.exp(-r)
+        return part
+
+    @staticmethod
+    def profile_and_slope(squares: FloatArray) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        r = np.sqrt(5.0 * squares)
+        decay = np.exp(-r)
+        return (1.0 + r + r * r / 3.0) * decay, 5.0 / 3.0 * (1.0 + r) * decay
+
+
+KERNELS: dict[str, type[Kernel]] = {kernel.name: kernel for kernel in (AdditiveRBF, AdditiveMatern52)}
+
+
+def kernel_named(name: str) -> type[Kernel]:
+    """Return the class of a kernel.
+
+    Parameters
+    ----------
+    name : str
+        One of `KERNELS`.
+
+    Raises
+    ------
+    DataError
+        There is none of that name.
+    """
+    if name not in KERNELS:
+        raise DataError(f"a kernel is one of {', '.join(KERNELS)}, got {name!r}.")
+    return KERNELS[name]
+
 
 def component_masks(n_features: int, groups: Sequence[Sequence[int]] | None) -> BoolArray:
-    """Mask `(c, d)` of the features each component sees: every group first, all features last.
+    """Return the mask `(c, d)` of the features each component sees: every group first, all features last.
 
     A group that is empty or holds every feature adds nothing and is left out.
+
+    Parameters
+    ----------
+    n_features : int
+        d.
+    groups : sequence of sequences of int, optional
+        Columns of each group.
 
     Raises
     ------
@@ -74,16 +223,14 @@ def component_masks(n_features: int, groups: Sequence[Sequence[int]] | None) -> 
 
 
 def squared_distances(A: FloatArray, B: FloatArray) -> FloatArray:
-    """Squared Euclidean distances `(n, m)` between the rows of `A` (n, d) and `B` (m, d), never below zero."""
+    """Return squared Euclidean distances `(n, m)` between rows, never below zero.
+
+    Parameters
+    ----------
+    A, B : (n, d) and (m, d) arrays
+        Points.
+    """
     squares: FloatArray = A @ (-2.0 * B.T)
     squares += np.einsum("nd,nd->n", A, A)[:, None]
     squares += np.einsum("md,md->m", B, B)
     return np.maximum(squares, 0.0, out=squares)
-
-
-def _rbf(A: FloatArray, B: FloatArray) -> FloatArray:
-    """Squared exponential `(n, m)` of inputs already divided by their length scales."""
-    correlation = squared_distances(A, B)
-    correlation *= -0.5
-    np.exp(correlation, out=correlation)
-    return correlation

@@ -1,24 +1,28 @@
-"""Hyperparameters by maximum a posteriori on a subset: which samples, where to start, what comes out."""
+"""Hyperparameters by maximum a posteriori: where the search starts, which kernel it takes, what comes out."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, Self
 
 import numpy as np
 from scipy.optimize import minimize
 
-from gpcorrect.gpr.kernels import AdditiveRBF
-from gpcorrect.gpr.likelihood import LearningData, negative_log_posterior, profiled_signal, sample_lags
-from gpcorrect.gpr.parameters import Layout
+from gpcorrect.gpr.kernels import KERNELS, Kernel, kernel_named
+from gpcorrect.gpr.likelihood import Layout, LearningData, negative_log_posterior, profiled_signal, sample_lags
 from gpcorrect.types import BoolArray, FloatArray, IntArray, Progress, frozen_array
 
-__all__ = ["Hyperparameters", "learn"]
+__all__ = ["Hyperparameters", "KernelOption", "Learned", "Scaling", "learn"]
+
+KernelOption = Literal["rbf", "matern52", "auto"]
 
 MOST_STEPS = 80
 TOLERANCE = (
     1e-5  # relative change of the objective: further steps move predictions by less than the choice of subset does
 )
 RESTART_SPREAD = 0.7  # log units around the first start
+FLAT = 1e-12  # a column whose spread is this small beside its values is constant but for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +31,7 @@ class Hyperparameters:
 
     Parameters
     ----------
-    kernel : AdditiveRBF
+    kernel : Kernel
         Correlation over inputs, shared by the outputs.
     signal, noise : (m,) arrays
         Variances.
@@ -40,10 +44,10 @@ class Hyperparameters:
     evaluations : int
         Evaluations spent.
     theta : (p,) array
-        The same as the search saw it, :class:`gpcorrect.gpr.parameters.Layout`: where another search may start.
+        The same as the search saw it, :class:`gpcorrect.gpr.likelihood.Layout`: where another search may start.
     """
 
-    kernel: AdditiveRBF
+    kernel: Kernel
     signal: FloatArray
     noise: FloatArray
     correlated_share: FloatArray
@@ -57,6 +61,66 @@ class Hyperparameters:
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
 
 
+@dataclass(frozen=True, eq=False)
+class Scaling:
+    """Spread of inputs and centre and spread of outputs; a column that does not vary keeps its unit."""
+
+    x_spread: FloatArray
+    y_centre: FloatArray
+    y_spread: FloatArray
+
+    @classmethod
+    def of(cls, X: FloatArray, Y: FloatArray) -> Self:
+        """Scaling that gives the columns of `X` (n, d) and `Y` (n, m) unit spread."""
+        return cls(_spread(X), Y.mean(axis=0), _spread(Y))
+
+    def outputs(self, Y: FloatArray) -> FloatArray:
+        """Return outputs `(n, m)` centred and of unit spread."""
+        scaled: FloatArray = (Y - self.y_centre) / self.y_spread
+        return scaled
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What was learned of one group of outputs before the posterior: their kernel, variances and units.
+
+    Parameters
+    ----------
+    columns : slice
+        The group's outputs.
+    scaling : Scaling
+        Units in which the hyperparameters are.
+    hyperparameters : Hyperparameters
+    """
+
+    columns: slice
+    scaling: Scaling
+    hyperparameters: Hyperparameters
+
+    @property
+    def kernel(self) -> Kernel:
+        """Correlation over inputs in the inputs' own units."""
+        return self.hyperparameters.kernel.rescaled(self.scaling.x_spread)
+
+    @property
+    def noise_ratio(self) -> FloatArray:
+        """Noise over signal variance `(m,)`."""
+        ratio: FloatArray = self.hyperparameters.noise / self.hyperparameters.signal
+        return ratio
+
+    @property
+    def signal(self) -> FloatArray:
+        """Prior variance `(m,)` in squared units of the outputs."""
+        variance: FloatArray = self.hyperparameters.signal * self.scaling.y_spread**2
+        return variance
+
+    @property
+    def noise(self) -> FloatArray:
+        """Noise variance `(m,)` in squared units of the outputs."""
+        variance: FloatArray = self.hyperparameters.noise * self.scaling.y_spread**2
+        return variance
+
+
 def learn(
     X: FloatArray,
     Y: FloatArray,
@@ -68,8 +132,11 @@ def learn(
     rng: np.random.Generator,
     progress: Progress,
     start: FloatArray | None = None,
+    kernel: KernelOption = "rbf",
 ) -> Hyperparameters:
-    """Return the best of `1 + restarts` searches by L-BFGS-B.
+    """Return the best of `1 + restarts` searches by L-BFGS-B, and of the kernels that may be taken.
+
+    A further kernel is searched from where the first one's search ended; that of the greater posterior is taken.
 
     Parameters
     ----------
@@ -87,41 +154,54 @@ def learn(
         Told after each search.
     start : (p,) array, optional
         Where the first search starts, as it came out of a search of data of the same kind.
+    kernel : "rbf", "matern52" or "auto"
+        Kernel, or "auto" for any.
+
+    Raises
+    ------
+    DataError
+        There is no such kernel.
     """
+    kinds = list(KERNELS.values()) if kernel == "auto" else [kernel_named(kernel)]
     data = LearningData(X, Y, None if groups is None else sample_lags(groups, times))
     correlated = data.lags is not None
-    layout = Layout(masks, Y.shape[1], correlated, _time_range(data.lags) if correlated and times is not None else None)
-    best_value, best_theta, evaluations = np.inf, layout.start, 0
-    for attempt in range(1 + restarts):
-        result = minimize(
-            negative_log_posterior,
-            _start(layout, start, attempt, rng),
-            args=(data, layout),
-            jac=True,
-            method="L-BFGS-B",
-            bounds=layout.bounds,
-            options={"maxiter": MOST_STEPS, "ftol": TOLERANCE},
+    time_range = _time_range(data.lags) if correlated and times is not None else None
+    layout = Layout(masks, Y.shape[1], correlated, time_range, kinds[0])
+    starts = [_start(layout, start, attempt, rng) for attempt in range(1 + restarts)]
+    best = _search(data, layout, starts, progress)
+    for kind in kinds[1:]:
+        best = min(best, _search(data, replace(layout, kind=kind), [best.theta], progress), key=lambda h: h.objective)
+    return best
+
+
+def _search(data: LearningData, layout: Layout, starts: Sequence[FloatArray], progress: Progress) -> Hyperparameters:
+    """Best of the searches for one kernel."""
+    results = []
+    for start in starts:
+        options = {"maxiter": MOST_STEPS, "ftol": TOLERANCE}
+        results.append(
+            minimize(
+                negative_log_posterior,
+                start,
+                args=(data, layout),
+                jac=True,
+                method="L-BFGS-B",
+                bounds=layout.bounds,
+                options=options,
+            )
         )
-        evaluations += int(result.nfev)
-        if result.fun < best_value:
-            best_value, best_theta = float(result.fun), result.x
-        progress.step("hyperparameters", (attempt + 1) / (1 + restarts))
-    return _hyperparameters(best_theta, data, layout, best_value, evaluations)
-
-
-def _hyperparameters(
-    theta: FloatArray, data: LearningData, layout: Layout, value: float, evaluations: int
-) -> Hyperparameters:
-    noise, signal = layout.noise(theta), profiled_signal(theta, data, layout)
+        progress.step("hyperparameters", len(results) / len(starts))
+    best = min(results, key=lambda result: float(result.fun))
+    noise, signal = layout.noise(best.x), profiled_signal(best.x, data, layout)
     return Hyperparameters(
-        kernel=layout.kernel(theta),
+        kernel=layout.kernel(best.x),
         signal=signal,
         noise=signal * noise.ratio,
         correlated_share=noise.share,
         correlation_time=noise.time,
-        objective=value,
-        evaluations=evaluations,
-        theta=theta,
+        objective=float(best.fun),
+        evaluations=sum(int(result.nfev) for result in results),
+        theta=best.x,
     )
 
 
@@ -139,3 +219,8 @@ def _time_range(lags: FloatArray | None) -> tuple[float, float]:
     if known.size == 0:
         return 1.0, 1.0
     return float(known.min()), float(10.0 * known.max())
+
+
+def _spread(values: FloatArray) -> FloatArray:
+    spread = values.std(axis=0)
+    return np.where(spread <= FLAT * np.abs(values).max(axis=0), 1.0, spread)

@@ -1,18 +1,107 @@
-"""The hot path: all outputs for one input, group by group of outputs that share a kernel."""
+"""Predictions from factors computed once: of one input (the hot path) and of many.
+
+With correlations k to the basis points the mean of output o is `k^T alpha_o` and its latent variance `s_o (1 - sum_j
+c_oj w_j^2)`, `w = P k`: the shared kernel lets one product `P k` serve every output, whatever its noise
+(docs/design/0002).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Self
 
 import numpy as np
 
 from gpcorrect.gpr.compiled import Tables, predict_one, tables
-from gpcorrect.gpr.shared_predictor import SharedPredictor
-from gpcorrect.types import FloatArray
+from gpcorrect.gpr.kernels import Kernel, kernel_named
+from gpcorrect.types import FloatArray, frozen_array
 
-__all__ = ["Predictor"]
+__all__ = ["Predictor", "SharedPredictor"]
+
+BLOCK = 2048  # rows predicted at once: memory stays flat however many are asked
+
+
+@dataclass(frozen=True, eq=False)
+class SharedPredictor:
+    """Everything a prediction needs, as read-only arrays: it changes nothing, so threads may share it.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Correlation, in the inputs' units.
+    basis : (p, d) array
+        Points that predictions rest on: the inducing points, or the training inputs.
+    alpha : (m, p) array
+        Weights of the mean, in the outputs' units.
+    offset : (m,) array
+        Mean far from all data.
+    projection : (r, q) array
+        P above, over the first q <= p basis points: the variance may rest on fewer points than the mean. Rounded to
+        single precision, which moves a standard deviation by some 1e-6 of itself: it is most of what a query reads,
+        and half the bytes stay in the processor's cache.
+    explained : (m, r) array
+        c above: the share of prior variance that the data take away along each direction.
+    signal, noise : (m,) arrays
+        Prior variance and noise variance, in squared units of the outputs.
+    """
+
+    kernel: Kernel
+    basis: FloatArray
+    alpha: FloatArray
+    offset: FloatArray
+    projection: FloatArray
+    explained: FloatArray
+    signal: FloatArray
+    noise: FloatArray
+
+    def __post_init__(self) -> None:
+        # C order always: another layout would round otherwise, and a reloaded model must answer to the last bit.
+        for name in self._names():
+            object.__setattr__(self, name, frozen_array(np.ascontiguousarray(getattr(self, name))))
+        object.__setattr__(self, "projection", frozen_array(self.projection.astype(np.float32).astype(np.float64)))
+
+    @classmethod
+    def _names(cls) -> tuple[str, ...]:
+        return tuple(f.name for f in fields(cls) if f.name != "kernel")
+
+    def mean_std_batch(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Predict inputs `(n, d)`: means `(n, m)`, standard deviations `(n, m)` and novelties `(n,)`."""
+        n, m = len(X), len(self.offset)
+        mean, std, novelty = np.empty((n, m)), np.empty((n, m)), np.empty(n)
+        for start in range(0, n, BLOCK):
+            rows = slice(start, start + BLOCK)
+            K = self.kernel(X[rows], self.basis)
+            W = K[:, : self.projection.shape[1]] @ self.projection.T
+            left = np.maximum(1.0 - (W * W) @ self.explained.T, 0.0)
+            mean[rows] = K @ self.alpha.T + self.offset
+            std[rows] = np.sqrt(left * self.signal + self.noise)
+            novelty[rows] = left.min(axis=1)
+        return mean, std, novelty
+
+    def to_arrays(self) -> dict[str, FloatArray]:
+        """Return the arrays by name, for a model file; the kernel's name as its letters' codes."""
+        kernel = {
+            "kernel": np.frombuffer(self.kernel.name.encode(), dtype=np.uint8).astype(np.float64),
+            "component_weights": self.kernel.weights,
+            "length_scales": self.kernel.length_scales,
+        }
+        return {**kernel, **{name: getattr(self, name) for name in self._names()}}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Self:
+        """Rebuild a predictor from :meth:`to_arrays`.
+
+        Raises
+        ------
+        KeyError
+            An array is missing.
+        DataError
+            It names a kernel that there is not.
+        """
+        kind = kernel_named(arrays["kernel"].astype(np.uint8).tobytes().decode(errors="replace"))
+        kernel = kind(np.asarray(arrays["component_weights"]), np.asarray(arrays["length_scales"]))
+        return cls(kernel, **{name: np.asarray(arrays[name]) for name in cls._names()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +149,7 @@ class Predictor:
         std : (m,) array
             Standard deviation of a new observation: latent variance and noise.
         novelty : float
-            Share of the prior variance that is left, of the group told least of: 0 amid data, 1 far from all.
+            Fraction of the prior variance that is left, of the group known least: 0 amid data, 1 far from all.
         """
         # A copy: another layout or a read-only array would be compiled for anew.
         answer: tuple[FloatArray, FloatArray, float] = predict_one(np.array(x, dtype=np.float64), self.tables)
@@ -87,9 +176,7 @@ class Predictor:
         count = len({name.split(".")[0] for name in arrays})
         if count == 0:
             raise KeyError("a predictor has at least one group of arrays")
-        return cls(tuple(SharedPredictor.from_arrays(_part(arrays, i)) for i in range(count)))
-
-
-def _part(arrays: Mapping[str, FloatArray], index: int) -> dict[str, FloatArray]:
-    prefix = f"{index}."
-    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+        groups = [
+            {k.removeprefix(f"{i}."): v for k, v in arrays.items() if k.startswith(f"{i}.")} for i in range(count)
+        ]
+        return cls(tuple(map(SharedPredictor.from_arrays, groups)))

@@ -11,18 +11,22 @@ from copy import copy
 from typing import Self
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from gpcorrect.gpr.estimator import GaussianProcess
-from gpcorrect.gpr.inducing import choose_inducing
-from gpcorrect.gpr.kernels import AdditiveRBF
-from gpcorrect.gpr.learned import Learned
+from gpcorrect.gpr.kernels import Kernel
+from gpcorrect.gpr.learning import KernelOption, Learned
 from gpcorrect.gpr.linalg import cholesky
-from gpcorrect.gpr.predictor import Predictor
-from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.gpr.predictor import Predictor, SharedPredictor
 from gpcorrect.gpr.statistics import Statistics, collect, posterior, statistics_of, updated
-from gpcorrect.types import FloatArray, Progress
+from gpcorrect.types import FloatArray, IntArray, Progress
 
-__all__ = ["SparseGPR"]
+__all__ = ["SparseGPR", "choose_inducing"]
+
+CANDIDATES_PER_POINT = 5
+FEWEST_CANDIDATES = 4096
+BLOCK = 64
+TOLERANCE = 1e-7  # of the prior variance: a sample explained to this is the same point to rounding
 
 
 class SparseGPR(GaussianProcess):
@@ -45,6 +49,8 @@ class SparseGPR(GaussianProcess):
     inflation : sequence of float, optional
         For each group of outputs, how many neighbouring samples count as one, because they err together; 1 by default.
         :func:`gpcorrect.gpr.learn_inflation` learns it.
+    kernel : "rbf", "matern52" or "auto"
+        Correlation function; "auto" takes, for each group of outputs, the one of greater evidence.
     random_state : int, RandomState or None
         Seed of the subset, the restarts and the inducing points.
 
@@ -73,6 +79,7 @@ class SparseGPR(GaussianProcess):
         n_learn: int = 500,
         n_restarts: int = 0,
         inflation: Sequence[float] | None = None,
+        kernel: KernelOption = "rbf",
         random_state: int | None = 0,
     ) -> None:
         self.n_inducing = n_inducing
@@ -82,6 +89,7 @@ class SparseGPR(GaussianProcess):
         self.n_learn = n_learn
         self.n_restarts = n_restarts
         self.inflation = inflation
+        self.kernel = kernel
         self.random_state = random_state
 
     statistics_: tuple[Statistics, ...]
@@ -122,5 +130,58 @@ class SparseGPR(GaussianProcess):
         self.unseen_ = max(self.unseen_, statistics.unseen(len(basis)))
         return posterior(kernel, basis, L, offset, learned.signal, learned.noise, statistics, self.n_variance)
 
-    def _inducing_points(self, kernel: AdditiveRBF, X: FloatArray, rng: np.random.Generator) -> FloatArray:
+    def _inducing_points(self, kernel: Kernel, X: FloatArray, rng: np.random.Generator) -> FloatArray:
         return choose_inducing(kernel, X, self.n_inducing, rng)
+
+
+def choose_inducing(kernel: Kernel, X: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
+    """Return at most `count` rows of `X` `(n, d)` as inducing points; fewer when they explain all the others.
+
+    They are drawn in proportion to what the points chosen so far leave unexplained: randomly pivoted Cholesky (Chen,
+    Epperly, Tropp and Webber 2023) in blocks with rejection (Epperly, Tropp and Webber 2024), the same law as drawing
+    one at a time at the speed of matrix products. Unlike the greedy choice it does not chase outliers, unlike k-means
+    it never puts two points where one will do, so the covariance of the points stays well conditioned; and any first
+    part of the points is itself a sound choice, which the predictor makes use of.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        In the units of X.
+    X : (n, d) array
+        Training inputs; a random part of them are candidates.
+    count : int
+        Points wanted.
+    rng : numpy.random.Generator
+        Source of the draws.
+    """
+    candidates = X[rng.permutation(len(X))[: max(CANDIDATES_PER_POINT * count, FEWEST_CANDIDATES)]]
+    count = min(count, len(candidates))
+    factor, left, chosen = np.empty((count, len(candidates))), np.ones(len(candidates)), np.empty(0, dtype=np.int64)
+    while len(chosen) < count and left.max() > TOLERANCE:
+        found = factor[: len(chosen)]
+        batch = np.unique(rng.choice(len(left), min(BLOCK, count - len(chosen)), p=left / left.sum()))
+        batch = rng.permutation(batch)
+        inner = kernel(candidates[batch], candidates[batch]) - found[:, batch].T @ found[:, batch]
+        kept = _thin(inner, rng)
+        rows = batch[kept]
+        cross = kernel(candidates[rows], candidates) - found[:, rows].T @ found
+        new = solve_triangular(cholesky(inner[np.ix_(kept, kept)])[0], cross, lower=True, check_finite=False)
+        factor[len(chosen) : len(chosen) + len(rows)] = new
+        left = np.maximum(left - np.einsum("in,in->n", new, new), 0.0)
+        left[rows] = 0.0
+        chosen = np.concatenate([chosen, rows])
+    points: FloatArray = candidates[chosen]
+    return points
+
+
+def _thin(residual: FloatArray, rng: np.random.Generator) -> IntArray:
+    """Keep of a block what drawing one at a time would: each with the share of its variance that is still left."""
+    left = np.array(residual)
+    thresholds = np.maximum(np.diagonal(residual) * rng.random(len(residual)), TOLERANCE)
+    kept: list[int] = []
+    for i, threshold in enumerate(thresholds):
+        if left[i, i] > threshold or not kept:
+            kept.append(i)
+            column = left[:, i] / np.sqrt(max(left[i, i], TOLERANCE))
+            left -= np.outer(column, column)
+    return np.array(kept, dtype=np.int64)

@@ -14,9 +14,9 @@ from typing import Self
 import numpy as np
 from scipy.linalg import blas, cho_factor, cho_solve, solve_triangular
 
-from gpcorrect.gpr.kernels import AdditiveRBF
+from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.gpr.linalg import cholesky
-from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.gpr.predictor import SharedPredictor
 from gpcorrect.types import FloatArray, Progress, frozen_array
 
 __all__ = ["Statistics", "collect", "posterior", "statistics_of", "updated"]
@@ -109,7 +109,7 @@ class Statistics:
 
 
 def collect(
-    kernel: AdditiveRBF,
+    kernel: Kernel,
     basis: FloatArray,
     L: FloatArray,
     offset: FloatArray,
@@ -129,7 +129,7 @@ def collect(
 
 
 def posterior(
-    kernel: AdditiveRBF,
+    kernel: Kernel,
     basis: FloatArray,
     L: FloatArray,
     offset: FloatArray,
@@ -142,8 +142,7 @@ def posterior(
     ratio = noise / signal
     projection, explained = statistics.variance_factors(L, ratio, min(n_variance, len(basis)))
     return SharedPredictor(
-        component_weights=kernel.weights,
-        length_scales=kernel.length_scales,
+        kernel=kernel,
         basis=basis,
         alpha=statistics.mean_weights(L, ratio).T,
         offset=offset,
@@ -156,14 +155,12 @@ def posterior(
 
 def statistics_of(part: SharedPredictor, X: FloatArray, Y: FloatArray) -> Statistics:
     """Return the statistics of samples `(n, d)` and `(n, m)` under a predictor's points and hyperparameters."""
-    kernel = AdditiveRBF(part.component_weights, part.length_scales)
-    L = cholesky(kernel(part.basis, part.basis))[0]
-    return collect(kernel, part.basis, L, part.offset, X, Y, Progress())
+    L = cholesky(part.kernel(part.basis, part.basis))[0]
+    return collect(part.kernel, part.basis, L, part.offset, X, Y, Progress())
 
 
 def updated(part: SharedPredictor, statistics: Statistics) -> SharedPredictor:
     """Return the predictor of other statistics under the same points and hyperparameters."""
-    kernel = AdditiveRBF(part.component_weights, part.length_scales)
-    L = cholesky(kernel(part.basis, part.basis))[0]
-    shared = kernel, part.basis, L, part.offset, part.signal, part.noise
+    L = cholesky(part.kernel(part.basis, part.basis))[0]
+    shared = part.kernel, part.basis, L, part.offset, part.signal, part.noise
     return posterior(*shared, statistics, part.projection.shape[1])

@@ -9,7 +9,6 @@ from support import small_log
 from gpcorrect.adaptation import explore
 from gpcorrect.corrector import CommandCorrector, FitSettings, fit_corrector, log_samples
 from gpcorrect.errors import DataError
-from gpcorrect.gpr.kernels import AdditiveRBF
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.statistics import collect, updated
 from gpcorrect.types import CalibrationLog, Progress
@@ -98,9 +97,8 @@ def _variance(corrector: CommandCorrector, X: np.ndarray, task: np.ndarray) -> f
     """Mean novelty-like variance over the task once X was observed, whatever was seen there."""
     total = 0.0
     for part, statistics in zip(corrector.predictor.parts, corrector.statistics, strict=True):
-        kernel = AdditiveRBF(part.component_weights, part.length_scales)
-        L = cholesky(kernel(part.basis, part.basis))[0]
-        new = collect(kernel, part.basis, L, part.offset, X, np.zeros((len(X), len(part.offset))), Progress())
+        L = cholesky(part.kernel(part.basis, part.basis))[0]
+        new = collect(part.kernel, part.basis, L, part.offset, X, np.zeros((len(X), len(part.offset))), Progress())
         _, std, _ = updated(part, statistics.plus(new)).mean_std_batch(task)
         total += float(((std**2 - part.noise) / part.signal).mean())
     return total

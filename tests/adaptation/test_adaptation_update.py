@@ -14,7 +14,6 @@ from gpcorrect.adaptation import trajectory_scores, update
 from gpcorrect.corrector import CommandCorrector, FitSettings, fit_corrector, log_samples
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import SparseGPR
-from gpcorrect.gpr.kernels import AdditiveRBF
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.statistics import Statistics, collect, updated
 from gpcorrect.types import Progress
@@ -37,10 +36,9 @@ def test_data_in_two_parts_are_data_at_once() -> None:
     Y = np.column_stack([np.sin(X[:, 0]), X[:, 1] * X[:, 2]]) + 0.1 * rng.normal(size=(400, 2))
     model = SparseGPR(60, 40, n_learn=200).fit(X, Y)
     (part,), (whole,) = model.predictor_.parts, model.statistics_
-    kernel = AdditiveRBF(part.component_weights, part.length_scales)
-    L = cholesky(kernel(part.basis, part.basis))[0]
+    L = cholesky(part.kernel(part.basis, part.basis))[0]
     first, second = (
-        collect(kernel, part.basis, L, part.offset, X[rows], Y[rows], Progress())
+        collect(part.kernel, part.basis, L, part.offset, X[rows], Y[rows], Progress())
         for rows in (slice(250), slice(250, None))
     )
     together = updated(part, first.plus(second))

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import FeatureMap
-from gpcorrect.gpr.rotation_features import fixed_axes_angles
+from gpcorrect.gpr.features import fixed_axes_angles
 
 POSE_VELOCITY = ("pose", "velocity")
 

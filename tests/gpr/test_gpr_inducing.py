@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gpcorrect.gpr.inducing import choose_inducing
 from gpcorrect.gpr.kernels import AdditiveRBF
+from gpcorrect.gpr.sparse import choose_inducing
 
 KERNEL = AdditiveRBF(np.ones(1), np.full((1, 3), 1.5))
 

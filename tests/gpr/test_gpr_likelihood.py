@@ -8,8 +8,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from gpcorrect.gpr.kernels import component_masks
 from gpcorrect.gpr.learning import learn
-from gpcorrect.gpr.likelihood import LearningData, negative_log_posterior, profiled_signal, sample_lags
-from gpcorrect.gpr.parameters import Layout
+from gpcorrect.gpr.likelihood import Layout, LearningData, negative_log_posterior, profiled_signal, sample_lags
 from gpcorrect.types import Progress
 
 

@@ -14,9 +14,8 @@ from functools import reduce
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.gpr.kernels import AdditiveRBF
 from gpcorrect.gpr.linalg import cholesky
-from gpcorrect.gpr.shared_predictor import SharedPredictor
+from gpcorrect.gpr.predictor import SharedPredictor
 from gpcorrect.gpr.sparse import SparseGPR
 from gpcorrect.gpr.statistics import Statistics
 from gpcorrect.types import FloatArray, IntArray, Progress
@@ -128,9 +127,8 @@ def _squares(model: SparseGPR, X: FloatArray, Y: FloatArray) -> FloatArray:
 
 def _means(part: SharedPredictor, statistics: Statistics, X: FloatArray) -> FloatArray:
     """Means `(steps, n, m)` under each inflation."""
-    kernel = AdditiveRBF(part.component_weights, part.length_scales)
-    L = cholesky(kernel(part.basis, part.basis))[0]
-    K = kernel(X, part.basis)
+    L = cholesky(part.kernel(part.basis, part.basis))[0]
+    K = part.kernel(X, part.basis)
     ratio = part.noise / part.signal
     return np.array([K @ statistics.inflated(c).mean_weights(L, ratio) + part.offset for c in INFLATIONS])
 
