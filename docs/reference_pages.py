@@ -1,4 +1,4 @@
-"""mkdocs hook: a page of the API reference for every package, made from the docstrings, and its place in the nav."""
+"""mkdocs hook: decisions and API reference in the navigation, and a page of the reference for every package."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ PACKAGES = ("gpcorrect", "service/gpcorrect_service", "studies/gpcorrect_studies
 
 
 def on_config(config: Any) -> Any:
-    """Put the pages of the reference at the end of the navigation."""
+    """Put decisions and reference at the end of the navigation."""
+    decisions = sorted(path.name for path in (ROOT / "docs" / "design").glob("*.md"))
+    config.nav.append({"Decisions": [f"design/{name}" for name in decisions]})
     config.nav.append({"Reference": [{name: f"reference/{name}.md"} for name in names()]})
     return config
 

@@ -18,7 +18,7 @@ def test_every_public_name_is_there() -> None:
 
 def test_write_read_fit_save_load_and_correct(tmp_path: Path) -> None:
     """A lab's whole morning in five calls: the loaded model answers as the fitted one."""
-    gpcorrect.write_log(small_log(trajectories=8), tmp_path / "reaches.csv")
+    gpcorrect.write_log(small_log(trajectories=6, samples=40), tmp_path / "reaches.csv")
     fitted = gpcorrect.fit_corrector(gpcorrect.read_log(tmp_path / "reaches.csv"))
     gpcorrect.save(fitted, tmp_path / "model.gpc")
     pose = [0.1, 0.0, -0.1, 1.0, 0.0, 0.0, 0.0]
