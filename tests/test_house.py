@@ -63,3 +63,13 @@ def test_the_page_on_joints_lists_the_methods() -> None:
 def test_the_help_of_an_option_names_every_choice(command: str, option: str, names: tuple[str, ...]) -> None:
     """What an option takes can be read from its help."""
     assert set(names) <= set(re.findall(r"\w+", option_help(command, option)))
+
+
+def test_the_documents_name_tests_that_exist() -> None:
+    """A test that a page names is a file or a function of the tests."""
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    named = {name for page in pages for name in re.findall(r"\btest_[a-z0-9_]+", page.read_text())}
+    files = [*(ROOT / "tests").rglob("test_*.py")]
+    known = {path.stem for path in files}
+    known |= {name for path in files for name in re.findall(r"^ *(?:async )?def (test_\w+)", path.read_text(), re.M)}
+    assert named <= known

@@ -33,7 +33,7 @@ UNITS = (math.radians(1.0), math.radians(1.0), 1e-3)  # rad, rad, m
 ROUNDING = 1e-9  # rad and m: of limits written in degrees and millimetres
 RATE_HZ = 30.0  # of driven paths, as in Peng et al. 2024
 PATIENCE = 120.0  # s for the simulated arm to come up
-MACHINE = "raven2_calibration"
+MACHINE = "raven2_calibration"  # packaged machine of the simulated arm: with outside encoders
 
 
 def zigzag_command(

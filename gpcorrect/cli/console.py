@@ -32,7 +32,7 @@ __all__ = [
 out = Console(highlight=False, soft_wrap=True)
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
-BAD_INPUT = 2
+BAD_INPUT = 2  # exit status, as of a wrong option
 
 
 def bad_input(error: GpCorrectError) -> int:
