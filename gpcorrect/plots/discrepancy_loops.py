@@ -59,8 +59,8 @@ def _joint_column(evidence: Evidence, index: int) -> int:
     """Return the joint column to draw a channel against: its own, or the one that explains most of it."""
     if evidence.joint[index] >= 0:
         return evidence.joint[index]
-    shares = [_explained(column, evidence.before[:, index]) for column in evidence.motor.T]
-    return int(np.argmax(shares))
+    fractions = [_explained(column, evidence.before[:, index]) for column in evidence.motor.T]
+    return int(np.argmax(fractions))
 
 
 def _explained(position: FloatArray, residual: FloatArray) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log, motors
 from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.naming.name import overtone_nats
+from gpcorrect.discrepancy.naming.posterior import overtone_nats
 from gpcorrect.discrepancy.naming.weigh import view_of
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine

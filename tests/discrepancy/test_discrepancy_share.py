@@ -8,7 +8,7 @@ import numpy as np
 from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log, motors
 from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.naming.name import fraction_closed
+from gpcorrect.discrepancy.naming.posterior import fraction_closed
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import Search, start_search

@@ -63,8 +63,9 @@ def advise(
     leader, rival = question
     own = leader.fit.candidate
     rest = [m for m in fitted if m.candidate.key != own.key]
-    comparison = Comparison(scene, tuple(rest), leader.fit, _variants(scene, rival), tuple(noises))
-    runs = _separating(own, comparison.rivals)
+    shapes = tuple(c for c in all_candidates(scene) if c.label == rival.label)
+    comparison = Comparison(scene, tuple(rest), leader.fit, shapes, tuple(noises))
+    runs = list(dict.fromkeys(run for c in (own, *shapes[:1]) for run in c.kind.about.separating_runs))
     best = _best(comparison, runs)
     if best is None or best[1] < ADVICE.enough:
         tried = (best, _best(comparison, [run for run in Run if run not in runs]))
@@ -120,16 +121,6 @@ def _is_open(named: Named, other: Alternative) -> bool:
     )
 
 
-def _variants(scene: Scene, rival: Alternative) -> tuple[Candidate, ...]:
-    every = all_candidates(scene)
-    return tuple(c for c in every if c.label == rival.label)
-
-
-def _separating(own: Candidate, rivals: Sequence[Candidate]) -> list[Run]:
-    """Return runs that the two descriptions recommend."""
-    return list(dict.fromkeys(run for c in (own, *rivals[:1]) for run in c.kind.about.separating_runs))
-
-
 def _site(scene: Scene, joint: int | str) -> Site:
     motor, body = scene.motor_path(), scene.machine.body
     steps = np.diff(scene.time)
@@ -177,7 +168,7 @@ class _View:
 
     dataset: Dataset
     whitener: DatasetWhitener
-    said: FloatArray
+    predicted: FloatArray
 
 
 def _view(comparison: Comparison, planned: PlannedRun, index: int) -> _View:
@@ -189,10 +180,11 @@ def _view(comparison: Comparison, planned: PlannedRun, index: int) -> _View:
     effects = [m.effect for m in comparison.rest] + [_homed(comparison.leader.effect, comparison, planned)]
     scene = replace(scene, observed=scene.predict(effects))  # the tracker would be registered on what it then sees
     whole = Split(log.trajectory, np.zeros(len(log), dtype=np.int64), "")
-    dataset = build_dataset(scene, whole, max_rows=max(1, len(log) // _stride(comparison.scene)))
-    said = dataset.predict(effects)
+    stride = max(1, int(np.ceil(len(comparison.scene) / SPLIT.most_rows)))  # as for the present recording
+    dataset = build_dataset(scene, whole, max_rows=max(1, len(log) // stride))
+    predicted = dataset.predict(effects)
     every: BoolArray = np.ones(len(dataset), dtype=np.bool_)
-    return _View(dataset, whitener_on(dataset, np.zeros(said.shape), every, comparison.noises), said)
+    return _View(dataset, whitener_on(dataset, np.zeros(predicted.shape), every, comparison.noises), predicted)
 
 
 def _changed(model: Model, gain: float) -> Model:
@@ -209,11 +201,6 @@ def _same_signals(log: CalibrationLog, scene: Scene) -> CalibrationLog:
     return log if "measured_jp" in seen else replace(log, measured_jp=None, measured_jv=None, measured_jf=None)
 
 
-def _stride(scene: Scene) -> int:
-    """Return samples that are condensed into one row, as for the present recording."""
-    return max(1, int(np.ceil(len(scene) / SPLIT.most_rows)))
-
-
 def _homed(effect: Effect, comparison: Comparison, planned: PlannedRun) -> Effect:
     """Return the leader with another value after a homing, where it has one a session."""
     single = [p for p in effect.about.parameters if p.per_session]
@@ -228,7 +215,7 @@ def _homed(effect: Effect, comparison: Comparison, planned: PlannedRun) -> Effec
 
 def _unexplained(comparison: Comparison, views: Sequence[_View]) -> float:
     shared = [m.effect for m in comparison.rest]
-    return sum(0.5 * float((v.whitener.whiten(v.said - v.dataset.predict(shared)) ** 2).sum()) for v in views)
+    return sum(0.5 * float((v.whitener.whiten(v.predicted - v.dataset.predict(shared)) ** 2).sum()) for v in views)
 
 
 def _misfit(comparison: Comparison, views: Sequence[_View], candidate: Candidate) -> float:
@@ -238,7 +225,7 @@ def _misfit(comparison: Comparison, views: Sequence[_View], candidate: Candidate
 
     def errors(u: FloatArray) -> FloatArray:
         effects = [*shared, candidate.build(u)]
-        return np.concatenate([v.whitener.whiten(v.said - v.dataset.predict(effects)) for v in views])
+        return np.concatenate([v.whitener.whiten(v.predicted - v.dataset.predict(effects)) for v in views])
 
     def slopes(u: FloatArray) -> FloatArray:
         here, columns = errors(u), []

@@ -120,8 +120,8 @@ def _speed_ladder(site: Site) -> PlannedRun:
 
 
 def _amplitudes(site: Site) -> PlannedRun:
-    shares = ", ".join(f"{100 * a:g}" for a in AMPLITUDES)
-    words = f"{Run.AMPLITUDES.value}: {_who(site)}, {shares} % of the range"
+    fractions = ", ".join(f"{100 * a:g}" for a in AMPLITUDES)
+    words = f"{Run.AMPLITUDES.value}: {_who(site)}, {fractions} % of the range"
     return _future(site, Run.AMPLITUDES, words, [(p, None) for p in _strokes(site)])
 
 

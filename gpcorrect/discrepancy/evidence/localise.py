@@ -1,6 +1,6 @@
 """Where simulation and measurement disagree.
 
-The small tests whose held-out gain beats what noise alone would give in the luckiest of them.
+The small tests whose held-out gain beats what noise alone would give in the largest of them.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class Localisation:
     findings : tuple of Finding
         Above the threshold, largest first; those too small to count as well.
     threshold : float
-        Nats that the luckiest of all tests stays below in noise, with the level's probability.
+        Nats that the largest of all tests stays below in noise, with the level's probability.
     largest : float
         Nats of the best test whose finding counts.
     equivalence : tuple of Equivalence
@@ -162,8 +162,11 @@ def localise(
     threshold = max(0.0, float(np.quantile(null, level)))
     findings = sorted((f for r in results for f in r.findings if f.nats > threshold), key=_rank)
     largest = max(r.largest for r in results)
-    bounds = tuple(_equivalence(r, tolerance) for r in results)
-    return Localisation(tuple(findings), threshold, largest, bounds)
+    bounds = []
+    for r in results:
+        std = r.data.noise.std
+        bounds.append(Equivalence(r.data.channel, r.systematic / std, max(TESTS.equivalence, tolerance / std)))
+    return Localisation(tuple(findings), threshold, largest, tuple(bounds))
 
 
 def _rank(finding: Finding) -> tuple[bool, float]:
@@ -288,8 +291,3 @@ def _systematic(sums: Grams, fraction: FloatArray) -> _Systematic:
     inverse = np.linalg.pinv(gram[np.ix_(occupied, occupied)], hermitian=True)
     fraction = fraction[occupied] / fraction[occupied].sum()
     return _Systematic(inverse @ moment[occupied], inverse, fraction)
-
-
-def _equivalence(result: _ChannelResult, tolerance: float) -> Equivalence:
-    std = result.data.noise.std
-    return Equivalence(result.data.channel, result.systematic / std, max(TESTS.equivalence, tolerance / std))

@@ -65,7 +65,7 @@ def strongest_tone(time: FloatArray, residual: FloatArray, block: IntArray) -> T
     if len(frequency) < FEWEST_FREQUENCIES:
         return None
     scale = float(np.median(np.abs(residual[np.concatenate(pieces)]))) / NORMAL_MAD
-    power = np.mean([_power(time[p], _calm(residual[p], scale), frequency) for p in pieces], axis=0)
+    power = np.mean([_power(time[p], residual[p], scale, frequency) for p in pieces], axis=0)
     background = _smooth(power, frequency, len(pieces))
     ratio = np.maximum(power / background, 1.0)
     peak = int(np.argmax(ratio))
@@ -85,13 +85,9 @@ def _pieces(block: IntArray) -> list[IntArray]:
     return [rows for rows in found if len(rows) >= FEWEST_ROWS]
 
 
-def _calm(values: FloatArray, scale: float) -> FloatArray:
-    calm: FloatArray = np.clip(values - values.mean(), -CLIP * scale, CLIP * scale)
-    return calm
-
-
-def _power(time: FloatArray, values: FloatArray, frequency: FloatArray) -> FloatArray:
-    """Mean square of a sine fitted at each frequency."""
+def _power(time: FloatArray, values: FloatArray, scale: float, frequency: FloatArray) -> FloatArray:
+    """Mean square of a sine fitted at each frequency, outliers clipped."""
+    values = np.clip(values - values.mean(), -CLIP * scale, CLIP * scale)
     power: FloatArray = np.asarray(lombscargle(time, values, 2.0 * np.pi * frequency)) * (2.0 / len(time))
     return power
 

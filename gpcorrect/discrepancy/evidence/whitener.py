@@ -1,4 +1,4 @@
-"""A dataset seen through its noise: residuals and signatures whitened, weighted, all channels on top of each other."""
+"""A dataset whitened by its noise: residuals and signatures whitened, weighted, all channels on top of each other."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def half_widths(
     Parameters
     ----------
     search : Search
-        Data, signatures and the fitted set.
+        Data, signatures and the fitted effects.
     whitener : DatasetWhitener
         Data, and the rows and noise to use.
     fitted : sequence of FittedEffect
@@ -74,7 +74,7 @@ def away_from_nothing(search: Search, whitener: DatasetWhitener, fitted: Sequenc
     Parameters
     ----------
     search : Search
-        Data, signatures and the fitted set.
+        Data, signatures and the fitted effects.
     whitener : DatasetWhitener
         Data, and the rows and noise to use.
     fitted : sequence of FittedEffect
@@ -117,7 +117,7 @@ def _covariances(
 
 
 def _own(fitted: Sequence[FittedEffect], index: int) -> IntArray:
-    """Places of one fit's coordinates among all."""
+    """Places of one effect's coordinates among all."""
     begin = sum(len(m.u) for m in fitted[:index])
     return np.arange(begin, begin + len(fitted[index].u))
 
@@ -128,7 +128,7 @@ def explained_by_others(search: Search, fitted: Sequence[FittedEffect], index: i
     Parameters
     ----------
     search : Search
-        Data, signatures and the fitted set.
+        Data, signatures and the fitted effects.
     fitted : sequence of FittedEffect
         The set.
     index : int

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
-from gpcorrect.discrepancy.naming.name import name_effect
-from gpcorrect.discrepancy.naming.posterior import Named
+from gpcorrect.discrepancy.naming.posterior import Named, name_effect
 from gpcorrect.discrepancy.naming.weigh import Weighed, view_of
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.state import Search
@@ -36,7 +35,7 @@ def name_effects(
 ) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
     """Weigh every fit of a finished search; put better rivals in place, and take out what may not be named.
 
-    An effect is weighed anew whenever a fit that shows in its channels has gone or changed.
+    An effect is weighed anew whenever an effect that shows in its channels has gone or changed.
 
     Parameters
     ----------
@@ -50,7 +49,7 @@ def name_effects(
     Returns
     -------
     search : Search
-        With the named fitted only.
+        With the named effects only.
     named : tuple of Named
         Those, in the same order.
     dropped : tuple of Named
@@ -69,12 +68,12 @@ def name_effects(
 
 @dataclass
 class _ModelSelection:
-    """A set of fitted on its way to names; every step changes it once.
+    """A set of effects on its way to names; every step changes it once.
 
     Parameters
     ----------
     search : Search
-        With the fitted as they are now.
+        With the effects as they are now.
     tests, inputs : sequences
         Of each channel, for the unknown.
     assessments : dict
@@ -105,7 +104,7 @@ class _ModelSelection:
         return self._swap() or self._drop() or self._search_again()
 
     def _swap(self) -> bool:
-        """Put the best rival in a fit's place."""
+        """Put the best rival in an effect's place."""
         if self.swaps == NAMING.swaps:
             return False
         better = _better_rival(self.search, self.assessments, self.dropped)
@@ -117,9 +116,10 @@ class _ModelSelection:
 
     def _drop(self) -> bool:
         """Take the weakest of those out that may not be named; what stood in for something unphysical is sought now."""
-        weakest = _weakest(self.search, self.assessments)
-        if weakest is None:
+        poor = [m for m in self.search.fitted if not self.assessments[id(m)][0].may_be_named]
+        if not poor:
             return False
+        weakest = min(poor, key=lambda m: self.assessments[id(m)][0].nats)
         self.dropped.append(self.assessments[id(weakest)][0])
         self._change(self.search.refit([m for m in self.search.fitted if m is not weakest], weakest.candidate))
         if weakest.at_edge:
@@ -172,9 +172,3 @@ def _better_rival(
     if new is None:
         return None
     return search.refit((*(m for m in search.fitted if m is not place), new), new.candidate)
-
-
-def _weakest(search: Search, assessments: dict[int, Assessment]) -> FittedEffect | None:
-    """Return the fit with the fewest nats among those that may not be named."""
-    poor = [m for m in search.fitted if not assessments[id(m)][0].may_be_named]
-    return min(poor, key=lambda m: assessments[id(m)][0].nats) if poor else None

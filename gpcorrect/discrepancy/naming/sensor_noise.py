@@ -158,7 +158,8 @@ def _change(height: FloatArray, errors: FloatArray, start: FloatArray, end: Floa
     if chance > SENSORS.chance / channels or after.mean() - before.mean() < SENSORS.least_change:
         return None
     spread = np.sqrt(max(_within(before, after), floor**2))
-    low, high = _extra(before, after, spread)
+    half = 1.96 * spread * np.hypot(1.0 / np.sqrt(len(after)), 1.0 / np.sqrt(len(before)))
+    low, high = (_further(float(after.mean()) + side * half, float(before.mean())) for side in (-1.0, 1.0))
     total = max(float(np.mean((height - height.mean()) ** 2)), floor**2)
     nats = 0.5 * len(height) * float(np.log(total / spread**2))
     std = _further(float(after.mean()), float(before.mean()))
@@ -179,13 +180,6 @@ def _within(before: FloatArray, after: FloatArray) -> float:
 def _further(after: float, before: float) -> float:
     """Further standard deviation from the logarithms of two levels."""
     return float(np.sqrt(max(np.exp(2.0 * after) - np.exp(2.0 * before), 0.0)))
-
-
-def _extra(before: FloatArray, after: FloatArray, spread: float) -> tuple[float, float]:
-    """95 % interval of the further noise."""
-    half = 1.96 * spread * np.hypot(1.0 / np.sqrt(len(after)), 1.0 / np.sqrt(len(before)))
-    a, b = float(after.mean()), float(before.mean())
-    return _further(a - half, b), _further(a + half, b)
 
 
 def _excess(levels: FloatArray, errors: FloatArray, start: FloatArray, stated: float) -> Growth | None:
@@ -236,20 +230,14 @@ def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) 
     for i, channel in enumerate(scene.channels):
         if channel.signal != "measured_jp" and channel.joint not in coarse:
             groups.setdefault(channel.joint or "tool", []).append(i)
-    residual, seen = scene.residual(effects), _seen(dataset)
+    residual, seen = scene.residual(effects), dataset.group >= 0
+    seen[seen] = dataset.training[dataset.group[seen]]
     found = []
     for joint, indices in groups.items():
         growth = _growth(scene, residual[:, indices], seen, indices, len(groups))
         if growth is not None:
             found.append(_noise_change(scene.channels[indices[0]], joint, growth, len(groups)))
     return found
-
-
-def _seen(dataset: Dataset) -> BoolArray:
-    """(n,) log rows of discovery and confirmation."""
-    rows = dataset.group >= 0
-    rows[rows] = dataset.training[dataset.group[rows]]
-    return rows
 
 
 def _growth(

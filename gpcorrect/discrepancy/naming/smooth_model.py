@@ -132,9 +132,9 @@ def smooth_fit(
     discovery, confirmation : DatasetWhitener
         How the two parts are seen.
     z : pair of arrays
-        Seen residual of the set on each part.
+        Whitened residual of the set on each part.
     slopes : pair of arrays
-        Seen tangents of the set.
+        Whitened tangents of the set.
     columns : (m, c, k) array
         Of the smooth model.
     size : float
@@ -155,10 +155,7 @@ def smooth_fit(
             best, precision = nats, prior
     beta = solve(sums.gram.sum(axis=0) + np.diag(precision), sums.moment.sum(axis=0))
     shift = np.concatenate([slopes[1], confirmation.whiten_columns(columns)], axis=1) @ beta
-    own_shift = slopes[1] @ _own(sums.gram.sum(axis=0), sums.moment.sum(axis=0), p)
+    gram, moment = sums.gram.sum(axis=0), sums.moment.sum(axis=0)
+    own_shift = slopes[1] @ solve(gram[:p, :p], moment[:p]) if p else np.zeros(len(z[1]))
     gain = 0.5 * (((z[1] - own_shift) ** 2).sum() - ((z[1] - shift) ** 2).sum())
     return SmoothFit(best - float(own), float(gain))
-
-
-def _own(gram: FloatArray, moment: FloatArray, p: int) -> FloatArray:
-    return solve(gram[:p, :p], moment[:p]) if p else np.zeros(0)

@@ -51,7 +51,7 @@ def view_of(search: Search, tests: Sequence[Sequence[Cells]], inputs: Sequence[C
     Parameters
     ----------
     search : Search
-        Data, signatures and the fitted set.
+        Data, signatures and the fitted effects.
     tests : sequence
         Small tests of each channel.
     inputs : sequence of Covariates
@@ -85,7 +85,7 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """Evidence for one fit, in nats beyond the set without it.
+    """Evidence for one effect, in nats beyond the set without it.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def size_overdispersion(search: Search, fit: FittedEffect) -> float:
     Parameters
     ----------
     search : Search
-        Data, signatures and the fitted set.
+        Data, signatures and the fitted effects.
     fit : FittedEffect
         One of the set.
     """
@@ -172,7 +172,7 @@ def size_overdispersion(search: Search, fit: FittedEffect) -> float:
 
 
 def _active(view: View, fit: FittedEffect) -> BoolArray:
-    """Trajectories of both parts in which a fit changes what is seen by more than a little of what it can."""
+    """Trajectories of both parts in which an effect changes the channels by more than a little of what it can."""
     without = view.whitened_residuals([m for m in view.search.fitted if m is not fit])
     parts = zip(
         without, view.whitened_residuals(view.search.fitted), (view.search.whitener, view.confirmation), strict=True
@@ -224,7 +224,7 @@ def _is_simpler(rival: Candidate, candidate: Candidate) -> bool:
 
 
 def _likeness(a: FloatArray, b: FloatArray, slopes: FloatArray) -> float:
-    """Cosine of two seen changes once the part along the others' tangents is taken off both."""
+    """Cosine of two whitened changes once the part along the others' tangents is taken off both."""
     if slopes.shape[1]:
         basis, _ = np.linalg.qr(slopes)
         a, b = a - basis @ (basis.T @ a), b - basis @ (basis.T @ b)
@@ -232,7 +232,7 @@ def _likeness(a: FloatArray, b: FloatArray, slopes: FloatArray) -> float:
 
 
 def _strongest_channels(view: View, fit: FittedEffect, channels: BoolArray) -> BoolArray:
-    """Return the few channels in which a fit is largest beside the noise."""
+    """Return the few channels in which an effect is largest beside the noise."""
     search = view.search
     change = search.dataset.predict([fit.effect]) - search.dataset.predict()
     size = np.sqrt(np.mean(change**2, axis=0)) / search.whitener.std

@@ -1,1 +1,1 @@
-"""What a run found: figures on the sealed part, words, files."""
+"""What a run found: figures on the test set, words, files."""

@@ -12,7 +12,6 @@ from gpcorrect.discrepancy.naming.posterior import Alternative
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, Provenance
 from gpcorrect.discrepancy.outcome.words import noise_source_words, region_words
 from gpcorrect.discrepancy.recording.channels import Channel
-from gpcorrect.discrepancy.search.candidates import Estimate
 
 __all__ = ["gaps_of_report", "report_of"]
 
@@ -68,15 +67,11 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "class": effect.family,
         "level": str(effect.level),
         "probability": effect.probability,
-        "parameters": {name: _estimate(e) for name, e in effect.parameters.items()},
+        "parameters": {k: {"value": e.value, "ci95": e.ci95, "unit": e.unit} for k, e in effect.parameters.items()},
         "rivals": [_alternative(a) for a in effect.rivals],
         "alternatives": [_alternative(a) for a in effect.alternatives],
         "nats": effect.nats,
     }
-
-
-def _estimate(estimate: Estimate) -> dict[str, Any]:
-    return {"value": estimate.value, "ci95": estimate.ci95, "unit": estimate.unit}
 
 
 def _alternative(entry: Alternative) -> dict[str, Any]:

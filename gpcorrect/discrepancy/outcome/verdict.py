@@ -80,7 +80,10 @@ def verdict_level(
         What was looked at and may not be named.
     """
     if not before.something and not effects:
-        return Level.NONE if before.nothing and _nothing_hides(state) else Level.INCONCLUSIVE
+        dataset, noises = state.dataset, state.whitener.noises
+        tolerable = all(t <= VERDICT.most_tolerated for t in dataset.tolerated(noises).values())
+        shown = before.nothing and tolerable and not bursts_of(dataset, noises)
+        return Level.NONE if shown else Level.INCONCLUSIVE
     if effects and (fitted or not before.something):
         return _least_sure(effects)
     joints = {e.joint for e in effects}  # of effects on noise, which say what is odd there
@@ -90,13 +93,6 @@ def verdict_level(
     if left > penalty(max(state.n_kinds, 1)) or is_plain(before, channels, dropped):
         return Level.UNKNOWN
     return _least_sure(effects) if effects else Level.INCONCLUSIVE
-
-
-def _nothing_hides(state: Search) -> bool:
-    """Whether neither rare moments nor the tolerance of the arm's table can hide what is missing."""
-    dataset, noises = state.dataset, state.whitener.noises
-    small = all(fraction <= VERDICT.most_tolerated for fraction in dataset.tolerated(noises).values())
-    return small and not bursts_of(dataset, noises)
 
 
 def is_plain(before: Localisation, channels: Set[Channel], dropped: Sequence[Named]) -> bool:

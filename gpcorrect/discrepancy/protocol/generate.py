@@ -124,8 +124,8 @@ def read_spec(path: Path) -> Spec:
     try:
         table = SpecTable.model_validate(values)
     except ValidationError as error:
-        said = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        raise DataError(f"{path}: {said}.", hint="See docs/discrepancy.md for the keys of a spec file.") from error
+        problems = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise DataError(f"{path}: {problems}.", hint="See docs/discrepancy.md for the keys of a spec file.") from error
     if not table.cases and table.draw is None:
         raise DataError(f"{path} asks for no case.", hint="Give [[cases]], or [draw] with cases = 10.")
     return Spec(read_model(path.parent / table.model), table)
@@ -152,16 +152,14 @@ def generate(spec: Spec, progress: Progress | None = None) -> Iterator[Case]:
         An effect is unknown or fits no joint of the model, or sizes are asked for and the model has no noise.
     """
     rng = np.random.default_rng([spec.table.seed, 41])
-    wanted = [*_given(spec), *_drawn(spec, rng)]
+    given = [
+        (tuple(effect_from_dict(values) for values in case.effects), None)
+        for case in spec.table.cases
+        for _ in range(case.repeat)
+    ]
+    wanted = [*given, *_drawn(spec, rng)]
     ordered = [(number, *wanted[index]) for number, index in enumerate(rng.permutation(len(wanted)))]
     yield from each(partial(_case, spec), ordered, progress, "simulating")
-
-
-def _given(spec: Spec) -> list[tuple[tuple[Effect, ...], float | None]]:
-    found: list[tuple[tuple[Effect, ...], float | None]] = []
-    for case in spec.table.cases:
-        found += [(tuple(effect_from_dict(values) for values in case.effects), None)] * case.repeat
-    return found
 
 
 def _drawn(spec: Spec, rng: np.random.Generator) -> list[tuple[tuple[Effect, ...], float | None]]:

@@ -28,7 +28,7 @@ class CaseOutcome:
     truth : tuple of str
         Canonical names of the hidden effects; the name of what is outside the catalogue.
     answers : tuple of str
-        What was said of each: its own name, another one, or one of :data:`NO_NAME`. One answer for a null case.
+        What was reported of each: its own name, another one, or one of :data:`NO_NAME`. One answer for a null case.
     wrong : bool
         Whether a name (or a set without the truth) was given that is not true.
     unknown : bool
@@ -141,12 +141,12 @@ def _covered(truth: Sequence[Mapping[str, Any]], named: Sequence[Mapping[str, An
         for answer in named:
             if _key(_flat(answer)) != _key(effect):
                 continue
-            for parameter, said in answer["parameters"].items():
+            for parameter, reported in answer["parameters"].items():
                 value = effect.get(parameter)
                 if (
                     isinstance(value, float)
-                    and isinstance(said["value"], float)
-                    and None not in (said["ci95"] or [None])
+                    and isinstance(reported["value"], float)
+                    and None not in (reported["ci95"] or [None])
                 ):
-                    found.append(bool(said["ci95"][0] <= value <= said["ci95"][1]))
+                    found.append(bool(reported["ci95"][0] <= value <= reported["ci95"][1]))
     return tuple(found)

@@ -202,44 +202,59 @@ def score_cases(outcomes: Sequence[CaseOutcome], missing: tuple[str, ...] = ()) 
 
 
 def _targets(outcomes: Sequence[CaseOutcome]) -> list[Target]:
-    rows = [
-        *_share_rows(outcomes, "null", [("any name", _misnamed, 0.0, 0.01), ("said NONE", _said_none, 0.0, 1.0)]),
-        *_share_rows(outcomes, "awkward_null", [("any name", _misnamed, 0.0, 0.03)]),
+    singles = [
+        Measure("single", f"single, effect/noise {ratio:g}", what, hit, low, high, ratio)
+        for ratio, exact in EXACT_TARGETS.items()
+        for what, hit, low, high in (("exact", _exact, exact, 1.0), ("wrong name", _misnamed, 0.0, 0.02))
     ]
-    for ratio, wanted in EXACT_TARGETS.items():
-        part = [o for o in outcomes if o.group == "single" and o.ratio is not None and _near(o.ratio, ratio)]
-        rows += _rows(
-            part,
-            f"single, effect/noise {ratio:g}",
-            [("exact", _exact, wanted, 1.0), ("wrong name", _misnamed, 0.0, 0.02)],
-        )
-    rows += [
-        *_share_rows(
-            outcomes, "zigzag", [("right class or set", _right_or_set, 0.95, 1.0), ("wrong name", _misnamed, 0.0, 0.02)]
-        ),
-        *_share_rows(outcomes, "pair", [("both exact", _exact, 0.85, 1.0), ("wrong name", _misnamed, 0.0, 0.02)]),
-        *_share_rows(outcomes, "triple", [("all exact", _exact, 0.70, 1.0), ("wrong name", _misnamed, 0.0, 0.02)]),
-        *_share_rows(outcomes, "outside", [("UNKNOWN", _unknown, 0.90, 1.0), ("misnamed", _misnamed, 0.0, 0.05)]),
-        *_share_rows(
-            outcomes, "advised", [("resolved by the run", _exact, 0.90, 1.0), ("wrong name", _misnamed, 0.0, 0.02)]
-        ),
-        *_honesty(outcomes),
-        *_numbers(outcomes),
-    ]
-    return rows
+    rows = []
+    for m in (*NULL_TARGETS, *singles, *SET_TARGETS):
+        part = [o for o in outcomes if o.group == m.group]
+        if m.ratio is not None:
+            part = [o for o in part if o.ratio is not None and _nearest(o.ratio) == m.ratio]
+        if part:
+            rows.append(_row(f"{m.words}: {m.what}", [m.hit(o) for o in part], m.low, m.high))
+    return [*rows, *_honesty(outcomes), *_numbers(outcomes)]
 
 
-Measure = tuple[str, Callable[[CaseOutcome], bool], float, float]
+@dataclass(frozen=True)
+class Measure:
+    """A fraction of the cases of a set that should lie in a range; of one effect-to-noise ratio where it is given."""
+
+    group: str
+    words: str
+    what: str
+    hit: Callable[[CaseOutcome], bool]
+    low: float
+    high: float
+    ratio: float | None = None
 
 
-def _share_rows(outcomes: Sequence[CaseOutcome], group: str, measures: Sequence[Measure]) -> list[Target]:
-    return _rows([o for o in outcomes if o.group == group], group.replace("_", " "), measures)
+def _misnamed(outcome: CaseOutcome) -> bool:
+    return outcome.wrong
 
 
-def _rows(part: Sequence[CaseOutcome], words: str, measures: Sequence[Measure]) -> list[Target]:
-    if not part:
-        return []
-    return [_row(f"{words}: {what}", [test(o) for o in part], low, high) for what, test, low, high in measures]
+def _exact(outcome: CaseOutcome) -> bool:
+    return outcome.exact
+
+
+NULL_TARGETS = (
+    Measure("null", "null", "any name", _misnamed, 0.0, 0.01),
+    Measure("null", "null", "said NONE", lambda o: o.answers == ("none",), 0.0, 1.0),
+    Measure("awkward_null", "awkward null", "any name", _misnamed, 0.0, 0.03),
+)
+SET_TARGETS = (
+    Measure("zigzag", "zigzag", "right class or set", lambda o: o.right_or_set, 0.95, 1.0),
+    Measure("zigzag", "zigzag", "wrong name", _misnamed, 0.0, 0.02),
+    Measure("pair", "pair", "both exact", _exact, 0.85, 1.0),
+    Measure("pair", "pair", "wrong name", _misnamed, 0.0, 0.02),
+    Measure("triple", "triple", "all exact", _exact, 0.70, 1.0),
+    Measure("triple", "triple", "wrong name", _misnamed, 0.0, 0.02),
+    Measure("outside", "outside", "UNKNOWN", lambda o: o.unknown, 0.90, 1.0),
+    Measure("outside", "outside", "misnamed", _misnamed, 0.0, 0.05),
+    Measure("advised", "advised", "resolved by the run", _exact, 0.90, 1.0),
+    Measure("advised", "advised", "wrong name", _misnamed, 0.0, 0.02),
+)
 
 
 def _row(what: str, hits: Sequence[bool], low: float, high: float) -> Target:
@@ -272,33 +287,8 @@ def _numbers(outcomes: Sequence[CaseOutcome]) -> list[Target]:
     return rows
 
 
-def _near(ratio: float, wanted: float) -> bool:
-    """Whether a ratio is nearest to this one of those that are asked for."""
-    return _nearest(ratio) == wanted
-
-
 def _nearest(ratio: float) -> float:
     return min(EXACT_TARGETS, key=lambda r: abs(np.log(r / ratio)))
-
-
-def _misnamed(outcome: CaseOutcome) -> bool:
-    return outcome.wrong
-
-
-def _said_none(outcome: CaseOutcome) -> bool:
-    return outcome.answers == ("none",)
-
-
-def _exact(outcome: CaseOutcome) -> bool:
-    return outcome.exact
-
-
-def _right_or_set(outcome: CaseOutcome) -> bool:
-    return outcome.right_or_set
-
-
-def _unknown(outcome: CaseOutcome) -> bool:
-    return outcome.unknown
 
 
 def _confusion(outcomes: Sequence[CaseOutcome]) -> dict[str, dict[str, int]]:

@@ -94,22 +94,22 @@ def build_scene(
 
 def _slack(scene: Scene, noises: tuple[ChannelNoise, ...] | None) -> Slack:
     """Tolerance of table and registration, against the noise given or that the residual shows over short lags."""
-    body, said = scene.machine.body, scene.predict()
+    body, predicted = scene.machine.body, scene.predict()
     assert body.chain is not None
     chain = replace(body.chain, tool=se3.compose(body.chain.tool, scene.machine.T_tip_marker))
     q = body.all_joints(scene.motor_path())
     seen = np.array([c.signal == "tracker_cp" for c in scene.channels])
     rows = (scene.registered_on & np.isfinite(scene.observed).all(axis=1))[:, None] & seen
     tip = chain.forward(q)[:, :3, 3]
-    axes = rotation_onto(tip, said[:, seen])
+    axes = rotation_onto(tip, predicted[:, seen])
     slopes = table_slopes(chain, q, axes)
     if scene.model.T_tracker_base is None:
         slopes = without_registration(slopes, tip @ axes.T, rows[:, seen].all(axis=1))
-    spread = np.zeros((*said.shape, slopes.shape[2]))
+    spread = np.zeros((*predicted.shape, slopes.shape[2]))
     spread[:, seen] = slopes
     label, still = scene.run_of_row(), np.zeros(len(scene), dtype=np.bool_)
     if noises is None:
-        noises = tuple(estimate_noise(scene.time, r, label, still) for r in (scene.observed - said).T)
+        noises = tuple(estimate_noise(scene.time, r, label, still) for r in (scene.observed - predicted).T)
     steps = np.diff(scene.time)
     return slack_of(spread, rows, noises, float(np.median(steps[steps > 0])))
 
@@ -186,7 +186,8 @@ def commanded_plan(
     rate = 1.0 / float(np.median(np.diff(motion.time, axis=0)[layout.valid[1:]]))
     segments = []
     for k in range(layout.rows.shape[1]):
-        path = _run_out(command[layout.rows[: _length(layout.rows[:, k]), k]], len(layout.rows))
+        length = int(np.argmax(layout.rows[:, k])) + 1  # behind its end a column repeats its last row
+        path = _run_out(command[layout.rows[:length, k]], len(layout.rows))
         segments.append(
             Segment(
                 path,
@@ -197,11 +198,6 @@ def commanded_plan(
             )
         )
     return plan_of(segments, rate)
-
-
-def _length(rows: IntArray) -> int:
-    """Return the number of different rows of a column, whose end repeats its last row."""
-    return int(np.argmax(rows)) + 1
 
 
 def _run_out(path: FloatArray, n: int) -> FloatArray:

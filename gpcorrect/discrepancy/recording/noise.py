@@ -94,7 +94,9 @@ def estimate_noise(
     ChannelNoise
     """
     usable = np.isfinite(residual) & (block >= 0)
-    holds = _hold_labels(block, still & usable)
+    still = still & usable
+    starts = still & ~np.r_[False, still[:-1] & (block[1:] == block[:-1])]
+    holds = np.where(still, np.cumsum(starts) - 1, -1)  # a label per unbroken run of still rows in one block
     if (holds >= 0).sum() >= NOISE.min_pairs:
         label, source = holds, NoiseSource.HOLDS
     else:
@@ -108,12 +110,6 @@ def estimate_noise(
     core = ChannelNoise(max(white, floor), slow, time_constant, source=source)
     z = whiten(core, time, label, residual[:, None])[:, 0]
     return ChannelNoise(core.white, slow, time_constant, _tail(z[np.isfinite(z)]), source)
-
-
-def _hold_labels(block: IntArray, still: BoolArray) -> IntArray:
-    """Return a label per unbroken run of still rows in one block; -1 elsewhere."""
-    starts = still & ~np.r_[False, still[:-1] & (block[1:] == block[:-1])]
-    return np.where(still, np.cumsum(starts) - 1, -1)
 
 
 def _structure(time: FloatArray, residual: FloatArray, label: IntArray) -> tuple[FloatArray, FloatArray]:

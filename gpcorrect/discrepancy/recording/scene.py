@@ -1,4 +1,4 @@
-"""The recording seen by the simulator: what the sensors should have said if the model, plus some effects, were true.
+"""The recording beside the simulator: what the sensors should have measured if the model, plus some effects, were true.
 
 The motor side is replayed: where motors are measured, everything behind them is predicted from their measured path, so
 that an error of the servo model cannot pass for one of the transmission. Where the model has a controller, and the log
@@ -181,7 +181,7 @@ class Scene:
     channels : tuple of Channel
         What is compared.
     observed : (n, c) array
-        What the sensors said.
+        What the sensors measured.
     motion : Motion
         The motors as replayed, n samples of N continuous runs.
     layout : Layout
@@ -329,8 +329,8 @@ class Scene:
         columns = {name: self.layout.gather(g, len(self)) for name, g in grids.items() if g is not None}
         if "tracker_cp" in columns and self.model.T_tracker_base is None:
             columns["tracker_cp"] = self._registered(columns["tracker_cp"])
-        said = np.stack([columns[c.signal][:, c.index] for c in self.channels], axis=1)
-        return said if self.slack is None else said + self.slack.part(self.observed - said)
+        predicted = np.stack([columns[c.signal][:, c.index] for c in self.channels], axis=1)
+        return predicted if self.slack is None else predicted + self.slack.part(self.observed - predicted)
 
     def strict(self) -> Scene:
         """Return the scene with all of the residual in account, also what is within the tolerance of the table."""

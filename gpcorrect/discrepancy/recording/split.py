@@ -1,7 +1,4 @@
-"""Who may look at what: trajectories are dealt once, before anything is seen, to discovery.
-
-Confirmation and the sealed part.
-"""
+"""Trajectories are dealt once, before anything is looked at, to discovery, confirmation and test set."""
 
 from __future__ import annotations
 
@@ -95,7 +92,7 @@ def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: n
     units = np.unique(unit[used])
     if len(units) < SPLIT.min_sessions:
         raise DataError(
-            f"the log has {len(units)} separate motions, a split into discovery, confirmation and sealed part needs 3.",
+            f"the log has {len(units)} separate motions, a split into discovery, confirmation and test set needs 3.",
             hint="Record more trajectories, or longer ones.",
         )
     part_of_unit = _dealt(len(units), rng)
@@ -121,11 +118,11 @@ def _openings(block: IntArray, session: IntArray) -> BoolArray:
 
 def _dealt(n: int, rng: np.random.Generator) -> IntArray:
     """Part of each of n units in a random order, none of the parts empty."""
-    n_sealed = max(1, round(SPLIT.fractions[2] * n))
+    n_test = max(1, round(SPLIT.fractions[2] * n))
     n_confirmation = max(1, round(SPLIT.fractions[1] * n))
     parts = np.zeros(n, dtype=np.int64)
-    parts[:n_sealed] = 2
-    parts[n_sealed : n_sealed + n_confirmation] = 1
+    parts[:n_test] = 2
+    parts[n_test : n_test + n_confirmation] = 1
     shuffled: IntArray = rng.permutation(parts)
     return shuffled
 

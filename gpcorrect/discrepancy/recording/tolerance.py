@@ -1,7 +1,7 @@
 """What nobody asks for: errors of the arm's table and of the registration within the tolerance of any good calibration.
 
 A tracker with thousands of samples sees table errors of a hundredth of its noise, and some effect of the catalogue can
-always be bent to fit them. They are therefore part of what the nominal arm may be: the residual is seen through the
+always be bent to fit them. They are therefore part of what the nominal arm may be: the residual is multiplied by the
 square root of the covariance that noise and tolerance have together, which leaves nothing of errors within the
 tolerance but noise, and of larger ones what is beyond it.
 """
@@ -59,7 +59,7 @@ class Slack:
 
 
 def slack_of(slopes: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ...], step: float) -> Slack:
-    """Return what is left of residuals once they are seen through (I + B B^T)^(-1/2), B the slopes over the noise.
+    """Return what is left of residuals once they are multiplied by (I + B B^T)^(-1/2), B the slopes over the noise.
 
     Parameters
     ----------
@@ -115,17 +115,13 @@ def table_slopes(chain: Chain, q: FloatArray, axes: FloatArray) -> FloatArray:
         (changed.forward(q)[:, :3, 3] - tip) @ axes.T * (size / STEP)
         for i in range(chain.dof)
         for name, size in ROW_TERMS.items()
-        for changed in [_moved(chain, i, name)]
+        for joint in [chain.joints[i]]
+        for moved in [replace(joint, **{name: getattr(joint, name) + STEP})]
+        for changed in [replace(chain, joints=(*chain.joints[:i], moved, *chain.joints[i + 1 :]))]
     ]
     columns += [np.broadcast_to(NOISE.table_length * axes[:, k], tip.shape) for k in range(3)]
     columns += [NOISE.table_angle * np.cross(np.eye(3)[k], tip) @ axes.T for k in range(3)]
     return np.stack(columns, axis=2)
-
-
-def _moved(chain: Chain, row: int, name: str) -> Chain:
-    joint = chain.joints[row]
-    changed = replace(joint, **{name: getattr(joint, name) + STEP})
-    return replace(chain, joints=(*chain.joints[:row], changed, *chain.joints[row + 1 :]))
 
 
 def without_registration(slopes: FloatArray, tip: FloatArray, rows: BoolArray) -> FloatArray:

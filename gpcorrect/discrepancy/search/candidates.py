@@ -5,7 +5,7 @@ What may be missing. Nothing here knows an effect by name.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -349,7 +349,9 @@ def _of_shape(shape: Shape, scene: Scene) -> Iterator[Candidate]:
     for session in range(scene.n_sessions) if own_session else (None,):
         fixed = tuple(place.items()) + (() if session is None else (("session", session),))
         within = _watched(coordinates, *watched(scene, session or 0))
-        if within is not None and _are_inside(start, within):
+        if within is not None and all(
+            c.bounds[0] <= u <= c.bounds[1] for u, c in zip(start, within, strict=True) if c.parameter.change_point
+        ):  # the rest was clipped to its bounds
             yield Candidate(shape.kind, joint, fixed, within, counts, start, amplitudes)
 
 
@@ -359,13 +361,6 @@ def _watched(coordinates: tuple[Coordinate, ...], first: float, last: float) -> 
         return coordinates
     bounded = tuple(replace(c, low=first, high=last) if c.parameter.change_point else c for c in coordinates)
     return bounded if first < last else None
-
-
-def _are_inside(start: Sequence[float], coordinates: Sequence[Coordinate]) -> bool:
-    """Whether the change-points lie where they may; the rest was clipped to its bounds."""
-    return all(
-        c.bounds[0] <= u <= c.bounds[1] for u, c in zip(start, coordinates, strict=True) if c.parameter.change_point
-    )
 
 
 def _coordinates(
@@ -397,7 +392,7 @@ def _coordinates(
 
 
 def _says_nothing(kind: type[Effect], name: str, value: float) -> bool:
-    """Whether a rung is the value that the field has when nothing is said."""
+    """Whether a rung is the value that the field has by default."""
     default = next(f.default for f in fields(kind) if f.name == name)
     return bool(value == default) or bool(np.isinf(value))
 

@@ -34,7 +34,7 @@ class Profile:
     u : (k,) array
         Its coordinate.
     factor : (k,) array
-        By which the fit's sizes are best multiplied there.
+        By which the effect's sizes are best multiplied there.
     nats : (k,) array
         Gain over nothing there.
     """
@@ -81,7 +81,7 @@ def _moved(fit: FittedEffect, u_instant: float, factor: float) -> FittedEffect:
 
 
 def _scanned(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: FittedEffect) -> FittedEffect:
-    """Move a fit to the best row: first of every few rows, then of all rows near the best of those."""
+    """Move an effect to the best row: first of every few rows, then of all rows near the best of those."""
     coordinate = fit.candidate.coordinates[_place(fit)]
     cuts = _cuts(whitener, others, fit)
     instants = cuts.instants
@@ -121,10 +121,10 @@ class _Cuts:
         factor, nats = np.zeros(len(instants)), np.zeros(len(instants))
         for begin in range(0, len(instants), AT_ONCE):
             part = slice(begin, begin + AT_ONCE)
-            seen = self.whitener.whiten_columns(
+            white = self.whitener.whiten_columns(
                 self.trace[:, :, None] * (self.clock[:, None] >= instants[part])[:, None, :]
             )
-            energy, along = (seen**2).sum(axis=0), seen.T @ self.z
+            energy, along = (white**2).sum(axis=0), white.T @ self.z
             active = energy > 0.0
             factor[part] = np.where(active, along / np.where(active, energy, 1.0), 0.0)
             nats[part] = 0.5 * factor[part] * along
@@ -132,7 +132,7 @@ class _Cuts:
 
 
 def _cuts(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: FittedEffect) -> _Cuts:
-    """Trace of a fit from the earliest instant on, and the instants just before each row at which it may begin."""
+    """Trace of an effect from the earliest instant on, and the instants just before each row at which it may begin."""
     dataset = whitener.dataset
     bounds = fit.candidate.coordinates[_place(fit)].bounds
     first, last = (fit.candidate.coordinates[_place(fit)].value(x) for x in bounds)
@@ -181,10 +181,10 @@ def instant_profile(
         moved = np.array(fit.u)
         moved[index] = x
         trace = dataset.predict([*(m.effect for m in others), replace(fit, u=moved).effect]) - base
-        seen = whitener.whiten(trace)
-        energy = float(seen @ seen)
+        white = whitener.whiten(trace)
+        energy = float(white @ white)
         if energy > 0.0:
-            factor[i] = float(seen @ z) / energy
+            factor[i] = float(white @ z) / energy
             nats[i] = 0.5 * factor[i] ** 2 * energy
     return Profile(u, factor, nats)
 

@@ -103,7 +103,7 @@ def search(
     Returns
     -------
     Search
-        With the fitted found.
+        With the effects found.
     """
     refused = list(refused)
     for number in range(rounds):
@@ -169,7 +169,7 @@ def gain_over(
     Parameters
     ----------
     state : Search
-        Data, signatures and the fitted set.
+        Data, signatures and the fitted effects.
     before : Linearisation
         The other set.
     fitted : sequence of FittedEffect
@@ -241,7 +241,7 @@ def contribution(state: Search, index: int) -> float:
     Parameters
     ----------
     state : Search
-        Data, signatures and the fitted set.
+        Data, signatures and the fitted effects.
     index : int
         Which one of the set.
     """
