@@ -90,16 +90,16 @@ def stlsq(library: Library) -> set[Place]:
 
 
 def _thresholded(library: Library, threshold: float) -> list[int]:
-    kept = list(range(library.columns.shape[1]))
+    terms = list(range(library.columns.shape[1]))
     for _ in range(ITERATIONS):
-        if not kept:
+        if not terms:
             break
-        sizes = np.abs(_coefficients(library.residual, library.columns[:, kept]))
-        smaller = [k for k, size in zip(kept, sizes, strict=True) if size >= threshold]
-        if len(smaller) == len(kept):
+        sizes = np.abs(_coefficients(library.residual, library.columns[:, terms]))
+        smaller = [k for k, size in zip(terms, sizes, strict=True) if size >= threshold]
+        if len(smaller) == len(terms):
             break
-        kept = smaller
-    return kept
+        terms = smaller
+    return terms
 
 
 def nearest_signature(library: Library) -> set[Place]:

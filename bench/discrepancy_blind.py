@@ -6,7 +6,7 @@
     python bench/discrepancy_blind.py --short --share 0.05
 
 Truth comes from bench/truth, which shares no code with the simulator that the workflow uses. Seeds start at 930000:
-those from 900000 to 929999 were used, and what they showed was mended. Finished cases are kept line by line in
+those from 900000 to 929999 were used, and what they showed was mended. Finished cases are stored line by line in
 --results, so that a killed run goes on.
 """
 
@@ -86,14 +86,14 @@ def show(entries: list[dict[str, Any]]) -> Score:
     refused = [e for e in entries if "refused" in e]
     score = score_cases(outcomes)
     print(score_text(score))
-    told_apart(entries)
+    resolved_by_advice(entries)
     if refused:
         print(f"\n{len(refused)} cases were refused and count as undecided, for example: {refused[0]['refused']}")
     compare(entries)
     return score
 
 
-def told_apart(entries: list[dict[str, Any]]) -> None:
+def resolved_by_advice(entries: list[dict[str, Any]]) -> None:
     """Print what became of the cases of the advised set."""
     cases = [e for e in entries if e["suite"] == ADVISED]
     if not cases:
@@ -139,7 +139,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=-1, help="processes; all cores by default")
     parser.add_argument("--scheduler", help="address of a Dask scheduler whose workers have bench/ on PYTHONPATH")
     parser.add_argument("--no-baselines", action="store_true")
-    parser.add_argument("--results", type=Path, default=None, help="file that finished cases are kept in")
+    parser.add_argument("--results", type=Path, default=None, help="file that finished cases are stored in")
     arguments = parser.parse_args()
     name = "discrepancy_blind_short" if arguments.short else "discrepancy_blind"
     results = arguments.results or RESULTS / f"{name}.jsonl"

@@ -5,7 +5,7 @@
     python bench/discrepancy_time.py --real dvrk_random.csv   # six bare joints of a real arm
 
 Wall time and processor time, compiled code loaded before (`--cold` leaves that out). `--report` keeps report.json, so
-that two versions of the code can be compared: `--against` prints what differs from a kept one.
+that two versions of the code can be compared: `--against` prints what differs from a stored one.
 """
 
 from __future__ import annotations

@@ -160,8 +160,8 @@ def score(
     """Hold reports against sealed labels: target table with Wilson intervals, confusion matrix, detection limits.
 
     Rows of the matrix are what was hidden, columns what was reported; columns besides the names: set (one of
-    several, the truth among them), wrong set, unknown, inconclusive, none. A detection limit is the smallest effect-to-noise ratio
-    from which on at least 70 % of an effect's cases are named exactly.
+    several, the truth among them), wrong set, unknown, inconclusive, none. A detection limit is the smallest
+    effect-to-noise ratio from which on at least 70 % of an effect's cases are named exactly.
 
     For example:
 

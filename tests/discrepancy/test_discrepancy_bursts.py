@@ -1,4 +1,4 @@
-"""Rare loud moments: neither nothing nor a name."""
+"""Rare moments far above the noise: neither nothing nor a name."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gpcorrect.discrepancy import Level, find_discrepancy
 from gpcorrect.discrepancy.outcome.words import next_step, verdict_sentence
 
 
-def test_a_rare_loud_moment_is_told_with_its_place() -> None:
+def test_a_rare_moment_far_above_the_noise_is_reported_with_its_place() -> None:
     """One motion far above the noise is neither nothing nor a name: the report says where, how large, and when."""
     odd = np.zeros((SAMPLES, RUNS, 2))
     odd[40:60, 9, 1] = 60 * NOISE
@@ -27,5 +27,5 @@ def test_a_rare_loud_moment_is_told_with_its_place() -> None:
 
 
 def test_noise_alone_has_no_bursts() -> None:
-    """Nothing hidden, heavy tails: nothing rare is told."""
+    """Nothing hidden, heavy tails: nothing rare is reported."""
     assert find_discrepancy(nominal(), joint_log(7, tail=4.0)).provenance.bursts == ()

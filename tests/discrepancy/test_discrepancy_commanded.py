@@ -1,4 +1,4 @@
-"""Logs of poses only: the joints behind them are found again, and a wrong arm is told."""
+"""Logs of poses only: the joints behind them are found again, and a wrong arm is reported."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_a_log_with_joints_keeps_its_own() -> None:
     """Joint signals that were recorded are never replaced."""
     model = arm("dvrk_psm", 1, 2, 3)
     log = joint_motion_log(model, 3, 5.0, seed=4)
-    kept, remarks = with_joint_paths(replace(log, measured_jp=None), machine_of(model).body)
-    assert kept.measured_jp is None
-    assert kept.setpoint_jp is log.setpoint_jp or np.array_equal(kept.setpoint_jp, log.setpoint_jp)
+    same, remarks = with_joint_paths(replace(log, measured_jp=None), machine_of(model).body)
+    assert same.measured_jp is None
+    assert same.setpoint_jp is log.setpoint_jp or np.array_equal(same.setpoint_jp, log.setpoint_jp)
     assert remarks == ()

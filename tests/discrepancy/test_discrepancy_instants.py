@@ -1,4 +1,4 @@
-"""Change-points: found wherever they are, and not where noise wanders."""
+"""Change-points: found wherever they are, and not where noise is slow."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_the_interval_of_an_instant_holds_it_and_is_no_point(slipped: tuple[Sear
 
 def test_zeros_that_differ_at_random_from_motion_to_motion_are_no_slip() -> None:
     """Every motion has an offset of its own, as slow noise gives it: nothing on time gets an exact name."""
-    found = find_discrepancy(nominal(), _wandering())
+    found = find_discrepancy(nominal(), _offsets_of_their_own())
     exact = {e.name for e in found.effects if e.level == "EXACT"}
     assert not exact & {"cable_slip", "drift", "creep", "homing_offset"}
 
@@ -92,16 +92,16 @@ def test_zeros_that_differ_at_random_from_motion_to_motion_are_no_slip() -> None
 def test_evidence_counts_less_where_a_size_differs_from_motion_to_motion() -> None:
     """An offset that every motion has anew is worth less than its samples say; one that all fraction is worth them."""
     shared = joint_log(4, HomingOffset(joint=1, offset=1.5 * NOISE))
-    assert _wander_of_offset(shared) == 1.0
-    assert _wander_of_offset(_wandering()) > 3.0
+    assert _overdispersion_of_offset(shared) == 1.0
+    assert _overdispersion_of_offset(_offsets_of_their_own()) > 3.0
 
 
-def _wandering() -> CalibrationLog:
+def _offsets_of_their_own() -> CalibrationLog:
     zeros = 1.5 * NOISE * np.random.default_rng(8).standard_normal((1, RUNS, 2))
     return joint_log(4, more=np.broadcast_to(zeros, (SAMPLES, RUNS, 2)))
 
 
-def _wander_of_offset(log: CalibrationLog) -> float:
+def _overdispersion_of_offset(log: CalibrationLog) -> float:
     dataset = prepare_data(log, nominal(), np.random.default_rng(0)).dataset
     offset = next(c for c in all_candidates(dataset.scene) if c.name == "homing_offset" and c.joint == 1)
     state = start_search(dataset, [offset])

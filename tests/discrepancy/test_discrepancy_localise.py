@@ -1,4 +1,4 @@
-"""Localisation: silent in noise, loud where a residual depends on something.
+"""Localisation: silent in noise, clear where a residual depends on something.
 
 And honest about what it cannot exclude.
 """

@@ -43,41 +43,41 @@ def lacks(log: CalibrationLog, model: Model) -> dict[str, str]:
     able, missing = split_by_needs(all_candidates(scene), scene, whole)
     looked_for = {c.name for c in able}
     noise = {n for n, k in EFFECTS.items() if k.about.family == Family.NOISE}
-    told = {k.effect: k.why for k in missing if isinstance(k, Lack)}
-    assert looked_for | noise | set(told) == set(EFFECTS), "an effect is neither looked for nor told to be out of sight"
-    assert not looked_for & set(told)
-    return told
+    lacking = {k.effect: k.why for k in missing if isinstance(k, Lack)}
+    assert looked_for | noise | set(lacking) == set(EFFECTS), "neither looked for nor reported as out of sight"
+    assert not looked_for & set(lacking)
+    return lacking
 
 
 def test_a_tracker_alone_lacks_the_encoders_only() -> None:
     """Commanded and tracked poses with a payload: all but the encoder's steps can be looked for."""
-    told = lacks(recorded(arm(), tracker=True), arm())
-    assert set(told) == {"encoder_quantisation"}
-    assert "measured_jp" in told["encoder_quantisation"]
+    lacking = lacks(recorded(arm(), tracker=True), arm())
+    assert set(lacking) == {"encoder_quantisation"}
+    assert "measured_jp" in lacking["encoder_quantisation"]
 
 
 def test_joint_sensors_lack_what_only_a_tracker_sees() -> None:
     """With outside joint sensors, effects at the tip and of the registration are out of sight."""
-    told = lacks(recorded(arm(), tracker=False), arm())
-    assert set(told) == {"registration_error", "dh_error", "shaft_bending", "rcm_shift"}
+    lacking = lacks(recorded(arm(), tracker=False), arm())
+    assert set(lacking) == {"registration_error", "dh_error", "shaft_bending", "rcm_shift"}
 
 
 def test_without_payload_or_servo_model_their_effects_are_out_of_sight() -> None:
     """No payload: no shaft or RCM compliance. No controller: nothing that acts inside the servo loop."""
-    told = lacks(recorded(arm(), tracker=True, payload=0.0), arm())
-    assert "payload" in told["shaft_bending"]
-    assert "payload" in told["rcm_shift"]
-    told = lacks(recorded(arm(), tracker=False), arm(controller=None))
-    assert "controller" in told["coulomb_friction"]
-    assert "controller" in told["torque_saturation"]
+    lacking = lacks(recorded(arm(), tracker=True, payload=0.0), arm())
+    assert "payload" in lacking["shaft_bending"]
+    assert "payload" in lacking["rcm_shift"]
+    lacking = lacks(recorded(arm(), tracker=False), arm(controller=None))
+    assert "controller" in lacking["coulomb_friction"]
+    assert "controller" in lacking["torque_saturation"]
 
 
 def test_bare_joints_lack_an_arm() -> None:
     """Bare joints have no masses and no tip, and say that the arm should be named."""
     bare = model_from_dict({"arm": "joints", "joints": [1, 2], "joint_types": "RR", "log_rate_hz": 50.0})
-    told = lacks(joint_motion_log(bare, 4, 5.0, seed=2), bare)
-    assert "name the arm" in told["payload"]
-    assert told["length_dependent_stiffness"] == "none of the model's joints slides"
+    lacking = lacks(joint_motion_log(bare, 4, 5.0, seed=2), bare)
+    assert "name the arm" in lacking["payload"]
+    assert lacking["length_dependent_stiffness"] == "none of the model's joints slides"
 
 
 def trace(effect: Effect, *, tracker: bool, payload: float = 0.3, **more: object) -> FloatArray:
@@ -113,7 +113,7 @@ def test_a_joint_error_shows_in_the_tracker_through_the_kinematics() -> None:
 
 
 def test_a_session_of_three_motions_cannot_show_a_slip() -> None:
-    """An instant with one motion beside it is that motion's own oddity: slips are told to be out of sight, with why."""
+    """An instant with one motion beside it is that motion's own oddity: slips are reported as lacking."""
     log = joint_motion_log(arm(), 3, 5.0, seed=1)
     short = replace(log, tracker_cp=None, setpoint_cp=None, measured_cp=None)
     assert "2 before it and 2 after" in lacks(short, arm())["cable_slip"]

@@ -31,7 +31,7 @@ def candidate(scene: Scene, name: str, joint: int = 1) -> Candidate:
 
 
 def question(own: Candidate, rival: Candidate | None, level: Level = Level.SET, u: float = 1.0) -> Named:
-    """Return an effect of `u` times its start, that cannot be told from a rival (or from nothing)."""
+    """Return an effect of `u` times its start, that cannot be distinguished from a rival (or from nothing)."""
     nothing = Alternative(Explanation.NOTHING, 0.0, "nothing", probability=0.4)
     other = nothing if rival is None else replace(Alternative.of(rival, 0.0), extra=0, probability=0.4)
     mine = replace(Alternative.of(own, 1.0), extra=0, probability=0.6)
@@ -42,7 +42,7 @@ def noises(scene: Scene) -> tuple[ChannelNoise, ...]:
     return tuple(ChannelNoise(1e-3, 5e-4, 0.2) for _ in scene.channels)
 
 
-def test_an_offset_and_a_drift_are_told_apart_by_a_run_of_their_descriptions(scene: Scene) -> None:
+def test_an_offset_and_a_drift_are_distinguished_by_a_run_of_their_descriptions(scene: Scene) -> None:
     """The advised run is one that either description recommends, and brings enough evidence with the rival refitted."""
     own, rival = candidate(scene, "homing_offset"), candidate(scene, "drift")
     advice, _ = advise(scene, (), [question(own, rival)], noises(scene))

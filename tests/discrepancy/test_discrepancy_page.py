@@ -21,19 +21,19 @@ from gpcorrect.report import write_discrepancy_report
 
 
 def test_an_exact_verdict_names_effect_number_and_gap() -> None:
-    """One exact effect is told with place, number, interval and the fraction of the gap of its own joint."""
+    """One exact effect is given with place, number, interval and the fraction of the gap of its own joint."""
     said = verdict_sentence(result("EXACT", named("backlash", 2)))
     assert said == "Joint 2: backlash, 0.573° (0.516 to 0.630), closes 99 % of the gap."
 
 
 def test_a_set_names_its_rivals_with_their_probabilities() -> None:
-    """What cannot be told apart is told together."""
+    """What cannot be distinguished is named together."""
     other = rival("coulomb_friction", 2, 0.35)
     said = verdict_sentence(result("SET", named("backlash", 2, "SET", probability=0.6, rivals=(other,))))
     assert "backlash (60 %) or coulomb friction (35 %)" in said
 
 
-def test_several_effects_of_a_place_are_told_in_short() -> None:
+def test_several_effects_of_a_place_are_named_in_short() -> None:
     """Rivals without percentages, the most probable first; numbers of long units stay in the table."""
     other = rival("backlash", 2, 0.7)
     play = named("hysteresis", 2, "CLASS", probability=0.3, rivals=(other,))
@@ -44,14 +44,14 @@ def test_several_effects_of_a_place_are_told_in_short() -> None:
 
 
 def test_noise_closes_no_gap() -> None:
-    """An effect on noise alone is told with its size, and that there is no gap to close."""
+    """An effect on noise alone is given with its size, and that there is no gap to close."""
     size = estimate(1e-3, (9e-4, 1.1e-3), "rad")
     said = verdict_sentence(result("EXACT", named("noise_change", 2, parameters={"std": size}, family="noise")))
     assert said == "Joint 2: noise change, 0.0573° (0.0516 to 0.0630), noise: no gap to close."
 
 
-def test_regions_are_told_in_degrees_and_millimetres() -> None:
-    """Cells are told with the unit of their variable; directions and sessions in words."""
+def test_regions_are_in_degrees_and_millimetres() -> None:
+    """Cells have the unit of their variable; directions and sessions in words."""
     spans = [
         Span(Variable(Quantity.POSITION, 2), 0.1, 0.2, "rad"),
         Span(Variable(Quantity.DIRECTION, 3), -1.0, -1.0, ""),
@@ -62,7 +62,7 @@ def test_regions_are_told_in_degrees_and_millimetres() -> None:
     assert region_words([Span(Variable(Quantity.SESSION), 1.0, 1.0, "")]) == "session 2"
 
 
-def test_nothing_unknown_and_undecided_are_told_apart() -> None:
+def test_nothing_unknown_and_undecided_have_sentences_of_their_own() -> None:
     """NONE gives its bound, UNKNOWN its place, INCONCLUSIVE what is lacking."""
     found = (finding(outside(2), Span(Variable(Quantity.POSITION, 2), np.deg2rad(3.0), np.deg2rad(9.0), "rad")),)
     assert "below 10 % of the noise" in verdict_sentence(result("NONE"))
@@ -83,15 +83,15 @@ def test_nothing_unknown_and_undecided_are_told_apart() -> None:
         (0.05, "1", "0.0500 (–)"),
     ],
 )
-def test_numbers_are_told_in_the_readers_units(value: float, unit: str, shown: str) -> None:
+def test_numbers_are_in_the_readers_units(value: float, unit: str, shown: str) -> None:
     """Angles in degrees, lengths in millimetres, other units as they are, three digits."""
     words = estimate_words(estimate(value, None, unit))
     assert words == shown.removesuffix(" (–)")
     assert number(in_reader_units(0.0, unit)[0]) == "0"
 
 
-def test_one_number_a_session_is_told_for_each() -> None:
-    """Values of several sessions are told one after the other."""
+def test_one_number_a_session_is_shown_for_each() -> None:
+    """Values of several sessions are shown one after the other."""
     said = estimate_words(Estimate((0.01, 0.02), ((0.0, 0.02), (0.01, 0.03)), "m"))
     assert said == "10.0 mm (0 to 20.0); 20.0 mm (10.0 to 30.0)"
 

@@ -1,4 +1,4 @@
-"""How a finished search settles: swaps, drops, and the search for what a dropped effect had stood in for."""
+"""How a finished search becomes names: swaps, drops, and the search for what a dropped effect had stood in for."""
 
 from __future__ import annotations
 
@@ -79,20 +79,20 @@ class Laboratory:
         return replace(state, fitted=(*state.fitted, Part(Cause(self.finds.pop(0)))))
 
 
-Settle = Callable[[Laboratory, Sequence[Part]], tuple[list[str], list[str]]]
+Select = Callable[[Laboratory, Sequence[Part]], tuple[list[str], list[str]]]
 
 
 @pytest.fixture
-def settle(monkeypatch: pytest.MonkeyPatch) -> Settle:
-    """Settle a set in a laboratory: names kept, and names dropped."""
+def select(monkeypatch: pytest.MonkeyPatch) -> Select:
+    """Select a set in a laboratory: names named, and names dropped."""
 
     def run(laboratory: Laboratory, fitted: Sequence[Part]) -> tuple[list[str], list[str]]:
         monkeypatch.setattr(selection, "view_of", lambda *_: None)
         monkeypatch.setattr(selection, "name_effect", laboratory.name_effect)
         monkeypatch.setattr(selection, "search_on", laboratory.search)
-        search, kept, dropped = name_effects(Found(tuple(fitted)), (), ())  # type: ignore[arg-type]
-        assert [n.fit for n in kept] == list(search.fitted)
-        return [n.fit.candidate.name for n in kept], [n.fit.candidate.name for n in dropped]
+        search, named, dropped = name_effects(Found(tuple(fitted)), (), ())  # type: ignore[arg-type]
+        assert [n.fit for n in named] == list(search.fitted)
+        return [n.fit.candidate.name for n in named], [n.fit.candidate.name for n in dropped]
 
     return run
 
@@ -101,24 +101,24 @@ def parts(*names: str) -> list[Part]:
     return [Part(Cause(name)) for name in names]
 
 
-def test_what_may_be_named_stays_and_the_rest_is_dropped_weakest_first(settle: Settle) -> None:
+def test_what_may_be_named_stays_and_the_rest_is_dropped_weakest_first(select: Select) -> None:
     laboratory = Laboratory({"a": (Level.EXACT, 50.0), "b": (Level.INCONCLUSIVE, 9.0), "c": (Level.INCONCLUSIVE, 5.0)})
-    assert settle(laboratory, parts("a", "b", "c")) == (["a"], ["c", "b"])
+    assert select(laboratory, parts("a", "b", "c")) == (["a"], ["c", "b"])
     assert laboratory.refused == []
 
 
-def test_what_a_strong_dropped_effect_stood_in_for_is_searched_without_it(settle: Settle) -> None:
+def test_what_a_strong_dropped_effect_stood_in_for_is_searched_without_it(select: Select) -> None:
     levels: dict[str, tuple[Level, float]] = {
         "a": (Level.EXACT, 50.0),
         "wrong": (Level.INCONCLUSIVE, SETTINGS.naming.hole + 1.0),
         "right": (Level.EXACT, 90.0),
     }
     laboratory = Laboratory(levels, finds=["right"])
-    assert settle(laboratory, parts("a", "wrong")) == (["a", "right"], ["wrong"])
+    assert select(laboratory, parts("a", "wrong")) == (["a", "right"], ["wrong"])
     assert laboratory.refused == [["wrong"]]
 
 
-def test_an_effect_at_the_edge_is_replaced_before_the_next_is_dropped(settle: Settle) -> None:
+def test_an_effect_at_the_edge_is_replaced_before_the_next_is_dropped(select: Select) -> None:
     levels: dict[str, tuple[Level, float]] = {
         "a": (Level.EXACT, 50.0),
         "edge": (Level.INCONCLUSIVE, 1.0),
@@ -127,46 +127,46 @@ def test_an_effect_at_the_edge_is_replaced_before_the_next_is_dropped(settle: Se
     }
     laboratory = Laboratory(levels, finds=["right"])
     fitted = [*parts("a", "weak"), Part(Cause("edge"), at_edge=("stiffness",))]
-    assert settle(laboratory, fitted) == (["a", "right"], ["edge", "weak"])
+    assert select(laboratory, fitted) == (["a", "right"], ["edge", "weak"])
     assert laboratory.refused == [["edge"]]
 
 
-def test_searches_come_to_an_end(settle: Settle) -> None:
+def test_searches_come_to_an_end(select: Select) -> None:
     """A catalogue full of strong effects that may not be named is searched a few times only."""
     names = [f"x{i}" for i in range(SETTINGS.naming.searches + 3)]
     laboratory = Laboratory(
         {"a": (Level.EXACT, 50.0)} | dict.fromkeys(names, (Level.INCONCLUSIVE, SETTINGS.naming.hole + 5.0))
     )
     laboratory.finds = names[1:]
-    kept, dropped = settle(laboratory, parts("a", names[0]))
-    assert kept == ["a"]
+    named, dropped = select(laboratory, parts("a", names[0]))
+    assert named == ["a"]
     assert dropped == names[: SETTINGS.naming.searches + 1]
     assert laboratory.refused == [names[: i + 1] for i in range(SETTINGS.naming.searches)]
 
 
-def test_a_rival_that_explains_more_takes_the_place(settle: Settle) -> None:
+def test_a_rival_that_explains_more_takes_the_place(select: Select) -> None:
     laboratory = Laboratory({"a": (Level.EXACT, 50.0), "b": (Level.EXACT, 80.0)}, rivals={"a": ("b", 80.0)})
-    assert settle(laboratory, parts("a")) == (["b"], [])
+    assert select(laboratory, parts("a")) == (["b"], [])
 
 
-def test_what_was_dropped_does_not_come_back_as_a_rival(settle: Settle) -> None:
+def test_what_was_dropped_does_not_come_back_as_a_rival(select: Select) -> None:
     levels: dict[str, tuple[Level, float]] = {
         "a": (Level.EXACT, 50.0),
         "wrong": (Level.INCONCLUSIVE, SETTINGS.naming.hole + 1.0),
         "right": (Level.EXACT, 90.0),
     }
     laboratory = Laboratory(levels, finds=["right"], rivals={"right": ("wrong", 999.0)})
-    assert settle(laboratory, parts("a", "wrong")) == (["a", "right"], ["wrong"])
+    assert select(laboratory, parts("a", "wrong")) == (["a", "right"], ["wrong"])
 
 
-def test_two_rivals_that_praise_each_other_do_not_swap_for_ever(settle: Settle) -> None:
+def test_two_rivals_that_praise_each_other_do_not_swap_for_ever(select: Select) -> None:
     laboratory = Laboratory(
         {"a": (Level.EXACT, 50.0), "b": (Level.EXACT, 50.0)}, rivals={"a": ("b", 60.0), "b": ("a", 60.0)}
     )
-    kept, dropped = settle(laboratory, parts("a"))
-    assert kept == ["a" if SETTINGS.naming.swaps % 2 == 0 else "b"]
+    named, dropped = select(laboratory, parts("a"))
+    assert named == ["a" if SETTINGS.naming.swaps % 2 == 0 else "b"]
     assert dropped == []
 
 
-def test_nothing_to_name_is_nothing(settle: Settle) -> None:
-    assert settle(Laboratory({}), []) == ([], [])
+def test_nothing_to_name_is_nothing(select: Select) -> None:
+    assert select(Laboratory({}), []) == ([], [])

@@ -1,4 +1,4 @@
-"""Kept stages: what was saved comes back, what belongs to other inputs or is damaged does not."""
+"""Stored stages: what was saved comes back, what belongs to other inputs or is damaged does not."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ def test_evidence_comes_back_as_it_was(tmp_path: Path) -> None:
     )
     store = StageStore(tmp_path, "key")
     store.save_evidence(evidence)
-    kept = store.load_evidence()
-    assert kept is not None
+    stored = store.load_evidence()
+    assert stored is not None
     for name in ("before", "after", "motor", "direction", "test", "correlation"):
-        np.testing.assert_array_equal(getattr(kept, name), getattr(evidence, name))
-    assert (kept.joint, kept.labels, kept.waterfall) == (evidence.joint, evidence.labels, evidence.waterfall)
+        np.testing.assert_array_equal(getattr(stored, name), getattr(evidence, name))
+    assert (stored.joint, stored.labels, stored.waterfall) == (evidence.joint, evidence.labels, evidence.waterfall)
     assert StageStore(tmp_path, "other").load_evidence() is None
     path = tmp_path / "evidence.npz"
     path.write_bytes(path.read_bytes()[:200])

@@ -19,7 +19,8 @@ from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise
 from gpcorrect.discrepancy.recording.quantisation import Quantisation, quantisation_of
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.stated_noise import UNIFORM, samples_are_dense, sampling_step, stated_noises
-from gpcorrect.discrepancy.search.candidates import Candidate, Estimate, FittedEffect, coordinate_of
+from gpcorrect.discrepancy.search.candidates import Candidate, Estimate, FittedEffect
+from gpcorrect.discrepancy.search.coordinates import coordinate_of
 from gpcorrect.discrepancy.search.state import penalty
 from gpcorrect.discrepancy.settings import NAMING, SENSORS
 from gpcorrect.errors import DataError

@@ -22,8 +22,8 @@ def _with_offset(log: CalibrationLog, offset: float) -> tuple[Search, FittedEffe
     candidate = next(c for c in all_candidates(dataset.scene) if c.name == "homing_offset" and c.joint == 1)
     fit = FittedEffect(candidate, np.array([candidate.coordinates[0].coordinate(offset)]))
     state = start_search(dataset, [candidate])
-    loud = tuple(replace(n, white=NOISE, slow=0.0) for n in state.whitener.noises)
-    return replace(state, fitted=(fit,), whitener=replace(state.whitener, noises=loud)), fit
+    white = tuple(replace(n, white=NOISE, slow=0.0) for n in state.whitener.noises)
+    return replace(state, fitted=(fit,), whitener=replace(state.whitener, noises=white)), fit
 
 
 def test_the_right_effect_closes_the_gap_and_a_small_part_of_something_else_does_not() -> None:

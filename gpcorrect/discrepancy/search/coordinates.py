@@ -1,0 +1,120 @@
+"""Parameters as an optimiser wants them: of order one, inside bounds, amplitudes that can go through the identity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.sim.effects import Parameter
+
+__all__ = ["Coordinate", "coordinate_of"]
+
+WIDEST = np.log(1e4)  # of a shape parameter's logarithm around its typical value
+PRIOR_LOG = np.log(3.0)
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """How one parameter is stretched.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        From the effect's description.
+    kind : str
+        "scaled" (in units of the typical value), "inverse" (typical over value, for stiffness-like amplitudes) or
+        "log".
+    typical, low, high : float
+        From its range on this type of joint.
+    unit : str
+        Of the parameter.
+    amplitude : bool
+        Whether the effect grows with it.
+    """
+
+    parameter: Parameter
+    kind: str
+    typical: float
+    low: float
+    high: float
+    unit: str
+    amplitude: bool
+
+    @property
+    def identity(self) -> float:
+        """Coordinate at which the effect does nothing."""
+        if self.kind == "log":
+            return -np.inf
+        return 0.0 if self.kind == "inverse" else self.parameter.identity / self.typical
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of the coordinate."""
+        if self.kind == "inverse":
+            return self.typical / self.high, self.typical / self.low
+        if self.kind == "log":
+            low = np.log(max(self.low, 1e-300) / self.typical)
+            return max(low, -WIDEST), min(np.log(self.high / self.typical), WIDEST)
+        return self.low / self.typical, self.high / self.typical
+
+    def value(self, u: float) -> float:
+        """Return the parameter at a coordinate.
+
+        Parameters
+        ----------
+        u : float
+            Coordinate.
+        """
+        if self.kind == "inverse":
+            return self.typical / u if u > 0 else float("inf")
+        if self.kind == "log":
+            return float(self.typical * np.exp(u))
+        return self.typical * u
+
+    def coordinate(self, value: float) -> float:
+        """Return the coordinate of a value.
+
+        Parameters
+        ----------
+        value : float
+            Of the parameter.
+        """
+        if self.kind == "inverse":
+            return self.typical / value
+        if self.kind == "log":
+            return float(np.log(max(value, 1e-300) / self.typical))
+        return value / self.typical
+
+    def prior_residual(self, u: float) -> float:
+        """Return the standard score of a shape parameter under its prior; amplitudes are left free.
+
+        Parameters
+        ----------
+        u : float
+            Coordinate.
+        """
+        free = self.amplitude or self.kind != "log" or self.parameter.change_point
+        return 0.0 if free else u / PRIOR_LOG
+
+
+def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> Coordinate:
+    """Choose the coordinate of a parameter on a joint of this type.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        From the effect's description.
+    joint_type : str
+        "R" or "P".
+    amplitude : bool
+        Whether the effect grows with it.
+    """
+    span = parameter.range(joint_type)
+    if np.isinf(parameter.identity):
+        kind = "inverse"
+    elif parameter.positive and not amplitude and span.typical > 0:
+        kind = "log"
+    else:
+        kind = "scaled"
+    return Coordinate(parameter, kind, span.typical or 1.0, span.low, span.high, span.unit, amplitude)
