@@ -82,8 +82,8 @@ def _load(path: Path) -> Mapping[str, Any]:
     except subprocess.TimeoutExpired as error:
         raise LogError(f"the C3D file is damaged: reading it did not end within {patience:.0f} s.") from error
     if done.returncode == UNREADABLE:
-        said = done.stderr.decode(errors="replace").strip()
-        raise LogError(f"the C3D file cannot be read, it may be cut off: {said}.")
+        message = done.stderr.decode(errors="replace").strip()
+        raise LogError(f"the C3D file cannot be read, it may be cut off: {message}.")
     try:
         with np.load(io.BytesIO(done.stdout), allow_pickle=False) as arrays:
             return dict(arrays)

@@ -173,7 +173,7 @@ class ColumnMap(_Section):
 
 @dataclass(frozen=True)
 class ReadSettings:
-    """What the caller said about a recording.
+    """How a recording is to be read.
 
     Parameters
     ----------

@@ -100,10 +100,10 @@ def _joined_meta(logs: Sequence[CalibrationLog]) -> LogMeta:
     """
     merged: dict[str, Any] = {}
     for name in (f.name for f in fields(LogMeta)):
-        said = list(dict.fromkeys(v for log in logs if (v := getattr(log.meta, name))))
-        if name in SAME_MACHINE and len(said) > 1:
-            raise LogError(f"logs of different machines cannot be joined: {name} is {' and '.join(said)}.")
-        merged[name] = said[0] if len(said) == 1 else (None if name == "tracker_base" else "; ".join(said))
+        values = list(dict.fromkeys(v for log in logs if (v := getattr(log.meta, name))))
+        if name in SAME_MACHINE and len(values) > 1:
+            raise LogError(f"logs of different machines cannot be joined: {name} is {' and '.join(values)}.")
+        merged[name] = values[0] if len(values) == 1 else (None if name == "tracker_base" else "; ".join(values))
     frames = {log.meta.tracker_base for log in logs}
     merged["tracker_base"] = frames.pop() if len(frames) == 1 else None
     return LogMeta(**merged)

@@ -175,8 +175,8 @@ def _poses(state: Mapping[str, FloatArray], place: int) -> tuple[PoseSignal, Pos
         np.where(copied[:, None], np.nan, desired * MICROMETRE),
         np.where(copied[:, None], np.nan, CONVERTERS["matrix"](state["ori_d"][:, turn])),
     )
-    said = f"{copied.sum()} of {len(copied)} desired poses are copies of the measured one (pedal up); missing."
-    return measured, command, [said] if copied.any() else []
+    remark = f"{copied.sum()} of {len(copied)} desired poses are copies of the measured one (pedal up); missing."
+    return measured, command, [remark] if copied.any() else []
 
 
 def _joint_scale(positions: FloatArray, arm: Arm) -> tuple[FloatArray, list[str]]:

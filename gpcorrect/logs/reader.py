@@ -111,8 +111,8 @@ def read_log(
         raise LogError(f"expected arm 'left' or 'right', got {arm!r}.")
     source = Path(path)
     mapping = ColumnMap() if columns is None else load_columns(columns)
-    said = {"namespace": namespace, "tracker_topic": tracker_topic, "arm": arm}
-    bag = mapping.bag.model_copy(update={k: v for k, v in said.items() if v is not None})
+    given = {"namespace": namespace, "tracker_topic": tracker_topic, "arm": arm}
+    bag = mapping.bag.model_copy(update={k: v for k, v in given.items() if v is not None})
     settings = ReadSettings(mapping.model_copy(update={"bag": bag}), columns is not None, disorder, max_bytes)
     with _naming(source):
         found = _format(source)

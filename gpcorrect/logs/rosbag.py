@@ -199,8 +199,8 @@ def _robot(robots: dict[str, dict[str, str]], wanted: str | None) -> tuple[dict[
     root = min(robots, key=len)
     parts = [space for space in robots if space != root]
     if all(space.startswith(root.rstrip("/") + "/") for space in parts):
-        said = f"read {root}; its parts {', '.join(sorted(parts))} were left out."
-        return robots[root], [said] if parts else []
+        remark = f"read {root}; its parts {', '.join(sorted(parts))} were left out."
+        return robots[root], [remark] if parts else []
     raise LogError(f"the recording holds several robots: {listed}.", hint="Choose one with namespace.")
 
 

@@ -66,16 +66,16 @@ def read_sidecar(path: Path) -> LogMeta:
         return LogMeta()
     try:
         with beside.open("rb") as file:
-            said = _Sidecar.model_validate(tomllib.load(file))
+            content = _Sidecar.model_validate(tomllib.load(file))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise LogError(f"the sidecar is not TOML: {error}.", path=str(beside)) from error
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise LogError(f"sidecar key {key}: {first['msg']}.", path=str(beside)) from error
-    frame = said.T_tracker_base
+    frame = content.T_tracker_base
     tracker_base = None if frame is None else (*frame.translation, *frame.rotvec)
-    return LogMeta(**said.model_dump(exclude={"T_tracker_base"}), tracker_base=tracker_base)
+    return LogMeta(**content.model_dump(exclude={"T_tracker_base"}), tracker_base=tracker_base)
 
 
 def format_sidecar(meta: LogMeta) -> str:

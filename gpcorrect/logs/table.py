@@ -90,7 +90,7 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
     table : Table
         Columns as they were stored.
     mapping : ColumnMap
-        What the user said of them.
+        Which columns are which signals.
     disorder : {"refuse", "drop", "keep"}
         What to do about time that does not increase.
 
@@ -233,7 +233,7 @@ def complete(mapping: ColumnMap, names: Collection[str]) -> tuple[ColumnMap, lis
     Parameters
     ----------
     mapping : ColumnMap
-        What the user said; it comes first.
+        By the user; it comes first.
     names : collection of str
         Columns of the table.
 
@@ -244,17 +244,18 @@ def complete(mapping: ColumnMap, names: Collection[str]) -> tuple[ColumnMap, lis
     list of str
         A remark on each signal that lacks columns.
     """
-    update: dict[str, Any] = {name: name for name in INDEX if name in names}
+    found: dict[str, Any] = {}
     remarks: list[str] = []
-    for signal in CalibrationLog.POSES:
-        update[signal] = _pose(signal, names, remarks)
-    for signal in CalibrationLog.JOINTS:
-        update[signal] = _joints(signal, names, remarks)
-    for signal in CalibrationLog.SCALARS:
-        update[signal] = ArrayColumns(columns=(signal,)) if signal in names else None
-    said = {name for name in update if getattr(mapping, name) is not None}
-    found = {name: value for name, value in update.items() if name not in said}
-    return mapping.model_copy(update=found), [r for r in remarks if r.split()[0] not in said]
+    for name in (*INDEX, *CalibrationLog.POSES, *CalibrationLog.JOINTS, *CalibrationLog.SCALARS):
+        if getattr(mapping, name) is not None:
+            continue
+        if name in CalibrationLog.POSES:
+            found[name] = _pose(name, names, remarks)
+        elif name in CalibrationLog.JOINTS:
+            found[name] = _joints(name, names, remarks)
+        elif name in names:
+            found[name] = name if name in INDEX else ArrayColumns(columns=(name,))
+    return mapping.model_copy(update=found), remarks
 
 
 def _pose(signal: str, names: Collection[str], remarks: list[str]) -> PoseColumns | None:

@@ -108,7 +108,7 @@ def refuse_misread(log: CalibrationLog) -> None:
 
 
 def _facts(log: CalibrationLog) -> dict[str, Any]:
-    """Sizes, rates and signals of a log, JSON-able; what cannot be said of it is None."""
+    """Sizes, rates and signals of a log, JSON-able; what is not known is None."""
     steps = [] if log.static else [np.diff(log.time[rows]) for _, rows in log.trajectories()]
     step = np.concatenate([np.empty(0), *steps])
     step = step[np.isfinite(step)]

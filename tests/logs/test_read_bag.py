@@ -85,7 +85,7 @@ def test_header_stamps_are_taken_unless_the_recorders_clock_is_asked_for(tmp_pat
     np.testing.assert_array_equal(read_log(bag, columns=mapping).time, np.arange(N) * STEP / 1e9)
 
 
-def test_times_of_reception_stand_in_for_stamps_of_zero_and_that_is_said(tmp_path: Path):
+def test_times_of_reception_stand_in_for_stamps_of_zero_and_that_is_reported(tmp_path: Path):
     posts = [pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], 0, t) for k, t in enumerate(TICKS)]
     log = read_log(write_bag(tmp_path / "r", posts, "bag"))
     np.testing.assert_array_equal(log.time, np.arange(N) * STEP / 1e9)
@@ -188,7 +188,7 @@ def test_joints_that_change_their_names_are_refused(tmp_path: Path):
         read_log(write_bag(tmp_path / "r", posts, "bag"))
 
 
-def test_velocities_that_come_and_go_are_left_out_and_said(tmp_path: Path):
+def test_velocities_that_come_and_go_are_left_out_and_reported(tmp_path: Path):
     posts = [
         joint_state("/p/measured_js", JOINTS[k], t, velocity=SPEEDS[k] if k else None) for k, t in enumerate(TICKS)
     ]

@@ -47,7 +47,7 @@ def test_the_motion_tells_how_two_clocks_lie_wherever_they_begin():
         assert joined.remarks[-1].endswith("found by measured_cp.")
 
 
-def test_a_shift_that_is_said_is_taken():
+def test_a_given_shift_is_applied():
     """The motion is not asked then, and rows beyond the take are missing."""
     robot, take = session(2)
     joined = with_tracker(robot, take.select(slice(0, 2000)), AHEAD)

@@ -149,7 +149,7 @@ def test_a_bad_mapping_is_refused_by_the_name_of_the_key(tmp_path: Path, mapping
     assert str(caught.value).startswith(str(path))
 
 
-def test_a_missing_mapping_file_is_said(tmp_path: Path):
+def test_a_missing_mapping_file_is_reported(tmp_path: Path):
     with pytest.raises(LogError, match="cannot read the mapping file"):
         load_columns(tmp_path / "none.toml")
 

@@ -74,7 +74,7 @@ def test_a_quaternion_far_from_unit_is_a_missing_rotation_and_counted(tmp_path: 
     assert log.remarks == ("2 samples of tracker_cp have no valid rotation; it counts as missing.",)
 
 
-def test_extra_columns_of_numbers_are_kept_and_those_of_text_are_named(tmp_path: Path):
+def test_extra_columns_of_numbers_stay_and_those_of_text_are_named(tmp_path: Path):
     text = NATIVE.strip() + ",grip,,comment\n0,0,1,2,3,0.5,9,go\n1,0,1,2,3,,8,\n"
     log = read_log(write(tmp_path / "a.csv", text))
     np.testing.assert_array_equal(log.extra["grip"], [0.5, np.nan])

@@ -36,13 +36,13 @@ def test_trajectories_never_merge_and_keep_their_rows():
     assert [len(rows) for _, rows in joined.trajectories()] == [len(rows) for rows in parts]
 
 
-def test_sessions_are_each_logs_own_unless_they_are_said_to_mean_the_same():
+def test_sessions_are_each_logs_own_unless_they_mean_the_same():
     logs = [random_log(0), random_log(1)]
     assert np.unique(join_logs(logs).session).tolist() == [0, 1]
     assert np.unique(join_logs(logs, sessions="keep").session).tolist() == [3]
 
 
-def test_a_signal_that_not_every_log_has_is_dropped_and_said():
+def test_a_signal_that_not_every_log_has_is_dropped_and_reported():
     joined = join_logs([random_log(0), replace(random_log(1), payload=None, external_jp=None, extra={})])
     assert "payload" not in joined.signals
     assert joined.extra == {}
@@ -56,7 +56,7 @@ def test_positions_are_what_a_pose_and_a_position_have_in_common():
     assert "positions only" in joined.remarks[0]
 
 
-def test_what_the_logs_say_alike_is_kept_and_notes_are_strung_together():
+def test_what_the_logs_say_alike_stays_and_notes_are_joined():
     one, two = (
         LogMeta(robot="R", notes="a", tracker_base=(1.0,) * 6),
         LogMeta(robot="R", notes="b", arm="left"),

@@ -47,7 +47,7 @@ def test_what_is_no_recording_is_refused_with_the_formats_that_are(
     assert caught.value.path == str(path)
 
 
-def test_a_missing_file_and_an_unknown_folder_are_said(tmp_path: Path):
+def test_a_missing_file_and_an_unknown_folder_are_reported(tmp_path: Path):
     with pytest.raises(LogError, match=r"none\.csv: cannot be read: No such file"):
         read_log(tmp_path / "none.csv")
     with pytest.raises(LogError, match=r"found no metadata\.yaml"):

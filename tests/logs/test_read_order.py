@@ -13,7 +13,7 @@ TIMES = st.lists(st.one_of(st.integers(0, 6).map(float), st.just(float("nan")), 
 
 @settings(max_examples=200, deadline=None)
 @given(TIMES)
-def test_as_many_samples_are_kept_as_any_choice_could_keep(times: list[float]):
+def test_no_choice_of_rising_samples_is_larger(times: list[float]):
     time = np.array(times)
     mask = rising(time)
     assert np.all(np.diff(time[mask]) > 0)

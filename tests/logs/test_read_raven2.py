@@ -161,7 +161,7 @@ def test_the_log_names_the_arm_unless_its_sidecar_does(tmp_path: Path):
         read_log(bag, arm="middle")
 
 
-def test_efforts_are_said_to_be_desired_torques(tmp_path: Path):
+def test_efforts_are_reported_as_desired_torques(tmp_path: Path):
     log = read_log(record(tmp_path / "r", [state(k) for k in range(N)]), arm="left")
     assert any("not measured ones" in r for r in log.remarks)
 

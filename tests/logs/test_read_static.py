@@ -38,7 +38,7 @@ def test_static_poses_have_no_velocity():
         assert np.isnan(twists(log.time, log.tracker_cp.position, None, labels)).all()
 
 
-def test_nothing_is_said_of_the_clock_of_static_poses():
+def test_the_clock_of_static_poses_is_not_validated():
     report = validate_log(static_log())
     assert [f.code for f in report.findings if f.signal in ("time", "trajectory")] == ["static"]
     assert report.offsets == ()

@@ -144,7 +144,7 @@ def test_a_shift_undoes_the_offset_of_a_clock():
     np.testing.assert_allclose(log.setpoint_jp, line(log.tracker_cp.position[:, 0]), atol=1e-9)
 
 
-def test_rows_without_any_partner_are_dropped_and_said():
+def test_rows_without_any_partner_are_dropped_and_reported():
     t = np.arange(0, 4, 0.01)
     middle = t[(t > 1) & (t < 2)]
     log = combine([Stream("tracker_cp", t, spin(t)), Stream("setpoint_jp", middle, line(middle))])
@@ -195,7 +195,7 @@ def test_a_stamp_that_jumps_costs_a_partner_one_sample():
     np.testing.assert_allclose(combine(streams, disorder="drop").setpoint_jp, line(t), atol=1e-12)
 
 
-def test_a_repeated_stamp_counts_once_and_is_said():
+def test_a_repeated_stamp_counts_once_and_is_reported():
     t = np.array([0.0, 0.1, 0.1, 0.2])
     log = combine([Stream("tracker_cp", t, spin(t)), Stream("setpoint_jp", np.arange(0, 0.3, 0.1), np.zeros((3, 2)))])
     np.testing.assert_array_equal(log.time, [0.0, 0.1, 0.2])

@@ -45,14 +45,14 @@ def rng() -> np.random.Generator:
 
 @pytest.mark.parametrize("reference", ["setpoint_cp", "measured_cp"])
 @pytest.mark.parametrize("lag", [0.4, -0.3])
-def test_a_clock_that_no_servo_explains_is_shifted_and_said(reference, lag, rng):
+def test_a_clock_that_no_servo_explains_is_shifted_and_reported(reference, lag, rng):
     log, clocks = match_clocks(poses(lag, rng), "tracker_cp", reference, "auto")
     assert clocks.applied == pytest.approx(lag, abs=2e-3)
     assert "was shifted" in clocks.remark
     assert np.nanmax(np.abs(log.tracker_cp.position - log.setpoint_cp.position)) < 1e-3
 
 
-def test_a_lag_of_the_robot_is_left_alone_and_said(rng):
+def test_a_lag_of_the_robot_is_left_alone_and_reported(rng):
     log = poses(0.08, rng)
     same, clocks = match_clocks(log, "tracker_cp", "setpoint_cp", "auto")
     assert same is log

@@ -35,7 +35,7 @@ def stroke(t):
     ids=["rest", "line", "circle", "ellipse", "sine"],
 )
 @pytest.mark.parametrize("noise", [0.0, 1.5e-4])
-def test_motion_without_a_clock_is_said_to_be_so(path, verdict, noise):
+def test_motion_without_a_clock_gives_a_verdict(path, verdict, noise):
     """Rest, steady motion and repetition give a verdict and a reason in place of an offset."""
     rng = np.random.default_rng(0)
     found = estimate_offset([Recording(noise=noise).pair(path, 0.23, rng)])
@@ -82,7 +82,7 @@ def test_a_dead_tracker_is_not_matched():
     assert estimate_offset([MotionPair(one.reference, noise)]).verdict == "unrelated"
 
 
-def test_nothing_in_common_is_said():
+def test_nothing_in_common_is_reported():
     """No samples, no shared time, or a handful of samples give a verdict, not an exception."""
     rng = np.random.default_rng(4)
     pair = Recording().pair(wandering(rng), 0.0, rng)

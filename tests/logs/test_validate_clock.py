@@ -75,7 +75,7 @@ def test_uneven_sampling_is_reported():
     ],
 )
 def test_time_in_other_units_is_guessed(scale, origin, unit):
-    """Milli-, micro- and nanoseconds, since 1970 or since the start, are told apart."""
+    """Milli-, micro- and nanoseconds, since 1970 or since the start, are distinguished."""
     (finding,) = findings(with_time(lambda t: scale * (origin + t)), "time_unit")
     assert finding.severity == "error"
     assert unit in finding.message

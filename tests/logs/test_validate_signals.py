@@ -184,7 +184,7 @@ def test_all_joints_in_degrees_are_recognised():
     assert not findings(log, "joint_limit")
 
 
-def test_insertion_in_millimetres_and_times_180_over_pi_are_told_apart():
+def test_insertion_in_millimetres_and_times_180_over_pi_are_distinguished():
     """An insertion in mm, and one in the 180/pi metres of RAVEN-II messages, are named as what they are."""
     (mm,) = findings(scaled_joint("measured_jp", 2, 1e3), "joint_unit")
     (scaled,) = findings(scaled_joint("measured_jp", 2, np.rad2deg(1.0)), "joint_unit")
@@ -255,7 +255,7 @@ def test_the_other_arms_tracker_is_unrelated():
     assert {f.signal for f in findings(log, "unrelated")} == {"tracker_cp"}
 
 
-def test_the_wrist_point_is_told_from_the_tip():
+def test_the_wrist_point_is_distinguished_from_the_tip():
     """Positions of the wrist point beside orientations of the tip are no one rigid body."""
     arm, log = arm_named("raven2_left"), clean_log()
     wrist = PoseSignal(arm.wrist(log.setpoint_jp), log.setpoint_cp.quaternion)

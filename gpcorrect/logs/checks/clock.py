@@ -18,7 +18,7 @@ EPOCH_UNITS = ((1e17, "nanoseconds", 1e-9), (1e14, "microseconds", 1e-6), (1e11,
 STEP_UNITS = ((2e5, "nanoseconds", 1e-9), (LONGEST_STEP, "microseconds", 1e-6))
 SLOWEST_MILLISECOND = 0.5  # steps of 0.5 to 100, read as seconds, are 2000 to 10 Hz in milliseconds
 FASTEST_CREEP = 5e-4  # m/s; a robot that was recorded moving is faster at times
-MIN_TRAVEL = 5e-3  # m; below it nothing is said about speeds
+MIN_TRAVEL = 5e-3  # m; below it speeds are not looked at
 SHORT = 10  # samples of a trajectory; a five-point derivative then rests on one-sided ends
 SAME_CLOCK = ("measured_cp", "measured_jp")  # stamped by the robot, as its commands are
 MAX_OFFSET = 1.0  # median steps; a larger offset moves a sample to its neighbour's place
@@ -28,7 +28,7 @@ MAX_OFFSET = 1.0  # median steps; a larger offset moves a sample to its neighbou
 def _stamps(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether time is there and increases inside a trajectory."""
     if evidence.log.static:
-        yield Finding("info", "static", "time", "static poses, no clock: nothing is said of times and speeds.")
+        yield Finding("info", "static", "time", "static poses, no clock: times and speeds are not looked at.")
     hint = (
         "Leave them out (--drop-disordered; in Python disorder='drop'), or give each motion its own trajectory number."
     )

@@ -57,8 +57,8 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
 
 
 def _take(export: Export) -> Take:
-    said = export.cells(0)
-    header = dict(zip(said[::2], said[1::2], strict=False))
+    cells = export.cells(0)
+    header = dict(zip(cells[::2], cells[1::2], strict=False))
     heading = next((k for k in range(1, len(export)) if export.cells(k)[:1] == ("Frame",)), None)
     if heading is None or "Length Units" not in header:
         raise LogError("expected Length Units in line 1 of Motive's CSV, and a line that begins with Frame.")

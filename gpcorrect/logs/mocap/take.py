@@ -103,7 +103,7 @@ def log_of(take: Take, options: MocapOptions) -> CalibrationLog:
     take : Take
         What was recorded.
     options : MocapOptions
-        What the user said of the tool.
+        Which body or markers the user chose.
 
     Raises
     ------
@@ -113,9 +113,9 @@ def log_of(take: Take, options: MocapOptions) -> CalibrationLog:
         The markers do not give a pose.
     """
     if options.markers is None and (take.bodies or options.body is not None):
-        pose, rms, said = _from_body(take, options.body)
+        pose, rms, remark = _from_body(take, options.body)
     else:
-        pose, rms, said = _from_markers(take, options.markers)
+        pose, rms, remark = _from_markers(take, options.markers)
     zeros = np.zeros(len(take.time), np.int64)
     return CalibrationLog(
         take.time,
@@ -124,7 +124,7 @@ def log_of(take: Take, options: MocapOptions) -> CalibrationLog:
         tracker_cp=pose,
         extra={} if rms is None else {"marker_rms": rms},
         meta=LogMeta(tracker=take.tracker),
-        remarks=(said, *take.remarks),
+        remarks=(remark, *take.remarks),
     )
 
 

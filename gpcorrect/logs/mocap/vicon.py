@@ -147,12 +147,12 @@ def _quaternion(values: FloatArray, column: Column, options: MocapOptions, remar
     if values.shape[1] == 4:
         return CONVERTERS["quat_xyzw"](values)
     angles = np.deg2rad(values) if column.unit.lower().startswith("deg") else values
-    said = options.rotation or ("XYZ" if "euler" in column.kind.lower() else "")
-    if not said and "helical" not in column.kind.lower():
+    rotation = options.rotation or ("XYZ" if "euler" in column.kind.lower() else "")
+    if not rotation and "helical" not in column.kind.lower():
         remarks.append(
             "three angles were taken for rotation vectors (helical), as Vicon writes them by default;"
             ' if they are Euler angles, say so: [mocap] rotation = "XYZ".'
         )
-    if said in ("", "rotvec"):
+    if rotation in ("", "rotvec"):
         return CONVERTERS["rotvec"](angles)
-    return quaternion_from_euler(angles, said)
+    return quaternion_from_euler(angles, rotation)
