@@ -26,9 +26,9 @@ from gpcorrect.types import FloatArray
 __all__ = ["RcmInverse"]
 
 SIGNS = np.array(np.meshgrid([1.0, -1.0], [1.0, -1.0], [1.0, -1.0], indexing="ij")).reshape(3, 8)
-GEOMETRY_TOLERANCE = 1e-9  # m, or of a unit vector: what rounding leaves of axes that meet and stand square
+GEOMETRY_TOLERANCE = 1e-9  # m, or of a unit vector: far above what rounding leaves of axes that meet
 SINGULAR_DISTANCE = 1e-9  # m; nearer to the remote centre than this a direction is undefined
-ROUNDING = 1e-12  # of a square that is zero at the edge of reach: a thousand times float64's
+ROUNDING = 1e-12  # of a square that is zero at the edge of reach: some thousand times float64's
 
 
 @dataclass(frozen=True, eq=False)

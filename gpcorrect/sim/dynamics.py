@@ -13,7 +13,7 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["JointPath", "LinkLoad", "Posture", "link_load", "mean_inertia", "posture_at"]
 
-STEPS = 20  # steps, as threads count them, that one posture takes; measured against a servo step
+STEPS = 20  # steps, as threads count them, that one posture takes; a rough count, which moves no result
 
 
 @dataclass(frozen=True, eq=False)

@@ -153,28 +153,16 @@ def random_reaches_log(
         start = 0.0
         for first in range(0, len(numbers), REACHES_PER_RUN):
             run = numbers[first : first + REACHES_PER_RUN].tolist()
+            stops = workspace.sample(body, len(run) + 1, rng)
+            back = np.arange(RETURN_EVERY, len(stops), RETURN_EVERY)
+            stops[back] = stops[back - 2]
+            speeds = np.exp(rng.uniform(*np.log(SPEEDS), len(run))).tolist()
+            paces = [Pace(speed=speed, law="minimum-jerk", pause=PAUSE) for speed in speeds]
+            path = tour(stops, run, paces, machine.log_rate_hz)
             payload = payloads[len(segments) % len(payloads)] if payloads else None
-            segments.append(_random_run(body, workspace, run, machine.log_rate_hz, rng, session, start, payload))
+            segments.append(Segment(joint_tour(body, path), path.trajectory, session, start, payload))
             start += len(segments[-1].q) / machine.log_rate_hz + REST_BETWEEN_RUNS
     return simulate(machine, plan_of(segments, machine.log_rate_hz), seed, position_only=position_only)
-
-
-def _random_run(
-    arm: Arm,
-    workspace: Workspace,
-    numbers: list[int],
-    rate_hz: float,
-    rng: np.random.Generator,
-    session: int,
-    start: float,
-    payload: float | None,
-) -> Segment:
-    stops = workspace.sample(arm, len(numbers) + 1, rng)
-    back = np.arange(RETURN_EVERY, len(stops), RETURN_EVERY)
-    stops[back] = stops[back - 2]
-    paces = [Pace(speed=float(np.exp(rng.uniform(*np.log(SPEEDS)))), law="minimum-jerk", pause=PAUSE) for _ in numbers]
-    path = tour(stops, numbers, paces, rate_hz)
-    return Segment(joint_tour(arm, path), path.trajectory, session, start, payload)
 
 
 def _workspace(arm: Arm, size: FloatArray, tilt: float, crowding: float) -> Workspace:

@@ -1,4 +1,4 @@
-"""Compiled loops shared out among threads: the loops let go of the interpreter's lock, each thread has its own part."""
+"""Compiled loops divided among threads: the loops let go of the interpreter's lock, each thread has its own part."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numba
 
 __all__ = ["in_parts", "thread_count"]
 
-WORTH_A_THREAD = 200_000  # inner steps; measured: below, starting a thread takes longer than it saves
+WORTH_A_THREAD = 200_000  # inner steps; chosen by hand: below, starting a thread takes longer than it saves
 
 
 def thread_count() -> int:
