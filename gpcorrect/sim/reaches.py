@@ -156,7 +156,8 @@ def random_reaches_log(
             stops = workspace.sample(body, len(run) + 1, rng)
             back = np.arange(RETURN_EVERY, len(stops), RETURN_EVERY)
             stops[back] = stops[back - 2]
-            speeds = np.exp(rng.uniform(*np.log(SPEEDS), len(run))).tolist()
+            slow, fast = np.log(SPEEDS)
+            speeds = np.exp(rng.uniform(slow, fast, len(run))).tolist()
             paces = [Pace(speed=speed, law="minimum-jerk", pause=PAUSE) for speed in speeds]
             path = tour(stops, run, paces, machine.log_rate_hz)
             payload = payloads[len(segments) % len(payloads)] if payloads else None
