@@ -86,20 +86,20 @@ def test_ros_users_are_understood_both_ways():
         config = zenoh.Config()
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", json.dumps([settings.endpoint]))
-        heard: list[zenoh.Sample] = []
+        samples: list[zenoh.Sample] = []
         key = rmw_key(5, "arm1/measured_js", "sensor_msgs/msg/JointState")
-        with zenoh.open(config) as ros, ros.declare_subscriber(key, heard.append):
+        with zenoh.open(config) as ros, ros.declare_subscriber(key, samples.append):
             tokens = [str(reply.ok.key_expr) for reply in ros.liveliness().get("@ros2_lv/**") if reply.ok]
             goal = robot.setpoint + np.array([0.01, 0, 0, 0, 0, 0])
             command = to_cdr(JointState(robot.time, tuple(goal.tolist())))
             ros.put(rmw_key(5, "arm1/move_jp", "sensor_msgs/msg/JointState"), command)
             wait_for(lambda: bool(np.abs(arm.setpoint - goal).max() < 1e-9))
-            wait_for(lambda: len(heard) > 3)
-        message = from_cdr(heard[-1].payload.to_bytes(), "sensor_msgs/msg/JointState")
-        raw = ros_types().deserialize_cdr(heard[-1].payload.to_bytes(), "sensor_msgs/msg/JointState")
+            wait_for(lambda: len(samples) > 3)
+        message = from_cdr(samples[-1].payload.to_bytes(), "sensor_msgs/msg/JointState")
+        raw = ros_types().deserialize_cdr(samples[-1].payload.to_bytes(), "sensor_msgs/msg/JointState")
         assert isinstance(message, JointState)
         assert raw.name[0] == "joint_1"
-        first, second = (read_attachment(sample.attachment.to_bytes()) for sample in heard[:2])
+        first, second = (read_attachment(sample.attachment.to_bytes()) for sample in samples[:2])
         assert second[0] == first[0] + 1
         assert first[2] == second[2]
         assert any("/MP/" in t and "%arm1%measured_js" in t for t in tokens)

@@ -119,7 +119,7 @@ def test_the_desired_motion_itself_is_not_limited():
     assert command.pose[0] == pytest.approx(0.3 + SHIFT[0])
 
 
-def test_out_of_domain_is_told_or_refused():
+def test_out_of_domain_is_flagged_or_refused():
     """A pose that the model does not know is passed on with its status, or not at all where that was asked for."""
     _, report = prefilter().servo(pose(1.1, 0.6))
     assert (report.in_domain, report.status) == (False, "EXTRAPOLATING")

@@ -6,9 +6,11 @@ import pytest
 
 from gpcorrect_service.crtk.messages import Heartbeat, OperatingState, Pose, Report, Text
 from gpcorrect_service.monitor.app import application
-from gpcorrect_service.monitor.board import GONE, Board
+from gpcorrect_service.monitor.board import Board, BoardSettings
 from gpcorrect_service.monitor.drift import DriftWatch, outside
 from gpcorrect_service.protocol.messages import HealthAnswer
+
+GONE = BoardSettings().gone
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
@@ -45,7 +47,7 @@ def arm(board: Board, now: float = 100.0) -> dict:
     return only
 
 
-def test_a_snapshot_says_what_was_heard():
+def test_a_snapshot_shows_what_was_received():
     """Correction, miss, interval, latency, state and poses are the messages' own numbers in mm and ms."""
     board = Board("ns")
     board.received("arm1", "operating_state", OperatingState(10.0, "ENABLED", True, False), 99.0)

@@ -51,7 +51,7 @@ def path_of(model: Path) -> tuple[FloatArray, FloatArray]:
 
 
 class Planner:
-    """Asks one path again and again until told to stop; keeps every reply and every failure."""
+    """Asks one path again and again until it is stopped; collects every reply and every failure."""
 
     def __init__(self, server: ServerProcess, poses: FloatArray, times: FloatArray) -> None:
         self._server, self._poses, self._times = server, poses, times
@@ -85,8 +85,8 @@ def test_activation_under_load(server: ServerProcess, operator: Operator, model_
     }
     with Planner(server, poses, times) as planner:
         for i in range(ACTIVATIONS):
-            (told,) = operator.activate(("tuesday", "monday")[i % 2])
-            assert told.hash in expected
+            (result,) = operator.activate(("tuesday", "monday")[i % 2])
+            assert result.hash in expected
     assert planner.failures == []
     assert {reply.meta.model_hash for reply in planner.replies} == set(expected)
     for reply in planner.replies:
@@ -100,8 +100,8 @@ def test_what_is_activated_outlives_the_server(store: ModelStore, operator: Oper
     assert before is not None
     assert listed.serving["pose"] == before.hash
     other = next(entry for entry in store.models() if entry != before)
-    (told,) = operator.activate(other.hash[:10])
-    assert (told.before, store.active(), store.previous()) == (before.hash, other, before)
+    (result,) = operator.activate(other.hash[:10])
+    assert (result.before, store.active(), store.previous()) == (before.hash, other, before)
 
 
 def test_a_bad_file_leaves_the_old_model_serving(

@@ -31,9 +31,9 @@ def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> R
         capfd.readouterr()
         with pytest.raises(SystemExit) as stopped:
             main()
-        told = capfd.readouterr()
+        result = capfd.readouterr()
         code = stopped.value.code
-        return (code if isinstance(code, int) else 0), told.out + told.err
+        return (code if isinstance(code, int) else 0), result.out + result.err
 
     return call
 
@@ -95,8 +95,8 @@ def test_no_place_is_named(run: Run) -> None:
     assert (code, "--store" in text) == (2, True)
 
 
-def test_joint_models_are_kept_and_served_too(tmp_path: Path, run: Run) -> None:
-    """A joint calibration is told apart by its file, and its live path answers what it learned: here an offset."""
+def test_joint_models_are_stored_and_served_too(tmp_path: Path, run: Run) -> None:
+    """A joint calibration is recognised by its file, and its live path answers what it learned: here an offset."""
     rng = np.random.default_rng(0)
     time = 0.1 * np.arange(400)
     q = np.array([0.3, 0.3, 0.05]) * np.sin(time[:, None] * np.array([0.7, 0.9, 1.1]))

@@ -52,7 +52,7 @@ def test_remote_needs_leave(host: str) -> None:
 
 @pytest.mark.parametrize("endpoint", ["", "7447", "127.0.0.1:7447", "tcp/127.0.0.1", "tcp/127.0.0.1:99999", "tcp/:1"])
 def test_malformed_endpoint(endpoint: str) -> None:
-    """What is not protocol/host:port is refused by server and client alike, and the form is told."""
+    """What is not protocol/host:port is refused by server and client alike, and the form is shown."""
     with pytest.raises(EndpointError, match="protocol/host:port"):
         ServerSettings(endpoint=endpoint)
     with pytest.raises(EndpointError, match="protocol/host:port"):

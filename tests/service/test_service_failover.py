@@ -131,15 +131,15 @@ def test_a_hung_replica_is_left_for_a_while() -> None:
             assert time.monotonic() - began < 4.0  # half of one timeout is what each alone would have waited
 
 
-def test_replicas_with_different_models_are_told_apart() -> None:
+def test_replicas_with_different_models_are_distinguished() -> None:
     """Every reply names its model and replica, so a planner can see that two replicas differ."""
     with server_process("shift") as one, server_process("faulty") as other:
-        told = set()
+        result = set()
         for server in (one, other):
             with server.client() as client:
                 reply = client.correct(POSE)
-                told.add((reply.meta.model_id, int(reply.meta.replica.rsplit("-", 1)[1])))
-        assert told == {("shift-model", one.process.pid), ("faulty-model", other.process.pid)}
+                result.add((reply.meta.model_id, int(reply.meta.replica.rsplit("-", 1)[1])))
+        assert result == {("shift-model", one.process.pid), ("faulty-model", other.process.pid)}
 
 
 def test_a_replica_shows_that_it_lives() -> None:

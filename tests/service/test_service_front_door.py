@@ -98,10 +98,10 @@ def test_the_file_is_named(model: Path, endpoint: str) -> None:
     """Replies and the model key carry the name and the SHA-256 of the served file, and its own words."""
     corrector, queries = training_queries(model)
     with client_of(endpoint) as client:
-        told, reply = client.model(), client.correct(queries[0, :7])
-    assert (told.id, told.hash) == ("monday", artifact.model_hash(model))
-    assert (reply.meta.model_id, reply.meta.model_hash) == (told.id, told.hash)
-    assert told.info["training_region"] == corrector.info()["training_region"]
+        result, reply = client.model(), client.correct(queries[0, :7])
+    assert (result.id, result.hash) == ("monday", artifact.model_hash(model))
+    assert (reply.meta.model_id, reply.meta.model_hash) == (result.id, result.hash)
+    assert result.info["training_region"] == corrector.info()["training_region"]
 
 
 def test_query_command(model: Path, endpoint: str) -> None:

@@ -101,9 +101,9 @@ def test_position_alone() -> None:
 def test_model_tells_itself() -> None:
     """The model key names the file, its hash and what it says of itself; it needs no payload."""
     answer = Answering(ShiftCorrector()).model(request("model", b""))
-    told = JSON.decode(ModelAnswer, answer.payload)
-    assert (told.id, told.hash, told.arm, told.replica) == ("m", "h", "arm1", "r1")
-    assert told.info == ShiftCorrector().info()
+    result = JSON.decode(ModelAnswer, answer.payload)
+    assert (result.id, result.hash, result.arm, result.replica) == ("m", "h", "arm1", "r1")
+    assert result.info == ShiftCorrector().info()
 
 
 def test_no_model() -> None:
@@ -121,10 +121,10 @@ def test_no_model() -> None:
 @pytest.mark.parametrize("codec", [JSON, MSGPACK], ids=["json", "msgpack"])
 def test_bad_payload(codec: Codec, body: bytes) -> None:
     """Bytes that are no request are BAD_INPUT in the request's encoding, with its id and a next step."""
-    told = refusal(Answering(ShiftCorrector()).correct(request("correct", body, codec, request_id="q8")))
-    assert (told.status, told.request_id, told.replica) == ("BAD_INPUT", "q8", "r1")
-    assert told.cause
-    assert told.next_step
+    result = refusal(Answering(ShiftCorrector()).correct(request("correct", body, codec, request_id="q8")))
+    assert (result.status, result.request_id, result.replica) == ("BAD_INPUT", "q8", "r1")
+    assert result.cause
+    assert result.next_step
 
 
 @pytest.mark.parametrize("age", [0.0, 0.1, 0.2, 10.0])
@@ -155,20 +155,20 @@ def test_newer_schema() -> None:
     """A request of a newer schema is refused with both versions, even with fields that are not known yet."""
     attachment = json.dumps({"schema_version": 2, "request_id": "q9", "priority": "high"}).encode()
     asked = Request(JSON.encode(CorrectRequest(tuple(POSE))), JSON.encoding("correct"), attachment, NOW)
-    told = refusal(Answering(ShiftCorrector()).correct(asked))
-    assert (told.status, told.request_id) == ("BAD_INPUT", "q9")
-    assert "schema 2" in told.cause
-    assert "Upgrade" in told.next_step
+    result = refusal(Answering(ShiftCorrector()).correct(asked))
+    assert (result.status, result.request_id) == ("BAD_INPUT", "q9")
+    assert "schema 2" in result.cause
+    assert "Upgrade" in result.next_step
 
 
 def test_fault_in_the_model_is_internal_and_logged() -> None:
     """An exception in the model is answered INTERNAL; its details are logged under the request's id."""
     log = io.StringIO()
     asked = request("correct", CorrectRequest((-0.1, *POSE[1:])), request_id="q10")
-    told = refusal(Answering(FaultyCorrector(), log).correct(asked))
+    result = refusal(Answering(FaultyCorrector(), log).correct(asked))
     line = json.loads(log.getvalue())
-    assert (told.status, told.request_id) == ("INTERNAL", "q10")
-    assert "a fault inside the model" not in told.cause
+    assert (result.status, result.request_id) == ("INTERNAL", "q10")
+    assert "a fault inside the model" not in result.cause
     assert line["request_id"] == "q10"
     assert line["exception"][0]["exc_type"] == "ZeroDivisionError"
 
@@ -177,8 +177,8 @@ def test_unsafe_command_is_internal_and_logged() -> None:
     """A command that is not finite is withheld and logged."""
     log = io.StringIO()
     asked = request("correct", CorrectRequest((0.0, *POSE[1:])), request_id="q11")
-    told = refusal(Answering(FaultyCorrector(), log).correct(asked))
-    assert (told.status, told.request_id) == ("INTERNAL", "q11")
+    result = refusal(Answering(FaultyCorrector(), log).correct(asked))
+    assert (result.status, result.request_id) == ("INTERNAL", "q11")
     assert json.loads(log.getvalue())["request_id"] == "q11"
 
 
@@ -198,8 +198,8 @@ def test_the_models_own_objection_is_bad_input() -> None:
         def correct(self, pose: Any, twist: Any = None) -> Any:
             raise DataError("this model needs a twist.", hint="Send one.")
 
-    told = refusal(Answering(Picky()).correct(request("correct", CorrectRequest(tuple(POSE)))))
-    assert (told.status, told.cause, told.next_step) == (
+    result = refusal(Answering(Picky()).correct(request("correct", CorrectRequest(tuple(POSE)))))
+    assert (result.status, result.cause, result.next_step) == (
         "BAD_INPUT",
         "this model needs a twist.",
         "Send one.",

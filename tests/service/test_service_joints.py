@@ -61,11 +61,11 @@ def test_a_session_begins_anew() -> None:
     assert answer(CorrectJointsRequest(rows, TIMES, sessions=(0, 0, 1))).joints[2] == [0.1] * 3
 
 
-def test_missing_numbers_are_told_and_cost_nothing_else() -> None:
+def test_missing_numbers_are_flagged_and_cost_nothing_else() -> None:
     """A row with a null is answered with nulls and MISSING; the rows after it are answered."""
-    told = answer(CorrectJointsRequest((Q[0], (None, 0.2, 0.06), Q[2]), TIMES))
-    assert told.status == ["OK", "MISSING", "OK"]
-    assert told.joints[1] == [None] * 3
+    result = answer(CorrectJointsRequest((Q[0], (None, 0.2, 0.06), Q[2]), TIMES))
+    assert result.status == ["OK", "MISSING", "OK"]
+    assert result.joints[1] == [None] * 3
 
 
 @pytest.mark.parametrize(
@@ -85,16 +85,16 @@ def test_missing_numbers_are_told_and_cost_nothing_else() -> None:
 )
 def test_bad_paths_are_named(body: CorrectJointsRequest | bytes, cause: str) -> None:
     """Empty, torn, unordered, other joints, millimetres, degrees: BAD_INPUT with what came."""
-    told = refusal(body)
-    assert told.status == "BAD_INPUT"
-    assert cause in told.cause
+    result = refusal(body)
+    assert result.status == "BAD_INPUT"
+    assert cause in result.cause
 
 
 def test_without_a_joint_model() -> None:
     """A server of poses says that it holds no model for joints, and how to start one."""
-    told = refusal(CorrectJointsRequest(Q, TIMES), Active())
-    assert told.status == "NO_MODEL"
-    assert "--joints" in told.next_step
+    result = refusal(CorrectJointsRequest(Q, TIMES), Active())
+    assert result.status == "NO_MODEL"
+    assert "--joints" in result.next_step
 
 
 @dataclass
@@ -193,9 +193,9 @@ def test_the_rate_of_a_streamed_correction_is_bounded(stream: MakeStream) -> Non
     """A jump of the correction is passed on no faster than the operator allows, and said."""
     live = stream(stream_rate=0.1)
     live.send(1.0, [0.0] * 3)
-    told = live.send(1.01, [0.1] * 3)
-    assert told.joints == pytest.approx([0.1 - 0.001] * 3)
-    assert told.status == "LIMITED"
+    result = live.send(1.01, [0.1] * 3)
+    assert result.joints == pytest.approx([0.1 - 0.001] * 3)
+    assert result.status == "LIMITED"
 
 
 def test_another_model_begins_anew(stream: MakeStream) -> None:
@@ -203,8 +203,8 @@ def test_another_model_begins_anew(stream: MakeStream) -> None:
     live = stream()
     live.send(1.0, [0.0] * 3)
     live.active.activate(lagging_joints(digest="feed"))
-    told = live.send(2.0, [0.1] * 3)
-    assert (told.joints, told.model_hash) == ([0.1] * 3, "feed")
+    result = live.send(2.0, [0.1] * 3)
+    assert (result.joints, result.model_hash) == ([0.1] * 3, "feed")
 
 
 @given(payload=st.binary(max_size=200))

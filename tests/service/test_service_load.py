@@ -111,8 +111,8 @@ def test_a_request_that_waited_too_long_is_stale() -> None:
         time.sleep(0.02)
         stuck.server.gate.set()
         asker.join(PATIENT)
-        told = JSON.decode(ErrorAnswer, replies[0].err.payload.to_bytes())
-        assert (told.status, told.request_id) == ("STALE", "old")
+        result = JSON.decode(ErrorAnswer, replies[0].err.payload.to_bytes())
+        assert (result.status, result.request_id) == ("STALE", "old")
         assert stuck.askers.statuses() == ["OK", "OK"]
         assert stuck.counted("OK") == 2
 
@@ -140,7 +140,7 @@ def test_sigterm_answers_what_waits() -> None:
 
 
 def test_sigterm_does_not_wait_for_a_hung_model() -> None:
-    """A model that hangs cannot keep the process: it ends by itself, and nobody is told OK."""
+    """A model that hangs cannot keep the process: it ends by itself, and nobody gets OK."""
     with stuck_server(3, timeout=2.0, drain_seconds=0.1) as stuck:
         stuck.server.process.terminate()
         assert stuck.server.exit_status() == 0

@@ -43,10 +43,10 @@ def ask(payload: bytes, bound: CorrectionBound | None = None, **meta: Any) -> Re
 def test_a_pose_stamped_comes_back_corrected() -> None:
     """A ROS pose is corrected under its own header; the spread and the model travel beside it."""
     answer = ask(write_pose(ASKED), request_id="q1")
-    told = read_pose(answer.payload)
+    result = read_pose(answer.payload)
     beside = json.loads(answer.attachment)
-    np.testing.assert_allclose(told.pose, [*(POSE[:3] + SHIFT), *POSE[3:]], atol=1e-15)
-    assert (told.sec, told.nanosec, told.frame_id) == (12, 34, "tracker")
+    np.testing.assert_allclose(result.pose, [*(POSE[:3] + SHIFT), *POSE[3:]], atol=1e-15)
+    assert (result.sec, result.nanosec, result.frame_id) == (12, 34, "tracker")
     assert (answer.encoding, answer.status) == (CDR_ENCODING, "OK")
     assert tuple(beside[name] for name in ("request_id", "model_id", "in_domain", "std")) == (
         "q1",
@@ -85,7 +85,7 @@ def test_the_messages_of_ros_are_read() -> None:
     ],
     ids=["stamp 0", "nan", "quaternion 0", "empty", "cut", "stale"],
 )
-def test_refusals_are_told_in_json(payload: bytes, meta: dict[str, Any], status: str) -> None:
+def test_refusals_are_in_json(payload: bytes, meta: dict[str, Any], status: str) -> None:
     """Bad CDR, stamp 0 and expired requests are refused as others are; in JSON, for CDR has no word for it."""
     answer = ask(payload, **meta)
     assert answer.is_error

@@ -126,11 +126,11 @@ def test_the_doctor_knows_a_foreign_certificate(site: Path, tmp_path: Path) -> N
 
 
 def test_the_doctor_knows_a_denied_key(site: Path) -> None:
-    """A role that is let in but may not ask a key is told so of that key, and well of those it may ask."""
-    told = {finding.what: finding for finding in examine(ClientSettings(config_file=site / "monitor.json5"))}
-    assert told["gpcorrect/arm1/correct"].cause == "denied key"
-    assert not told["gpcorrect/arm1/correct"].well
-    assert told["gpcorrect/arm1/health"].well
+    """A role that is let in but may not ask a key is diagnosed at that key, and well at those it may ask."""
+    result = {finding.what: finding for finding in examine(ClientSettings(config_file=site / "monitor.json5"))}
+    assert result["gpcorrect/arm1/correct"].cause == "denied key"
+    assert not result["gpcorrect/arm1/correct"].well
+    assert result["gpcorrect/arm1/health"].well
 
 
 def examined(site: Path, tmp_path: Path, edit: Edit) -> list[Finding]:

@@ -26,47 +26,47 @@ def server() -> Iterator[ServerProcess]:
 
 def test_a_thousand_samples_in_a_thousand_estimates_out(server: ServerProcess) -> None:
     """Every sample of a robot that publishes its joints is answered, in order, as the model answers the path."""
-    heard: SimpleQueue[zenoh.Sample] = SimpleQueue()
+    samples: SimpleQueue[zenoh.Sample] = SimpleQueue()
     rng = np.random.default_rng(2)
     path = np.cumsum(0.01 * rng.standard_normal((1000, 3)), axis=0)
     with stranger(server.endpoint) as session:
         listening = session.declare_subscriber(
-            "gpcorrect/arm1/estimate", zenoh.handlers.Callback(heard.put, indirect=False)
+            "gpcorrect/arm1/estimate", zenoh.handlers.Callback(samples.put, indirect=False)
         )
         publisher = session.declare_publisher("gpcorrect/arm1/measured_js")
-        told: list[EstimateAnswer] = []
+        result: list[EstimateAnswer] = []
         with listening, publisher:
-            wait_for(lambda: bool(publisher.matching_status.matching) and listens(session, heard))
+            wait_for(lambda: bool(publisher.matching_status.matching) and listens(session, samples))
             for i, q in enumerate(path.tolist()):
                 state = JointState(1.0 + 0.001 * i, tuple(q))
                 publisher.put(CODEC.encode(state), encoding=CODEC.encoding("joint_state"))
                 if i % 20 == 19:  # no more than that are under way: zenoh drops samples that nobody takes off its hands
-                    told += [next_of(heard) for _ in range(20)]
-    assert [one.stamp for one in told] == [1.0 + 0.001 * i for i in range(len(path))]
-    assert {one.status for one in told} <= {"OK", "STALE"}
+                    result += [next_of(samples) for _ in range(20)]
+    assert [one.stamp for one in result] == [1.0 + 0.001 * i for i in range(len(path))]
+    assert {one.status for one in result} <= {"OK", "STALE"}
     joints = path[0]
-    for q, one in zip(path, told, strict=True):
+    for q, one in zip(path, result, strict=True):
         joints = np.clip(joints, q - SLACK, q + SLACK)
         np.testing.assert_allclose(one.joints, joints, atol=1e-12)
     with server.client() as client:
         assert sum(client.health().counts["estimate"].values()) > len(path)
 
 
-def listens(session: zenoh.Session, heard: SimpleQueue[zenoh.Sample]) -> bool:
+def listens(session: zenoh.Session, samples: SimpleQueue[zenoh.Sample]) -> bool:
     """Send a sample of another session; whether its estimate comes back, so that none of the test's is lost."""
     state = JointState(time.monotonic(), (0.0,) * 3, session=9)
     session.put("gpcorrect/arm1/measured_js", CODEC.encode(state), encoding=CODEC.encoding("joint_state"))
     try:
-        return read(heard.get(timeout=0.1)).session == 9
+        return read(samples.get(timeout=0.1)).session == 9
     except Empty:
         return False
 
 
-def next_of(heard: SimpleQueue[zenoh.Sample]) -> EstimateAnswer:
+def next_of(samples: SimpleQueue[zenoh.Sample]) -> EstimateAnswer:
     """Return the next estimate of the test's own session."""
-    while (told := read(heard.get(timeout=PATIENT))).session != 0:
+    while (result := read(samples.get(timeout=PATIENT))).session != 0:
         pass
-    return told
+    return result
 
 
 def read(sample: zenoh.Sample) -> EstimateAnswer:

@@ -40,11 +40,21 @@ class AsyncCorrectionClient(ClientBase):
         await asyncio.to_thread(self._close)
 
     async def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> Reply:
-        """See :meth:`gpcorrect_service.CorrectionClient.correct`."""
+        """See :meth:`gpcorrect_service.CorrectionClient.correct`.
+
+        Parameters
+        ----------
+        pose, twist
+        """
         return await self._ask(self._build.correct(pose, twist))
 
     async def correct_path(self, poses: ArrayLike, times: ArrayLike) -> Reply:
-        """See :meth:`gpcorrect_service.CorrectionClient.correct_path`."""
+        """See :meth:`gpcorrect_service.CorrectionClient.correct_path`.
+
+        Parameters
+        ----------
+        poses, times
+        """
         return await self._ask(self._build.correct_path(poses, times))
 
     async def correct_joints(
@@ -54,7 +64,12 @@ class AsyncCorrectionClient(ClientBase):
         efforts: ArrayLike | None = None,
         sessions: Sequence[int] | None = None,
     ) -> Reply:
-        """See :meth:`gpcorrect_service.CorrectionClient.correct_joints`."""
+        """See :meth:`gpcorrect_service.CorrectionClient.correct_joints`.
+
+        Parameters
+        ----------
+        q, times, efforts, sessions
+        """
         return await self._ask(self._build.correct_joints(q, times, efforts, sessions))
 
     async def metrics(self) -> str:

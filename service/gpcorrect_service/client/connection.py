@@ -90,7 +90,7 @@ class Querier:
         return connect if fresh else min(connect, self._timeout)
 
     def suspect(self) -> None:
-        """Note that the nearest server kept silent: for a while it is not asked alone."""
+        """Note that the nearest server did not answer: for a while it is not asked alone."""
         self._trusted_from = time.monotonic() + SUSPICION_SECONDS
 
     def ask(self, querier: zenoh.Querier, handler: Any, question: Question[Any]) -> Any:

@@ -148,20 +148,22 @@ class Topic:
     ros_type: str = ""
 
 
-def _topics() -> tuple[Topic, ...]:
-    joints = ("measured_js", "setpoint_js", "external_js", "servo_jp", "move_jp")
-    poses = ("measured_cp", "setpoint_cp", "tracker_cp", "servo_cp", "move_cp")
-    corrected = ("corrected/servo_cp", "corrected/move_cp")
-    words = ("state_command", "error", "warning")
-    return (
-        *(Topic(name, JointState, "joint_state", JOINT_STATE) for name in joints),
-        *(Topic(name, Pose, "pose", POSE_STAMPED) for name in (*poses, *corrected)),
-        *(Topic(name, Text, "text", STRING_STAMPED) for name in words),
+TOPICS: dict[str, Topic] = {
+    topic.name: topic
+    for topic in (
+        *(
+            Topic(name, JointState, "joint_state", JOINT_STATE)
+            for name in ("measured_js", "setpoint_js", "external_js", "servo_jp", "move_jp")
+        ),
+        *(
+            Topic(name, Pose, "pose", POSE_STAMPED)
+            for name in ("measured_cp", "setpoint_cp", "tracker_cp", "servo_cp", "move_cp")
+        ),
+        *(Topic(f"corrected/{name}", Pose, "pose", POSE_STAMPED) for name in ("servo_cp", "move_cp")),
+        *(Topic(name, Text, "text", STRING_STAMPED) for name in ("state_command", "error", "warning")),
         Topic("operating_state", OperatingState, "operating_state", OPERATING_STATE),
         Topic("heartbeat", Heartbeat, "heartbeat"),
         Topic("event", Event, "event"),
         Topic("corrected/report", Report, "report"),
     )
-
-
-TOPICS: dict[str, Topic] = {t.name: t for t in _topics()}
+}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,13 +15,33 @@ from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingStat
 from gpcorrect_service.monitor.drift import DriftWatch, outside
 from gpcorrect_service.protocol.messages import HealthAnswer
 
-__all__ = ["Board"]
+__all__ = ["Board", "BoardSettings"]
 
-WINDOW = 60.0  # chosen by hand: s of reports that fractions and latencies are taken over
-LATENCIES = 4096  # chosen by hand: a minute at 70 Hz
-TOGETHER = 0.03  # chosen by hand: s between a tracked pose and the desired one that it is compared with
-GONE = 5.0  # chosen by hand: s of silence after which a replica is shown as gone
-FORGOTTEN = 60.0  # chosen by hand: s of silence after which it is not shown
+
+@dataclass(frozen=True)
+class BoardSettings:
+    """What is shown for how long; chosen by hand for people who look on.
+
+    Parameters
+    ----------
+    window : float
+        s of reports that fractions are taken over.
+    latencies : int
+        Reports that latencies are taken over: a minute at 70 Hz.
+    together : float
+        s between a tracked pose and the desired one that it is compared with.
+    gone, forgotten : float
+        s of silence after which a replica is shown as gone, and after which it is not shown.
+    """
+
+    window: float = 60.0
+    latencies: int = 4096
+    together: float = 0.03
+    gone: float = 5.0
+    forgotten: float = 60.0
+
+
+SETTINGS = BoardSettings()
 
 
 class _Replica(NamedTuple):
@@ -97,7 +118,7 @@ class _ArmView:
         self._latest: dict[str, Any] = {}
         self._received = -math.inf
         self._reports: deque[tuple[float, bool]] = deque()
-        self._latencies: deque[float] = deque(maxlen=LATENCIES)
+        self._latencies: deque[float] = deque(maxlen=SETTINGS.latencies)
         self._drift = DriftWatch()
         self._refused = 0
         self._error = ""
@@ -129,12 +150,12 @@ class _ArmView:
         self._latest["report"] = report
         self._reports.append((now, report.in_domain))
         self._latencies.append(report.seconds)
-        while self._reports and self._reports[0][0] < now - WINDOW:
+        while self._reports and self._reports[0][0] < now - SETTINGS.window:
             self._reports.popleft()
 
     def _compare(self, tracked: Pose) -> None:
         report = self._latest.get("report")
-        if report is None or abs(tracked.stamp - report.stamp) > TOGETHER or not report.in_domain:
+        if report is None or abs(tracked.stamp - report.stamp) > SETTINGS.together or not report.in_domain:
             return
         miss = _difference(tracked.pose, report.desired).tolist()
         self._drift.see(tracked.stamp, outside(miss, report.interval95))
@@ -146,7 +167,7 @@ class _ArmView:
         ----------
         now : float
         """
-        self.replicas = {k: r for k, r in self.replicas.items() if now - r.now < FORGOTTEN}
+        self.replicas = {k: r for k, r in self.replicas.items() if now - r.now < SETTINGS.forgotten}
         report, state = self._latest.get("report"), self._latest.get("operating_state")
         tracked = self._latest.get("tracker_cp")
         return {
@@ -164,7 +185,7 @@ class _ArmView:
             "latency_ms": self._latency_ms(),
             "drift": {
                 "evidence": self._drift.evidence,
-                "threshold": self._drift.threshold,
+                "threshold": self._drift.settings.threshold,
                 "alarm": self._drift.alarm,
                 "votes": self._drift.votes,
             },
@@ -198,7 +219,7 @@ def _shown_replica(replica: _Replica, now: float) -> dict[str, Any]:
     outside = sum(c.get("EXTRAPOLATING", 0) for c in corrections)
     return {
         "replica": answer.replica,
-        "state": answer.state if now - replica.now < GONE else "GONE",
+        "state": answer.state if now - replica.now < SETTINGS.gone else "GONE",
         "model_id": answer.model_id,
         "model_hash": answer.model_hash[:12],
         "uptime": answer.uptime,
@@ -243,7 +264,7 @@ def _correction(report: Report) -> dict[str, Any]:
 
 def _error(report: Report, tracked: Pose) -> dict[str, Any] | None:
     """Return how far the tracked tool is from the desired pose, where both are of one moment."""
-    if abs(tracked.stamp - report.stamp) > TOGETHER:
+    if abs(tracked.stamp - report.stamp) > SETTINGS.together:
         return None
     miss = _difference(tracked.pose, report.desired)
     return {"mm": 1e3 * float(np.linalg.norm(miss[:3])), "deg": math.degrees(float(np.linalg.norm(miss[3:])))}

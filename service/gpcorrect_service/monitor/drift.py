@@ -16,14 +16,33 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-__all__ = ["DriftWatch", "outside"]
+__all__ = ["DriftSettings", "DriftWatch", "outside"]
 
-USUAL, CHANGED = 0.1, 0.6  # chosen by hand: fraction of votes for "outside" while the model holds, and when it does not
-CHI_SQUARE_95 = {1: 3.841, 2: 5.991, 3: 7.815, 4: 9.488, 5: 11.070, 6: 12.592}
+CHI_SQUARE_95 = {1: 3.841, 2: 5.991, 3: 7.815, 4: 9.488, 5: 11.070, 6: 12.592}  # 95 % points by degrees of freedom
 NORMAL_95 = 1.96  # half width of a 95 % interval in standard deviations
-VOTE_SECONDS = 1.0  # chosen by hand: longer than neighbouring samples err together
-FEWEST = 5  # chosen by hand: samples that a vote needs
-ONE_IN = 1e5  # chosen by hand: votes between false alarms, at least: more than a day of work
+
+
+@dataclass(frozen=True)
+class DriftSettings:
+    """What decides an alarm; chosen by hand, each for the reason given.
+
+    Parameters
+    ----------
+    usual, changed : float
+        Fraction of votes for "outside" while the model holds (twice the 5 % of honest intervals), and when it does not.
+    vote_seconds : float
+        s of one vote: longer than neighbouring samples err together.
+    fewest : int
+        Samples that a vote needs.
+    threshold : float
+        Evidence of an alarm, and votes between false ones at least: more than a day of work.
+    """
+
+    usual: float = 0.1
+    changed: float = 0.6
+    vote_seconds: float = 1.0
+    fewest: int = 5
+    threshold: float = 1e5
 
 
 def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
@@ -46,6 +65,10 @@ def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
 class DriftWatch:
     """Evidence so far that the arm no longer is the one that was learned.
 
+    Parameters
+    ----------
+    settings : DriftSettings
+
     Attributes
     ----------
     evidence : float
@@ -54,7 +77,7 @@ class DriftWatch:
         Whether it ever reached the threshold since the model was loaded.
     """
 
-    threshold: float = ONE_IN
+    settings: DriftSettings = DriftSettings()
     evidence: float = field(default=1.0, init=False)
     alarm: bool = field(default=False, init=False)
     votes: int = field(default=0, init=False)
@@ -78,14 +101,15 @@ class DriftWatch:
         """
         if self._begin is None or stamp < self._begin:
             self._begin, self._samples = stamp, []
-        if stamp - self._begin >= VOTE_SECONDS:
-            if len(self._samples) >= FEWEST:
+        if stamp - self._begin >= self.settings.vote_seconds:
+            if len(self._samples) >= self.settings.fewest:
                 self._vote(sum(self._samples) > len(self._samples) / 2)
             self._begin, self._samples = stamp, []
         self._samples.append(outside)
 
     def _vote(self, outside: bool) -> None:
-        e = CHANGED / USUAL if outside else (1.0 - CHANGED) / (1.0 - USUAL)
+        usual, changed = self.settings.usual, self.settings.changed
+        e = changed / usual if outside else (1.0 - changed) / (1.0 - usual)
         self.evidence = max(self.evidence, 1.0) * e
         self.votes += 1
-        self.alarm = self.alarm or self.evidence >= self.threshold
+        self.alarm = self.alarm or self.evidence >= self.settings.threshold

@@ -282,13 +282,13 @@ def _write_pair(folder: Path, name: str, certificate: x509.Certificate, key: ec.
 def _builder(
     name: str, issuer: str, key: ec.EllipticCurvePrivateKey, now: datetime.datetime, days: int
 ) -> x509.CertificateBuilder:
-    def common(text: str) -> x509.Name:
+    def _common(text: str) -> x509.Name:
         return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
 
     return (
         x509.CertificateBuilder()
-        .subject_name(common(name))
-        .issuer_name(common(issuer))
+        .subject_name(_common(name))
+        .issuer_name(_common(issuer))
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - datetime.timedelta(minutes=5))  # clocks of the machines differ a little

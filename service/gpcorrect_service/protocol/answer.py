@@ -15,6 +15,8 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["Answer", "EstimateAnswer", "JointsAnswer", "PathAnswer", "PoseAnswer", "nullable", "pack", "unpack"]
 
+UNKNOWN = np.empty(0)
+
 Command = TypeVar("Command")  # numbers that all exist
 Sizes = TypeVar("Sizes")  # numbers, or null where one does not exist
 Flag = TypeVar("Flag")
@@ -82,15 +84,9 @@ def pack(form: type[A], answer: Correction, **beside: Any) -> A:
     **beside
         Further fields of the message.
     """
-    flags: Any = answer.reasons
-    in_domain = answer.in_domain
-    if isinstance(flags, np.ndarray):
-        flags, in_domain = flags.tolist(), in_domain.tolist()
-        words = [_words(code) for code in flags]
-        status, reason = [first for first, _ in words], [second for _, second in words]
-    else:
-        flags = int(flags)
-        status, reason = _words(flags)  # type: ignore[assignment]  # a text for one, a list for n
+    flags: Any = answer.reasons.tolist() if isinstance(answer.reasons, np.ndarray) else int(answer.reasons)
+    columns: Any = _meaning(flags) if isinstance(flags, int) else map(list, zip(*map(_meaning, flags), strict=True))
+    in_domain, status, reason = columns
     posed = answer.position is not None
     return form(
         position=answer.position.tolist() if answer.position is not None else UNSET,
@@ -142,6 +138,7 @@ def nullable(values: FloatArray) -> Any:
 
 
 @lru_cache(maxsize=1024)  # all combinations of reasons
-def _words(code: int) -> tuple[str, str]:
-    reason = Reason(code)
-    return str(reason.status), reason.text
+def _meaning(code: int) -> tuple[bool, str, str]:
+    """Return what reasons say of one answer: whether it is in the domain, its status, and words."""
+    answer = Correction(None, None, None, UNKNOWN, UNKNOWN, Reason(code))
+    return bool(answer.in_domain), str(answer.status), answer.reason

@@ -116,7 +116,13 @@ class RequestParser:
             cdr = kind == "correct" and request.encoding.startswith(CDR_ENCODING)
             codec = JSON if cdr else codec_of(request.encoding, kind)
             meta = _read_meta(codec, request.attachment)
-            _check_age(meta, started - request.arrived)
+            age = started - request.arrived
+            if meta.deadline is not None and age > meta.deadline:
+                raise ServiceError(
+                    "STALE",
+                    f"the request waited {age:.3f} s; its answer was wanted within {meta.deadline:.3f} s.",
+                    hint="Ask less often, allow more time, or add a replica.",
+                )
             response = work(Parsed(request, codec, meta, started))
         except ServiceError as error:
             if error.status == "INTERNAL":
@@ -197,17 +203,6 @@ def _read_meta(codec: Codec, attachment: bytes) -> RequestMeta:
             request_id=meta.request_id,
         )
     return meta
-
-
-def _check_age(meta: RequestMeta, age: float) -> None:
-    """Refuse a request that waited (`age`, s) for longer than its answer is wanted."""
-    if meta.deadline is not None and age > meta.deadline:
-        raise ServiceError(
-            "STALE",
-            f"the request waited {age:.3f} s; its answer was wanted within {meta.deadline:.3f} s.",
-            hint="Ask less often, allow more time, or add a replica.",
-            request_id=meta.request_id,
-        )
 
 
 def _error_response(codec: Codec, error: ServiceError, replica: str, request_id: str) -> Response:

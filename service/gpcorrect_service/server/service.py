@@ -184,13 +184,13 @@ class Server:
         queue.start()
         monotonic, throttled = self._clock.monotonic, kind in CORRECTIONS and math.isfinite(s.max_rate)
 
-        def receive(query: zenoh.Query) -> None:
+        def _receive(query: zenoh.Query) -> None:
             job = Job(query, kind, handler, monotonic())
             refused = throttled and not self._throttle.passes(job.arrived)
             (self._refusals if refused else queue).offer(job)
 
         # A direct callback runs on zenoh's thread: it only queues, and saves a change of threads.
-        callback = zenoh.handlers.Callback(receive, indirect=False)
+        callback = zenoh.handlers.Callback(_receive, indirect=False)
         self._queryables.enter_context(session.declare_queryable(f"{s.arm}/{kind}", callback, complete=True))
 
     def _declare_stream(self, session: zenoh.Session) -> None:
@@ -212,7 +212,7 @@ def serve(
     joint_path: str | Path | None = None,
     store: str | Path | None = None,
 ) -> None:
-    """Serve model files until told to stop: the whole life of a service process.
+    """Serve model files until stopped: the whole life of a service process.
 
     Parameters
     ----------
@@ -262,7 +262,15 @@ def run(
     joints: JointModel | None = None,
     store: ModelStore | None = None,
 ) -> None:
-    """Serve models that are already loaded; see :func:`serve`."""
+    """Serve models that are already loaded.
+
+    Parameters
+    ----------
+    corrector, joints, store
+        As for :class:`Server`.
+    settings, stop_event, on_ready
+        As for :func:`serve`.
+    """
     # What the process has loaded by now it keeps: the collector need not walk through it while a planner waits.
     gc.collect()
     gc.freeze()
@@ -282,10 +290,10 @@ def _stop_signal(given: threading.Event | None) -> Iterator[threading.Event]:
         yield stop
         return
 
-    def on_signal(number: int, frame: FrameType | None) -> None:
+    def _on_signal(number: int, frame: FrameType | None) -> None:
         stop.set()
 
-    before = {number: signal.signal(number, on_signal) for number in (signal.SIGTERM, signal.SIGINT)}
+    before = {number: signal.signal(number, _on_signal) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         yield stop
     finally:

@@ -11,13 +11,12 @@ import zenoh
 
 from gpcorrect.correction import Reason
 from gpcorrect.errors import DataError
-from gpcorrect.types import FloatArray
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.answer import EstimateAnswer, pack
 from gpcorrect_service.protocol.codec import codec_of
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.limits import bad_input, checked_joints
+from gpcorrect_service.protocol.limits import bad_input, checked_joints, checked_rows
 from gpcorrect_service.protocol.messages import JointState
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.bounds import RateBound
@@ -95,7 +94,7 @@ class Estimator:
     def _answer(self, state: JointState, age: float) -> EstimateAnswer:
         model = self._active.joint_model()
         q = checked_joints((state.position,), model.corrector.types)[0]
-        effort = _effort(state, len(q))
+        effort = None if state.effort is None else checked_rows((state.effort,), len(q), "efforts")[0]
         stream = self._stream_for(model, state)
         answer = stream.estimate(state.stamp, q, effort)
         self._last = state
@@ -179,12 +178,3 @@ def stream_queue(
         logger=logger,
     )
     return queue, _receive
-
-
-def _effort(state: JointState, dof: int) -> FloatArray | None:
-    if state.effort is None:
-        return None
-    if len(state.effort) != dof:
-        raise bad_input(f"{dof} joints came with {len(state.effort)} efforts.", "Send one effort a joint, or none.")
-    effort = np.array(state.effort, dtype=np.float64)
-    return np.where(np.isfinite(effort), effort, np.nan)
