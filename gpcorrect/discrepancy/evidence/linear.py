@@ -13,6 +13,8 @@ from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["Grams", "bordered", "fold_of", "grams", "held_out_nats", "solve"]
 
+FOLDS = 5  # of cross-validation over whole trajectories: chosen by hand
+
 
 @dataclass(frozen=True, eq=False)
 class Grams:
@@ -104,17 +106,15 @@ def _by_block(block: IntArray, n_blocks: int) -> tuple[IntArray | slice, IntArra
     return order, np.searchsorted(block[order], np.arange(n_blocks + 1))
 
 
-def fold_of(n_blocks: int, n_folds: int) -> IntArray:
+def fold_of(n_blocks: int) -> IntArray:
     """Return the fold of each block, dealt in turn.
 
     Parameters
     ----------
     n_blocks : int
         Number of blocks.
-    n_folds : int
-        Folds, where there are blocks for them.
     """
-    return np.arange(n_blocks) % max(2, min(n_folds, n_blocks))
+    return np.arange(n_blocks) % max(2, min(FOLDS, n_blocks))
 
 
 def solve(gram: FloatArray, moment: FloatArray, ridge: float = 1e-6) -> FloatArray:

@@ -20,7 +20,6 @@ from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["ChannelData", "Equivalence", "Finding", "Localisation", "localise"]
 
-FOLDS = 5
 SHOWN = 5  # findings of a channel
 
 
@@ -226,7 +225,7 @@ def _rows_by_fold(data: ChannelData) -> tuple[IntArray, IntArray, IntArray]:
     Evidence is summed over whole folds.
     """
     rows = np.flatnonzero((data.block >= 0) & np.isfinite(data.residual))
-    fold = fold_of(int(data.block[rows].max()) + 1, FOLDS)[data.block[rows]]
+    fold = fold_of(int(data.block[rows].max()) + 1)[data.block[rows]]
     order = np.argsort(fold, kind="stable")
     return rows[order], fold[order], order
 

@@ -18,10 +18,10 @@ from gpcorrect.types import FloatArray, IntArray
 __all__ = ["Tone", "strongest_tone"]
 
 FEWEST_ROWS, MOST_ROWS = 40, 400  # of a piece
-FEWEST_PIECES = 4
+FEWEST_PIECES = 4  # to average a spectrum over; chosen by hand on development cases
 CYCLES = 3.0  # in a piece, at least
 FINER = 2  # frequencies for each that can be resolved
-FEWEST_FREQUENCIES = 40
+FEWEST_FREQUENCIES = 40  # to fit a smooth spectrum through; chosen by hand on development cases
 DEGREE, ROUNDS = 5, 20  # of the curve through a spectrum, and of fitting it
 CLIP = 5.0  # robust standard deviations
 

@@ -17,7 +17,6 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.linear import fold_of, held_out_nats, solve
 from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
-from gpcorrect.discrepancy.search.linearisation import FOLDS
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -145,7 +144,7 @@ def smooth_fit(
     seen = np.concatenate([slopes[0], discovery.whiten_columns(columns)], axis=1)
     sums = discovery.grams(seen, z[0])
     p = slopes[0].shape[1]
-    fold = fold_of(len(sums.gram), FOLDS)
+    fold = fold_of(len(sums.gram))
     own = held_out_nats(sums.take(list(range(p))), fold).sum() if p else 0.0
     best, precision = -np.inf, np.zeros(0)
     for strength in PRECISIONS:

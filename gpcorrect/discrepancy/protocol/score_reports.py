@@ -20,7 +20,7 @@ __all__ = ["Proportion", "Score", "Target", "read_labels", "read_reports", "scor
 EXACT_TARGETS = {2.0: 0.97, 1.0: 0.95, 0.5: 0.90, 0.25: 0.70}  # of single effects, by effect to noise
 DETECTED = 0.7  # fraction of exact names from which on an effect counts as detected
 SURE = (0.90, 0.95)  # posterior bin whose names are checked
-SECONDS = 120.0
+SECONDS = 120.0  # of a run: target of the protocol
 
 
 @dataclass(frozen=True)

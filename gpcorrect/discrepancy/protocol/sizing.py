@@ -18,7 +18,7 @@ from gpcorrect.types import CalibrationLog, FloatArray
 __all__ = ["Drawn", "drawn_effect", "effect_to_noise", "noise_of"]
 
 TRIES = 40  # candidates drawn before giving up
-SECANTS = 6
+SECANTS = 6  # steps towards the wanted ratio
 CLOSE = 0.1  # of the wanted ratio
 SHAPE_SPREAD = 0.5  # standard deviation of the logarithm of a shape parameter around its typical value
 

@@ -19,8 +19,8 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["Dataset", "build_dataset"]
 
-REMEMBERED_BYTES = 150_000_000
-REMEMBERED_SETS = 20_000
+REMEMBERED_BYTES = 150_000_000  # of condensed channels: memory only, no result depends on it
+REMEMBERED_SETS = 20_000  # keys, which are small
 STILL = 1e-4  # of a joint's travel between samples: slower is standing still
 
 

@@ -16,7 +16,7 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["JointColumn", "PathMemory", "ReplayMemory"]
 
-REMEMBERED_BYTES = 120_000_000
+REMEMBERED_BYTES = 120_000_000  # of joint paths: memory only, no result depends on it
 
 
 @dataclass(frozen=True, eq=False)

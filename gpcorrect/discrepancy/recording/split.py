@@ -12,7 +12,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["NOT_USED", "Parts", "Split", "split_rows"]
 
-NOT_USED = -1
+NOT_USED = -1  # block of a row that is left out
 
 
 class Parts:

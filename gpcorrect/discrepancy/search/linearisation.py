@@ -16,12 +16,11 @@ from gpcorrect.discrepancy.search.instants import has_instant, with_best_instant
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["FOLDS", "Linearisation", "held_out", "linearise", "refine", "signature"]
+__all__ = ["Linearisation", "held_out", "linearise", "refine", "signature"]
 
-FOLDS = 5
 STEP = 0.002  # of a coordinate, for finite differences: far below a wave's turn over the range of a joint
-SMALLEST_STEP = 5e-4
-MAX_EVALUATIONS = 8
+SMALLEST_STEP = 5e-4  # of a coordinate near zero
+MAX_EVALUATIONS = 8  # of a set in a refinement: leaders start near; for time
 
 
 def signature(
@@ -190,7 +189,7 @@ def held_out(whitener: DatasetWhitener, reference: FloatArray, z: FloatArray, sl
     if slopes.shape[1] == 0:
         return gains
     sums = whitener.grams(slopes, z)
-    fold = fold_of(n_blocks, FOLDS)
+    fold = fold_of(n_blocks)
     numbers = np.unique(fold)
     gram = sums.gram.sum(axis=0) - np.stack([sums.gram[fold == k].sum(axis=0) for k in numbers])
     moment = sums.moment.sum(axis=0) - np.stack([sums.moment[fold == k].sum(axis=0) for k in numbers])

@@ -13,7 +13,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.linear import bordered, fold_of, held_out_nats, solve
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
-from gpcorrect.discrepancy.search.linearisation import FOLDS, Linearisation, held_out, linearise
+from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out, linearise
 from gpcorrect.discrepancy.search.state import Search, Step, penalty
 from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.types import BoolArray, FloatArray, Progress
@@ -55,7 +55,7 @@ def rank(
     whitener = search.whitener
     base = whitener.grams(linearised.slopes, linearised.z)
     p = linearised.slopes.shape[1]
-    fold = fold_of(int(whitener.block.max()) + 1, FOLDS)
+    fold = fold_of(int(whitener.block.max()) + 1)
     base_nats = float(held_out_nats(base, fold).sum()) if p else 0.0
     best: dict[tuple[object, ...], Ranked] = {}
     for trace in search.traces:
