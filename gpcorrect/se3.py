@@ -21,6 +21,7 @@ __all__ = [
     "compose",
     "exp",
     "from_parts",
+    "hat",
     "interpolate_rotations",
     "invert",
     "left_jacobian_inverse",
@@ -161,11 +162,18 @@ def invert(T: FloatArray) -> FloatArray:
     return pose(r_t, -(r_t @ T[..., :3, 3, None])[..., 0])
 
 
-def _hat(v: FloatArray) -> FloatArray:
+def hat(v: FloatArray) -> FloatArray:
+    """Return cross-product matrices `(..., 3, 3)`: `hat(v) @ w` is `v x w`.
+
+    Parameters
+    ----------
+    v : (..., 3) array
+        Vectors.
+    """
     upper = np.zeros((*v.shape[:-1], 3, 3))
     upper[..., 0, 1], upper[..., 0, 2], upper[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    hat: FloatArray = upper - np.swapaxes(upper, -1, -2)
-    return hat
+    cross: FloatArray = upper - np.swapaxes(upper, -1, -2)
+    return cross
 
 
 def _left_jacobian(rotvec: FloatArray) -> FloatArray:
@@ -175,8 +183,8 @@ def _left_jacobian(rotvec: FloatArray) -> FloatArray:
     safe = np.where(small, 1.0, theta)
     a = np.sinc(theta / (2 * np.pi)) ** 2 / 2  # (1 - cos) / theta^2 without its cancellation
     b = np.where(small, 1 / 6 - theta**2 / 120, (safe - np.sin(safe)) / safe**3)
-    hat = _hat(rotvec)
-    jacobian: FloatArray = np.eye(3) + a * hat + b * (hat @ hat)
+    cross = hat(rotvec)
+    jacobian: FloatArray = np.eye(3) + a * cross + b * (cross @ cross)
     return jacobian
 
 
@@ -189,8 +197,8 @@ def left_jacobian_inverse(rotvec: FloatArray) -> FloatArray:
     small = theta < SMALL_ANGLE
     half = np.where(small, 1.0, theta) / 2
     c = np.where(small, 1 / 12 + theta**2 / 720, (1 - half / np.tan(half)) / (4 * half**2))
-    hat = _hat(rotvec)
-    inverse: FloatArray = np.eye(3) - 0.5 * hat + c * (hat @ hat)
+    cross = hat(rotvec)
+    inverse: FloatArray = np.eye(3) - 0.5 * cross + c * (cross @ cross)
     return inverse
 
 

@@ -1,12 +1,10 @@
 """The rigid part of the correction: registration of frames, marker offset, and the residual that is left."""
 
-from gpcorrect.rigid.handeye import fit_marker
-from gpcorrect.rigid.model import RigidKind, RigidModel
+from gpcorrect.rigid.handeye import fit_marker, fit_separate
+from gpcorrect.rigid.model import RigidKind, RigidModel, apply_residual, pose_residual
 from gpcorrect.rigid.observability import Observability, rotation_observability
 from gpcorrect.rigid.registration import fit_pose, fit_position
-from gpcorrect.rigid.residuals import apply_residual, pose_residual
 from gpcorrect.rigid.select import Candidate, MarkerOption, Registration, register
-from gpcorrect.rigid.separate import fit_separate
 
 __all__ = [
     "Candidate",

@@ -1,6 +1,11 @@
-"""The marker is not the tool tip: tracker registration and marker offset from the same data (A X = Y B)."""
+"""The marker is not the tool tip: tracker registration and marker offset from the same data (A X = Y B).
+
+Also position and orientation that belong to different points of the tool, each registered for itself.
+"""
 
 from __future__ import annotations
+
+from itertools import permutations, product
 
 import numpy as np
 
@@ -9,14 +14,21 @@ from gpcorrect.errors import DataError
 from gpcorrect.rigid.model import RigidModel
 from gpcorrect.rigid.observability import Observability, rotation_observability
 from gpcorrect.rigid.refine import MarkerState, Samples, refine, residual_norms
-from gpcorrect.rigid.registration import check_pair, fit_position
-from gpcorrect.rigid.robust import cauchy_weights, evenly_spaced, fit_robustly, robust_scale
-from gpcorrect.rigid.twosided import two_sided_rotations
+from gpcorrect.rigid.registration import (
+    cauchy_weights,
+    check_pair,
+    component_scale,
+    evenly_spaced,
+    fit_position,
+    fit_robustly,
+)
 from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["fit_marker", "fit_two_sided", "require_observable"]
+__all__ = ["fit_marker", "fit_separate", "require_observable", "two_sided_rotations"]
 
-START_ROUNDS = 3
+START_ROUNDS = 3  # of weights before Gauss-Newton, which has its own: enough to leave gross errors behind
+ITERATIONS = 30  # a start: the alternation creeps where rotations are small, and Gauss-Newton finishes it
+MEAN_ROUNDS = 20  # of weighing rotations: converged to rounding well before
 
 
 def fit_marker(observed: PoseSignal, command: PoseSignal) -> RigidModel:
@@ -75,7 +87,33 @@ def require_observable(observed: PoseSignal, command: PoseSignal) -> Observabili
     return observability
 
 
-def fit_two_sided(R_obs: FloatArray, R_cmd: FloatArray) -> tuple[FloatArray, FloatArray]:
+def fit_separate(observed: PoseSignal, command: PoseSignal) -> RigidModel:
+    """Points registered by points, orientations by `R_left R_obs R_right = R_cmd`, both robustly.
+
+    Trackers that solve wrist and tip from different fiducials report such poses: no one rigid body explains
+    both. Rotation about two axes determines R_left and R_right; rotation about one leaves a turn about it
+    open, and the smallest R_right is taken; without rotation only the product is known, and R_right is the
+    identity.
+
+    Parameters
+    ----------
+    observed, command : PoseSignal
+        n samples each with orientations, all finite.
+
+    Raises
+    ------
+    DataError
+        Orientations missing, signals of unequal length, missing samples.
+    DegenerateError
+        Fewer than three samples, or points that coincide or lie on one line.
+    """
+    check_pair(observed, command)
+    points = fit_robustly(fit_position, observed, command)
+    R_left, R_right = _fit_orientations(observed, command)
+    return RigidModel("separate", R_position=points.R_position, t=points.t, R_left=R_left, R_right=R_right)
+
+
+def _fit_two_sided(R_obs: FloatArray, R_cmd: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Robust rotations (R_left, R_right) of `R_left R_obs R_right = R_cmd` from `(n, 3, 3)` stacks."""
     samples = Samples(R_obs, R_cmd=R_cmd)
     R_left, R_right = _start_rotations(R_obs, R_cmd)
@@ -157,4 +195,75 @@ def _reweighted(A: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _weights(norms: FloatArray) -> FloatArray:
-    return cauchy_weights(norms, robust_scale(norms))
+    return cauchy_weights(norms, component_scale(norms))
+
+
+def _fit_orientations(observed: PoseSignal, command: PoseSignal) -> tuple[FloatArray, FloatArray]:
+    observability = rotation_observability(observed, command)
+    if observability is None or observed.quaternion is None or command.quaternion is None:
+        raise DataError("separate registration needs observed and commanded orientations, got positions only.")
+    rows = evenly_spaced(len(observed))
+    R_obs = se3.matrix_from_quaternion(observed.quaternion[rows])
+    R_cmd = se3.matrix_from_quaternion(command.quaternion[rows])
+    if observability.n_axes == 0:
+        return _robust_left(R_obs, R_cmd, np.eye(3)), np.eye(3)
+    R_left, R_right = _fit_two_sided(R_obs, R_cmd)
+    if observability.n_axes == 1:
+        R_right = _smallest_turn(R_right, observability.axes[0])
+        R_left = _robust_left(R_obs, R_cmd, R_right)
+    return R_left, R_right
+
+
+def _smallest_turn(R: FloatArray, axis: FloatArray) -> FloatArray:
+    """Rotation of smallest angle among `exp(phi axis) R`: phi maximises its trace."""
+    sine = np.trace(se3.hat(axis) @ R)
+    cosine = np.trace(R) - axis @ R @ axis
+    return se3.matrix_from_rotvec(np.arctan2(sine, cosine) * axis) @ R
+
+
+def _robust_left(R_obs: FloatArray, R_cmd: FloatArray, R_right: FloatArray) -> FloatArray:
+    w = np.ones(len(R_obs))
+    for _ in range(MEAN_ROUNDS):
+        R_left = _left_rotation(R_obs, R_cmd, R_right, w)
+        away = se3.angle(R_left @ R_obs @ R_right @ np.swapaxes(R_cmd, -1, -2))
+        w = cauchy_weights(away, component_scale(away))
+    return R_left
+
+
+def _cube_rotations() -> FloatArray:
+    """Return the 24 rotations of a cube: no rotation is further than 63 degrees from one of them."""
+    signed = [np.eye(3)[list(p)] * s for p in permutations(range(3)) for s in product((1.0, -1.0), repeat=3)]
+    return np.array([m for m in signed if np.linalg.det(m) > 0.0])
+
+
+CUBE = _cube_rotations()
+
+
+def _left_rotation(R_obs: FloatArray, R_cmd: FloatArray, R_right: FloatArray, w: FloatArray) -> FloatArray:
+    """Rotation R_left of least `sum w ||R_left R_obs R_right - R_cmd||_F^2` over `(n, 3, 3)` stacks."""
+    return se3.nearest_rotation(np.einsum("n,nab,ncb->ac", w, R_cmd, R_obs @ R_right))
+
+
+def two_sided_rotations(R_obs: FloatArray, R_cmd: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations (R_left, R_right) of least `sum w ||R_left R_obs R_right - R_cmd||_F^2`.
+
+    For a given R_right the best R_left is one SVD, and the other way round; both need the data only as the
+    sum of the products of their entries. The two alternate from the 24 rotations of a cube; the best end
+    wins.
+
+    Parameters
+    ----------
+    R_obs, R_cmd : (n, 3, 3) arrays
+        Rotations that belong together.
+    w : (n,) array
+        Non-negative weights.
+    """
+    n = len(w)
+    moments = ((R_cmd.reshape(n, 9) * w[:, None]).T @ R_obs.reshape(n, 9)).reshape(3, 3, 3, 3)
+    R_right = CUBE
+    for _ in range(ITERATIONS):
+        R_left = se3.nearest_rotation(np.einsum("abcd,sdb->sac", moments, R_right))
+        R_right = se3.nearest_rotation(np.einsum("abcd,sac->sdb", moments, R_left))
+    agreement = np.einsum("abcd,sac,sdb->s", moments, R_left, R_right)
+    best = int(np.argmax(agreement))
+    return R_left[best], R_right[best]

@@ -1,4 +1,4 @@
-"""The rigid part G of the correction: learned before the Gaussian process, acts on whole poses."""
+"""The rigid part of the correction, and the residual that it leaves as a vector the Gaussian process can learn."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect.types import FloatArray, PoseSignal, frozen_array
+from gpcorrect.types import BoolArray, FloatArray, PoseSignal, frozen_array
 
-__all__ = ["RigidKind", "RigidModel"]
+__all__ = ["RigidKind", "RigidModel", "apply_residual", "pose_residual"]
 
 RigidKind = Literal["identity", "pose", "marker", "separate", "position"]
 
@@ -134,3 +134,52 @@ def _check_part(name: str, value: FloatArray, shape: tuple[int, ...]) -> None:
         np.abs(value @ value.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(value) < 0.0
     ):
         raise DataError(f"{name} of a rigid model must be a rotation matrix, got {value.tolist()}.")
+
+
+def pose_residual(reference: PoseSignal, command: PoseSignal) -> FloatArray:
+    """Residuals `(n, 6)` that :func:`apply_residual` adds to `reference` to reach `command`.
+
+    The first three are the difference of the positions (m, common frame), the last three the rotation vector
+    of `R_command R_reference^T` (rad, common frame, length at most pi). The rotation is NaN where either side
+    measures positions only, and every component of a missing sample is NaN.
+
+    Raises
+    ------
+    DataError
+        The two signals differ in length.
+    """
+    if len(reference) != len(command):
+        raise DataError(
+            f"the two signals must have a row for each other, got {len(reference)} and {len(command)} samples."
+        )
+    residual = np.full((len(reference), 6), np.nan)
+    residual[:, :3] = command.position - reference.position
+    if reference.quaternion is not None and command.quaternion is not None:
+        rows = reference.finite & command.finite
+        R_ref = se3.matrix_from_quaternion(reference.quaternion[rows])
+        R_cmd = se3.matrix_from_quaternion(command.quaternion[rows])
+        residual[rows, 3:] = se3.rotvec_from_matrix(R_cmd @ np.swapaxes(R_ref, -1, -2))
+    return residual
+
+
+def apply_residual(reference: PoseSignal, residual: FloatArray) -> PoseSignal:
+    """Poses reached from `reference` by residuals `(n, 6)`: `p + r[:3]` and `exp(r[3:]) R`.
+
+    Where the rotation part is NaN (nothing was learned of orientations) the orientation stays as it is.
+
+    Raises
+    ------
+    DataError
+        The residuals are not `(n, 6)` with a row a pose.
+    """
+    residual = np.asarray(residual, dtype=np.float64)
+    if residual.shape != (len(reference), 6):
+        raise DataError(f"residuals must have shape ({len(reference)}, 6), got {residual.shape}.")
+    position = reference.position + residual[:, :3]
+    if reference.quaternion is None:
+        return PoseSignal(position)
+    rows: BoolArray = reference.finite & np.isfinite(residual[:, 3:]).all(axis=1)
+    quaternion = np.array(reference.quaternion)
+    turn = se3.matrix_from_rotvec(residual[rows, 3:])
+    quaternion[rows] = se3.quaternion_from_matrix(turn @ se3.matrix_from_quaternion(quaternion[rows]))
+    return PoseSignal(position, quaternion)

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.rigid.robust import cauchy_loss, cauchy_weights, robust_scale
+from gpcorrect.rigid.registration import cauchy_loss, cauchy_weights, component_scale
 from gpcorrect.types import FloatArray
 
 __all__ = ["MarkerState", "Samples", "refine", "residual_norms"]
 
-GENERATORS = np.array([np.cross(np.eye(3), axis) for axis in np.eye(3)])  # GENERATORS[k] @ v = e_k x v
+GENERATORS = se3.hat(np.eye(3))  # GENERATORS[k] @ v = e_k x v
 SCALE_ROUNDS = 5
 MAX_STEPS = 60
 MAX_HALVINGS = 12
@@ -169,7 +169,7 @@ def _linearised_rotations(R_cmd: FloatArray, R_obs: FloatArray, state: MarkerSta
 
 
 def _scales(samples: Samples, state: MarkerState) -> list[float]:
-    scales = [robust_scale(norms) for norms in residual_norms(samples, state)]
+    scales = [component_scale(norms) for norms in residual_norms(samples, state)]
     least = [LEAST_SCALE] * len(scales)
     if samples.u is not None:
         least[0] = LEAST_SCALE * float(np.abs(samples.u).max())

@@ -1,16 +1,37 @@
-"""Registration of whole poses by one SVD, and of bare positions (Mahler et al. 2014, Sec. IV-B)."""
+"""Registration of whole poses by one SVD, and of bare positions (Mahler et al. 2014, Sec. IV-B).
+
+Each also comes with robust weights: registration must stand before cleaning is finished, so gross errors may not steer
+it.
+"""
 
 from __future__ import annotations
+
+from typing import Protocol
 
 import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
-from gpcorrect.rigid.model import RigidModel
-from gpcorrect.types import FloatArray, PoseSignal
+from gpcorrect.rigid.model import RigidModel, pose_residual
+from gpcorrect.robust import robust_scale
+from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
-__all__ = ["check_pair", "fit_pose", "fit_position", "sample_weights"]
+__all__ = [
+    "cauchy_loss",
+    "cauchy_weights",
+    "check_pair",
+    "component_scale",
+    "evenly_spaced",
+    "fit_pose",
+    "fit_position",
+    "fit_robustly",
+]
 
+WIDTH = 3.0  # standard deviations at which a sample counts half
+MAX_SAMPLES = 2000  # a dozen unknowns are no better known from more: neighbours in time repeat each other
+MAX_ROUNDS = 40
+TOLERANCE = 1e-7
+FLOOR = 1e-12  # m or rad: exact data leave no scale to divide by
 MIN_SAMPLES = 3
 COLLINEAR_RATIO = 1e-3  # spread across the best line over the spread along it
 AMBIGUOUS_RATIO = 1e-6  # the same for a cross-covariance, which is a square
@@ -57,7 +78,7 @@ def fit_pose(
     if not rotation_weight >= 0.0:
         raise DataError(f"rotation_weight must be at least 0 square metres, got {rotation_weight}.")
     check_pair(observed, command)
-    w = sample_weights(weights, len(observed))
+    w = _normalised(weights, len(observed))
     R_obs, R_cmd = (
         se3.matrix_from_quaternion(observed.quaternion),
         se3.matrix_from_quaternion(command.quaternion),
@@ -78,7 +99,7 @@ def fit_position(observed: PoseSignal, command: PoseSignal, *, weights: FloatArr
         Fewer than three samples, or points that coincide or lie on one line.
     """
     check_pair(observed, command)
-    w = sample_weights(weights, len(observed))
+    w = _normalised(weights, len(observed))
     _check_spread(observed.position, w, "observed")
     _check_spread(command.position, w, "commanded")
     R = _rotation(_cross_covariance(observed, command, w))
@@ -112,7 +133,7 @@ def check_pair(observed: PoseSignal, command: PoseSignal) -> None:
         )
 
 
-def sample_weights(weights: FloatArray | None, n: int) -> FloatArray:
+def _normalised(weights: FloatArray | None, n: int) -> FloatArray:
     """Return weights `(n,)` that sum to one.
 
     Raises
@@ -125,6 +146,61 @@ def sample_weights(weights: FloatArray | None, n: int) -> FloatArray:
         raise DataError(f"weights must be {n} finite numbers, none negative and not all zero, got shape {w.shape}.")
     normalised: FloatArray = w / w.sum()
     return normalised
+
+
+class RigidFit(Protocol):
+    """A least-squares registration that takes weights, such as :func:`~gpcorrect.rigid.fit_pose`."""
+
+    def __call__(self, observed: PoseSignal, command: PoseSignal, *, weights: FloatArray | None = None) -> RigidModel:
+        """Return the model of least weighted squared error."""
+        ...
+
+
+def component_scale(norms: FloatArray) -> float:
+    """Return the standard deviation of a component, from the lengths `(n,)` of 3-vectors (median)."""
+    return max(float(robust_scale(norms, 3)), FLOOR)
+
+
+def cauchy_weights(norms: FloatArray, scale: float) -> FloatArray:
+    """Weights `(n,)` in (0, 1] of residual lengths: those of the Cauchy loss, a half at WIDTH scales."""
+    weights: FloatArray = 1.0 / (1.0 + (norms / (WIDTH * scale)) ** 2)
+    return weights
+
+
+def cauchy_loss(norms: FloatArray, scale: float) -> float:
+    """Sum of the loss whose weights :func:`cauchy_weights` are: `WIDTH^2 log(1 + (r / (WIDTH scale))^2)`."""
+    return float(WIDTH**2 * np.log1p((norms / (WIDTH * scale)) ** 2).sum())
+
+
+def evenly_spaced(n: int, most: int = MAX_SAMPLES) -> IntArray:
+    """Rows of at most `most` of n samples, spread evenly over the recording."""
+    rows: IntArray = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+    return rows
+
+
+def fit_robustly(fit: RigidFit, observed: PoseSignal, command: PoseSignal) -> RigidModel:
+    """Registration of least Cauchy loss by reweighting `fit`, started from equal weights.
+
+    A sample's weight is the smaller of those of its position and its rotation, each on its own robust scale.
+    """
+    rows = evenly_spaced(len(observed))
+    observed, command = observed[rows], command[rows]
+    model = fit(observed, command)
+    weights = np.ones(len(observed))
+    for _ in range(MAX_ROUNDS):
+        previous, weights = weights, _sample_weights(model, observed, command)
+        model = fit(observed, command, weights=weights)
+        if np.abs(weights - previous).max() < TOLERANCE:
+            break
+    return model
+
+
+def _sample_weights(model: RigidModel, observed: PoseSignal, command: PoseSignal) -> FloatArray:
+    residual = pose_residual(model.apply(observed), command)
+    parts = (residual[:, :3],) if model.kind == "position" else (residual[:, :3], residual[:, 3:])
+    norms = [np.linalg.norm(part, axis=1) for part in parts]
+    weights: FloatArray = np.min([cauchy_weights(r, component_scale(r)) for r in norms], axis=0)
+    return weights
 
 
 def _cross_covariance(observed: PoseSignal, command: PoseSignal, w: FloatArray) -> FloatArray:

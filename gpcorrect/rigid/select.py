@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, get_args
@@ -11,14 +11,17 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from gpcorrect.errors import DataError, DegenerateError
-from gpcorrect.rigid.handeye import fit_marker, require_observable
-from gpcorrect.rigid.holdout import LEAST_BLOCK, Fit, UnitErrors, held_out_errors, hold_out_units
-from gpcorrect.rigid.model import RigidKind, RigidModel
+from gpcorrect.rigid.handeye import fit_marker, fit_separate, require_observable
+from gpcorrect.rigid.model import RigidKind, RigidModel, pose_residual
 from gpcorrect.rigid.observability import Observability, rotation_observability
-from gpcorrect.rigid.registration import check_pair, fit_pose, fit_position
-from gpcorrect.rigid.residuals import pose_residual
-from gpcorrect.rigid.robust import fit_robustly, robust_scale
-from gpcorrect.rigid.separate import fit_separate
+from gpcorrect.rigid.registration import (
+    check_pair,
+    component_scale,
+    evenly_spaced,
+    fit_pose,
+    fit_position,
+    fit_robustly,
+)
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
@@ -26,6 +29,13 @@ __all__ = ["Candidate", "MarkerOption", "Registration", "register"]
 
 MarkerOption = Literal["none", "solve", "auto"]
 
+Fit = Callable[[PoseSignal, PoseSignal], RigidModel]
+
+FOLDS = 5
+BLOCKS = 10  # parts of a recording that has too few trajectories to leave some out
+LEAST_BLOCK = 3  # samples
+MAX_SAMPLES = 1000  # in a fold's fit: enough to rank the kinds
+MAX_JUDGED = 200  # in each unit, for its median
 ONE_MEDIAN = (
     math.sqrt(math.pi / 2) * MAD_TO_STD
 )  # standard error of a median from the median absolute deviation of normal data
@@ -129,7 +139,7 @@ def register(
         require_observable(observed, command)
     fits = _fits(observed, command, marker)
     units = _units(observed, trajectory, marker)
-    tried = [held_out_errors(kind, fit, observed, command, units) for kind, fit in fits.items()]
+    tried = [_held_out_errors(kind, fit, observed, command, units) for kind, fit in fits.items()]
     scores = _scores(tried)
     chosen, reason = _choose(tried, scores, marker)
     return Registration(
@@ -138,6 +148,28 @@ def register(
         candidates=tuple(_candidate(errors, score) for errors, score in zip(tried, scores, strict=True)),
         observability=rotation_observability(observed, command),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _UnitErrors:
+    """Held-out errors of one kind of model, one row a unit (a trajectory, or a block of a single one).
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the model.
+    position : (m,) array
+        Median position error in each unit, m; NaN where the kind was refused.
+    rotation : (m,) array
+        Median rotation error in each unit, rad; NaN where there are no orientations.
+    refused : str
+        Why the kind could not be fitted; empty when it could.
+    """
+
+    kind: RigidKind
+    position: FloatArray
+    rotation: FloatArray
+    refused: str = ""
 
 
 def _units(observed: PoseSignal, trajectory: IntArray, marker: MarkerOption) -> IntArray:
@@ -165,7 +197,7 @@ def _robust_pose(observed: PoseSignal, command: PoseSignal) -> RigidModel:
     weight, model = 1.0, fit_robustly(fit_pose, observed, command)
     for _ in range(WEIGHT_ROUNDS):
         residual = pose_residual(model.apply(observed), command)
-        s_p, s_r = (robust_scale(np.linalg.norm(part, axis=1)) for part in (residual[:, :3], residual[:, 3:]))
+        s_p, s_r = (component_scale(np.linalg.norm(part, axis=1)) for part in (residual[:, :3], residual[:, 3:]))
         before, weight = weight, s_p**2 / (2 * s_r**2)
         model = fit_robustly(partial(fit_pose, rotation_weight=weight), observed, command)
         if abs(weight - before) < WEIGHT_TOLERANCE * before:
@@ -192,7 +224,7 @@ def _fits(observed: PoseSignal, command: PoseSignal, marker: MarkerOption) -> Ma
     return fits
 
 
-def _scores(tried: list[UnitErrors]) -> list[FloatArray]:
+def _scores(tried: list[_UnitErrors]) -> list[FloatArray]:
     """Score `(m,)` of each kind in each unit; NaN where the kind was refused."""
     parts = [[errors.position for errors in tried], [errors.rotation for errors in tried]]
     ratios = [_ratios(np.array(part)) for part in parts if np.isfinite(part).any()]
@@ -207,7 +239,7 @@ def _ratios(errors: FloatArray) -> FloatArray:
     return ratios
 
 
-def _choose(tried: list[UnitErrors], scores: list[FloatArray], marker: MarkerOption) -> tuple[RigidKind, str]:
+def _choose(tried: list[_UnitErrors], scores: list[FloatArray], marker: MarkerOption) -> tuple[RigidKind, str]:
     if marker != "auto":
         return tried[-1].kind, f'{tried[-1].kind} as asked for by marker="{marker}".'
     fitted = [index for index, errors in enumerate(tried) if not errors.refused]
@@ -229,7 +261,7 @@ def _within_one_error(score: FloatArray, best: FloatArray) -> bool:
     return bool(middle <= error)
 
 
-def _reason(tried: list[UnitErrors], scores: list[FloatArray], best: int, chosen: int) -> str:
+def _reason(tried: list[_UnitErrors], scores: list[FloatArray], best: int, chosen: int) -> str:
     names = [errors.kind for errors in tried]
     rank = {name: f"{np.median(score):.3g}" for name, score in zip(names, scores, strict=True)}
     if chosen == best:
@@ -243,7 +275,7 @@ def _reason(tried: list[UnitErrors], scores: list[FloatArray], best: int, chosen
     return why + "".join(refused)
 
 
-def _candidate(errors: UnitErrors, score: FloatArray) -> Candidate:
+def _candidate(errors: _UnitErrors, score: FloatArray) -> Candidate:
     return Candidate(
         errors.kind,
         position_mm=1e3 * float(np.median(errors.position)),
@@ -251,3 +283,51 @@ def _candidate(errors: UnitErrors, score: FloatArray) -> Candidate:
         score=float(np.median(score)),
         refused=errors.refused,
     )
+
+
+def hold_out_units(trajectory: IntArray) -> IntArray:
+    """Return the unit `(n,)` of each sample, in recorded order: its trajectory, or its block.
+
+    Samples of one motion repeat each other, so whole trajectories are left out where there are at least as
+    many as folds; otherwise the recording is cut into contiguous blocks.
+    """
+    _, first, label = np.unique(trajectory, return_index=True, return_inverse=True)
+    if len(first) >= FOLDS:
+        rank: IntArray = np.argsort(np.argsort(first))
+        units: IntArray = rank[label.reshape(-1)]
+        return units
+    n = len(trajectory)
+    blocks = max(min(BLOCKS, n // LEAST_BLOCK), 1)
+    return np.arange(n) * blocks // max(n, 1)
+
+
+def _held_out_errors(
+    kind: RigidKind, fit: Fit, observed: PoseSignal, command: PoseSignal, units: IntArray
+) -> _UnitErrors:
+    """Errors in each unit of the model fitted without its fold, a run of neighbouring units.
+
+    A kind that some fold's data do not determine is refused as a whole.
+    """
+    n_units = int(units.max()) + 1
+    position, rotation = np.full(n_units, np.nan), np.full(n_units, np.nan)
+    rows_of = np.split(np.argsort(units, kind="stable"), np.cumsum(np.bincount(units))[:-1])
+    folds = min(FOLDS, n_units)
+    for fold in range(folds):
+        held = units * folds // n_units == fold
+        rows = np.flatnonzero(~held)
+        rows = rows[evenly_spaced(len(rows), MAX_SAMPLES)]
+        try:
+            model = fit(observed[rows], command[rows])
+        except DegenerateError as error:
+            nothing = np.full(n_units, np.nan)
+            return _UnitErrors(kind, nothing, nothing, refused=error.message)
+        for unit in np.unique(units[held]):
+            position[unit], rotation[unit] = _median_errors(model, observed, command, rows_of[unit])
+    return _UnitErrors(kind, position, rotation)
+
+
+def _median_errors(model: RigidModel, observed: PoseSignal, command: PoseSignal, rows: IntArray) -> tuple[float, float]:
+    rows = rows[evenly_spaced(len(rows), MAX_JUDGED)]
+    residual = pose_residual(model.apply(observed[rows]), command[rows])
+    position, rotation = (np.linalg.norm(part, axis=1) for part in (residual[:, :3], residual[:, 3:]))
+    return float(np.median(position)), float(np.median(rotation))

@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
+from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import BoolArray, FloatArray
 from gpcorrect.vision.boards import Chessboard, LensCalibration
 from gpcorrect.vision.camera import Intrinsics
@@ -155,7 +156,7 @@ def refine_pose(
     fits = [_fit(points, pixels, lens, x, method="trf", loss="soft_l1") for x in vectors]
     best = min(fits, key=lambda fit: float(fit.cost))
     length = np.linalg.norm(best.fun.reshape(-1, 2), axis=1)
-    scale = min(settings.outlier * 1.4826 * float(np.median(length)), settings.outlier_width * lens.width)
+    scale = min(settings.outlier * MAD_TO_STD * float(np.median(length)), settings.outlier_width * lens.width)
     used = length <= max(settings.outlier_px, scale)
     if used.sum() < max(fewest, len(points) / 2):
         raise DegenerateError(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import BoolArray, FloatArray
 from gpcorrect.vision.camera import Intrinsics
 from gpcorrect.vision.opencv import Image, cv2
@@ -153,7 +154,7 @@ def fit_cone(points: FloatArray, lens: Intrinsics, settings: BallSettings = DEFA
         used = consensus
         for _ in range(3):
             m, off = _cone(d, used, lens)
-            scale = 1.4826 * float(np.median(np.abs(off[used])))
+            scale = MAD_TO_STD * float(np.median(np.abs(off[used])))
             near = np.abs(off) < 3.0 * max(settings.inlier_px, scale)
             if near.sum() < fewest:
                 return None

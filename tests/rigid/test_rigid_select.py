@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.rigid import fit_pose, register
-from gpcorrect.rigid.holdout import hold_out_units
+from gpcorrect.rigid.select import hold_out_units
 from gpcorrect.types import IntArray, PoseSignal
 
 KINDS = ["identity", "pose", "marker", "separate"]

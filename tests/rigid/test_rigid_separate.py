@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.rigid import RigidModel, fit_position, fit_separate, pose_residual
-from gpcorrect.rigid.twosided import two_sided_rotations
+from gpcorrect.rigid.handeye import two_sided_rotations
 from gpcorrect.types import PoseSignal
 
 

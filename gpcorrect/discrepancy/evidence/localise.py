@@ -16,6 +16,7 @@ from gpcorrect.discrepancy.evidence.variables import Cells, Quantity, Span, Vari
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, Whitener, standard_draws
 from gpcorrect.discrepancy.settings import TESTS
+from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["ChannelData", "Equivalence", "Finding", "Localisation", "localise"]
@@ -232,7 +233,7 @@ def _rows_by_fold(data: ChannelData) -> tuple[IntArray, IntArray, IntArray]:
 
 def _clipped(z: FloatArray) -> FloatArray:
     """Whitened residuals with the far tails pulled in to some robust deviations of their column."""
-    limit = TESTS.clip * np.maximum(1.0, np.median(np.abs(z), axis=0) / 0.6745)
+    limit = TESTS.clip * np.maximum(1.0, MAD_TO_STD * np.median(np.abs(z), axis=0))
     return np.clip(z, -limit, limit)
 
 

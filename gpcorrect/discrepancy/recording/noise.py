@@ -14,12 +14,13 @@ from scipy.optimize import minimize, nnls
 from scipy.stats import t as student
 
 from gpcorrect.discrepancy.settings import NOISE
+from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["ChannelNoise", "NoiseSource", "Whitener", "estimate_noise", "outliers", "standard_draws", "whiten"]
 
 CORRELATION_TIMES = np.geomspace(0.02, 0.5, 20)  # s; longer ones would take motion effects for noise
-NORMAL_MAD = 0.6744897501960817  # median of |z| of a standard normal
+NORMAL_MAD = 1.0 / MAD_TO_STD  # 0.6745: median of |z| of a standard normal
 TAILS = (3.0, 4.0, 6.0, 10.0, np.inf)
 MANY, BULK = 0.2, 0.99  # fraction of unchanged samples from which on a sensor rounds, and the fraction that is no fault
 SPIKE_REACH = 3  # samples on either side

@@ -11,7 +11,7 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect.types import BoolArray, FloatArray
+from gpcorrect.types import QUATERNION_TOLERANCE, BoolArray, FloatArray
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import Row
 
@@ -47,7 +47,7 @@ class Limits:
         m and rad of a joint: no arm inserts 2 m, and 20 rad are over three turns; more are millimetres or degrees.
     """
 
-    quaternion: float = 1e-3
+    quaternion: float = QUATERNION_TOLERANCE
     command_quaternion: float = 1e-6
     room: float = 5.0
     reach: float = 10.0
