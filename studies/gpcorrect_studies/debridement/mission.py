@@ -197,15 +197,21 @@ def debride(
     middle_free, fetched = 0.0, []
     while any(worker.left for worker in workers):
         worker = min((w for w in workers if w.left), key=lambda w: w.robot.clock)
-        number = worker.choose(middle_free)
+        # A fragment in the middle comes next only when the middle is free or nothing else is left.
+        free = [n for n in worker.left if worker.robot.clock >= middle_free or not mission.in_the_middle(n)]
+        number = (free or worker.left)[0]
+        worker.left.remove(number)
         if mission.in_the_middle(number):
-            worker.wait_until(middle_free)
-        fetched.append(worker.fetch(number))
+            seconds = max(0.0, middle_free - worker.robot.clock)
+            worker.robot.wait(seconds)
+            worker.waited += seconds
+        fetched.append(worker.fetch(mission.fragments[number]))
         if mission.in_the_middle(number):
             middle_free = worker.robot.clock
         if progress is not None:
             progress.step(stage, len(fetched) / len(mission.fragments))
-    return Outcome(tuple(fetched), tuple(worker.record() for worker in workers))
+    arms = [ArmRecord(w.robot.station.name, w.robot.trace, w.robot.clock, w.waited) for w in workers]
+    return Outcome(tuple(fetched), tuple(arms))
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,25 +231,18 @@ class _Worker:
         self._mission, self._strategy, self._rng = mission, strategy, rng
         self.robot = SimulatedRobot(station, rng, mission.start)
         self.left = mission.fragments_of(station)
-        self._waited = 0.0
+        self.waited = 0.0
         strategy.begin(self.robot)
 
-    def choose(self, middle_free: float) -> int:
-        """Take the next fragment; one in the middle only when the middle is free or nothing else is left."""
-        free = [n for n in self.left if self.robot.clock >= middle_free or not self._mission.in_the_middle(n)]
-        number = (free or self.left)[0]
-        self.left.remove(number)
-        return number
+    def fetch(self, fragment: FloatArray) -> Fetched:
+        """Fetch one fragment, or give it up.
 
-    def wait_until(self, clock: float) -> None:
-        """Stand until the other arm has left the middle."""
-        seconds = max(0.0, clock - self.robot.clock)
-        self.robot.wait(seconds)
-        self._waited += seconds
-
-    def fetch(self, number: int) -> Fetched:
-        """Fetch one fragment, or give it up."""
-        fragment, begin = self._mission.fragments[number], self.robot.clock
+        Parameters
+        ----------
+        fragment : (3,) array
+            m, tracker frame.
+        """
+        begin = self.robot.clock
         tries: list[_Try] = []
         while len(tries) < self._mission.attempts and not (tries and tries[-1].caught):
             tries.append(self._attempt(fragment))
@@ -275,7 +274,3 @@ class _Worker:
         robot.wait(mission.times.release)
         removed = mission.gripper.drops_in(robot.tool_pose, mission.scene.bowl(robot.station), up)
         return _Try(approach, miss_mm, caught=True, removed=removed)
-
-    def record(self) -> ArmRecord:
-        """Return where the tool went."""
-        return ArmRecord(self.robot.station.name, self.robot.trace, self.robot.clock, self._waited)

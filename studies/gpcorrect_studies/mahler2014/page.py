@@ -115,7 +115,7 @@ def _bound(name: str, target: float) -> str:
 
 
 def _table1(result: Mahler2014) -> Section:
-    def rows(which: str, names: Sequence[str]) -> list[list[str]]:
+    def _rows(which: str, names: Sequence[str]) -> list[list[str]]:
         errors = result.table1.errors[which]
         return [
             [method, *(f"{errors[method][n]['mean']:.2f} ± {errors[method][n]['sd']:.2f}" for n in names)]
@@ -123,7 +123,7 @@ def _table1(result: Mahler2014) -> Section:
         ]
 
     tables = [
-        TableData([f"{which} set", *(HEADS[n] for n in names)], rows(which, names), f"Mean ± SD over {whole}.")
+        TableData([f"{which} set", *(HEADS[n] for n in names)], _rows(which, names), f"Mean ± SD over {whole}.")
         for which, whole in (("clean", "samples that pass cleaning"), ("dirty", "all samples as they came"))
         for names in (NORMS, COMPONENTS)
     ]

@@ -28,7 +28,8 @@ NAMES = {
 DRAWN = {"network": ("raw", "o"), "gp": ("corrected", "s")}  # colour and marker of a method
 ALL_DRAWN = {"linear": ("rigid", "^"), "quadratic": ("dropped", "v"), **DRAWN, "ukf": ("quiet", "D")}
 JOINTS = ("J1 [deg]", "J2 [deg]", "J3 [mm]")
-NOT_PUBLISHED = "not published to us"
+NOT_PUBLISHED = "not published to us"  # words of several sections
+# What the cells of most tables are.
 RMSE = "RMSE on the test run, mean ± SD over repeats (training recordings with other noise, and other seeds)."
 
 
