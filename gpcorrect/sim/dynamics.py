@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -86,7 +87,9 @@ def posture_at(body: Body, q: FloatArray) -> Posture | None:
     return Posture(_tables(body), np.ascontiguousarray(payload), values, q.shape)
 
 
+@lru_cache(maxsize=8)
 def _tables(body: Body) -> Tables:
+    """Return the arm as arrays; an arm that runs live asks for the same body's again and again."""
     assert body.chain is not None
     chain, links = body.chain, body.links
     dof, k = chain.dof, len(links.mass)

@@ -5,6 +5,8 @@ A recording is read as one stretch, an arm that runs live sample by sample: the 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.signal import lfilter
 
@@ -50,12 +52,13 @@ class SensorNoise:
             Numbers that are measured at each.
         """
         fresh = self._rng.standard_normal((*time.shape, width))
-        drive = np.sqrt(1.0 - self._phi**2) * fresh
-        drive[0] = fresh[0]
+        slow = math.sqrt(1.0 - self._phi**2) * fresh
+        slow[0] = fresh[0]
         if self._last is not None:
-            left = self._phi ** ((time[0, 0] - self._time) * self._rate)
-            drive[0] = left * self._last + np.sqrt(max(0.0, 1.0 - left**2)) * fresh[0]
-        slow: FloatArray = lfilter([1.0], [1.0, -self._phi], drive, axis=0)
+            left = self._phi ** ((float(time[0, 0]) - self._time) * self._rate)
+            slow[0] = left * self._last + math.sqrt(max(0.0, 1.0 - left**2)) * fresh[0]
+        if len(slow) > 1:
+            slow = lfilter([1.0], [1.0, -self._phi], slow, axis=0)
         self._last, self._time = slow[-1], float(time[-1, 0])
         return self._slow * slow + self._white * self._rng.standard_normal(fresh.shape)
 
