@@ -21,6 +21,7 @@ def days(tmp_path: Path) -> list[Path]:
     return [written(small_log(seed, 6, samples=40), tmp_path / f"day{seed}.csv") for seed in (5, 6)]
 
 
+@pytest.mark.slow
 def test_update_writes_another_model_and_leaves_the_first(
     gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path
 ) -> None:
