@@ -1,1 +1,1 @@
-"""What a residual says: whitened rows, linear evidence in nats, small structured tests, and where they stand out."""
+"""What a residual shows: whitened rows, linear evidence in nats, small structured tests, and where they stand out."""

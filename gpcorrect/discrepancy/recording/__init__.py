@@ -1,1 +1,1 @@
-"""The recording and its noise, seen beside what the simulator says that the sensors should have shown."""
+"""The recording and its noise, beside what the simulator says that the sensors should have measured."""

@@ -1,1 +1,1 @@
-"""Which effects explain the discrepancy: candidates, trials on the data, and the beam over sets."""
+"""Which effects explain the discrepancy: candidates, their signatures in the data, and the search over sets."""
