@@ -20,7 +20,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3, help="each line is the mean over so many seeds")
     seeds = range(parser.parse_args().seeds)
     results = {}
-    for data in (simulated(noise_correlation=0.9), real()):
+    for data in (real(), simulated(n_reaches=100, noise_correlation=0.9)):
         known = {"groups": data.trajectory, "times": data.times}
         rows = {}
         for kernel in (*KERNELS, "auto"):
@@ -32,7 +32,7 @@ def main() -> None:
             taken = [learned.kernel.name for model in models for learned in model.learned_]
             rows[kernel]["matern52_taken"] = taken.count("matern52") / len(taken)
         results[data.name] = rows
-        print(f"\n{data.name}: {len(data.X)} training samples, {len(data.X_test)} held out")
+        print(f"\n{data.name}: {len(data.X)} training samples, {len(data.X_test)} held out", flush=True)
         print_table([*HEAD, "matern taken"], [[n, *r.values()] for n, r in rows.items()])
     save_results("gpr_kernels", results)
 

@@ -44,6 +44,11 @@ SMALL_ANGLE = 1e-4  # below it the series of order 4 is exact to rounding
 def matrix_from_quaternion(quaternion: FloatArray) -> FloatArray:
     """Rotation matrices `(..., 3, 3)` of quaternions wxyz `(..., 4)`, normalised first.
 
+    Parameters
+    ----------
+    quaternion : (..., 4) array
+        Quaternions wxyz, of any length but zero.
+
     Raises
     ------
     DataError
@@ -56,7 +61,13 @@ def matrix_from_quaternion(quaternion: FloatArray) -> FloatArray:
 
 
 def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
-    """Return unit quaternions wxyz `(..., 4)` with w >= 0 of rotation matrices `(..., 3, 3)`."""
+    """Return unit quaternions wxyz `(..., 4)` with w >= 0 of rotation matrices `(..., 3, 3)`.
+
+    Parameters
+    ----------
+    rotation : (..., 3, 3) array
+        Rotation matrices.
+    """
     return _map_rows(
         rotation,
         (4,),
@@ -66,12 +77,24 @@ def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
 
 
 def matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:
-    """Rotation matrices `(..., 3, 3)` of rotation vectors `(..., 3)` in rad."""
+    """Rotation matrices `(..., 3, 3)` of rotation vectors `(..., 3)` in rad.
+
+    Parameters
+    ----------
+    rotvec : (..., 3) array
+        Rotation vectors, rad.
+    """
     return _map_rows(rotvec, (3, 3), lambda rows: Rotation.from_rotvec(rows).as_matrix(), axes=1)
 
 
 def rotvec_from_matrix(rotation: FloatArray) -> FloatArray:
-    """Rotation vectors `(..., 3)` in rad, of length at most pi, of rotation matrices `(..., 3, 3)`."""
+    """Rotation vectors `(..., 3)` in rad, of length at most pi, of rotation matrices `(..., 3, 3)`.
+
+    Parameters
+    ----------
+    rotation : (..., 3, 3) array
+        Rotation matrices.
+    """
     return _map_rows(rotation, (3,), lambda rows: Rotation.from_matrix(rows).as_rotvec(), axes=2)
 
 
@@ -90,7 +113,13 @@ def _map_rows(
 
 
 def angle(rotation: FloatArray) -> FloatArray:
-    """Rotation angles `(...)` in rad, 0 to pi, of rotation matrices `(..., 3, 3)`."""
+    """Rotation angles `(...)` in rad, 0 to pi, of rotation matrices `(..., 3, 3)`.
+
+    Parameters
+    ----------
+    rotation : (..., 3, 3) array
+        Rotation matrices.
+    """
     lengths: FloatArray = np.linalg.norm(rotvec_from_matrix(rotation), axis=-1)
     return lengths
 
@@ -112,6 +141,11 @@ def quaternion_angle(first: FloatArray, second: FloatArray) -> FloatArray:
 def nearest_rotation(matrix: FloatArray) -> FloatArray:
     """Rotation matrices `(..., 3, 3)` nearest to `matrix` in the Frobenius norm (SVD, determinant +1).
 
+    Parameters
+    ----------
+    matrix : (..., 3, 3) array
+        Any finite matrices.
+
     Raises
     ------
     DataError
@@ -127,7 +161,15 @@ def nearest_rotation(matrix: FloatArray) -> FloatArray:
 
 
 def pose(rotation: FloatArray, translation: FloatArray) -> FloatArray:
-    """Pose matrices `(..., 4, 4)` of rotations `(..., 3, 3)` and translations `(..., 3)`."""
+    """Pose matrices `(..., 4, 4)` of rotations `(..., 3, 3)` and translations `(..., 3)`.
+
+    Parameters
+    ----------
+    rotation : (..., 3, 3) array
+        Rotation matrices.
+    translation : (..., 3) array
+        Translations, m.
+    """
     r, t = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
     lead = np.broadcast_shapes(r.shape[:-2], t.shape[:-1])
     T = np.zeros((*lead, 4, 4))
@@ -138,12 +180,26 @@ def pose(rotation: FloatArray, translation: FloatArray) -> FloatArray:
 
 
 def from_parts(position: FloatArray, quaternion: FloatArray) -> FloatArray:
-    """Pose matrices `(..., 4, 4)` of positions `(..., 3)` and quaternions wxyz `(..., 4)`."""
+    """Pose matrices `(..., 4, 4)` of positions `(..., 3)` and quaternions wxyz `(..., 4)`.
+
+    Parameters
+    ----------
+    position : (..., 3) array
+        Positions, m.
+    quaternion : (..., 4) array
+        Quaternions wxyz.
+    """
     return pose(matrix_from_quaternion(quaternion), position)
 
 
 def to_parts(T: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Positions `(..., 3)` and quaternions wxyz `(..., 4)` of pose matrices `(..., 4, 4)`."""
+    """Positions `(..., 3)` and quaternions wxyz `(..., 4)` of pose matrices `(..., 4, 4)`.
+
+    Parameters
+    ----------
+    T : (..., 4, 4) array
+        Poses.
+    """
     return np.array(T[..., :3, 3]), quaternion_from_matrix(T[..., :3, :3])
 
 
@@ -157,7 +213,13 @@ def compose(*poses: FloatArray) -> FloatArray:
 
 
 def invert(T: FloatArray) -> FloatArray:
-    """Inverse poses: `invert(T_a_b)` is `T_b_a`."""
+    """Inverse poses: `invert(T_a_b)` is `T_b_a`.
+
+    Parameters
+    ----------
+    T : (..., 4, 4) array
+        Poses.
+    """
     r_t = np.swapaxes(T[..., :3, :3], -1, -2)
     return pose(r_t, -(r_t @ T[..., :3, 3, None])[..., 0])
 
@@ -192,6 +254,11 @@ def left_jacobian_inverse(rotvec: FloatArray) -> FloatArray:
     """Map `(..., 3, 3)` from spatial angular velocity to the rate of the rotation vector `(..., 3)`.
 
     The inverse of V in closed form, finite up to and including an angle of pi (Barfoot 2017, Eq. 7.36).
+
+    Parameters
+    ----------
+    rotvec : (..., 3) array
+        Rotation vectors, rad.
     """
     theta = np.linalg.norm(rotvec, axis=-1)[..., None, None]
     small = theta < SMALL_ANGLE
@@ -203,14 +270,26 @@ def left_jacobian_inverse(rotvec: FloatArray) -> FloatArray:
 
 
 def exp(xi: FloatArray) -> FloatArray:
-    """Pose matrices `(..., 4, 4)` of tangent vectors `(..., 6)`: exponential map of SE(3)."""
+    """Pose matrices `(..., 4, 4)` of tangent vectors `(..., 6)`: exponential map of SE(3).
+
+    Parameters
+    ----------
+    xi : (..., 6) array
+        Translation part (m), then rotation vector (rad).
+    """
     xi = np.asarray(xi, dtype=np.float64)
     translation = (_left_jacobian(xi[..., 3:]) @ xi[..., :3, None])[..., 0]
     return pose(matrix_from_rotvec(xi[..., 3:]), translation)
 
 
 def log(T: FloatArray) -> FloatArray:
-    """Tangent vectors `(..., 6)` of pose matrices `(..., 4, 4)`; undoes :func:`exp` for angles below pi."""
+    """Tangent vectors `(..., 6)` of pose matrices `(..., 4, 4)`; undoes :func:`exp` for angles below pi.
+
+    Parameters
+    ----------
+    T : (..., 4, 4) array
+        Poses.
+    """
     rotvec = rotvec_from_matrix(T[..., :3, :3])
     rho = (left_jacobian_inverse(rotvec) @ T[..., :3, 3, None])[..., 0]
     tangent: FloatArray = np.concatenate([rho, rotvec], axis=-1)
@@ -219,6 +298,13 @@ def log(T: FloatArray) -> FloatArray:
 
 def rotation_mean(rotations: FloatArray, weights: FloatArray | None = None) -> FloatArray:
     """Chordal mean `(3, 3)` of rotation matrices `(n, 3, 3)` (Markley et al. 2007).
+
+    Parameters
+    ----------
+    rotations : (n, 3, 3) array
+        Rotation matrices.
+    weights : (n,) array, optional
+        Non-negative weights; equal when not given.
 
     Raises
     ------
@@ -232,12 +318,29 @@ def rotation_mean(rotations: FloatArray, weights: FloatArray | None = None) -> F
 
 
 def mean(T: FloatArray, weights: FloatArray | None = None) -> FloatArray:
-    """Mean pose `(4, 4)` of poses `(n, 4, 4)`: mean position and chordal mean of the rotations."""
+    """Mean pose `(4, 4)` of poses `(n, 4, 4)`: mean position and chordal mean of the rotations.
+
+    Parameters
+    ----------
+    T : (n, 4, 4) array
+        Poses.
+    weights : (n,) array, optional
+        Non-negative weights; equal when not given.
+    """
     return pose(rotation_mean(T[:, :3, :3], weights), np.average(T[:, :3, 3], axis=0, weights=weights))
 
 
 def interpolate_rotations(times: FloatArray, rotations: FloatArray, at: FloatArray) -> FloatArray:
     """Rotations `(m, 3, 3)` at times `at` (m,): shortest arcs at constant speed between samples `(n, 3, 3)`.
+
+    Parameters
+    ----------
+    times : (n,) array
+        Times of the samples, s.
+    rotations : (n, 3, 3) array
+        Rotation matrices there.
+    at : (m,) array
+        Times to interpolate at, s.
 
     Raises
     ------

@@ -22,7 +22,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["CausalTwist", "derivative", "segment_labels", "twists"]
 
-STENCIL = 5
+STENCIL = 5  # points: exact to degree four (Fornberg 1988)
 MOST = 49  # samples that a parabola is fitted to, spread evenly over its window: memory stays bounded at any rate
 BLOCK = 4096  # rows differentiated at once
 GAP_STEPS = 5.0  # a step this many times the median one is a gap
@@ -55,17 +55,17 @@ def segment_labels(
         The arrays differ in length, a time is not finite, or `max_gap` is not positive.
     """
     t, motion = np.asarray(time, dtype=np.float64), np.asarray(trajectory)
-    kept: BoolArray = np.ones(t.shape, dtype=bool) if keep is None else np.asarray(keep, dtype=bool)
-    if t.ndim != 1 or motion.shape != t.shape or kept.shape != t.shape:
-        raise DataError(f"time, trajectory and keep must be (n,) each, got {t.shape}, {motion.shape}, {kept.shape}.")
+    used: BoolArray = np.ones(t.shape, dtype=bool) if keep is None else np.asarray(keep, dtype=bool)
+    if t.ndim != 1 or motion.shape != t.shape or used.shape != t.shape:
+        raise DataError(f"time, trajectory and keep must be (n,) each, got {t.shape}, {motion.shape}, {used.shape}.")
     if max_gap is not None and not max_gap > 0:
         raise DataError(f"max_gap must be positive seconds, got {max_gap}.")
     if not np.isfinite(t).all():
         raise DataError(f"time of sample {int(np.argmin(np.isfinite(t)))} is not finite.")
     longest = _default_gaps(t, motion) if max_gap is None else np.full(t.shape, max_gap)
-    follows = kept[1:] & kept[:-1] & (motion[1:] == motion[:-1]) & (np.diff(t) <= longest[1:])
-    starts = kept & ~np.concatenate([np.zeros(min(1, t.size), dtype=bool), follows])
-    labels: IntArray = np.where(kept, np.cumsum(starts) - 1, -1)
+    follows = used[1:] & used[:-1] & (motion[1:] == motion[:-1]) & (np.diff(t) <= longest[1:])
+    starts = used & ~np.concatenate([np.zeros(min(1, t.size), dtype=bool), follows])
+    labels: IntArray = np.where(used, np.cumsum(starts) - 1, -1)
     return labels
 
 

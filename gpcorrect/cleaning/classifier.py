@@ -46,7 +46,17 @@ class Thresholds:
 
     @classmethod
     def learn(cls, samples: Samples, scales: FloatArray, settings: CleaningSettings) -> Self:
-        """Return thresholds before there is a smooth model, from training samples and robust scales (g,)."""
+        """Return thresholds before there is a smooth model, from training samples and robust scales (g,).
+
+        Parameters
+        ----------
+        samples : Samples
+            n samples.
+        scales : (g,) array
+            Robust standard deviations about the registration, m and rad.
+        settings : CleaningSettings
+            Factors and floors.
+        """
         shape = samples.error.shape[1:]
         low, high = np.full(shape, -np.inf), np.full(shape, np.inf)
         for group, unit in enumerate(samples.units):

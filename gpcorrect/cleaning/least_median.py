@@ -233,6 +233,14 @@ def least_median_pose(
 
 
 def evenly_spaced(rows: IntArray, most: int) -> IntArray:
-    """Return at most `most` of the rows (n,), evenly spread over the recording."""
+    """Return at most `most` of the rows (n,), evenly spread over the recording.
+
+    Parameters
+    ----------
+    rows : (n,) array
+        Row numbers.
+    most : int
+        Rows wanted.
+    """
     chosen: IntArray = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), most)).round().astype(np.int64))]
     return chosen

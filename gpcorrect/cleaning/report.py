@@ -92,7 +92,13 @@ class Labels:
 
     @classmethod
     def kept(cls, n: int) -> Self:
-        """Labels of n samples that are all kept."""
+        """Labels of n samples that are all kept.
+
+        Parameters
+        ----------
+        n : int
+            Number of samples.
+        """
         nothing = np.full(n, np.nan)
         return cls(frozen_array(np.full(n, ""), np.str_), frozen_array(nothing), frozen_array(nothing))
 
@@ -103,14 +109,34 @@ class Labels:
         return keep
 
     def replaced(self, rows: IntArray, found: Labels) -> Self:
-        """Labels in which those of `rows` (m,) are the m that were found."""
+        """Labels in which those of `rows` (m,) are the m that were found.
+
+        Parameters
+        ----------
+        rows : (m,) array
+            Row numbers.
+        found : Labels
+            m labels.
+        """
         reason = self.reason.astype(np.result_type(self.reason, found.reason))
         value, limit = np.array(self.value), np.array(self.limit)
         reason[rows], value[rows], limit[rows] = found.reason, found.value, found.limit
         return type(self)(frozen_array(reason, np.str_), frozen_array(value), frozen_array(limit))
 
     def rejecting(self, mask: BoolArray, reason: Reason, value: FloatArray | float, limit: FloatArray | float) -> Self:
-        """Labels in which the samples of `mask` (n,) that were kept so far are rejected."""
+        """Labels in which the samples of `mask` (n,) that were kept so far are rejected.
+
+        Parameters
+        ----------
+        mask : (n,) bool array
+            Samples to reject.
+        reason : Reason
+            Why.
+        value : (n,) array or float
+            What was measured.
+        limit : (n,) array or float
+            What it exceeds.
+        """
         new = mask & self.keep
         return type(self)(
             frozen_array(np.where(new, reason.value, self.reason), np.str_),
@@ -119,7 +145,17 @@ class Labels:
         )
 
     def rejecting_above(self, value: FloatArray, reason: Reason, limit: float) -> Self:
-        """Labels in which the samples whose value (n,) exceeds the limit are rejected."""
+        """Labels in which the samples whose value (n,) exceeds the limit are rejected.
+
+        Parameters
+        ----------
+        value : (n,) array
+            What was measured.
+        reason : Reason
+            Why.
+        limit : float
+            Largest value that is kept.
+        """
         return self.rejecting(value > limit, reason, value, limit)
 
 

@@ -122,15 +122,35 @@ class Samples:
         return lengths
 
     def steps(self, signal: tuple[FloatArray, ...], i: IntArray, j: IntArray) -> FloatArray:
-        """Return the distances (m, g), m or rad, of a signal's groups between samples i and j (m,) each."""
+        """Return the distances (m, g), m or rad, of a signal's groups between samples i and j (m,) each.
+
+        Parameters
+        ----------
+        signal : tuple of (n, k) arrays
+            Observed or commanded groups.
+        i, j : (m,) array
+            Samples.
+        """
         return np.stack([_distance(values[i], values[j]) for values in signal], axis=1)
 
     def trend_inputs(self, group: int) -> FloatArray:
-        """Return what an error may be proportional to: the position and the group's velocity, or both of the joint."""
+        """Return what an error may be proportional to: the position and the group's velocity, or both of the joint.
+
+        Parameters
+        ----------
+        group : int
+            Which group.
+        """
         return np.hstack([self.place[group if self.joints else 0], self.velocity[group]])
 
     def centred(self, values: FloatArray) -> FloatArray:
-        """Return values (n, ...) less the median of their session, which only joints have a zero for."""
+        """Return values (n, ...) less the median of their session, which only joints have a zero for.
+
+        Parameters
+        ----------
+        values : (n, ...) array
+            Errors.
+        """
         return _centred(values, self.session) if self.joints else values
 
     @property

@@ -27,7 +27,7 @@ __all__ = ["Residual", "SmoothModel", "learn_smooth_model"]
 
 # The constants here were chosen by hand on the simulated recordings of bench/cleaning_faults.py.
 CLASSIFIED_SAMPLES = 4000  # the field is smooth along a path: between these it is interpolated
-FOLDS = 10
+FOLDS = 10  # a block of faults shorter than a tenth of the recording is predicted without it
 SEARCH_SAMPLES = 300  # that the kernel is chosen on: time grows with the cube, and coarse is enough
 ROUNDS = 2  # of leaving out samples that the other folds do not confirm
 TINY = 1e-12  # below it a residual is zero but for rounding
@@ -58,7 +58,13 @@ class Residual:
 
     @classmethod
     def without_model(cls, error: FloatArray) -> Self:
-        """Return the residual (n, g, w) of a recording without a model: nothing is expected, so nothing is far."""
+        """Return the residual (n, g, w) of a recording without a model: nothing is expected, so nothing is far.
+
+        Parameters
+        ----------
+        error : (n, g, w) array
+            m and rad.
+        """
         return cls(error, error, np.zeros(len(error)), np.full(error.shape[1], np.inf))
 
 
@@ -96,7 +102,15 @@ class InputScaling:
 
     @classmethod
     def learn(cls, samples: Samples, settings: CleaningSettings) -> Self:
-        """Return the scaling of these samples, by medians; a spread below the resolution is noise."""
+        """Return the scaling of these samples, by medians; a spread below the resolution is noise.
+
+        Parameters
+        ----------
+        samples : Samples
+            n samples.
+        settings : CleaningSettings
+            Factors and floors.
+        """
         least = settings.resolution(samples.units if samples.joints else "PR")
         centre = tuple(frozen_array(np.median(place, axis=0)) for place in samples.place)
         away = [np.linalg.norm(place - c, axis=1) for place, c in zip(samples.place, centre, strict=True)]
@@ -109,7 +123,13 @@ class InputScaling:
         )
 
     def transform(self, samples: Samples) -> tuple[FloatArray, int]:
-        """Return inputs (n, d), coordinates before velocities, and the number of coordinates among them."""
+        """Return inputs (n, d), coordinates before velocities, and the number of coordinates among them.
+
+        Parameters
+        ----------
+        samples : Samples
+            n samples.
+        """
         scaled = [(p - c) / s for p, c, s in zip(samples.place, self.centre, self.spread, strict=True)]
         saturated = [
             v / (np.linalg.norm(v, axis=1, keepdims=True) + s)
@@ -151,7 +171,13 @@ class SmoothModel:
     scale: FloatArray
 
     def residual(self, samples: Samples) -> Residual:
-        """Return what the model leaves of each error."""
+        """Return what the model leaves of each error.
+
+        Parameters
+        ----------
+        samples : Samples
+            n samples.
+        """
         rows = _classified_rows(samples)
         X, _ = self.scaling.transform(samples)
         mean, deviation = conditioned(self.kernel, self.noise, self.inputs, self.outputs, X[rows])
@@ -161,6 +187,17 @@ class SmoothModel:
         """Hold scaled errors `left` (n, g, w) against a mean (m, g w) and deviation (m,) that are known at `rows`.
 
         Far from all training samples the deviation is large, so that ignorance does not condemn a sample.
+
+        Parameters
+        ----------
+        left : (n, g, w) array
+            Errors less the trend, in its units.
+        rows : (m,) array
+            Where the field was evaluated.
+        mean : (m, g w) array
+            Its mean there.
+        deviation : (m,) array
+            Its standard deviation there, noise included.
         """
         index = np.arange(len(left))
         expected = np.stack([np.interp(index, rows, column) for column in mean.T], axis=1).reshape(left.shape)

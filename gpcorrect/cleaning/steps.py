@@ -51,7 +51,17 @@ class Path:
 
     @classmethod
     def of(cls, samples: Samples, error: FloatArray, response_time: float) -> Self:
-        """Return the path of samples whose arm follows within `response_time` seconds."""
+        """Return the path of samples whose arm follows within `response_time` seconds.
+
+        Parameters
+        ----------
+        samples : Samples
+            n samples.
+        error : (n, g, w) array
+            Their error, or what a model leaves of it.
+        response_time : float
+            Seconds.
+        """
         speed, dt = _commanded_speeds(samples)
         if not len(dt):
             return cls(samples, error, np.zeros((len(samples), speed.shape[1])))
@@ -128,7 +138,15 @@ class StepThresholds:
         return [*speeds, *[(Reason.JUMP, 1.0)] * len(self.units)]
 
     def ratios(self, path: Path, i: IntArray, j: IntArray) -> FloatArray:
-        """Return steps (m, 2 g) from samples i to later samples j, as multiples of the largest that are possible."""
+        """Return steps (m, 2 g) from samples i to later samples j, as multiples of the largest that are possible.
+
+        Parameters
+        ----------
+        path : Path
+            Samples.
+        i, j : (m,) array
+            Sample numbers, j later than i.
+        """
         samples = path.samples
         moved = np.maximum(samples.steps(samples.observed, i, j) - self.noise, 0.0)
         speed = moved / (samples.time[j] - samples.time[i])[:, None] / self.speeds
@@ -138,7 +156,15 @@ class StepThresholds:
         return np.hstack([speed, step / plausible])
 
     def possible(self, path: Path, i: IntArray, j: IntArray) -> BoolArray:
-        """Return the mask (m,) of steps that break no limit."""
+        """Return the mask (m,) of steps that break no limit.
+
+        Parameters
+        ----------
+        path : Path
+            Samples.
+        i, j : (m,) array
+            Sample numbers, j later than i.
+        """
         possible: BoolArray = self.ratios(path, i, j).max(axis=1) <= 1.0
         return possible
 
@@ -187,7 +213,13 @@ class Pieces:
         return counts
 
     def medians(self, values: FloatArray) -> FloatArray:
-        """Return the median (m,) of the values (n,) of each piece's samples."""
+        """Return the median (m,) of the values (n,) of each piece's samples.
+
+        Parameters
+        ----------
+        values : (n,) array
+            A value a sample.
+        """
         return np.array([np.median(values[a : b + 1]) for a, b in zip(self.first, self.last, strict=True)])
 
 

@@ -26,7 +26,7 @@ __all__ = ["Tables", "predict_one", "tables"]
 # Sums may be taken in any order, so that they are vectorised; NaN and infinity keep their meaning.
 LOOSE = {"reassoc", "contract", "nsz"}
 ROUND = 6755399441055744.0  # 1.5 * 2^52: adding it leaves the nearest integer in the low bits of a double
-LOG2_E = 1.4426950408889634
+LOG2_E = 1.4426950408889634  # 1 / ln 2
 LN2_HIGH, LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10  # ln 2 in two parts (Cody and Waite 1980)
 LOWEST = -700.0  # exp below it is as good as zero, and 2^n would leave the normal numbers
 MANTISSA_BITS, EXPONENT_BIAS = 52, 1023
@@ -55,7 +55,13 @@ class Tables(NamedTuple):
 
 
 def tables(parts: Sequence[SharedPredictor]) -> Tables:
-    """Return what queries of these groups of outputs read; padding changes no answer."""
+    """Return what queries of these groups of outputs read; padding changes no answer.
+
+    Parameters
+    ----------
+    parts : sequence of SharedPredictor
+        A group of outputs each.
+    """
     columns = [_group(part) for part in parts]
     stacked = Tables(*(_stack([column[i] for column in columns]) for i in range(len(Tables._fields))))
     return stacked._replace(projection=stacked.projection.astype(np.float32))
@@ -88,6 +94,13 @@ def predict_one(x: FloatArray, t: Tables) -> tuple[FloatArray, FloatArray, float
     """Predict one input `(d,)`: means `(m,)`, standard deviations `(m,)` and novelty of all outputs.
 
     The novelty is the least share of prior variance left over the outputs of a group, and the largest over groups.
+
+    Parameters
+    ----------
+    x : (d,) array
+        Input.
+    t : Tables
+        From :func:`tables`.
     """
     total = int(t.sizes.sum())
     mean, std, novelty, first = np.empty(total), np.empty(total), 0.0, 0

@@ -65,7 +65,7 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
         times : (n,) array, optional
             Seconds: the common noise then fades with the lag.
         progress : Progress, optional
-            Told how far the fit is.
+            Updated with how far the fit is.
 
         Raises
         ------
@@ -75,7 +75,15 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
         return self._fit(X, y, groups, times, progress or Progress(), None)
 
     def refit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Return a copy with the same hyperparameters and the posterior of other data of the same kind."""
+        """Return a copy with the same hyperparameters and the posterior of other data of the same kind.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        y : (n,) or (n, m) array
+            Outputs.
+        """
         check_is_fitted(self, "predictor_")
         other = copy(self)
         inputs, outputs = other._validated(X, y, reset=False)
@@ -85,7 +93,19 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
     def relearn(
         self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None, times: ArrayLike | None = None
     ) -> Self:
-        """Return a copy fitted to other data of the same kind, whose search starts at this kernel's hyperparameters."""
+        """Return a copy fitted to other data of the same kind, whose search starts at this kernel's hyperparameters.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        y : (n,) or (n, m) array
+            Outputs.
+        groups : (n,) array, optional
+            Trajectory of each sample, as in :meth:`fit`.
+        times : (n,) array, optional
+            Seconds.
+        """
         check_is_fitted(self, "predictor_")
         return copy(self)._fit(X, y, groups, times, Progress(), self.learned_)
 

@@ -2,7 +2,7 @@
 
 What is near must have near numbers, also across +-180 degrees. No three numbers do that for all rotations. Three do (a
 rotation vector measured from the mean) while the data stay well within half a turn of their mean; else six are used:
-two columns of the matrix, smooth everywhere. Euler angles are kept for comparison with the paper.
+two columns of the matrix, smooth everywhere. Euler angles are there for comparison with the paper.
 """
 
 from __future__ import annotations
@@ -134,7 +134,17 @@ class FeatureMap:
     def transform(
         self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray | None = None
     ) -> FloatArray:
-        """Return features `(n, d)`, NaN in rows that are not :meth:`usable`; without twists the poses are at rest."""
+        """Return features `(n, d)`, NaN in rows that are not :meth:`usable`; without twists the poses are at rest.
+
+        Parameters
+        ----------
+        positions : (n, 3) array
+            Metres.
+        rotations : (n, 3, 3) array or None
+            Rotation matrices.
+        twists : (n, 6) array, optional
+            m/s and rad/s.
+        """
         features: FloatArray = self._raw(positions, rotations, twists) / self.spread
         return features
 
@@ -142,6 +152,11 @@ class FeatureMap:
         """Return positions, rotations and twists that have (or, for columns, come nearest to) features `(n, d)`.
 
         No rotations without orientation, and no twists where velocity is no feature.
+
+        Parameters
+        ----------
+        features : (n, d) array
+            From :meth:`transform`.
         """
         raw = features * self.spread
         pose = len(self.groups[0])
@@ -150,7 +165,13 @@ class FeatureMap:
 
     @staticmethod
     def usable(features: FloatArray) -> BoolArray:
-        """Mask `(n,)` of rows with every number present: a run of one sample has no velocity."""
+        """Mask `(n,)` of rows with every number present: a run of one sample has no velocity.
+
+        Parameters
+        ----------
+        features : (n, d) array
+            From :meth:`transform`.
+        """
         mask: BoolArray = np.asarray(np.isfinite(features).all(axis=1))
         return mask
 
@@ -195,6 +216,11 @@ class FeatureMap:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Rebuild a fitted map from :meth:`to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            From :meth:`to_dict`.
 
         Raises
         ------
@@ -246,6 +272,11 @@ def fixed_axes_angles(rotations: FloatArray) -> FloatArray:
     """Angles `(..., 3)` about the fixed axes x, y and z in this order, rad: `R = Rz Ry Rx` (the paper's Euler angles).
 
     They jump by a full turn at +-180 degrees, and x and z are not defined apart where y reaches +-90 degrees.
+
+    Parameters
+    ----------
+    rotations : (..., 3, 3) array
+        Rotation matrices.
     """
     x = np.arctan2(rotations[..., 2, 1], rotations[..., 2, 2])
     y = np.arctan2(-rotations[..., 2, 0], np.hypot(rotations[..., 0, 0], rotations[..., 1, 0]))

@@ -57,7 +57,7 @@ def learn_inflation(
     Parameters
     ----------
     regressor : SparseGPR
-        Fitted to X and Y; its hyperparameters are kept.
+        Fitted to X and Y; its hyperparameters stay.
     X, Y : (n, d) and (n, m) arrays
     folds : (n,) array
         Which samples are left out together: whole trajectories.
@@ -65,7 +65,7 @@ def learn_inflation(
         Trajectories and times that it was fitted with. Where there are few trajectories, what is said of a left-out one
         comes from hyperparameters that were not learned from it either.
     progress : Progress, optional
-        Told after each fold.
+        Updated after each fold.
 
     Raises
     ------

@@ -18,8 +18,8 @@ from gpcorrect.types import FloatArray, IntArray, frozen_array
 
 __all__ = ["IntervalCalibration", "coverage_by_group", "novelty_limit"]
 
-LEVEL = 0.95
-FOLDS = 10
+LEVEL = 0.95  # what an interval promises
+FOLDS = 10  # of trajectories, that the level is checked on: the usual number, each trajectory left out once
 STEPS = 16  # halvings of the level: finer than one sample in 50 000
 
 
@@ -65,7 +65,13 @@ class IntervalCalibration:
         return cls(np.array([_factor(scores, labels) for scores in (np.abs(errors) / std).T]))
 
     def interval95(self, std: FloatArray) -> FloatArray:
-        """Half widths `(..., m)` of the intervals, from standard deviations `(..., m)`."""
+        """Half widths `(..., m)` of the intervals, from standard deviations `(..., m)`.
+
+        Parameters
+        ----------
+        std : (..., m) array
+            Standard deviations.
+        """
         half: FloatArray = std * self.factor
         return half
 
@@ -75,19 +81,43 @@ class IntervalCalibration:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Rebuild a calibration from :meth:`to_dict`."""
+        """Rebuild a calibration from :meth:`to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            From :meth:`to_dict`.
+        """
         return cls(np.array(data["factor"]))
 
 
 def coverage_by_group(errors: FloatArray, half_widths: FloatArray, groups: IntArray) -> FloatArray:
-    """Share `(m,)` of errors `(n, m)` inside their intervals, every group (trajectory) counting alike."""
+    """Share `(m,)` of errors `(n, m)` inside their intervals, every group (trajectory) counting alike.
+
+    Parameters
+    ----------
+    errors : (n, m) array
+        Errors.
+    half_widths : (n, m) array
+        Half widths of the intervals, same units.
+    groups : (n,) array
+        Trajectory of each sample.
+    """
     inside = np.abs(errors) <= half_widths
     shares: FloatArray = np.mean([inside[groups == group].mean(axis=0) for group in np.unique(groups)], axis=0)
     return shares
 
 
 def novelty_limit(novelty: FloatArray, share: float = 0.995) -> float:
-    """Novelty below which this share of left-out training samples lies: a query above it is outside their region."""
+    """Novelty below which this share of left-out training samples lies: a query above it is outside their region.
+
+    Parameters
+    ----------
+    novelty : (n,) array
+        Novelties of left-out training samples.
+    share : float
+        Fraction of them that is to lie below.
+    """
     return float(np.quantile(novelty, share))
 
 

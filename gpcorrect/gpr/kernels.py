@@ -90,7 +90,13 @@ class Kernel(ABC):
         return total
 
     def diagonal(self, A: FloatArray) -> FloatArray:
-        """Return the correlations `(n,)` of inputs `(n, d)` with themselves."""
+        """Return the correlations `(n,)` of inputs `(n, d)` with themselves.
+
+        Parameters
+        ----------
+        A : (n, d) array
+            Inputs.
+        """
         return np.ones(len(A))
 
     def with_gradient(self, X: FloatArray) -> tuple[FloatArray, Pullback]:
@@ -98,6 +104,11 @@ class Kernel(ABC):
 
         The latter takes the symmetric gradient `(n, n)` of a number with respect to R, and returns its gradients with
         respect to the log length scales `(c, d)` and the log odds of the weights `(c,)`.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
         """
         parts = [self.profile_and_slope(squared_distances(X / scales, X / scales)) for scales in self.length_scales]
         R = np.sum([weight * part for weight, (part, _) in zip(self.weights, parts, strict=True)], axis=0)
@@ -115,11 +126,23 @@ class Kernel(ABC):
         return R, pullback
 
     def rescaled(self, factor: FloatArray) -> Self:
-        """Return the kernel of inputs that are `factor` (d,) times as large."""
+        """Return the kernel of inputs that are `factor` (d,) times as large.
+
+        Parameters
+        ----------
+        factor : (d,) array
+            Positive.
+        """
         return type(self)(self.weights, self.length_scales * factor)
 
     def table(self, basis: FloatArray) -> KernelTable:
-        """Return what the hot path reads for basis points `(p, d)`."""
+        """Return what the hot path reads for basis points `(p, d)`.
+
+        Parameters
+        ----------
+        basis : (p, d) array
+            Points that predictions rest on.
+        """
         inverse = self.length_scales**-2.0
         origin = basis.mean(axis=0)
         shifted = basis - origin

@@ -17,10 +17,9 @@ __all__ = ["Hyperparameters", "KernelOption", "Learned", "Scaling", "learn"]
 
 KernelOption = Literal["rbf", "matern52", "auto"]
 
-MOST_STEPS = 80
-TOLERANCE = (
-    1e-5  # relative change of the objective: further steps move predictions by less than the choice of subset does
-)
+MOST_STEPS = 80  # of L-BFGS-B: searches end by the tolerance before
+# Relative change of the objective: further steps move predictions by less than the choice of subset does.
+TOLERANCE = 1e-5
 RESTART_SPREAD = 0.7  # log units around the first start
 FLAT = 1e-12  # a column whose spread is this small beside its values is constant but for rounding
 
@@ -71,11 +70,25 @@ class Scaling:
 
     @classmethod
     def of(cls, X: FloatArray, Y: FloatArray) -> Self:
-        """Scaling that gives the columns of `X` (n, d) and `Y` (n, m) unit spread."""
+        """Scaling that gives the columns of `X` (n, d) and `Y` (n, m) unit spread.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        Y : (n, m) array
+            Outputs.
+        """
         return cls(_spread(X), Y.mean(axis=0), _spread(Y))
 
     def outputs(self, Y: FloatArray) -> FloatArray:
-        """Return outputs `(n, m)` centred and of unit spread."""
+        """Return outputs `(n, m)` centred and of unit spread.
+
+        Parameters
+        ----------
+        Y : (n, m) array
+            Outputs.
+        """
         scaled: FloatArray = (Y - self.y_centre) / self.y_spread
         return scaled
 
@@ -151,7 +164,7 @@ def learn(
     rng : numpy.random.Generator
         Source of the random starts.
     progress : Progress
-        Told after each search.
+        Updated after each search.
     start : (p,) array, optional
         Where the first search starts, as it came out of a search of data of the same kind.
     kernel : "rbf", "matern52" or "auto"

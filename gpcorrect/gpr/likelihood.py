@@ -84,7 +84,13 @@ class Layout:
         return np.split(theta, np.cumsum(self.sizes)[:-1])
 
     def kernel(self, theta: FloatArray) -> Kernel:
-        """Return the correlation function that `theta` stands for."""
+        """Return the correlation function that `theta` stands for.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            In the order of the layout.
+        """
         log_scales, odds = self._split(theta)[:2]
         scales = np.full(self.masks.shape, np.inf)
         scales[self.masks] = np.exp(log_scales)
@@ -92,7 +98,13 @@ class Layout:
         return self.kind(weights / weights.sum(), scales)
 
     def noise(self, theta: FloatArray) -> NoiseModel:
-        """Return the noise that `theta` stands for."""
+        """Return the noise that `theta` stands for.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            In the order of the layout.
+        """
         _, _, log_ratio, odds, log_time = self._split(theta)
         share = 1.0 / (1.0 + np.exp(-odds)) if odds.size else np.zeros(self.outputs)
         return NoiseModel(np.exp(log_ratio), share, float(np.exp(log_time[0])) if log_time.size else 1.0)
@@ -100,7 +112,21 @@ class Layout:
     def pack(
         self, by_scale: FloatArray, by_odds: FloatArray, by_ratio: FloatArray, by_share: FloatArray, by_time: float
     ) -> FloatArray:
-        """Return the gradient `(p,)` in the order of the parameters, from full arrays over components and outputs."""
+        """Return the gradient `(p,)` in the order of the parameters, from full arrays over components and outputs.
+
+        Parameters
+        ----------
+        by_scale : (c, d) array
+            By log length scales.
+        by_odds : (c,) array
+            By log odds of the weights.
+        by_ratio : (m,) array
+            By log noise ratios.
+        by_share : (m,) array
+            By log odds of the correlated noise.
+        by_time : float
+            By the log correlation time.
+        """
         _, _, _, shares, times = self.sizes
         return np.concatenate(
             [by_scale[self.masks], by_odds[:-1], by_ratio, by_share[:shares], np.full(times, by_time)]
@@ -136,7 +162,13 @@ class Layout:
         return [(float(np.log(low)), float(np.log(high))) for low, high in ranges]
 
     def penalty(self, theta: FloatArray) -> tuple[float, FloatArray]:
-        """Negative log of a weak log-normal prior on the length scales, and its gradient."""
+        """Negative log of a weak log-normal prior on the length scales, and its gradient.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            In the order of the layout.
+        """
         count = self.sizes[0]
         z = (theta[:count] - self._usual_log_scales) / PRIOR_SPREAD
         gradient = np.zeros(len(theta))
@@ -164,7 +196,15 @@ class LearningData:
 
 
 def sample_lags(groups: IntArray, times: FloatArray | None) -> FloatArray:
-    """Lags `(n, n)`, s, infinite between groups; zero inside a group when there are no times."""
+    """Lags `(n, n)`, s, infinite between groups; zero inside a group when there are no times.
+
+    Parameters
+    ----------
+    groups : (n,) array
+        Group of each sample.
+    times : (n,) array or None
+        Seconds.
+    """
     same = groups[:, None] == groups[None, :]
     gaps = np.zeros(same.shape) if times is None else np.abs(times[:, None] - times[None, :])
     return np.where(same, gaps, np.inf)
@@ -176,7 +216,7 @@ def negative_log_posterior(theta: FloatArray, data: LearningData, layout: Layout
     Parameters
     ----------
     theta : (p,) array
-        As laid out by `layout`.
+        In the order of `layout`.
     data : LearningData
     layout : Layout
 
@@ -201,7 +241,17 @@ def negative_log_posterior(theta: FloatArray, data: LearningData, layout: Layout
 
 
 def profiled_signal(theta: FloatArray, data: LearningData, layout: Layout) -> FloatArray:
-    """Best signal variance `(m,)` of each output for given parameters."""
+    """Best signal variance `(m,)` of each output for given parameters.
+
+    Parameters
+    ----------
+    theta : (p,) array
+        In the order of the layout.
+    data : LearningData
+        What the likelihood is taken of.
+    layout : Layout
+        Order of the parameters.
+    """
     kernel, noise = layout.kernel(theta), layout.noise(theta)
     R = kernel(data.X, data.X)
     E = None if data.lags is None else np.exp(-data.lags / noise.time)

@@ -18,6 +18,11 @@ def cholesky(matrix: FloatArray) -> tuple[FloatArray, float]:
 
     Jitter is relative to the mean of the diagonal: none first, then 1e-12, ten times more at each try, up to 1e-4.
 
+    Parameters
+    ----------
+    matrix : (n, n) array
+        Symmetric.
+
     Raises
     ------
     DegenerateError
@@ -40,7 +45,13 @@ def cholesky(matrix: FloatArray) -> tuple[FloatArray, float]:
 
 
 def inverse_and_log_determinant(matrix: FloatArray) -> tuple[FloatArray, float]:
-    """Upper triangle of the inverse `(n, n)` of a covariance matrix (zeros below, C order), and its log determinant."""
+    """Upper triangle of the inverse `(n, n)` of a covariance matrix (zeros below, C order), and its log determinant.
+
+    Parameters
+    ----------
+    matrix : (n, n) array
+        Covariance.
+    """
     factor, _ = cholesky(matrix)
     log_determinant = 2.0 * float(np.log(np.diagonal(factor)).sum())
     inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)

@@ -66,7 +66,13 @@ class SharedPredictor:
         return tuple(f.name for f in fields(cls) if f.name != "kernel")
 
     def mean_std_batch(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Predict inputs `(n, d)`: means `(n, m)`, standard deviations `(n, m)` and novelties `(n,)`."""
+        """Predict inputs `(n, d)`: means `(n, m)`, standard deviations `(n, m)` and novelties `(n,)`.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        """
         n, m = len(X), len(self.offset)
         mean, std, novelty = np.empty((n, m)), np.empty((n, m)), np.empty(n)
         for start in range(0, n, BLOCK):
@@ -91,6 +97,11 @@ class SharedPredictor:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Self:
         """Rebuild a predictor from :meth:`to_arrays`.
+
+        Parameters
+        ----------
+        arrays : mapping of name to array
+            From :meth:`to_arrays`.
 
         Raises
         ------
@@ -156,7 +167,13 @@ class Predictor:
         return answer
 
     def mean_std_batch(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Predict inputs `(n, d)`: means `(n, m)`, standard deviations `(n, m)` and novelties `(n,)`."""
+        """Predict inputs `(n, d)`: means `(n, m)`, standard deviations `(n, m)` and novelties `(n,)`.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        """
         means, stds, novelties = zip(*[part.mean_std_batch(X) for part in self.parts], strict=True)
         return np.concatenate(means, axis=1), np.concatenate(stds, axis=1), np.max(novelties, axis=0)
 
@@ -167,6 +184,11 @@ class Predictor:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Self:
         """Rebuild a predictor from :meth:`to_arrays`.
+
+        Parameters
+        ----------
+        arrays : mapping of name to array
+            From :meth:`to_arrays`.
 
         Raises
         ------

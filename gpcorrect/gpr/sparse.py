@@ -23,9 +23,9 @@ from gpcorrect.types import FloatArray, IntArray, Progress
 
 __all__ = ["SparseGPR", "choose_inducing"]
 
-CANDIDATES_PER_POINT = 5
-FEWEST_CANDIDATES = 4096
-BLOCK = 64
+CANDIDATES_PER_POINT = 5  # chosen by hand, as is the next: more candidates cost time in proportion
+FEWEST_CANDIDATES = 4096  # at least, chosen by hand
+BLOCK = 64  # points drawn at once: changes the speed only
 TOLERANCE = 1e-7  # of the prior variance: a sample explained to this is the same point to rounding
 
 
@@ -95,21 +95,41 @@ class SparseGPR(GaussianProcess):
     statistics_: tuple[Statistics, ...]
 
     def inflated(self, inflation: Sequence[float]) -> Self:
-        """Return a copy whose posterior, of the same data and hyperparameters, counts so many samples as one."""
+        """Return a copy whose posterior, of the same data and hyperparameters, counts so many samples as one.
+
+        Parameters
+        ----------
+        inflation : sequence of float
+            For each group of outputs, how many samples count as one.
+        """
         pairs = zip(self.statistics_, inflation, strict=True)
         other = self.resting_on([statistics.inflated(factor) for statistics, factor in pairs])
         other.inflation = tuple(inflation)
         return other
 
     def resting_on(self, statistics: Sequence[Statistics]) -> Self:
-        """Return a copy whose posterior, under the same points and hyperparameters, is that of other statistics."""
+        """Return a copy whose posterior, under the same points and hyperparameters, is that of other statistics.
+
+        Parameters
+        ----------
+        statistics : sequence of Statistics
+            For each group of outputs.
+        """
         other = copy(self)
         other.statistics_ = tuple(statistics)
         other.predictor_ = Predictor(tuple(map(updated, self.predictor_.parts, other.statistics_)))
         return other
 
     def collected(self, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
-        """Return the statistics of samples `(n, d)` and `(n, m)` under this model's points and hyperparameters."""
+        """Return the statistics of samples `(n, d)` and `(n, m)` under this model's points and hyperparameters.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        Y : (n, m) array
+            Outputs.
+        """
         pairs = zip(self.predictor_.parts, self.learned_, strict=True)
         return tuple(statistics_of(part, X, Y[:, learned.columns]) for part, learned in pairs)
 
@@ -162,10 +182,10 @@ def choose_inducing(kernel: Kernel, X: FloatArray, count: int, rng: np.random.Ge
         batch = np.unique(rng.choice(len(left), min(BLOCK, count - len(chosen)), p=left / left.sum()))
         batch = rng.permutation(batch)
         inner = kernel(candidates[batch], candidates[batch]) - found[:, batch].T @ found[:, batch]
-        kept = _thin(inner, rng)
-        rows = batch[kept]
+        drawn = _thin(inner, rng)
+        rows = batch[drawn]
         cross = kernel(candidates[rows], candidates) - found[:, rows].T @ found
-        new = solve_triangular(cholesky(inner[np.ix_(kept, kept)])[0], cross, lower=True, check_finite=False)
+        new = solve_triangular(cholesky(inner[np.ix_(drawn, drawn)])[0], cross, lower=True, check_finite=False)
         factor[len(chosen) : len(chosen) + len(rows)] = new
         left = np.maximum(left - np.einsum("in,in->n", new, new), 0.0)
         left[rows] = 0.0
@@ -178,10 +198,10 @@ def _thin(residual: FloatArray, rng: np.random.Generator) -> IntArray:
     """Keep of a block what drawing one at a time would: each with the share of its variance that is still left."""
     left = np.array(residual)
     thresholds = np.maximum(np.diagonal(residual) * rng.random(len(residual)), TOLERANCE)
-    kept: list[int] = []
+    drawn: list[int] = []
     for i, threshold in enumerate(thresholds):
-        if left[i, i] > threshold or not kept:
-            kept.append(i)
+        if left[i, i] > threshold or not drawn:
+            drawn.append(i)
             column = left[:, i] / np.sqrt(max(left[i, i], TOLERANCE))
             left -= np.outer(column, column)
-    return np.array(kept, dtype=np.int64)
+    return np.array(drawn, dtype=np.int64)

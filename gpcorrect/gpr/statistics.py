@@ -21,7 +21,7 @@ from gpcorrect.types import FloatArray, Progress, frozen_array
 
 __all__ = ["Statistics", "collect", "posterior", "statistics_of", "updated"]
 
-BLOCK = 2048
+BLOCK = 2048  # rows at once: memory stays flat however many samples there are
 NEGLIGIBLE = 1e-6  # directions along which the data take away less of the prior variance are left out of the predictor
 
 
@@ -50,23 +50,57 @@ class Statistics:
     inflation: float = 1.0
 
     def plus(self, other: Self, keep: float = 1.0) -> Statistics:
-        """Return the statistics of these samples, weighted by `keep`, and the others together, inflated as these."""
+        """Return the statistics of these samples, weighted by `keep`, and the others together, inflated as these.
+
+        Parameters
+        ----------
+        other : Statistics
+            Under the same points and hyperparameters.
+        keep : float
+            Weight of these samples; the others count in full.
+        """
         return replace(self, G=keep * self.G + other.G, Vy=keep * self.Vy + other.Vy, n=keep * self.n + other.n)
 
     def minus(self, other: Self) -> Statistics:
-        """Return the statistics without the others, which must be among them."""
+        """Return the statistics without the others, which must be among them.
+
+        Parameters
+        ----------
+        other : Statistics
+            Under the same points and hyperparameters.
+        """
         return replace(self, G=self.G - other.G, Vy=self.Vy - other.Vy, n=self.n - other.n)
 
     def inflated(self, inflation: float) -> Statistics:
-        """Return the same sums, of which as many samples as `inflation` says count as one."""
+        """Return the same sums, of which as many samples as `inflation` says count as one.
+
+        Parameters
+        ----------
+        inflation : float
+            At least one.
+        """
         return replace(self, inflation=inflation)
 
     def unseen(self, count: int) -> float:
-        """Mean share of prior variance that the first `count` points leave at the samples."""
+        """Mean share of prior variance that the first `count` points leave at the samples.
+
+        Parameters
+        ----------
+        count : int
+            At most M.
+        """
         return max(1.0 - float(np.trace(self.G[:count, :count])) / self.n, 0.0)
 
     def mean_weights(self, L: FloatArray, ratio: FloatArray) -> FloatArray:
-        """Weights `(M, m)` of the correlations to all points in the mean, for noise over signal `(m,)`."""
+        """Weights `(M, m)` of the correlations to all points in the mean, for noise over signal `(m,)`.
+
+        Parameters
+        ----------
+        L : (M, M) array
+            Cholesky factor of the correlations of the points.
+        ratio : (m,) array
+            Noise over signal variance.
+        """
         diagonal = np.diag_indices_from(self.G)
         solved = np.empty(self.Vy.shape)
         for o, noise in enumerate(self.inflation * ratio + self.unseen(len(self.G))):
@@ -79,14 +113,24 @@ class Statistics:
         return weights
 
     def variance_factors(self, L: FloatArray, ratio: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-        """Projection `(r, count)` and explained shares `(m, r)` of the variance that the first `count` points give."""
+        """Projection `(r, count)` and explained shares `(m, r)` of the variance that the first `count` points give.
+
+        Parameters
+        ----------
+        L : (M, M) array
+            Cholesky factor of the correlations of the points.
+        ratio : (m,) array
+            Noise over signal variance.
+        count : int
+            At most M.
+        """
         eigenvalues, U = np.linalg.eigh(self.G[:count, :count])
         eigenvalues = np.maximum(eigenvalues, 0.0)
         explained = eigenvalues / (eigenvalues + (self.inflation * ratio + self.unseen(count))[:, None])
-        kept = explained.max(axis=0) > NEGLIGIBLE
-        kept[-1] = True  # an output of pure noise still needs a direction to say so
-        projection = solve_triangular(L[:count, :count], U[:, kept], lower=True, trans="T", check_finite=False).T
-        return projection, explained[:, kept]
+        chosen = explained.max(axis=0) > NEGLIGIBLE
+        chosen[-1] = True  # an output of pure noise still needs a direction to say so
+        projection = solve_triangular(L[:count, :count], U[:, chosen], lower=True, trans="T", check_finite=False).T
+        return projection, explained[:, chosen]
 
     def to_arrays(self) -> dict[str, FloatArray]:
         """Return arrays for a model file; of the symmetric matrix one half."""
@@ -95,6 +139,11 @@ class Statistics:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Self:
         """Rebuild from :meth:`to_arrays`.
+
+        Parameters
+        ----------
+        arrays : mapping of name to array
+            From :meth:`to_arrays`.
 
         Raises
         ------
@@ -117,7 +166,25 @@ def collect(
     Y: FloatArray,
     progress: Progress,
 ) -> Statistics:
-    """Sum over samples `(n, d)` and `(n, m)` in blocks: memory does not grow with their number."""
+    """Sum over samples `(n, d)` and `(n, m)` in blocks: memory does not grow with their number.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        In the units of the inputs.
+    basis : (M, d) array
+        Inducing points.
+    L : (M, M) array
+        Cholesky factor of their correlations.
+    offset : (m,) array
+        Mean far from all data.
+    X : (n, d) array
+        Inputs.
+    Y : (n, m) array
+        Outputs.
+    progress : Progress
+        Updated after each block.
+    """
     G, Vy = np.zeros((len(basis), len(basis)), order="F"), np.zeros((len(basis), Y.shape[1]))
     for start in range(0, len(X), BLOCK):
         rows = slice(start, start + BLOCK)
@@ -138,7 +205,27 @@ def posterior(
     statistics: Statistics,
     n_variance: int,
 ) -> SharedPredictor:
-    """Return the predictor of these statistics, whose variance rests on the first `n_variance` points."""
+    """Return the predictor of these statistics, whose variance rests on the first `n_variance` points.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        In the units of the inputs.
+    basis : (M, d) array
+        Inducing points.
+    L : (M, M) array
+        Cholesky factor of their correlations.
+    offset : (m,) array
+        Mean far from all data.
+    signal : (m,) array
+        Prior variances.
+    noise : (m,) array
+        Noise variances.
+    statistics : Statistics
+        Of the samples.
+    n_variance : int
+        Points that the variance rests on.
+    """
     ratio = noise / signal
     projection, explained = statistics.variance_factors(L, ratio, min(n_variance, len(basis)))
     return SharedPredictor(
@@ -154,13 +241,31 @@ def posterior(
 
 
 def statistics_of(part: SharedPredictor, X: FloatArray, Y: FloatArray) -> Statistics:
-    """Return the statistics of samples `(n, d)` and `(n, m)` under a predictor's points and hyperparameters."""
+    """Return the statistics of samples `(n, d)` and `(n, m)` under a predictor's points and hyperparameters.
+
+    Parameters
+    ----------
+    part : SharedPredictor
+        Points and hyperparameters.
+    X : (n, d) array
+        Inputs.
+    Y : (n, m) array
+        Outputs.
+    """
     L = cholesky(part.kernel(part.basis, part.basis))[0]
     return collect(part.kernel, part.basis, L, part.offset, X, Y, Progress())
 
 
 def updated(part: SharedPredictor, statistics: Statistics) -> SharedPredictor:
-    """Return the predictor of other statistics under the same points and hyperparameters."""
+    """Return the predictor of other statistics under the same points and hyperparameters.
+
+    Parameters
+    ----------
+    part : SharedPredictor
+        Points and hyperparameters.
+    statistics : Statistics
+        Of the samples.
+    """
     L = cholesky(part.kernel(part.basis, part.basis))[0]
     shared = part.kernel, part.basis, L, part.offset, part.signal, part.noise
     return posterior(*shared, statistics, part.projection.shape[1])

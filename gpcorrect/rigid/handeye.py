@@ -71,6 +71,13 @@ def fit_marker(observed: PoseSignal, command: PoseSignal) -> RigidModel:
 def require_observable(observed: PoseSignal, command: PoseSignal) -> Observability:
     """Observability of the marker's place on the tool, when it is observable.
 
+    Parameters
+    ----------
+    observed : PoseSignal
+        Poses of the marker in the tracker frame.
+    command : PoseSignal
+        Poses of the tip in the base frame.
+
     Raises
     ------
     DataError, DegenerateError

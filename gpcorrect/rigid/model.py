@@ -16,7 +16,7 @@ __all__ = ["RigidKind", "RigidModel", "apply_residual", "pose_residual"]
 
 RigidKind = Literal["identity", "pose", "marker", "separate", "position"]
 
-ROTATION_TOLERANCE = 1e-6
+ROTATION_TOLERANCE = 1e-6  # of R R^T - I: rounding is 1e-15, a matrix typed with six digits passes
 SHAPES = {"R_position": (3, 3), "t": (3,), "offset": (3,), "R_left": (3, 3), "R_right": (3, 3)}
 
 
@@ -69,6 +69,11 @@ class RigidModel:
     def apply(self, observed: PoseSignal) -> PoseSignal:
         """Return the poses that `observed` are in the command's frame, at the commanded point of the tool.
 
+        Parameters
+        ----------
+        observed : PoseSignal
+            Poses in the observer's frame.
+
         Raises
         ------
         DataError
@@ -116,6 +121,11 @@ class RigidModel:
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Rebuild a model from :meth:`to_dict`.
 
+        Parameters
+        ----------
+        data : mapping
+            From :meth:`to_dict`.
+
         Raises
         ------
         DataError
@@ -143,6 +153,13 @@ def pose_residual(reference: PoseSignal, command: PoseSignal) -> FloatArray:
     of `R_command R_reference^T` (rad, common frame, length at most pi). The rotation is NaN where either side
     measures positions only, and every component of a missing sample is NaN.
 
+    Parameters
+    ----------
+    reference : PoseSignal
+        n poses.
+    command : PoseSignal
+        n poses in the same frame.
+
     Raises
     ------
     DataError
@@ -166,6 +183,13 @@ def apply_residual(reference: PoseSignal, residual: FloatArray) -> PoseSignal:
     """Poses reached from `reference` by residuals `(n, 6)`: `p + r[:3]` and `exp(r[3:]) R`.
 
     Where the rotation part is NaN (nothing was learned of orientations) the orientation stays as it is.
+
+    Parameters
+    ----------
+    reference : PoseSignal
+        n poses.
+    residual : (n, 6) array
+        m, then rad; NaN where nothing was learned.
 
     Raises
     ------

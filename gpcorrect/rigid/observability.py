@@ -93,6 +93,13 @@ def rotation_observability(observed: PoseSignal, command: PoseSignal) -> Observa
     The smaller of what observed and commanded rotations show counts, so that neither a frozen tracker nor
     gross errors of the tracker pass for rotation. Where no orientation was commanded, the tenth of the
     observed ones that is furthest from their centre is left out instead.
+
+    Parameters
+    ----------
+    observed : PoseSignal
+        Poses of the marker in the tracker frame.
+    command : PoseSignal
+        Poses of the tip in the base frame.
     """
     if observed.quaternion is None:
         return None

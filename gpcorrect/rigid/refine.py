@@ -14,10 +14,10 @@ from gpcorrect.types import FloatArray
 __all__ = ["MarkerState", "Samples", "refine", "residual_norms"]
 
 GENERATORS = se3.hat(np.eye(3))  # GENERATORS[k] @ v = e_k x v
-SCALE_ROUNDS = 5
-MAX_STEPS = 60
-MAX_HALVINGS = 12
-STEP_TOLERANCE = 1e-11
+SCALE_ROUNDS = 5  # of robust scales, chosen by hand
+MAX_STEPS = 60  # Gauss-Newton ends by its tolerance before
+MAX_HALVINGS = 12  # a step 4000 times shorter that does not help is no descent
+STEP_TOLERANCE = 1e-11  # rad and m: below what any sensor sees
 LEAST_SCALE = 1e-6  # of the spread of the points, and rad: keeps exact positions from silencing rotations
 CONDITION = 1e-14  # of the normal equations: weaker directions are not determined and stay as they are
 
@@ -31,7 +31,13 @@ class MarkerState(NamedTuple):
     offset: FloatArray
 
     def moved(self, step: FloatArray) -> MarkerState:
-        """State after a step `(12,)`: turn of R on the left, of t, of R_right on the right, of the offset."""
+        """State after a step `(12,)`: turn of R on the left, of t, of R_right on the right, of the offset.
+
+        Parameters
+        ----------
+        step : (12,) array
+            Turn of R (rad), t (m), turn of R_right (rad), offset (m).
+        """
         return MarkerState(
             se3.matrix_from_rotvec(step[:3]) @ self.R,
             self.t + step[3:6],
@@ -64,6 +70,13 @@ def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
     """State of least Cauchy loss near `start`, and the loss.
 
     Positions and rotations are each measured in units of their own robust scale, which follows the fit.
+
+    Parameters
+    ----------
+    samples : Samples
+        What is to be explained.
+    start : MarkerState
+        Where the descent starts.
     """
     state = start
     for _ in range(SCALE_ROUNDS):
@@ -77,6 +90,13 @@ def residual_norms(samples: Samples, state: MarkerState) -> list[FloatArray]:
 
     A rotation's is the chord 2 sin(angle / 2), which is smooth up to half turns and near the angle when
     small.
+
+    Parameters
+    ----------
+    samples : Samples
+        n samples.
+    state : MarkerState
+        The unknowns.
     """
     norms = []
     if samples.p is not None and samples.u is not None:

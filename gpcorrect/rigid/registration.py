@@ -29,10 +29,10 @@ __all__ = [
 
 WIDTH = 3.0  # standard deviations at which a sample counts half
 MAX_SAMPLES = 2000  # a dozen unknowns are no better known from more: neighbours in time repeat each other
-MAX_ROUNDS = 40
-TOLERANCE = 1e-7
+MAX_ROUNDS = 40  # of weights, which end by their tolerance before
+TOLERANCE = 1e-7  # of a weight: less moves nothing
 FLOOR = 1e-12  # m or rad: exact data leave no scale to divide by
-MIN_SAMPLES = 3
+MIN_SAMPLES = 3  # points that determine a rotation
 COLLINEAR_RATIO = 1e-3  # spread across the best line over the spread along it
 AMBIGUOUS_RATIO = 1e-6  # the same for a cross-covariance, which is a square
 
@@ -93,6 +93,15 @@ def fit_position(observed: PoseSignal, command: PoseSignal, *, weights: FloatArr
 
     Parameters and errors are those of :func:`fit_pose`; orientations, where there are any, take no part.
 
+    Parameters
+    ----------
+    observed : PoseSignal
+        Poses of the marker in the tracker frame.
+    command : PoseSignal
+        Poses of the tip in the base frame.
+    weights : (n,) array, optional
+        Non-negative weight of each sample; equal when not given.
+
     Raises
     ------
     DegenerateError
@@ -108,6 +117,13 @@ def fit_position(observed: PoseSignal, command: PoseSignal, *, weights: FloatArr
 
 def check_pair(observed: PoseSignal, command: PoseSignal) -> None:
     """Refuse signals that cannot be registered with each other.
+
+    Parameters
+    ----------
+    observed : PoseSignal
+        Poses of the marker in the tracker frame.
+    command : PoseSignal
+        Poses of the tip in the base frame.
 
     Raises
     ------
@@ -157,23 +173,53 @@ class RigidFit(Protocol):
 
 
 def component_scale(norms: FloatArray) -> float:
-    """Return the standard deviation of a component, from the lengths `(n,)` of 3-vectors (median)."""
+    """Return the standard deviation of a component, from the lengths `(n,)` of 3-vectors (median).
+
+    Parameters
+    ----------
+    norms : (n,) array
+        Lengths of 3-vectors, m or rad.
+    """
     return max(float(robust_scale(norms, 3)), FLOOR)
 
 
 def cauchy_weights(norms: FloatArray, scale: float) -> FloatArray:
-    """Weights `(n,)` in (0, 1] of residual lengths: those of the Cauchy loss, a half at WIDTH scales."""
+    """Weights `(n,)` in (0, 1] of residual lengths: those of the Cauchy loss, a half at WIDTH scales.
+
+    Parameters
+    ----------
+    norms : (n,) array
+        Residual lengths.
+    scale : float
+        Standard deviation of a component, same unit.
+    """
     weights: FloatArray = 1.0 / (1.0 + (norms / (WIDTH * scale)) ** 2)
     return weights
 
 
 def cauchy_loss(norms: FloatArray, scale: float) -> float:
-    """Sum of the loss whose weights :func:`cauchy_weights` are: `WIDTH^2 log(1 + (r / (WIDTH scale))^2)`."""
+    """Sum of the loss whose weights :func:`cauchy_weights` are: `WIDTH^2 log(1 + (r / (WIDTH scale))^2)`.
+
+    Parameters
+    ----------
+    norms : (n,) array
+        Residual lengths.
+    scale : float
+        Standard deviation of a component, same unit.
+    """
     return float(WIDTH**2 * np.log1p((norms / (WIDTH * scale)) ** 2).sum())
 
 
 def evenly_spaced(n: int, most: int = MAX_SAMPLES) -> IntArray:
-    """Rows of at most `most` of n samples, spread evenly over the recording."""
+    """Rows of at most `most` of n samples, spread evenly over the recording.
+
+    Parameters
+    ----------
+    n : int
+        Samples there are.
+    most : int
+        Rows wanted.
+    """
     rows: IntArray = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
     return rows
 
@@ -182,6 +228,15 @@ def fit_robustly(fit: RigidFit, observed: PoseSignal, command: PoseSignal) -> Ri
     """Registration of least Cauchy loss by reweighting `fit`, started from equal weights.
 
     A sample's weight is the smaller of those of its position and its rotation, each on its own robust scale.
+
+    Parameters
+    ----------
+    fit : callable
+        Weighted least squares, such as :func:`fit_pose`.
+    observed : PoseSignal
+        Poses of the marker in the tracker frame.
+    command : PoseSignal
+        Poses of the tip in the base frame.
     """
     rows = evenly_spaced(len(observed))
     observed, command = observed[rows], command[rows]

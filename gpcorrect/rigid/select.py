@@ -31,14 +31,13 @@ MarkerOption = Literal["none", "solve", "auto"]
 
 Fit = Callable[[PoseSignal, PoseSignal], RigidModel]
 
-FOLDS = 5
+FOLDS = 5  # the usual number for choosing between models
 BLOCKS = 10  # parts of a recording that has too few trajectories to leave some out
 LEAST_BLOCK = 3  # samples
 MAX_SAMPLES = 1000  # in a fold's fit: enough to rank the kinds
 MAX_JUDGED = 200  # in each unit, for its median
-ONE_MEDIAN = (
-    math.sqrt(math.pi / 2) * MAD_TO_STD
-)  # standard error of a median from the median absolute deviation of normal data
+# Standard error of a median from the median absolute deviation of normal data.
+ONE_MEDIAN = math.sqrt(math.pi / 2) * MAD_TO_STD
 WEIGHT_ROUNDS = 12  # of weighing positions and rotations by their scales
 WEIGHT_TOLERANCE = 0.02  # of the weight: less turns nothing
 LEAST_ERROR = 1e-6  # m and rad: errors below a micrometre or microradian are not told apart
@@ -290,6 +289,11 @@ def hold_out_units(trajectory: IntArray) -> IntArray:
 
     Samples of one motion repeat each other, so whole trajectories are left out where there are at least as
     many as folds; otherwise the recording is cut into contiguous blocks.
+
+    Parameters
+    ----------
+    trajectory : (n,) array
+        Trajectory of each sample.
     """
     _, first, label = np.unique(trajectory, return_index=True, return_inverse=True)
     if len(first) >= FOLDS:
