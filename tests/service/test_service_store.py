@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gpcorrect import atomic, model_store
+from gpcorrect import model_store
 from gpcorrect.corrector import CommandCorrector
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect.model_store import ModelStore, compare
@@ -107,7 +107,7 @@ def test_a_disk_that_takes_nothing_changes_nothing(
     def refuse(*_: object) -> None:
         raise OSError(code, os.strerror(code))
 
-    places = {"write": (Path, "write_text"), "sync": (atomic, "_sync"), "rename": (Path, "replace")}
+    places = {"write": (Path, "write_text"), "sync": (os, "fsync"), "rename": (Path, "replace")}
     monkeypatch.setattr(*places[step], refuse)
     with pytest.raises(GpCorrectError, match=os.strerror(code)):
         store.activate(tuesday)
@@ -119,12 +119,12 @@ def test_a_disk_that_takes_nothing_changes_nothing(
 KILLED = """
 import os, sys
 from pathlib import Path
-from gpcorrect import atomic, model_store
+from gpcorrect import model_store
 from gpcorrect.model_store import ModelStore
 step, folder = sys.argv[1], sys.argv[2]
 def die(*_): os._exit(9)
 if step == "before the write": Path.write_text = die
-if step == "before the sync": atomic._sync = die
+if step == "before the sync": os.fsync = die
 if step == "before the rename": Path.replace = die
 if step == "after the rename": model_store._sync_folder = die
 store = ModelStore(folder)

@@ -14,7 +14,7 @@ import numpy as np
 from gpcorrect.errors import LogError
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, PoseSignal
 from gpcorrect_service.crtk.bus import Bus
-from gpcorrect_service.crtk.messages import Event, JointState, Message, Pose
+from gpcorrect_service.crtk.messages import Event, Message
 from gpcorrect_service.crtk.robot import NO_TRAJECTORY
 from gpcorrect_service.crtk.ros import to_ros
 from gpcorrect_service.protocol.cdr import ros_types
@@ -22,6 +22,11 @@ from gpcorrect_service.protocol.cdr import ros_types
 __all__ = ["RECORDED", "Recorder", "Recording", "write_mcap"]
 
 RECORDED = ("measured_js", "setpoint_js", "external_js", "measured_cp", "setpoint_cp", "tracker_cp", "operating_state")
+SIGNALS = {
+    "measured_js": {"position": "measured_jp", "velocity": "measured_jv", "effort": "measured_jf"},
+    "setpoint_js": {"position": "setpoint_jp"},
+    "external_js": {"position": "external_jp"},
+}  # of a log, by topic of joints and field; other topics are poses
 SAME = 1e-6  # s: stamps this close are one instant
 
 
@@ -55,17 +60,32 @@ class Recording:
         LogError
             No joints were recorded, or no instant has them all.
         """
-        tables = {name: _table(rows) for name, rows in self.messages.items() if rows and name != "operating_state"}
-        if "measured_js" not in tables:
+        # Of each topic the messages by stamp, each stamp once.
+        topics = {
+            name: sorted({m.stamp: m for m in messages}.values(), key=lambda m: m.stamp)
+            for name, messages in self.messages.items()
+            if messages and name != "operating_state"
+        }
+        if "measured_js" not in topics:
             raise LogError("nothing was recorded: measured_js is missing.", hint="Is the arm running?")
-        stamps = _common([t.stamp for t in tables.values()])
+        clocks = {name: np.array([m.stamp for m in messages]) for name, messages in topics.items()}
+        stamps = _common(list(clocks.values()))
         trajectory = self._trajectories(stamps)
         rows = trajectory != NO_TRAJECTORY
         if not rows.any():
             raise LogError("no instant of the recording belongs to a trajectory.", hint="Record for longer.")
         columns: dict[str, Any] = {}
-        for name, table in tables.items():
-            columns |= _signals(name, table.at(stamps[rows]))
+        for name, messages in topics.items():
+            chosen = [messages[k] for k in np.searchsorted(clocks[name], stamps[rows] - SAME)]
+            if name in SIGNALS:
+                columns |= {
+                    signal: np.array([getattr(m, field) for m in chosen], dtype=np.float64)
+                    for field, signal in SIGNALS[name].items()
+                    if getattr(chosen[0], field) is not None
+                }
+            else:
+                pose = np.array([m.pose for m in chosen])
+                columns[name] = PoseSignal(pose[:, :3], pose[:, 3:])
         time = stamps[rows] - stamps[0]
         return CalibrationLog(
             time, trajectory[rows], np.zeros(len(time), dtype=np.int64), meta=meta or LogMeta(arm=self.arm), **columns
@@ -135,39 +155,6 @@ def write_mcap(recording: Recording, folder: Path) -> None:
                 writer.write(connection, round(message.stamp * 1e9), store.serialize_cdr(to_ros(message)[0], kind))
 
 
-@dataclass(frozen=True, eq=False)
-class _Table:
-    """One topic as columns; rows by stamp."""
-
-    stamp: FloatArray
-    values: dict[str, FloatArray]
-
-    def at(self, stamps: FloatArray) -> dict[str, FloatArray]:
-        """Return the rows at stamps that are there.
-
-        Parameters
-        ----------
-        stamps : (n,) array
-            s.
-        """
-        rows = np.searchsorted(self.stamp, stamps - SAME)
-        return {name: column[rows] for name, column in self.values.items()}
-
-
-def _table(messages: tuple[Any, ...]) -> _Table:
-    ordered = sorted({m.stamp: m for m in messages}.values(), key=lambda m: m.stamp)
-    stamp = np.array([m.stamp for m in ordered])
-    match ordered[0]:
-        case JointState() as first:
-            named = {"position": first.position, "velocity": first.velocity, "effort": first.effort}
-            keys = [k for k, value in named.items() if value is not None]
-            return _Table(stamp, {k: np.array([getattr(m, k) for m in ordered], dtype=np.float64) for k in keys})
-        case Pose():
-            return _Table(stamp, {"pose": np.array([m.pose for m in ordered])})
-        case other:
-            raise TypeError(f"{type(other).__name__} is no signal.")
-
-
 def _common(stamps: list[FloatArray]) -> FloatArray:
     """Return the instants that every topic has."""
     common = stamps[0]
@@ -177,18 +164,3 @@ def _common(stamps: list[FloatArray]) -> FloatArray:
     if not len(common):
         raise LogError("no two topics have a stamp in common.", hint="Record topics of one arm.")
     return common
-
-
-def _signals(name: str, columns: dict[str, FloatArray]) -> dict[str, Any]:
-    """Return a topic's columns as signals of a log."""
-    match name:
-        case "measured_js":
-            named = {"position": "measured_jp", "velocity": "measured_jv", "effort": "measured_jf"}
-            return {named[k]: v for k, v in columns.items()}
-        case "setpoint_js":
-            return {"setpoint_jp": columns["position"]}
-        case "external_js":
-            return {"external_jp": columns["position"]}
-        case _:
-            pose = columns["pose"]
-            return {name: PoseSignal(pose[:, :3], pose[:, 3:])}

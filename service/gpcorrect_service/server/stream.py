@@ -88,7 +88,8 @@ class Estimator:
         except (ServiceError, DataError) as error:
             self._refuse(error, sample.arrived)
             return None
-        self._counters.add("estimate", message.status, self._monotonic() - sample.arrived)
+        seconds = self._monotonic() - sample.arrived
+        self._counters.add("estimate", message.status, seconds, outside=not message.in_domain)
         return codec.encode(message), codec.encoding("estimate")
 
     def _answer(self, state: JointState, age: float) -> EstimateAnswer:
