@@ -29,7 +29,7 @@ from support import print_table, save_results
 from threadpoolctl import threadpool_limits
 
 from gpcorrect import se3
-from gpcorrect.corrector import CommandCorrector, FitSettings, fit_corrector
+from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector
 from gpcorrect.rigid import apply_residual
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
@@ -63,7 +63,7 @@ def main() -> None:
     rows = measure(calls, options.queries)
     head = ["microseconds", "median", "p90", "p99", "p99 / median", "cold"]
     print_table(head, rows)
-    points = len(corrector.predictor.parts[0].basis)
+    points = len(corrector.law.learned.predictor.parts[0].basis)
     ratios = {name: float(median) / float(rows[0][1]) for name, median, *_ in rows if "scikit" in str(name)}
     print(f"\n{points} points; medians over gpcorrect's: " + ", ".join(f"{r:.1f} ({n})" for n, r in ratios.items()))
     save_results("correct_latency", {"head": head, "rows": rows, "points": points, "ratios": ratios})
@@ -92,14 +92,14 @@ def our_call(corrector: CommandCorrector, queries: FloatArray) -> Call:
 
 
 def regression_call(corrector: CommandCorrector) -> Call:
-    inputs = list(corrector.predictor.parts[0].basis)
-    return lambda i: corrector.predictor.mean_std(inputs[i % len(inputs)])
+    inputs = list(corrector.law.learned.predictor.parts[0].basis)
+    return lambda i: corrector.law.learned.predictor.mean_std(inputs[i % len(inputs)])
 
 
 def machine_calls(corrector: CommandCorrector) -> dict[str, Call]:
     """Loops beside which a query's tail is to be seen."""
     as_long = int(PER_QUERY / np.median([timed(lambda _: arithmetic(ROUNDS), i) for i in range(200)]) * ROUNDS)
-    read = np.ones(sum(table.nbytes for table in corrector.predictor.tables) // 8)
+    read = np.ones(sum(table.nbytes for table in corrector.law.learned.predictor.tables) // 8)
     return {
         "nothing": lambda _: arithmetic(0),
         "arithmetic as long": lambda _: arithmetic(as_long),
@@ -125,17 +125,17 @@ def reading(values: FloatArray) -> float:
 
 def same_kernels(corrector: CommandCorrector) -> list[GaussianProcessRegressor]:
     peers = []
-    for part in corrector.predictor.parts:
+    for part in corrector.law.learned.predictor.parts:
         kernel = WhiteKernel(0.1)
         for weight, scales in zip(part.kernel.weights, part.kernel.length_scales, strict=True):
             kernel += ConstantKernel(weight) * RBF(np.minimum(scales, UNSEEN))
-        peers.append(peer(kernel, part.basis, corrector.predictor.mean_std_batch(part.basis)[0][:, :3]))
+        peers.append(peer(kernel, part.basis, corrector.law.learned.predictor.mean_std_batch(part.basis)[0][:, :3]))
     return peers
 
 
 def plain_kernels(corrector: CommandCorrector, *, apart: bool) -> list[GaussianProcessRegressor]:
-    part = corrector.predictor.parts[0]
-    outputs = corrector.predictor.mean_std_batch(part.basis)[0]
+    part = corrector.law.learned.predictor.parts[0]
+    outputs = corrector.law.learned.predictor.mean_std_batch(part.basis)[0]
     kernel = RBF(part.kernel.length_scales[-1]) + WhiteKernel(0.1)
     return [peer(kernel, part.basis, column) for column in (outputs.T if apart else [outputs])]
 

@@ -15,7 +15,7 @@ from unittest.mock import patch
 import numpy as np
 from support import print_table, real_data, save_results
 
-from gpcorrect.experiment import run_experiment
+from gpcorrect.calibration import run_experiment
 from gpcorrect.gpr import inflation
 from gpcorrect.logs import read_log
 from gpcorrect.sim import debridement_log, random_reaches_log
@@ -53,9 +53,9 @@ def scores(log: CalibrationLog, shuffle: bool) -> list[Any]:
     experiment = run_experiment(log, shuffle=shuffle)
     assert experiment.evaluation is not None
     clean = experiment.evaluation.clean
-    errors: Any = clean.errors()["corrected"]
+    errors: Any = experiment.evaluation.clean_errors["corrected"]
     norms = [errors[part]["norm"][leaf] for part in ("position_mm", "rotation_deg") for leaf in ("mean", "rmse")]
-    chosen = ", ".join(f"{part.inflation:g}" for part in experiment.corrector.statistics)
+    chosen = ", ".join(f"{part.inflation:g}" for part in experiment.corrector.law.learned.statistics)
     return [chosen, *norms, 100 * float(np.mean(clean.coverage95)), experiment.seconds]
 
 

@@ -17,8 +17,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from gpcorrect import artifact
-from gpcorrect.corrector import FitSettings, fit_corrector
+from gpcorrect.calibration import FitSettings, fit_corrector, load, save
 from gpcorrect.sim import debridement_log, machine_of, preset
 from gpcorrect.sim.live_robot import LiveRobot
 from gpcorrect_service.crtk import ArmServer, ArmServerSettings, Bus, BusSettings, OperatingState, Pose
@@ -70,7 +69,7 @@ def arm_rate(rate: float, seconds: float) -> dict[str, float]:
 def prefilter_times(model: Path) -> dict[str, float]:
     """Correct a stream of 2000 poses around the middle of the training."""
     answering = Prefilter(load_model(model))
-    pose, seconds = artifact.load(model).check_queries[0][:7], []
+    pose, seconds = load(model).check_queries[0][:7], []
     for k in range(2000):
         stamp = 1.0 + 0.01 * k
         answering.robot_is(OperatingState(stamp, "ENABLED", True, False))
@@ -83,7 +82,7 @@ def prefilter_times(model: Path) -> dict[str, float]:
 
 
 def small_model(path: Path) -> Path:
-    artifact.save(fit_corrector(debridement_log(3, reaches=25), FitSettings(inducing=200, marker="none")), path)
+    save(fit_corrector(debridement_log(3, reaches=25), FitSettings(inducing=200, marker="none")), path)
     return path
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from gpr_support import Split, real, scores, simulated
 from support import print_table, save_results
 
-from gpcorrect.corrector import trajectory_folds
+from gpcorrect.calibration import folds_of
 from gpcorrect.gpr import Predictor, SharedPredictor, SparseGPR, Statistics
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.statistics import collect, updated
@@ -69,7 +69,7 @@ def both(data: Split, seed: int) -> list[dict[str, float]]:
 
 def varying(predictor: Predictor, model: SparseGPR, data: Split) -> tuple[FloatArray, FloatArray]:
     """Means and deviations at the test inputs, the latter as left-out training errors vary with pose and speed."""
-    folds, z = trajectory_folds(data.trajectory), np.empty(data.Y.shape)
+    folds, z = folds_of(data.trajectory), np.empty(data.Y.shape)
     for fold in np.unique(folds):
         out = folds == fold
         mean, std, _ = model.refit(data.X[~out], data.Y[~out]).predictor_.mean_std_batch(data.X[out])

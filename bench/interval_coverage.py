@@ -16,8 +16,7 @@ from correct_latency import as_log
 from residual_field import simulate_reaches
 from support import print_table, real_data, save_results
 
-from gpcorrect.corrector import FitSettings, fit_corrector
-from gpcorrect.experiment import COMPONENTS, evaluate
+from gpcorrect.calibration import COMPONENTS, FitSettings, evaluate, fit_corrector
 from gpcorrect.logs import read_log
 from gpcorrect.sim import debridement_log
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray

@@ -6,12 +6,10 @@ zeros set anew from their first minute and measured on the rest.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from support import print_table, real_data, save_results
 
-from gpcorrect.joint_corrector import METHODS, JointCorrector, JointSettings, evaluate_joint, fit_joint
+from gpcorrect.calibration import LEARNERS, FitSettings, JointCorrector, evaluate_model, run_experiment
 from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog
 
@@ -28,19 +26,25 @@ ZERO_SECONDS = 60.0
 
 
 def rmse_rows(model: JointCorrector, log: CalibrationLog) -> dict[str, list[object]]:
-    return {name: [r["rmse"] for r in part] for name, part in evaluate_joint(model, log)["errors"].items()}
+    evaluation = evaluate_model(model, log)
+    return {name: [r["rmse"] for r in part] for name, part in evaluation.dirty_errors.items()}
 
 
 def main() -> None:
     log = read_log(real_data("dvrk_random.csv"))
     rows: list[list[object]] = []
-    for method in METHODS:
-        experiment = fit_joint(log, replace(JointSettings(), method=method))
+    coverage: list[list[object]] = []
+    for method in LEARNERS:
+        experiment = run_experiment(log, FitSettings(method=method), task=JointCorrector)
+        assert experiment.evaluation is not None
+        errors = experiment.evaluation.dirty_errors
         if not rows:
-            rows.append(["raw", *(row["rmse"] for row in experiment.errors["raw"]), 0.0])
-        rows.append([method, *(row["rmse"] for row in experiment.errors["corrected"]), experiment.seconds])
+            rows.append(["raw", *(row["rmse"] for row in errors["raw"]), 0.0])
+        rows.append([method, *(row["rmse"] for row in errors["corrected"]), experiment.seconds])
+        coverage.append([method, *(100.0 * experiment.evaluation.dirty.coverage95)])
     rows += [[name, *values, np.nan] for name, values in REFERENCES.items()]
     print_table(HEAD, rows)
+    print_table(["95 % intervals cover %", *HEAD[1:-1]], coverage)
     others: list[list[object]] = []
     model = experiment.corrector
     for number in (1, 2):

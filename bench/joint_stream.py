@@ -12,7 +12,7 @@ import numpy as np
 from support import print_table, save_results
 from threadpoolctl import threadpool_limits
 
-from gpcorrect.joint_corrector import METHODS, JointSettings, JointStream, fit_joint
+from gpcorrect.calibration import LEARNERS, FitSettings, JointCorrector, JointStream, fit_model
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.peng2024 import RavenStudy
 
@@ -29,10 +29,10 @@ def main() -> None:
     fine = np.arange(test.time[0], test.time[-1], 1e-3)
     q, effort = (_finer(test.time, signal, fine) for signal in (test.measured_jp, test.measured_jf))
     streams = {
-        method: JointStream(fit_joint(train, JointSettings(method, holdout=0.0, time_offset="none")).corrector)
-        for method in METHODS
+        method: fit_model(train, FitSettings(method=method, time_offset="none"), task=JointCorrector).corrector.stream()
+        for method in LEARNERS
     }
-    spent: dict[str, list[float]] = {method: [] for method in METHODS}
+    spent: dict[str, list[float]] = {method: [] for method in LEARNERS}
     with threadpool_limits(1):
         for block in range(BLOCKS + 1):
             rows = range(block * SAMPLES, (block + 1) * SAMPLES)
@@ -54,7 +54,7 @@ def _finer(time_s: FloatArray, signal: FloatArray, fine: FloatArray) -> FloatArr
 
 def _timed(stream: JointStream, at: float, q: FloatArray, effort: FloatArray) -> float:
     start = time.perf_counter_ns()
-    stream.estimate(at, q, effort)
+    stream.correct(at, q, effort)
     return (time.perf_counter_ns() - start) / 1e6
 
 

@@ -12,12 +12,10 @@ from typing import Any
 import numpy as np
 from support import print_table, real_data, save_results
 
-from gpcorrect.corrector import FitSettings
-from gpcorrect.corrector.memory import LADDER, SMALLEST
-from gpcorrect.experiment import run_experiment
+from gpcorrect.calibration import FitSettings, run_experiment
+from gpcorrect.calibration.memory import LADDER, SMALLEST, play_states
 from gpcorrect.gpr import SparseGPR
 from gpcorrect.logs import read_log
-from gpcorrect.play import play_states
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
 from gpcorrect.velocity import derivative, segment_labels
 
@@ -55,7 +53,7 @@ def scores(log: CalibrationLog, settings: FitSettings) -> list[float]:
     experiment = run_experiment(log, settings, holdout=HOLDOUT)
     assert experiment.evaluation is not None
     clean = experiment.evaluation.clean
-    errors: dict[str, Any] = clean.errors()["corrected"]  # type: ignore[assignment]  # read by name below
+    errors = experiment.evaluation.errors(clean)["corrected"]
     position, rotation = errors["position_mm"]["norm"]["rmse"], errors["rotation_deg"]["norm"]["rmse"]
     return [position, rotation, 100 * float(np.mean(clean.coverage95))]
 

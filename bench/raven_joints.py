@@ -11,7 +11,6 @@ import argparse
 import numpy as np
 from support import print_table, save_results
 
-from gpcorrect.joint import joint_data
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.peng2024 import RavenStudy
 from gpcorrect_studies.published import PENG_2024
@@ -27,7 +26,8 @@ def main() -> None:
     rows: list[list[object]] = []
     for seed in range(options.first, options.first + options.seeds):
         study = RavenStudy(seed)
-        train, test = (joint_data(log).error for log in (study.zigzags("J1-J2-J3", 6), study.random_run(4.0)))
+        logs = study.zigzags("J1-J2-J3", 6), study.random_run(4.0)
+        train, test = (np.subtract(log.external_jp, log.measured_jp) for log in logs)
         rows.append([f"seed {seed}", *rmse(test), *rmse(test - train.mean(axis=0))])
     means = np.mean([row[1:] for row in rows], axis=0)
     rows.append(["mean", *means.tolist()])

@@ -15,11 +15,9 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from support import print_table, real_data, save_results
 
-from gpcorrect.corrector import observed_twists, pose_pair
-from gpcorrect.corrector.reference import reference_twists, rotations_of
-from gpcorrect.experiment import Experiment, run_experiment
+from gpcorrect.calibration import Experiment, error_table, run_experiment
+from gpcorrect.calibration.poses import pose_pair
 from gpcorrect.logs import read_log
-from gpcorrect.metrics import error_table
 from gpcorrect.rigid import apply_residual, pose_residual
 from gpcorrect.types import CalibrationLog, FloatArray
 
@@ -33,7 +31,7 @@ def main() -> None:
     ours = run_experiment(log)
     seconds = time.perf_counter() - start
     assert ours.evaluation is not None
-    errors: dict[str, Any] = ours.evaluation.clean.errors()
+    errors: dict[str, Any] = ours.evaluation.clean_errors
     peer, peer_seconds = peer_errors(ours)
     rows = {
         "raw": errors["raw"],
@@ -83,14 +81,10 @@ def inputs_and_residuals(fit: Experiment, log: CalibrationLog, rows: Any) -> tup
     corrector = fit.corrector
     keep = fit.fit.cleaning.keep if rows is None else fit.evaluation.cleaning.keep  # type: ignore[union-attr]
     observed, command = pose_pair(log)
-    twist = observed_twists(log.time, log.trajectory, observed, keep, corrector.velocity_step)
-    if rows is None:
-        rows = np.flatnonzero(keep & observed.finite & command.finite & np.isfinite(twist[:, :3]).all(axis=1))
-    observed, command, twist = observed[rows], command[rows], twist[rows]
-    reference = corrector.rigid.apply(observed)
-    moved = reference_twists(corrector.rigid, rotations_of(observed), twist)
-    X = corrector.features.transform(reference.position, rotations_of(reference), moved)
-    return X, pose_residual(reference, command), reference
+    samples = corrector.samples(log, keep)
+    rows = samples.rows if rows is None else rows
+    reference = corrector.rigid.apply(observed[rows])
+    return samples.X[rows], pose_residual(reference, command[rows]), reference
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from gpcorrect import artifact
+from gpcorrect.calibration import load, save
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.ops.router import route
 from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose
@@ -108,20 +108,20 @@ def a_model(given: Path | None) -> Iterator[Path]:
     if given is not None:
         yield given
         return
-    from gpcorrect.corrector import fit_corrector
+    from gpcorrect.calibration import fit_corrector
     from gpcorrect.sim import debridement_log
 
     with tempfile.TemporaryDirectory() as folder:
         print("fitting a model to 40 simulated reaches ...")
         path = Path(folder) / "model.gpc"
-        artifact.save(fit_corrector(debridement_log(reaches=40)), path)
+        save(fit_corrector(debridement_log(reaches=40)), path)
         yield path
 
 
 def typical_query(model: Path) -> tuple[list[float], list[float]]:
     """Return a pose and a twist from the model's own training data."""
-    _, arrays = artifact.read_parts(model)
-    query = arrays["check_queries"][0]
+    queries = load(model).check_queries
+    query = queries[0]
     return query[:7].tolist(), query[7:].tolist()
 
 

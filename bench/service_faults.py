@@ -20,9 +20,7 @@ import numpy as np
 from service_bench import PATIENT, a_model, free_endpoint, process, serve_model, serve_store, typical_query
 from support import print_table, save_results
 
-from gpcorrect import artifact
-from gpcorrect.corrector import FitSettings, fit_corrector
-from gpcorrect.model_store import ModelStore
+from gpcorrect.calibration import FitSettings, ModelStore, fit_corrector, load, save
 from gpcorrect.sim import debridement_log
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, ServiceError
 from gpcorrect_service.client.operator import Operator
@@ -123,14 +121,12 @@ def activations(model: Path, count: int) -> tuple[dict[str, float], int]:
     """Change between two models while a planner asks paths as fast as it is answered; mixed answers are counted."""
     with tempfile.TemporaryDirectory() as folder:
         other = Path(folder) / "other.gpc"
-        artifact.save(fit_corrector(debridement_log(reaches=5), FitSettings(clean=False, inducing=60)), other)
+        save(fit_corrector(debridement_log(reaches=5), FitSettings(clean=False, inducing=60)), other)
         store = ModelStore(Path(folder) / "store")
         entries = [store.add(path, now=float(i), name=f"model{i}") for i, path in enumerate((model, other))]
         store.activate(entries[0])
         poses, times = path_of(model)
-        expected = {
-            entry.hash: artifact.load(store.path(entry)).correct_path(poses, times).positions for entry in entries
-        }
+        expected = {entry.hash: load(store.path(entry)).correct_path(poses, times).position for entry in entries}
         end, heard, mixed, stop = free_endpoint(), Heard(), [0], threading.Event()
 
         def plan() -> None:
@@ -151,8 +147,8 @@ def activations(model: Path, count: int) -> tuple[dict[str, float], int]:
 
 
 def path_of(model: Path) -> tuple[Any, Any]:
-    _, arrays = artifact.read_parts(model)
-    start, end = arrays["check_queries"][0][:3], arrays["check_queries"][1][:3]
+    queries = load(model).check_queries
+    start, end = queries[0][:3], queries[1][:3]
     share = np.linspace(0.0, 1.0, 100)[:, None]
     positions = (1 - share) * start + share * end
     return np.hstack([positions, np.tile([1.0, 0.0, 0.0, 0.0], (100, 1))]), np.linspace(0.0, 2.0, 100)

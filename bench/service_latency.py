@@ -33,7 +33,7 @@ from service_bench import (
 )
 from support import print_table, save_results
 
-from gpcorrect import artifact
+from gpcorrect.calibration import load
 from gpcorrect_service import (
     AsyncCorrectionClient,
     ClientSettings,
@@ -75,7 +75,7 @@ def one_planner(
     service: ClientSettings, echo: ClientSettings, model: Path, rounds: int, *, alone: bool
 ) -> dict[str, Any]:
     pose, twist = typical_query(model)
-    corrector = artifact.load(model)
+    corrector = load(model)
     with askers(service, echo, model) as ways:
         told = in_pairs(ways, rounds, WARM_UP)
     if alone:

@@ -19,8 +19,7 @@ import zenoh
 from service_bench import PATIENT, free_endpoint, process, serve_joints, summary
 from support import print_table, save_results
 
-from gpcorrect.joint_artifact import load_joint, save_joint
-from gpcorrect.joint_corrector import JointCorrector, JointSettings, JointStream, fit_joint
+from gpcorrect.calibration import FitSettings, JointCorrector, JointStream, fit_model, load, save
 from gpcorrect.types import FloatArray
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.protocol.answer import EstimateAnswer
@@ -40,7 +39,7 @@ def main() -> None:
     given = options.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         model = given.model or fitted(Path(folder) / "joints.gpc")
-        corrector = load_joint(model)
+        corrector = load(model, JointCorrector)
         q, effort = swing(corrector, round(RATE * given.seconds))
         results = {"model alone, no network": summary(alone(corrector, q, effort))}
         endpoint = free_endpoint()
@@ -62,13 +61,13 @@ def fitted(path: Path) -> Path:
 
     print("fitting joints of a simulated RAVEN-II ...")
     log = joint_motion_log(preset("raven2_calibration"), trajectories=6)
-    save_joint(fit_joint(log, JointSettings(method="gp", inducing=200)).corrector, path)
+    save(fit_model(log, FitSettings(inducing=200), task=JointCorrector).corrector, path)
     return path
 
 
 def swing(corrector: JointCorrector, n: int) -> tuple[FloatArray, FloatArray]:
     """Joints `(n, d)` that swing through half of the training range at their own rates, and efforts of nothing."""
-    features = corrector.features
+    features = corrector.view.features
     t = np.arange(n) / RATE
     rates = 0.3 + 0.1 * np.arange(len(features.half))
     q: FloatArray = features.centre + 0.5 * features.half * np.sin(2 * np.pi * rates * t[:, None])
@@ -79,7 +78,7 @@ def alone(corrector: JointCorrector, q: FloatArray, effort: FloatArray) -> list[
     stream, seconds = JointStream(corrector), []
     for i in range(min(len(q), 3000)):
         began = time.perf_counter()
-        stream.estimate(1.0 + i / RATE, q[i], effort[i])
+        stream.correct(1.0 + i / RATE, q[i], effort[i])
         seconds.append(time.perf_counter() - began)
     return seconds[300:]
 

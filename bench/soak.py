@@ -20,7 +20,7 @@ import numpy as np
 from service_bench import PATIENT, a_model, free_endpoint, process, serve_store, typical_query
 from support import print_table, save_results
 
-from gpcorrect.model_store import ModelStore
+from gpcorrect.calibration import ModelStore
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, ServiceError
 from gpcorrect_service.client.operator import Operator
 

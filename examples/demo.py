@@ -78,9 +78,9 @@ def ask(model: Path) -> None:
 
 def example_pose(model: Path) -> list[str]:
     """Return a pose in the middle of the training region, from the model file itself."""
-    from gpcorrect import artifact
+    from gpcorrect.calibration import load
 
-    corrector = artifact.load(model)
+    corrector = load(model)
     query = corrector.check_queries[len(corrector.check_queries) // 2]
     return ["--pose", *(f"{v:.5f}" for v in query[:7])]
 

@@ -14,11 +14,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gpcorrect.artifact import load, save
-    from gpcorrect.corrector import CommandCorrector, FitSettings, PathCorrection, fit_corrector
+    from gpcorrect.calibration import (
+        CommandCorrector,
+        FitSettings,
+        JointCorrector,
+        fit_corrector,
+        fit_model,
+        load,
+        save,
+    )
+    from gpcorrect.correction import Correction, Reason, Status
     from gpcorrect.errors import GpCorrectError
     from gpcorrect.logs import read_log, validate_log, write_log
-    from gpcorrect.types import CalibrationLog, Correction, PoseSignal
+    from gpcorrect.types import CalibrationLog, PoseSignal
 
     __version__: str
 
@@ -28,9 +36,12 @@ __all__ = [
     "Correction",
     "FitSettings",
     "GpCorrectError",
-    "PathCorrection",
+    "JointCorrector",
     "PoseSignal",
+    "Reason",
+    "Status",
     "fit_corrector",
+    "fit_model",
     "load",
     "read_log",
     "save",
@@ -40,16 +51,19 @@ __all__ = [
 
 _MODULES = {
     "CalibrationLog": "types",
-    "CommandCorrector": "corrector",
-    "Correction": "types",
-    "FitSettings": "corrector",
+    "CommandCorrector": "calibration",
+    "Correction": "correction",
+    "FitSettings": "calibration",
     "GpCorrectError": "errors",
-    "PathCorrection": "corrector",
+    "JointCorrector": "calibration",
     "PoseSignal": "types",
-    "fit_corrector": "corrector",
-    "load": "artifact",
+    "Reason": "correction",
+    "Status": "correction",
+    "fit_corrector": "calibration",
+    "fit_model": "calibration",
+    "load": "calibration",
     "read_log": "logs",
-    "save": "artifact",
+    "save": "calibration",
     "validate_log": "logs",
     "write_log": "logs",
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +15,6 @@ __all__ = [
     "QUATERNION_TOLERANCE",
     "BoolArray",
     "CalibrationLog",
-    "Correction",
-    "CorrectionStatus",
     "FloatArray",
     "IntArray",
     "LogMeta",
@@ -30,8 +28,6 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 QUATERNION_TOLERANCE = 1e-3  # of the log format: a norm further from one is a mistake, not rounding
-
-CorrectionStatus = Literal["OK", "EXTRAPOLATING", "LIMITED"]
 
 
 class Progress:
@@ -233,35 +229,3 @@ class CalibrationLog:
         """Return the log of these rows only."""
         values: dict[str, Any] = {n: getattr(self, n)[rows] for n in ("time", "trajectory", "session", *self.signals)}
         return replace(self, extra={k: v[rows] for k, v in self.extra.items()}, **values)
-
-
-@dataclass(frozen=True, eq=False)
-class Correction:
-    """What to command instead of a desired pose, and how sure that is.
-
-    Parameters
-    ----------
-    position : (3,) array
-        Commanded position, base frame, m.
-    quaternion : (4,) array or None
-        Commanded orientation wxyz; None when no orientation was asked for.
-    std : (6,) array
-        Standard deviation of the learned correction: x, y, z in m, then the rotation vector in rad (NaN where not
-        learned).
-    interval95 : (6,) array
-        Half width of the calibrated 95 % interval, same units.
-    in_domain : bool
-        Whether the query lies near training data.
-    status : str
-        "OK", "EXTRAPOLATING" or "LIMITED".
-    reason : str
-        Why the status is not "OK", or what was not used; empty otherwise.
-    """
-
-    position: FloatArray
-    quaternion: FloatArray | None
-    std: FloatArray
-    interval95: FloatArray
-    in_domain: bool
-    status: CorrectionStatus = "OK"
-    reason: str = ""

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import settings
 from support import Once, small_log
 
-from gpcorrect import artifact
-from gpcorrect.corrector import CommandCorrector, fit_corrector
+from gpcorrect.calibration import CommandCorrector, fit_corrector, save
 
 # How long an example takes says more of the machine's other work than of the code.
 settings.register_profile("any machine", deadline=None)
@@ -33,4 +32,4 @@ def small_corrector(once: Once) -> CommandCorrector:
 @pytest.fixture(scope="session")
 def small_model(once: Once, small_corrector: CommandCorrector) -> Path:
     """Return the model file of the small corrector; no test may write to it."""
-    return once.file("small.gpc", lambda path: artifact.save(small_corrector, path))
+    return once.file("small.gpc", lambda path: save(small_corrector, path))

@@ -7,17 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.types import BoolArray, FloatArray
+from gpcorrect.correction import Correction, Reason
+from gpcorrect.types import FloatArray
 from gpcorrect_studies.debridement import Station
-
-
-@dataclass(frozen=True)
-class Answer:
-    positions: FloatArray
-    quaternions: FloatArray | None
-    interval95: FloatArray
-    in_domain: BoolArray
-    status: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -28,12 +20,14 @@ class Moves:
     interval: float = 1e-4
     domain: float = np.inf
 
-    def correct_path(self, poses: FloatArray, times: FloatArray) -> Answer:
+    def correct_path(self, poses: FloatArray, times: FloatArray) -> Correction:
         n = len(poses)
         assert len(times) == n
         position, quaternion = se3.to_parts(se3.compose(self.T, se3.from_parts(poses[:, :3], poses[:, 3:])))
         inside = np.linalg.norm(poses[:, :3], axis=1) < self.domain
-        return Answer(position, quaternion, np.full((n, 6), self.interval), inside, ("OK",) * n)
+        interval = np.full((n, 6), self.interval)
+        reasons = np.where(inside, 0, int(Reason.OUTSIDE))
+        return Correction(position, quaternion, None, interval / 2, interval, reasons)
 
 
 def ideal(station: Station) -> Station:

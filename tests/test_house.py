@@ -10,9 +10,8 @@ import pytest
 from cli.cli_support import PROGRAM
 from support import ROOT
 
-from gpcorrect.estimator import ESTIMATOR_METHODS
-from gpcorrect.joint import Direction
-from gpcorrect.joint_corrector import METHODS
+from gpcorrect.calibration import LEARNERS, HoldOut
+from gpcorrect.calibration.settings import Direction
 from gpcorrect.logs.reader import FORMATS
 from gpcorrect.rigid import MarkerOption
 
@@ -48,15 +47,16 @@ def test_the_page_on_logs_names_every_format() -> None:
 def test_the_page_on_joints_lists_the_methods() -> None:
     """The table of methods has a row for every learner."""
     listed = {name for cell in first_cells("docs/joint.md", "`--method`") for name in re.findall(r"`([^`]+)`", cell)}
-    assert listed == set(METHODS)
+    assert listed == set(LEARNERS)
 
 
 @pytest.mark.parametrize(
     ("command", "option", "names"),
     [
-        ("joint fit", "method", METHODS),
+        ("joint fit", "method", tuple(LEARNERS)),
         ("joint fit", "direction", get_args(Direction)),
-        ("vision fit", "method", ESTIMATOR_METHODS),
+        ("joint fit", "hold-out-by", tuple(HoldOut)),
+        ("vision fit", "method", ("gp", "network", "linear")),
         ("fit", "marker", get_args(MarkerOption)),
     ],
 )

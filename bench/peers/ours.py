@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from gpcorrect.corrector import trajectory_folds
+from gpcorrect.calibration import folds_of
 from gpcorrect.gpr import ExactGPR, Predictor, SparseGPR, learn_inflation
 from gpcorrect.types import FloatArray, IntArray
 from peers.peer import Fit, Peer, subset
@@ -72,5 +72,5 @@ def _shipped(
     groups: Columns, trajectory: IntArray, times: FloatArray, X: FloatArray, Y: FloatArray, limit: float
 ) -> tuple[Peer, str]:
     model = SparseGPR(feature_groups=groups, output_groups=APART).fit(X, Y, groups=trajectory, times=times)
-    model, _ = learn_inflation(model, X, Y, trajectory_folds(trajectory), trajectory, times)
+    model, _ = learn_inflation(model, X, Y, folds_of(trajectory), trajectory, times)
     return Ours(model.predictor_), ""

@@ -127,7 +127,9 @@ def label_motion(
     labels = _reject_pieces(labels, left, pieces, from_rigid, Reason.OUTLIER, settings.outlier_factor)
     labels = _reject_pieces(labels, left, pieces, from_smooth, Reason.OFFSET, settings.offset_factor)
     labels = _reject_unconnected(labels, left, pieces, ~kept, steps)
-    labels = labels.rejecting_above(residual.distance, Reason.OFFSET, SMOOTH_LEEWAY * settings.offset_factor)
+    if not samples.joints:  # an outside encoder fails with a jump; what grows without one is the robot's (a wrist near
+        # its singularity errs by 30 degrees, smoothly and again and again)
+        labels = labels.rejecting_above(residual.distance, Reason.OFFSET, SMOOTH_LEEWAY * settings.offset_factor)
     return labels.rejecting_above(_rejected_nearby(samples.run, labels.keep), Reason.SURROUNDED, SURROUNDED)
 
 

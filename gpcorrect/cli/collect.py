@@ -16,7 +16,7 @@ from gpcorrect.cli.processes import free_endpoint, running
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
-    from gpcorrect.joint import TimedPath
+    from gpcorrect.calibration import TimedPath
     from gpcorrect.types import CalibrationLog, FloatArray, Progress
     from gpcorrect_service.crtk.robot import Robot
 
@@ -63,7 +63,7 @@ def zigzag_command(
     """
     import numpy as np
 
-    from gpcorrect.joint import direction_named, timed, zigzag
+    from gpcorrect.calibration import direction_named, timed, zigzag
     from gpcorrect.logs import write_log
     from gpcorrect.types import CalibrationLog, LogMeta
 
@@ -125,10 +125,18 @@ def collect_zigzag(
 
     gpcorrect collect zigzag --direction J2-J3 --sparsity 4 --connect tcp/127.0.0.1:7448 --output today/
     """
+    from gpcorrect.calibration import (
+        FitSettings,
+        JointCorrector,
+        direction_named,
+        evaluate_model,
+        fit_model,
+        learner_named,
+        save,
+        timed,
+        zigzag,
+    )
     from gpcorrect.cli.joint import show_joint_errors
-    from gpcorrect.joint import direction_named, timed, zigzag
-    from gpcorrect.joint_artifact import save_joint
-    from gpcorrect.joint_corrector import JointSettings, evaluate_joint, fit_joint, method_named
     from gpcorrect.logs import write_log
     from gpcorrect_service.crtk import BusSettings  # zenoh is an extra; other commands work without it
     from gpcorrect_service.crtk.robot import Robot
@@ -136,7 +144,8 @@ def collect_zigzag(
     make_folder(output)
     block, fastest = joint_limits(limits), speed_limits(speed)
     corners = [zigzag(direction_named(name), sparsity, block) for name in split_names(direction)]
-    settings = JointSettings(method=method_named(method), holdout=0.0, time_offset="none", seed=seed)
+    learner_named(method)
+    settings = FitSettings(method=method, time_offset="none", seed=seed)
     with ExitStack() as stack:
         endpoint = connect or free_endpoint()
         if connect is None:
@@ -150,9 +159,10 @@ def collect_zigzag(
         tested = _recorded(robot, [_sines(block, fastest, test, seed)], progress, "test run")
     write_log(train, output / "zigzags.csv")
     write_log(tested, output / "test.csv")
-    fitted = fit_joint(train, settings)
-    save_joint(fitted.corrector, output / "joints.gpc")
-    measured = evaluate_joint(fitted.corrector, tested, "none")
+    fitted = fit_model(train, settings, task=JointCorrector)
+    save(fitted.corrector, output / "joints.gpc")
+    evaluation = evaluate_model(fitted.corrector, tested)
+    measured = {"n_test": len(evaluation.clean.rows), **evaluation.to_dict()}
     if json:
         print_json({"n_train": len(train), **measured, "output": str(output)})
         return
@@ -165,7 +175,7 @@ def _sines(block: FloatArray, fastest: FloatArray, seconds: float, seed: int) ->
     """Return random motion inside the part of the block that every zig-zag sweeps."""
     import numpy as np
 
-    from gpcorrect.joint import random_sinusoids
+    from gpcorrect.calibration import random_sinusoids
 
     middle, reach = block.mean(axis=1)[:, None], np.ptp(block, axis=1)[:, None]
     inside = middle + reach * np.array([-0.25, 0.25])

@@ -39,7 +39,7 @@ class Answer(Protocol):
     """What a correction and a service's reply have in common."""
 
     @property
-    def position(self) -> FloatArray: ...
+    def position(self) -> FloatArray | None: ...
     @property
     def quaternion(self) -> FloatArray | None: ...
     @property
@@ -47,11 +47,11 @@ class Answer(Protocol):
     @property
     def interval95(self) -> FloatArray: ...
     @property
-    def in_domain(self) -> bool: ...
+    def in_domain(self) -> Any: ...
     @property
-    def status(self) -> str: ...
+    def status(self) -> Any: ...
     @property
-    def reason(self) -> str: ...
+    def reason(self) -> Any: ...
 
 
 def correct(
@@ -65,9 +65,9 @@ def correct(
 
     Example: gpcorrect correct model.gpc --pose 0.1 0.02 -0.11 1 0 0 0 --twist 0.05 0 0 0 0 0
     """
-    from gpcorrect import artifact
+    from gpcorrect.calibration import load
 
-    answer = artifact.load(model).correct(_desired(pose, position), twist)
+    answer = load(model).correct(_desired(pose, position), twist)
     if json:
         print_json(_answer_dict(answer))
     else:
@@ -167,13 +167,13 @@ def _desired(pose: tuple[float, ...] | None, position: tuple[float, ...] | None)
 
 def _answer_dict(answer: Answer) -> dict[str, Any]:
     """Return the JSON of one correction: m, rad, wxyz."""
-    quaternion = None if answer.quaternion is None else answer.quaternion.tolist()
+    position, quaternion = (None if part is None else part.tolist() for part in (answer.position, answer.quaternion))
     return {
-        "position": answer.position.tolist(),
+        "position": position,
         "quaternion": quaternion,
         "std": answer.std.tolist(),
         "interval95": answer.interval95.tolist(),
-        "in_domain": answer.in_domain,
+        "in_domain": bool(answer.in_domain),
         "status": answer.status,
         "reason": answer.reason,
     }

@@ -10,12 +10,24 @@ import typer
 
 from gpcorrect.atomic import atomic_path, make_folder, require_folder
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, split_names
-from gpcorrect.cli.options import Holdout, Json, Logs, ModelFile, ModelOutput, Reading, Seed, one_of, takes_reading
+from gpcorrect.cli.options import (
+    Clean,
+    Holdout,
+    HoldOutBy,
+    Json,
+    Logs,
+    ModelFile,
+    ModelOutput,
+    Reading,
+    Seed,
+    one_of,
+    takes_reading,
+)
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
+    from gpcorrect.calibration import Experiment
     from gpcorrect.cleaning import Segment
-    from gpcorrect.experiment import Experiment
 
 __all__ = ["evaluate", "fit"]
 
@@ -31,7 +43,8 @@ def fit(
             help="What the regression sees: pose or euler (the paper's angles), velocity, memory (of the path so far)."
         ),
     ] = "pose,velocity",
-    clean: Annotated[bool, typer.Option("--clean/--no-clean", help="Reject faulty samples first.")] = True,
+    method: Annotated[str, typer.Option(help="How to learn what the registration leaves, as in joint fit.")] = "gp",
+    clean: Clean = True,
     keep: Annotated[
         list[str] | None,
         typer.Option(help="Never reject TRAJECTORY:START:STOP (s). Repeatable.", show_default=False),
@@ -44,6 +57,7 @@ def fit(
         str, typer.Option(help="Marker is not the tool tip: none, solve, or auto (by held-out error).")
     ] = "auto",
     holdout: Holdout = 0.2,
+    hold_out_by: HoldOutBy = "auto",
     shuffle: Annotated[
         bool, typer.Option("--shuffle", help="Hold out random trajectories, not the last ones.")
     ] = False,
@@ -66,16 +80,17 @@ def fit(
 
     gpcorrect fit robot.bag --tracker-log "Take 2026-11-21.csv" --output model.gpc
     """
-    from gpcorrect import artifact
+    from gpcorrect.calibration import FitSettings, HoldOut, learner_named, run_experiment, save
     from gpcorrect.cleaning import CleaningSettings
-    from gpcorrect.corrector import FitSettings
-    from gpcorrect.experiment import run_experiment
     from gpcorrect.rigid import MarkerOption
 
     require_folder(output)
     if report is not None:
         make_folder(report)
+    learner_named(method)
+    by = HoldOut(one_of(hold_out_by, tuple(HoldOut), "what is held out"))
     settings = FitSettings(
+        method=method,
         features=split_names(features),
         clean=clean,
         cleaning=CleaningSettings(keep=_segments(keep), drop=_segments(drop)),
@@ -85,8 +100,8 @@ def fit(
     )
     log = reading.log(logs)
     with progress_bar(quiet=json) as progress:
-        experiment = run_experiment(log, settings, holdout=holdout, shuffle=shuffle, progress=progress)
-    artifact.save(experiment.corrector, output)
+        experiment = run_experiment(log, settings, holdout=holdout, by=by, shuffle=shuffle, progress=progress)
+    save(experiment.corrector, output)
     result = experiment.to_dict()
     if report is not None:
         _write_report(experiment, report)
@@ -102,12 +117,10 @@ def evaluate(model: ModelFile, logs: Logs, reading: Reading, json: Json = False)
 
     Example: gpcorrect evaluate model.gpc tuesday.csv wednesday.bag
     """
-    from gpcorrect import artifact
-    from gpcorrect.corrector import on_one_clock
-    from gpcorrect.experiment import evaluate as evaluate_model
+    from gpcorrect.calibration import evaluate_model, load
 
-    corrector = artifact.load(model)
-    log, clocks = on_one_clock(reading.log(logs), reading.clock_left)
+    corrector = load(model)
+    log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
     measured = evaluate_model(corrector, log)
     result = {"n_test": len(measured.clean.rows), "dropped": dict(measured.cleaning.counts), **measured.to_dict()}
     if json:

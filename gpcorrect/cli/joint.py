@@ -10,11 +10,11 @@ import typer
 
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names
-from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelOutput, Seed, one_of, read_logs
+from gpcorrect.cli.options import Clean, Columns, Holdout, HoldOutBy, Json, Logs, ModelOutput, Seed, one_of, read_logs
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
-    from gpcorrect.joint_corrector import JointErrors, JointSettings
+    from gpcorrect.calibration import FitSettings, JointErrors
 
 __all__ = ["joint_app", "show_joint_errors"]
 
@@ -45,6 +45,8 @@ def fit(
     input_signal: Input = None,
     direction: Way = "estimate",
     holdout: Holdout = 0.2,
+    hold_out_by: HoldOutBy = "auto",
+    clean: Clean = True,
     end_to_end: Annotated[bool, typer.Option("--end-to-end", help="Learn the true positions, not the error.")] = False,
     layers: Annotated[str, typer.Option(help="Widths of the network, as 600,500,400.")] = "100,100",
     columns: Columns = None,
@@ -60,29 +62,36 @@ def fit(
 
     gpcorrect joint fit monday.csv --method network --features position,effort --output net.gpc --json
     """
-    from gpcorrect.joint_artifact import save_joint
-    from gpcorrect.joint_corrector import fit_joint, method_named
+    from gpcorrect.calibration import HoldOut, JointCorrector, learner_named, run_experiment, save
 
     require_folder(output)
+    learner_named(method)
+    by = HoldOut(one_of(hold_out_by, tuple(HoldOut), "what is held out"))
     widths = split_names(layers)
     if not widths or not all(width.isdigit() and int(width) > 0 for width in widths):
         raise DataError(f"layers are widths above 0, got {layers!r}.", hint="For example 100,100 or 600,500,400")
     settings = replace(
-        _settings(features, input_signal, direction, holdout, time_offset, seed),
-        method=method_named(method),
+        _settings(features, input_signal, direction, time_offset, seed),
+        method=method,
+        clean=clean,
         end_to_end=end_to_end,
         layers=tuple(map(int, widths)),
     )
+    log = read_logs(logs, columns)
     with progress_bar(quiet=json) as progress:
-        experiment = fit_joint(read_logs(logs, columns), settings, progress)
-    save_joint(experiment.corrector, output)
-    for remark in experiment.corrector.summary["remarks"]:
+        experiment = run_experiment(log, settings, task=JointCorrector, holdout=holdout, by=by, progress=progress)
+    save(experiment.corrector, output)
+    result = experiment.to_dict()
+    for remark in experiment.fit.remarks:
         note(remark)
     if json:
-        print_json(experiment.to_dict())
+        print_json(result)
         return
-    show_joint_errors(f"Held-out errors, {experiment.n_test} samples", experiment.errors)
-    out.print(f"trained on {experiment.n_train} samples in {experiment.seconds:.1f} s -> {output}")
+    for caution in result.get("cautions", ()):
+        note(caution)
+    show_joint_errors(f"Held-out errors, {experiment.n_test} samples that pass cleaning", result["errors"])
+    dropped = ", ".join(f"{n} {why}" for why, n in result["dropped"].items() if n) or "none"
+    out.print(f"trained on {result['n_train']} samples in {experiment.seconds:.1f} s; dropped: {dropped} -> {output}")
 
 
 @joint_app.command()
@@ -93,10 +102,19 @@ def evaluate(
 
     Example: gpcorrect joint evaluate joints.gpc tuesday.csv
     """
-    from gpcorrect.joint_artifact import load_joint
-    from gpcorrect.joint_corrector import evaluate_joint
+    from gpcorrect.calibration import JointCorrector, evaluate_model, load
 
-    result = evaluate_joint(load_joint(model), read_logs(logs, columns), time_offset)
+    corrector = load(model, JointCorrector)
+    log, clocks = corrector.on_one_clock(read_logs(logs, columns), time_offset)
+    evaluation = evaluate_model(corrector, log)
+    result = {
+        "n_test": len(evaluation.clean.rows),
+        "dropped": dict(evaluation.cleaning.counts),
+        **evaluation.to_dict(),
+        "zeros": corrector.zeros(log, evaluation.clean),
+    }
+    if clocks.applied:
+        note(clocks.remark)
     if json:
         print_json(result)
     else:
@@ -125,22 +143,24 @@ def compare(
 
     Example: gpcorrect joint compare zigzags.csv
     """
-    from gpcorrect.joint_corrector import METHODS, fit_joint
+    from gpcorrect.calibration import LEARNERS, JointCorrector, run_experiment
 
     log = read_logs(logs, columns)
     rows: list[dict[str, Any]] = []
-    settings = _settings(features, input_signal, direction, holdout, time_offset, seed)
+    settings = _settings(features, input_signal, direction, time_offset, seed)
     with progress_bar(quiet=json) as progress:
-        for number, method in enumerate(METHODS):
-            progress.step("methods", number / len(METHODS))
-            experiment = fit_joint(log, replace(settings, method=method))
-            if not experiment.errors:
+        for number, method in enumerate(LEARNERS):
+            progress.step("methods", number / len(LEARNERS))
+            chosen = replace(settings, method=method)
+            experiment = run_experiment(log, chosen, task=JointCorrector, holdout=holdout)
+            errors = experiment.to_dict()["errors"]
+            if not errors:
                 raise DataError("comparing needs held-out trajectories.", hint="Give --holdout above 0.")
             if not rows:
-                rows.append({"method": "raw", "seconds": 0.0, "errors": experiment.errors["raw"]})
-            rows.append({"method": method, "seconds": experiment.seconds, "errors": experiment.errors["corrected"]})
+                rows.append({"method": "raw", "seconds": 0.0, "errors": errors["raw"]})
+            rows.append({"method": method, "seconds": experiment.seconds, "errors": errors["corrected"]})
     if json:
-        print_json({"n_train": experiment.n_train, "n_test": experiment.n_test, "methods": rows})
+        print_json({"n_train": experiment.fit.n_train, "n_test": experiment.n_test, "methods": rows})
     else:
         _show_methods(rows, experiment.n_test)
 
@@ -151,18 +171,18 @@ def rezero(model: Model, logs: Logs, output: ModelOutput, columns: Columns = Non
 
     Example: gpcorrect joint rezero joints.gpc minute.csv --output joints-today.gpc
     """
-    from gpcorrect.joint_artifact import load_joint, save_joint
-    from gpcorrect.joint_corrector import joint_units
+    import numpy as np
+
+    from gpcorrect.calibration import JointCorrector, joint_units, load, save
 
     require_folder(output)
-    corrector, log = load_joint(model), read_logs(logs, columns)
+    corrector, log = load(model, JointCorrector), read_logs(logs, columns)
     fresh = corrector.rezeroed(log)
     names, scale = joint_units(corrector.types)
-    shift, moved = (fresh.zero - corrector.zero) * scale, corrector.moved(log) != 0
-    save_joint(fresh, output)
-    rows = [
-        {"joint": j + 1, "unit": names[j], "shift": float(shift[j]), "moved": bool(moved[j])} for j in range(len(names))
-    ]
+    shift = (fresh.zero - corrector.zero) * scale
+    moved = [row["moved"] for row in corrector.zeros(log, corrector.measure(log, np.ones(len(log), dtype=bool)))]
+    save(fresh, output)
+    rows = [{"joint": j + 1, "unit": names[j], "shift": float(shift[j]), "moved": moved[j]} for j in range(len(names))]
     if json:
         print_json({"zeros": rows})
         return
@@ -173,16 +193,15 @@ def rezero(model: Model, logs: Logs, output: ModelOutput, columns: Columns = Non
 
 
 def _settings(
-    features: str | None, input_signal: str | None, direction: str, holdout: float, time_offset: str, seed: int
-) -> JointSettings:
-    from gpcorrect.joint import Direction, InputSignal
-    from gpcorrect.joint_corrector import JointSettings
+    features: str | None, input_signal: str | None, direction: str, time_offset: str, seed: int
+) -> FitSettings:
+    from gpcorrect.calibration import FitSettings, InputSignal
+    from gpcorrect.calibration.settings import Direction
 
-    return JointSettings(
+    return FitSettings(
         features=split_names(features or ""),
         input_signal=one_of(input_signal, (None, *get_args(InputSignal)), "the input"),
         direction=one_of(direction, get_args(Direction), "the direction"),
-        holdout=holdout,
         time_offset=time_offset,
         seed=seed,
     )

@@ -13,7 +13,7 @@ from gpcorrect.cli.options import SERVICE, ArmName, Config, Json, KeyRoot, one_o
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
-    from gpcorrect.model_store import ModelStore
+    from gpcorrect.calibration import ModelStore
     from gpcorrect_service.client.operator import Operator
     from gpcorrect_service.protocol.messages import ModelListAnswer
 
@@ -119,7 +119,7 @@ def diff(one: Name, other: Name, store: Annotated[Path, typer.Option(help="Folde
 
     Example: gpcorrect models diff monday tuesday --store models/
     """
-    from gpcorrect.model_store import compare
+    from gpcorrect.calibration import compare
 
     folder = _folder(store)
     found = compare(folder, folder.find(one), folder.find(other))
@@ -178,7 +178,7 @@ def _previous(answer: ModelListAnswer, kind: str) -> str:
 
 
 def _folder(path: Path) -> ModelStore:
-    from gpcorrect.model_store import ModelStore
+    from gpcorrect.calibration import ModelStore
 
     return ModelStore(path)
 

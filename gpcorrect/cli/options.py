@@ -20,11 +20,13 @@ __all__ = [
     "Arm",
     "ArmName",
     "AsIs",
+    "Clean",
     "Clock",
     "Columns",
     "Config",
     "Disordered",
     "Endpoint",
+    "HoldOutBy",
     "Holdout",
     "Jobs",
     "Json",
@@ -74,6 +76,13 @@ Disordered = Annotated[
 Clock = Annotated[
     str,
     typer.Option(help="Tracker's clock: auto (shift what cannot be robot lag), none, or seconds it runs ahead."),
+]
+Clean = Annotated[bool, typer.Option("--clean/--no-clean", help="Reject faulty samples first.")]
+HoldOutBy = Annotated[
+    str,
+    typer.Option(
+        help="What is held out whole: trajectory, session, block; auto: blocks of a lone motion or of static poses."
+    ),
 ]
 Holdout = Annotated[float, typer.Option(help="Fraction of whole trajectories to measure on; 0 for none.")]
 Seed = Annotated[int, typer.Option(help="Seed of everything random.", min=0)]
@@ -224,7 +233,7 @@ def seconds_ahead(time_offset: str) -> float | None:
     time_offset : str
         "auto", "none", or seconds.
     """
-    from gpcorrect.corrector.clocks import seconds_of
+    from gpcorrect.logs.sync import seconds_of
 
     return {"auto": None, "none": 0.0}[time_offset] if time_offset in ("auto", "none") else seconds_of(time_offset)
 

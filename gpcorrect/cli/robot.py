@@ -108,7 +108,7 @@ def random(
 
     Example: gpcorrect robot random --seconds 120 --seed 3
     """
-    from gpcorrect.joint import random_sinusoids
+    from gpcorrect.calibration import random_sinusoids
 
     path = random_sinusoids(joint_limits(limits), speed_limits(speed), seconds, RATE_HZ, np.random.default_rng(seed))
     with _robot(endpoint, arm, namespace) as robot:
@@ -274,14 +274,15 @@ def _robot(endpoint: str, arm: str, namespace: str) -> Robot:
 
 def _centre(model: Path | None, centre: tuple[float, ...] | None) -> FloatArray:
     """Return the pose (4, 4) that was given, or one in the middle of a model's training."""
-    from gpcorrect import artifact, se3
+    from gpcorrect import se3
+    from gpcorrect.calibration import load
 
     if (model is None) == (centre is None):
         raise DataError("say where to draw.", hint="Either --model MODEL, or --centre X Y Z QW QX QY QZ.")
     if centre is not None:
         numbers7 = np.array(centre)
         return se3.from_parts(numbers7[:3], numbers7[3:] / np.linalg.norm(numbers7[3:]))
-    queries = artifact.load(model).check_queries if model is not None else np.empty((0, 13))
+    queries = load(model).check_queries if model is not None else np.empty((0, 13))
     middle = np.median(queries[:, :3], axis=0)
     nearest = queries[np.argmin(np.linalg.norm(queries[:, :3] - middle, axis=1))]
     return se3.from_parts(nearest[:3], nearest[3:7])

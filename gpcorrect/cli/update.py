@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,8 +15,8 @@ from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Readi
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
-    from gpcorrect.adaptation import Ageing, Detection, Proposal, Update
-    from gpcorrect.types import CalibrationLog, FloatArray, IntArray
+    from gpcorrect.calibration import Ageing, Detection, Proposal, Update
+    from gpcorrect.types import IntArray
 
 __all__ = ["drift", "explore", "update"]
 
@@ -51,19 +50,17 @@ def update(
 
     gpcorrect update model.gpc tuesday.csv --output tuesday.gpc --json
     """
-    from gpcorrect import artifact
-    from gpcorrect.adaptation import update as update_model
-    from gpcorrect.corrector import on_one_clock
+    from gpcorrect.calibration import load, save, update_model
 
     target = output or model
     require_folder(target)
-    corrector = artifact.load(model)
-    log, _ = on_one_clock(reading.log(logs), reading.clock_left)
+    corrector = load(model)
+    log, _ = corrector.on_one_clock(reading.log(logs), reading.clock_left)
     with progress_bar(quiet=json) as progress:
         found = update_model(corrector, log, holdout=holdout, progress=progress)
     written = force or not found.worse
     if written:
-        artifact.save(found.corrector, target)
+        save(found.corrector, target)
     if json:
         print_json(
             {
@@ -85,7 +82,7 @@ def update(
 def _show_update(found: Update, target: Path, *, written: bool) -> None:
     if found.before is not None and found.after is not None:
         for name, evaluation in (("before the update", found.before), ("after it", found.after)):
-            errors = evaluation.clean.errors()
+            errors = evaluation.clean_errors
             show_errors(f"Held-out new trajectories, {name}", {"corrected": errors["corrected"]})
         covered = [100 * e.to_dict()["coverage95"] for e in (found.before, found.after)]
         out.print(f"95 % intervals cover {covered[0]:.1f} % before and {covered[1]:.1f} % after")
@@ -121,7 +118,7 @@ def drift(
 ) -> None:
     """Tell from recordings, oldest first, whether a model has aged, and estimate its remaining useful time.
 
-    Models of joints are watched in pieces of 20 s, as their recordings are often one long motion.
+    Motions longer than 20 s are watched in pieces, for recordings are often one long motion.
 
     Examples
     --------
@@ -131,17 +128,19 @@ def drift(
     """
     import numpy as np
 
-    from gpcorrect.adaptation import detect, estimate_ageing
+    from gpcorrect.calibration import detect, estimate_ageing, load_any
 
     if plot is not None:
         require_folder(plot)
     if age is not None and len(age) != len(logs):
         raise DataError(f"give one --age a log: {len(logs)} logs, {len(age)} ages.", hint="In the order of the logs.")
-    baseline, scores_of = _monitored(model)
+    corrector = load_any(model)
+    baseline = np.asarray(corrector.summary["baseline"], dtype=np.float64)
     parts, ages, recorded = [], [], 0.0
     for i, path in enumerate(logs):
         log = reading.log([path])
-        parts.append(scores_of(log, reading.clock_left))
+        matched, _ = corrector.on_one_clock(log, reading.clock_left)
+        parts.append(corrector.measure(matched, corrector.clean_afresh(matched).keep).scores)
         recorded += sum(float(np.ptp(log.time[rows])) for _, rows in log.trajectories()) / 3600
         ages.append(recorded if age is None else age[i])
     scores = np.concatenate(parts)
@@ -163,42 +162,6 @@ def drift(
         print_json(_drift_dict(found, ageing, unit, where, logs))
     else:
         _show_drift(found, ageing, unit, where, logs)
-
-
-def _monitored(path: Path) -> tuple[FloatArray, Callable[[CalibrationLog, str], FloatArray]]:
-    """Return the scores of a model's left-out training data, and how a log on a clock is scored."""
-    import numpy as np
-
-    from gpcorrect import artifact
-    from gpcorrect.adaptation import trajectory_scores
-    from gpcorrect.corrector import log_samples, on_one_clock
-    from gpcorrect.joint_artifact import is_joint_model, load_joint
-    from gpcorrect.joint_corrector import joints_on_one_clock, piece_scores
-
-    if is_joint_model(path):
-        joints = load_joint(path)
-
-        def joint_scores(log: CalibrationLog, clock: str) -> FloatArray:
-            data = joints.data(joints_on_one_clock(log, clock, joints.input_signal), needs_truth=True)
-            return piece_scores(joints, data, np.flatnonzero(data.usable))
-
-        return _baseline(joints.summary), joint_scores
-    poses = artifact.load(path)
-
-    def pose_scores(log: CalibrationLog, clock: str) -> FloatArray:
-        log, _ = on_one_clock(log, clock)
-        return trajectory_scores(poses, log_samples(poses, log, poses.clean_afresh(log).keep))
-
-    return _baseline(poses.summary), pose_scores
-
-
-def _baseline(summary: Mapping[str, Any]) -> FloatArray:
-    import numpy as np
-
-    scores = summary.get("baseline")
-    if not scores:
-        raise DataError("this model file does not hold the errors at its fit.", hint="Fit it again with this version.")
-    return np.asarray(scores, dtype=np.float64)
 
 
 def _drift_dict(found: Detection, ageing: Ageing, unit: str, where: IntArray, logs: list[Path]) -> dict[str, Any]:
@@ -267,18 +230,17 @@ def explore(
     """
     import numpy as np
 
-    from gpcorrect import artifact
-    from gpcorrect.adaptation import explore as propose
-    from gpcorrect.corrector import log_samples
+    from gpcorrect.calibration import load, propose
     from gpcorrect.logs import read_log
 
     if output is not None:
         require_folder(output)
-    corrector = artifact.load(model)
+    corrector = load(model)
     region = None
     if task is not None:
         log = read_log(task, columns=columns)
-        region = log_samples(corrector, log, corrector.clean_afresh(log).keep).X
+        samples = corrector.samples(log, corrector.clean_afresh(log).keep)
+        region = samples.X[samples.rows]
     found = propose(corrector, n, np.random.default_rng(seed), region)
     rows = _proposals(found)
     table = _csv(rows)

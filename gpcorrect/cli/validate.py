@@ -12,8 +12,8 @@ from gpcorrect.cli.console import out, plain_table, print_json
 from gpcorrect.cli.options import Arm, Columns, Json, Namespace, Tracker, TrackerLog, seconds_ahead
 
 if TYPE_CHECKING:
+    from gpcorrect.calibration import Use
     from gpcorrect.logs import ValidationReport
-    from gpcorrect.uses import Use
 
 __all__ = ["validate"]
 
@@ -42,8 +42,8 @@ def validate(
 
     gpcorrect validate robot.csv --tracker-log "Take 2026-11-21.csv"
     """
+    from gpcorrect.calibration import with_uses
     from gpcorrect.logs import read_log, validate_log, with_tracker
-    from gpcorrect.uses import with_uses
 
     recording = read_log(
         log, columns=columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm, disorder="keep"

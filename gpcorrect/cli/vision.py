@@ -16,10 +16,11 @@ from gpcorrect.cli.options import Columns, Json, Logs, read_logs
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are imported when a command needs them
-    from gpcorrect.estimator import EstimatorMethod
     from gpcorrect.vision import AnnotatedVideo, Camera, Source, Target
 
 __all__ = ["vision_app"]
+
+PAPER_LAYERS, PAPER_EPOCHS = (600, 500, 400), 60  # network of Peng et al. 2020, whose batch normalisation is left out
 
 vision_app = typer.Typer(
     no_args_is_help=True,
@@ -142,7 +143,7 @@ def fit(
     output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.", show_default=False)] = Path(
         "estimator.gpc"
     ),
-    method: Annotated[str, typer.Option(help="linear, network or gp.")] = "gp",
+    method: Annotated[str, typer.Option(help="gp, network, linear; see gpcorrect joint fit.")] = "gp",
     holdout: Annotated[float, typer.Option(help="Fraction of whole trajectories, the last ones, to measure on.")] = 0.2,
     extra: Annotated[
         str | None, typer.Option(help="Extra columns of the log that belong to the state.", show_default=False)
@@ -155,20 +156,32 @@ def fit(
 
     Example: gpcorrect vision fit monday.parquet --method gp --output estimator.gpc
     """
-    from gpcorrect.estimator import EstimatorSettings, fit_estimator
-    from gpcorrect.estimator_artifact import save_estimator
+    from gpcorrect.calibration import (
+        FitSettings,
+        PositionEstimator,
+        learner_named,
+        position_reductions,
+        run_experiment,
+        save,
+    )
 
     require_folder(output)
-    settings = EstimatorSettings(_method(method), holdout, extra=split_names(extra or ""), seed=seed)
+    learner_named(method)
+    settings = FitSettings(
+        method=method, layers=PAPER_LAYERS, epochs=PAPER_EPOCHS, extra=split_names(extra or ""), seed=seed
+    )
+    log = read_logs(logs, columns)
     with progress_bar(quiet=json) as progress:
-        experiment = fit_estimator(read_logs(logs, columns), settings, progress)
-    save_estimator(experiment.estimator, output)
-    figures = experiment.to_dict()
+        experiment = run_experiment(log, settings, task=PositionEstimator, holdout=holdout, progress=progress)
+    save(experiment.corrector, output)
+    for remark in experiment.fit.remarks:
+        err.print(f"[yellow]note:[/] {remark}")
+    figures = {**experiment.to_dict(), "method": method, **position_reductions(experiment.evaluation)}
     if json:
         print_json(figures)
         return
     _show_estimator(figures)
-    out.print(f"trained on {experiment.n_train} samples in {experiment.seconds:.1f} s -> {output}")
+    out.print(f"trained on {experiment.fit.n_train} samples in {experiment.seconds:.1f} s -> {output}")
 
 
 @vision_app.command()
@@ -182,23 +195,14 @@ def evaluate(
 
     Example: gpcorrect vision evaluate estimator.gpc tuesday.parquet
     """
-    from gpcorrect.estimator import evaluate_estimator
-    from gpcorrect.estimator_artifact import load_estimator
+    from gpcorrect.calibration import PositionEstimator, evaluate_model, load, position_reductions
 
-    figures = evaluate_estimator(load_estimator(model), read_logs(logs, columns))
+    evaluation = evaluate_model(load(model, PositionEstimator), read_logs(logs, columns))
+    figures = {"n_test": len(evaluation.clean.rows), **evaluation.to_dict(), **position_reductions(evaluation)}
     if json:
         print_json(figures)
     else:
         _show_estimator(figures)
-
-
-def _method(name: str) -> EstimatorMethod:
-    from gpcorrect.estimator import ESTIMATOR_METHODS
-
-    for method in ESTIMATOR_METHODS:
-        if method == name:
-            return method
-    raise DataError(f"a method is one of {', '.join(ESTIMATOR_METHODS)}; got {name!r}.")
 
 
 def _show_estimator(figures: dict[str, Any]) -> None:

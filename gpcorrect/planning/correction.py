@@ -5,9 +5,8 @@ Mahler 2014, Sec. V-C commands corrected trajectories and corrected end points; 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, get_args
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 
@@ -23,14 +22,14 @@ REST = 1e4  # s between two poses: so slow that both are at rest for any model
 
 
 class PathAnswer(Protocol):
-    """The answer for n poses: `gpcorrect.corrector.PathCorrection`, or the service's `PathReply`."""
+    """The answer for n poses: a :class:`gpcorrect.correction.Correction`, or the service's `Reply` around one."""
 
     @property
-    def positions(self) -> FloatArray:
+    def position(self) -> FloatArray | None:
         """(n, 3) m, base frame."""
 
     @property
-    def quaternions(self) -> FloatArray | None:
+    def quaternion(self) -> FloatArray | None:
         """(n, 4) wxyz."""
 
     @property
@@ -38,11 +37,11 @@ class PathAnswer(Protocol):
         """(n, 6) half widths, m then rad; NaN where nothing was learned."""
 
     @property
-    def in_domain(self) -> BoolArray:
+    def in_domain(self) -> Any:
         """(n,) near training data."""
 
     @property
-    def status(self) -> Sequence[str]:
+    def status(self) -> Any:
         """One status a pose."""
 
 
@@ -110,9 +109,9 @@ def corrected(corrector: Corrects, path: DesiredPath, mode: Mode = "full") -> Co
         answer = corrector.correct_path(path.poses, path.times)
     else:
         answer = corrector.correct_path(path.poses[ends], np.array([0.0, REST]))
-    if answer.quaternions is None:
+    if answer.position is None or answer.quaternion is None:
         raise DataError("this model corrects positions only.", hint="Plan with a model that was fitted to full poses.")
-    T = se3.from_parts(answer.positions, answer.quaternions)
+    T = se3.from_parts(answer.position, answer.quaternion)
     command = T if mode == "full" else _between(path, T)
     return CommandPath(path.times, command, answer.interval95, answer.in_domain, tuple(answer.status))
 

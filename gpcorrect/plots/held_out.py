@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from gpcorrect.experiment import COMPONENTS, METHODS, Measured
+from gpcorrect.calibration import COMPONENTS, METHODS, Measured
 from gpcorrect.plots.style import COLOURS, LABELS, new_figure
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
@@ -44,15 +44,13 @@ def overview(measured: Measured, log: CalibrationLog) -> Figure:
     figure, axes = new_figure(9.5, 3.4, 1, 1 + len(parts))
     _, command, rows = _samples(measured, log, typical_trajectory(measured, log))
     i, j = sorted(int(k) for k in np.argsort(-np.ptp(command, axis=0))[:2])
-    paths = [
-        (command - getattr(measured, method)[rows, :3], COLOURS[method], LABELS[method], "-") for method in METHODS
-    ]
+    paths = [(command - measured.of(method)[rows, :3], COLOURS[method], LABELS[method], "-") for method in METHODS]
     for path, colour, label, style in (*paths, (command, COLOURS["ink"], "what was commanded", "--")):
         axes[0].plot(1e3 * path[:, i], 1e3 * path[:, j], style, color=colour, linewidth=1.5, label=label)
     axes[0].set(xlabel=f"{'xyz'[i]} [mm]", ylabel=f"{'xyz'[j]} [mm]", aspect="equal", adjustable="datalim")
     _legend_above(axes[0], 2, fontsize=7)
     for ax, (columns, scale, label) in zip(axes[1:], parts, strict=True):
-        sizes = [scale * np.linalg.norm(getattr(measured, method)[:, columns], axis=1) for method in METHODS]
+        sizes = [scale * np.linalg.norm(measured.of(method)[:, columns], axis=1) for method in METHODS]
         means, most = [size.mean() for size in sizes], [np.percentile(size, 95) for size in sizes]
         ax.bar(range(len(sizes)), means, color=[COLOURS[method] for method in METHODS], width=0.6)
         for k, (mean, high) in enumerate(zip(means, most, strict=True)):
@@ -78,7 +76,7 @@ def error_distribution(measured: Measured) -> Figure:
     figure, axes = new_figure(9.0, 3.2, 1, len(parts))
     for ax, (columns, scale, label) in zip(axes, parts, strict=True):
         for method in METHODS:
-            size = np.sort(scale * np.linalg.norm(getattr(measured, method)[:, columns], axis=1))
+            size = np.sort(scale * np.linalg.norm(measured.of(method)[:, columns], axis=1))
             below = 100 * (np.arange(size.size) + 1) / size.size
             ax.plot(size, below, color=COLOURS[method], label=LABELS[method], linewidth=1.8)
         ax.set(xscale="log", xlabel=label, ylabel="fraction of samples below [%]", ylim=(0, 100))
@@ -102,7 +100,7 @@ def error_by_speed(measured: Measured) -> Figure:
     middle = np.array([np.median(speed[rows]) for rows in bins])
     for ax, (columns, scale, label) in zip(axes, parts, strict=True):
         for method in METHODS:
-            size = scale * np.linalg.norm(getattr(measured, method)[:, columns], axis=1)
+            size = scale * np.linalg.norm(measured.of(method)[:, columns], axis=1)
             half, most = np.array([np.percentile(size[rows], (50, 90)) for rows in bins]).T
             title = f"{LABELS[method]} (median; band to 90 %)"
             ax.plot(middle, half, color=COLOURS[method], marker="o", markersize=3.5, linewidth=1.6, label=title)
@@ -146,7 +144,7 @@ def trajectory_paths(measured: Measured, log: CalibrationLog, trajectory: int) -
     figure, axes = new_figure(9.0, 5.2, 3, 1, share_x=True)
     for i, ax in enumerate(axes):
         for method in METHODS:
-            given = 1e3 * (command[:, i] - getattr(measured, method)[rows, i])
+            given = 1e3 * (command[:, i] - measured.of(method)[rows, i])
             ax.plot(time, given, color=COLOURS[method], linewidth=1.4, label=LABELS[method])
         ax.plot(time, 1e3 * command[:, i], "--", color=COLOURS["ink"], linewidth=1.2, label="what was commanded")
         ax.set_ylabel(f"{'xyz'[i]} [mm]")
@@ -216,7 +214,7 @@ def residual_maps(measured: Measured, position: FloatArray) -> Figure:
         Their observed positions, m.
     """
     shown = _thinned(len(position))
-    before, after = (1e3 * np.linalg.norm(e[shown, :3], axis=1) for e in (measured.rigid, measured.corrected))
+    before, after = (1e3 * np.linalg.norm(e[shown, :3], axis=1) for e in (measured.registered, measured.corrected))
     figure, axes = new_figure(9.0, 6.4, 2, 2)
     scale: dict[str, Any] = {
         "s": 5,

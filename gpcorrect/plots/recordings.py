@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from gpcorrect.adaptation import Ageing, Detection
+from gpcorrect.calibration import Ageing, Detection
 from gpcorrect.cleaning import CleaningReport
 from gpcorrect.logs import TimeOffset
 from gpcorrect.plots.style import COLOURS, new_figure

@@ -9,9 +9,8 @@ import numpy as np
 
 from gpcorrect import plots
 from gpcorrect.atomic import atomic_path
+from gpcorrect.calibration import COMPONENTS, METHODS, UNITS, ErrorTable, Evaluation, Experiment, Measured
 from gpcorrect.cleaning import CleaningReport
-from gpcorrect.experiment import COMPONENTS, METHODS, UNITS, Evaluation, Experiment, Measured
-from gpcorrect.metrics import ErrorTable
 from gpcorrect.plots.style import LABELS, png
 from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
 from gpcorrect.types import CalibrationLog
@@ -59,7 +58,7 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
             _dropped("Dropped from the held-out recording", test, evaluation.cleaning),
         ]
     sections.append(_dropped("Dropped from the training recording", experiment.fit.log, experiment.fit.cleaning))
-    summary: Any = experiment.fit.summary
+    summary: Any = experiment.corrector.summary
     data, fit = summary["data"], summary["fit"]
     facts = [
         ("recording", f"{data['source']} (SHA-256 {data['sha256'][:16] or 'not a file'})"),
@@ -77,7 +76,7 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
 
 
 def _verdict(evaluation: Evaluation) -> str:
-    errors = evaluation.clean.errors()
+    errors = evaluation.clean_errors
     parts = []
     for name, key, unit in (("position", "position_mm", "mm"), ("rotation", "rotation_deg", "deg")):
         if key in errors["corrected"]:
@@ -87,7 +86,7 @@ def _verdict(evaluation: Evaluation) -> str:
 
 
 def _errors(evaluation: Evaluation) -> Section:
-    clean, dirty = evaluation.clean.errors(), evaluation.dirty.errors()
+    clean, dirty = evaluation.clean_errors, evaluation.dirty_errors
     axes = ("x", "y", "z", "norm")
 
     def lengths(errors: dict[str, ErrorTable], part: str, note: str) -> TableData:

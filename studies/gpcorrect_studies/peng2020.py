@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.estimator import EstimatorExperiment, EstimatorMethod, EstimatorSettings, RobotState, fit_estimator
+from gpcorrect.calibration import (
+    Experiment,
+    FitSettings,
+    PositionEstimator,
+    RobotState,
+    position_reductions,
+    run_experiment,
+)
 from gpcorrect.sim import Noise, preset, random_reaches_log
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
 from gpcorrect_studies.published import PENG_2020, PENG_2020_MISSING
@@ -27,6 +34,9 @@ COVER = Card((0, 0, 640, 480))  # hides a whole picture
 CORNER_NOISE_PX = MARKER_NOISE_PX = 0.05  # SD; chosen by hand
 BOARDS, SQUARE = 20, 0.015  # pictures of the board, and the side of its squares, m; chosen by hand
 STREAM_SAMPLES = 2000  # over which one estimate is timed; chosen by hand
+
+
+METHODS = ("linear", "network", "gp")
 
 
 @dataclass(frozen=True)
@@ -81,15 +91,18 @@ def reproduce_peng2020(scope: Peng2020Scope, seed: int = 0, progress: Progress |
     begun, progress = time.perf_counter(), progress or Progress()
     table, placed = _table1(scope, seed, progress)
     log = _recording(scope, seed, table["end effector"]["rms_mm"])
-    methods: tuple[EstimatorMethod, ...] = ("linear", "network", "gp")
     estimators = {}
-    for k, method in enumerate(methods):
-        progress.step("estimators", k / len(methods))
-        settings = EstimatorSettings(
-            method, layers=scope.layers, epochs=scope.epochs, inducing=scope.inducing, seed=seed
+    for k, method in enumerate(METHODS):
+        progress.step("estimators", k / len(METHODS))
+        settings = FitSettings(
+            method=method, layers=scope.layers, epochs=scope.epochs, inducing=scope.inducing, seed=seed
         )
-        experiment = fit_estimator(log, settings)
-        estimators[method] = {**experiment.to_dict(), "microseconds_a_sample": _microseconds(experiment, log)}
+        experiment = run_experiment(log, settings, task=PositionEstimator)
+        estimators[method] = {
+            **experiment.to_dict(),
+            **position_reductions(experiment.evaluation),
+            "microseconds_a_sample": _microseconds(experiment, log),
+        }
     progress.step("estimators", 1.0)
     return {
         "table1": table,
@@ -216,9 +229,9 @@ def _recording(scope: Peng2020Scope, seed: int, label_noise_mm: float) -> Calibr
     return replace(log, meta=replace(log.meta, tracker_base=(*frame.translation, *frame.rotvec)))
 
 
-def _microseconds(experiment: EstimatorExperiment, log: CalibrationLog) -> float:
+def _microseconds(experiment: Experiment, log: CalibrationLog) -> float:
     """Median time of one sample in a stream."""
-    stream = experiment.estimator.stream()
+    stream = experiment.corrector.stream()
     assert log.measured_jp is not None
     assert log.measured_cp is not None
     assert log.setpoint_cp is not None
@@ -236,6 +249,6 @@ def _microseconds(experiment: EstimatorExperiment, log: CalibrationLog) -> float
             None if log.setpoint_cp.quaternion is None else log.setpoint_cp.quaternion[i],
         )
         begun = time.perf_counter()
-        stream.predict(sample)
+        stream.correct(sample)
         spent.append(time.perf_counter() - begun)
     return 1e6 * float(np.median(spent))

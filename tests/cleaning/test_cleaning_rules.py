@@ -10,6 +10,7 @@ import pytest
 from cleaning_synthetic import World, _moved, make_log, scattered
 from support import real_data
 
+from gpcorrect.calibration.codec import pack, unpack
 from gpcorrect.cleaning import (
     CleaningReport,
     CleaningSettings,
@@ -21,7 +22,6 @@ from gpcorrect.cleaning import (
 )
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import read_log
-from gpcorrect.packing import pack, unpack
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 WORLD = World(reaches=16)

@@ -8,7 +8,7 @@ import pytest
 from cli_support import CommandLine, assert_refused, written
 from support import small_log
 
-from gpcorrect import artifact
+from gpcorrect.calibration import load
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def test_update_writes_another_model_and_leaves_the_first(
     assert 0 < result.json["keep"] <= 1
     assert result.json["after"]["errors"]["corrected"]
     assert model.read_bytes() == before
-    assert len(artifact.load(tmp_path / "new.gpc").info()["updates"]) == 1
+    assert len(load(tmp_path / "new.gpc").info()["updates"]) == 1
 
 
 def test_drift_draws_and_answers(gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from cli_support import CommandLine, Fitted, written
 from support import real_data, small_log
 
-from gpcorrect.artifact import load
+from gpcorrect.calibration import load
 from gpcorrect.types import PoseSignal
 
 

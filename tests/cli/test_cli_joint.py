@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cli_support import CommandLine, assert_refused, written
+from joint_logs import joint_log
 
 from gpcorrect.logs import read_log
 from gpcorrect.types import LogMeta
-
-sys.path.append(str(Path(__file__).parent.parent / "joint"))
-from joint_logs import joint_log
 
 
 @pytest.fixture

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from planning_support import Moves
@@ -34,13 +36,11 @@ def test_endpoints_are_corrected_exactly():
 
         def correct_path(self, poses, times):
             answer = super().correct_path(poses, times)
-            return type(answer)(
-                answer.positions * 1.1, answer.quaternions, answer.interval95, answer.in_domain, answer.status
-            )
+            return replace(answer, position=answer.position * 1.1)
 
     command = corrected(Bends(SHIFT), wanted, "endpoints")
     ends = Bends(SHIFT).correct_path(wanted.poses[[0, -1]], wanted.times[[0, -1]])
-    np.testing.assert_allclose(command.T[[0, -1], :3, 3], ends.positions, atol=1e-12)
+    np.testing.assert_allclose(command.T[[0, -1], :3, 3], ends.position, atol=1e-12)
     assert len(command.interval95) == 2
     assert len(command.T) == len(wanted.T)
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from support import Once
 
-from gpcorrect import artifact
-from gpcorrect.corrector import FitSettings, fit_corrector
+from gpcorrect.calibration import FitSettings, fit_corrector, save
 from gpcorrect.sim import debridement_log
 
 
@@ -18,6 +17,6 @@ def model_files(once: Once) -> tuple[Path, Path]:
     settings = FitSettings(clean=False, inducing=20, marker="none", time_offset="none")
 
     def fit(path: Path, reaches: int) -> None:
-        artifact.save(fit_corrector(debridement_log(reaches=reaches), settings), path)
+        save(fit_corrector(debridement_log(reaches=reaches), settings), path)
 
     return once.file("monday.gpc", lambda path: fit(path, 4)), once.file("tuesday.gpc", lambda path: fit(path, 5))

@@ -94,7 +94,7 @@ class LaggingStream:
         """Forget the past."""
         self._joints, self._time = None, -np.inf
 
-    def estimate(self, time: float, q: FloatArray, effort: FloatArray | None = None) -> Correction:
+    def correct(self, time: float, q: FloatArray, effort: FloatArray | None = None) -> Correction:
         """Return where the joints are."""
         if time <= self._time:
             raise DataError("time must advance from sample to sample.")
@@ -125,7 +125,7 @@ class LaggingCorrector:
         for i, stamp in enumerate(times):
             if sessions is not None and i and sessions[i] != sessions[i - 1]:
                 stream.reset()
-            answers.append(stream.estimate(stamp, q[i], None if efforts is None else efforts[i]))
+            answers.append(stream.correct(stamp, q[i], None if efforts is None else efforts[i]))
         return Correction.stack(answers)
 
     def info(self) -> dict[str, Any]:

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from service_support import PATIENT, ServerProcess, store_process
 
-from gpcorrect import artifact
-from gpcorrect.model_store import ModelStore
+from gpcorrect.calibration import ModelStore, load, model_hash
 from gpcorrect.types import FloatArray
 from gpcorrect_service import ClientSettings, Reply, ServiceError
 from gpcorrect_service.client.operator import Operator
@@ -43,8 +42,8 @@ def operator(server: ServerProcess) -> Iterator[Operator]:
 
 def path_of(model: Path) -> tuple[FloatArray, FloatArray]:
     """Return a path through the training region, poses and times."""
-    _, arrays = artifact.read_parts(model)
-    start, end = arrays["check_queries"][0][:3], arrays["check_queries"][1][:3]
+    queries = load(model).check_queries
+    start, end = queries[0][:3], queries[1][:3]
     share = np.linspace(0.0, 1.0, 200)[:, None]
     positions = (1 - share) * start + share * end
     return np.hstack([positions, np.tile([1.0, 0.0, 0.0, 0.0], (200, 1))]), np.linspace(0.0, 4.0, 200)
@@ -80,9 +79,7 @@ class Planner:
 def test_activation_under_load(server: ServerProcess, operator: Operator, model_files: tuple[Path, Path]) -> None:
     """While models change, no query fails, and every path comes from one model whole: the one that it names."""
     poses, times = path_of(model_files[0])
-    expected = {
-        artifact.model_hash(file): artifact.load(file).correct_path(poses, times).positions for file in model_files
-    }
+    expected = {model_hash(file): load(file).correct_path(poses, times).position for file in model_files}
     with Planner(server, poses, times) as planner:
         for i in range(ACTIVATIONS):
             (result,) = operator.activate(("tuesday", "monday")[i % 2])
@@ -119,7 +116,7 @@ def test_a_bad_file_leaves_the_old_model_serving(
         path.write_bytes(whole)
     assert caught.value.status == "BAD_INPUT"
     with server.client() as client:
-        assert client.model().hash == artifact.model_hash(model_files[0])
+        assert client.model().hash == model_hash(model_files[0])
 
 
 def test_an_unknown_model_is_named(operator: Operator) -> None:

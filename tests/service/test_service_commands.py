@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 from service_support import PATIENT, endpoint_of, free_port, store_process
 
+from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, fit_model, kind_of, save
 from gpcorrect.cli import main
-from gpcorrect.joint_artifact import save_joint
-from gpcorrect.joint_corrector import JointSettings, fit_joint
-from gpcorrect.model_store import ModelStore, kind_of
 from gpcorrect.types import CalibrationLog, LogMeta
 from gpcorrect_service.server.models import load_joint_model
 
@@ -109,10 +107,10 @@ def test_joint_models_are_stored_and_served_too(tmp_path: Path, run: Run) -> Non
         meta=LogMeta(joint_types="RRP"),
     )
     path = tmp_path / "joints.gpc"
-    save_joint(fit_joint(log, JointSettings(method="offset", time_offset="none")).corrector, path)
+    save(fit_model(log, FitSettings(method="offset", time_offset="none"), task=JointCorrector).corrector, path)
     assert kind_of(path) == "joints"
     assert run("models", "add", path, "--store", tmp_path / "store")[0] == 0
     model = load_joint_model(path)
-    answer = model.corrector.stream().estimate(1.0, np.array([0.1, 0.1, 0.02]))
+    answer = model.corrector.stream().correct(1.0, np.array([0.1, 0.1, 0.02]))
     np.testing.assert_allclose(answer.joints, [0.11, 0.08, 0.023], atol=1e-4)
     assert model.corrector.types == "RRP"

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 from service_support import PATIENT, endpoint_of, free_port
 
-from gpcorrect import artifact
+from gpcorrect.calibration import CommandCorrector, load, model_hash
 from gpcorrect.cli import main
-from gpcorrect.corrector import CommandCorrector
 from gpcorrect.types import FloatArray
 from gpcorrect_service import CorrectionClient
 
@@ -63,8 +62,8 @@ def client_of(endpoint: str, encoding: str = "msgpack") -> CorrectionClient:
 
 def training_queries(model: Path) -> tuple[CommandCorrector, FloatArray]:
     """Return the corrector here, and poses with twists `(k, 13)` that it was trained on."""
-    _, arrays = artifact.read_parts(model)
-    return artifact.load(model), arrays["check_queries"]
+    corrector = load(model)
+    return corrector, corrector.check_queries
 
 
 @pytest.mark.parametrize("encoding", ["msgpack", "json"])
@@ -89,8 +88,8 @@ def test_served_paths_are_the_models(model: Path, endpoint: str) -> None:
     here = corrector.correct_path(poses, times)
     with client_of(endpoint) as client:
         there = client.correct_path(poses, times)
-    np.testing.assert_allclose(there.position, here.positions, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(there.quaternion, here.quaternions, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(there.position, here.position, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(there.quaternion, here.quaternion, rtol=0, atol=1e-9)
     assert there.status == here.status
 
 
@@ -99,7 +98,7 @@ def test_the_file_is_named(model: Path, endpoint: str) -> None:
     corrector, queries = training_queries(model)
     with client_of(endpoint) as client:
         result, reply = client.model(), client.correct(queries[0, :7])
-    assert (result.id, result.hash) == ("monday", artifact.model_hash(model))
+    assert (result.id, result.hash) == ("monday", model_hash(model))
     assert (reply.meta.model_id, reply.meta.model_hash) == (result.id, result.hash)
     assert result.info["training_region"] == corrector.info()["training_region"]
 
@@ -138,7 +137,7 @@ def test_sigterm_ends_well(model: Path) -> None:
         events = [json.loads(line) for line in log.splitlines() if line.startswith("{")]
     assert process.returncode == 0
     assert [event["event"] for event in events] == ["serving", "stopped"]
-    assert events[0]["model_hash"] == artifact.model_hash(model)
+    assert events[0]["model_hash"] == model_hash(model)
 
 
 @pytest.mark.parametrize("fault", ["taken", "open", "truncated", "missing"])

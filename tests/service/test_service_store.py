@@ -14,10 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gpcorrect import model_store
-from gpcorrect.corrector import CommandCorrector
+from gpcorrect.calibration import CommandCorrector, ModelStore, compare, model_store
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
-from gpcorrect.model_store import ModelStore, compare
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.codec import JSON
 from gpcorrect_service.protocol.messages import ActivateRequest
@@ -119,8 +117,7 @@ def test_a_disk_that_takes_nothing_changes_nothing(
 KILLED = """
 import os, sys
 from pathlib import Path
-from gpcorrect import model_store
-from gpcorrect.model_store import ModelStore
+from gpcorrect.calibration import ModelStore, model_store
 step, folder = sys.argv[1], sys.argv[2]
 def die(*_): os._exit(9)
 if step == "before the write": Path.write_text = die

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gpcorrect.calibration import joint_data
 from gpcorrect.errors import DataError
-from gpcorrect.joint import joint_data
 from gpcorrect.types import Progress
 from gpcorrect_studies.peng2024 import Peng2024, PengScope, RavenStudy, reproduce_peng2024
 from gpcorrect_studies.peng2024.fits import METHODS

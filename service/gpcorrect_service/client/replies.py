@@ -43,10 +43,6 @@ class Reply(msgspec.Struct, frozen=True, eq=False):
         """Command (4,) or (n, 4) wxyz; None when none was asked for."""
         return self.answer.quaternion
 
-    # `positions` and `quaternions` go when every corrector answers paths with `Correction`, as planners then ask.
-    positions = position
-    quaternions = quaternion
-
     @property
     def pose(self) -> FloatArray:
         """The command as (7,) or (n, 7) x y z qw qx qy qz, or (3,) or (n, 3)."""

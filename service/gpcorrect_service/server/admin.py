@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from gpcorrect.calibration import Entry, ModelStore
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
-from gpcorrect.model_store import Entry, ModelStore
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, exposition
 from gpcorrect_service.protocol.errors import ServiceError

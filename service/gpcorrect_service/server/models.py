@@ -76,7 +76,7 @@ class JointStream(Protocol):
     def reset(self) -> None:
         """Forget the past."""
 
-    def estimate(self, time: float, q: FloatArray, effort: FloatArray | None = None) -> Correction:
+    def correct(self, time: float, q: FloatArray, effort: FloatArray | None = None) -> Correction:
         """Return corrected joints of one sample.
 
         Parameters
@@ -173,10 +173,9 @@ def load_model(path: str | Path, name: str = "", expected: str = "") -> Model:
         The file is missing, truncated, altered, of a newer schema, not the expected one, or no model file.
     """
     # Not above: reading models needs SciPy and scikit-learn, which a server of another corrector does not.
-    from gpcorrect import artifact
-    from gpcorrect_service.server.adapter import PoseAdapter
+    from gpcorrect.calibration import load
 
-    return Model(PoseAdapter(artifact.load(path)), name or Path(path).stem, _hash_of(path, expected))
+    return Model(load(path), name or Path(path).stem, _hash_of(path, expected))
 
 
 def load_joint_model(path: str | Path, name: str = "", expected: str = "") -> JointModel:
@@ -192,14 +191,14 @@ def load_joint_model(path: str | Path, name: str = "", expected: str = "") -> Jo
     ArtifactError
         As :func:`load_model`.
     """
-    from gpcorrect.joint_artifact import load_joint
-    from gpcorrect_service.server.adapter import JointAdapter
+    from gpcorrect.calibration import JointCorrector as Calibrated
+    from gpcorrect.calibration import load
 
-    return JointModel(JointAdapter(load_joint(path)), name or Path(path).stem, _hash_of(path, expected))
+    return JointModel(load(path, Calibrated), name or Path(path).stem, _hash_of(path, expected))
 
 
 def _hash_of(path: str | Path, expected: str) -> str:
-    from gpcorrect.artifact import model_hash
+    from gpcorrect.calibration import model_hash
 
     digest = model_hash(path)
     if expected and digest != expected:

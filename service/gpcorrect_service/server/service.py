@@ -20,8 +20,8 @@ from typing import Any, Self
 import zenoh
 from threadpoolctl import threadpool_limits
 
+from gpcorrect.calibration import ModelStore
 from gpcorrect.errors import DataError
-from gpcorrect.model_store import ModelStore
 from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.messages import Kind

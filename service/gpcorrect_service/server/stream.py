@@ -97,7 +97,7 @@ class Estimator:
         q = checked_joints((state.position,), model.corrector.types)[0]
         effort = None if state.effort is None else checked_rows((state.effort,), len(q), "efforts")[0]
         stream = self._stream_for(model, state)
-        answer = stream.estimate(state.stamp, q, effort)
+        answer = stream.correct(state.stamp, q, effort)
         self._last = state
         assert answer.joints is not None
         if self._bound is not None:

@@ -14,12 +14,11 @@ import typer
 from joblib import Parallel, delayed
 from rich.table import Table
 
-from gpcorrect import artifact
 from gpcorrect.atomic import atomic_path, make_folder, require_folder
+from gpcorrect.calibration import FitSettings, fit_corrector, save
 from gpcorrect.cli.console import err, out, print_json, progress_bar
 from gpcorrect.cli.options import Json
 from gpcorrect.cli.processes import free_endpoint, running
-from gpcorrect.corrector import FitSettings, fit_corrector
 from gpcorrect.errors import DataError
 from gpcorrect.planning import Margins, Mode
 from gpcorrect_studies.debridement import (
@@ -123,7 +122,7 @@ def _learn(scene: Scene, place: Station, folder: Path, rehearsals: int, speed: f
     made_from = repr((rehearsals, speed, seed, log.signals)).encode() + np.asarray(log.setpoint_jp).tobytes()
     digest = hashlib.sha256(made_from).hexdigest()
     if not (model.exists() and note.exists() and note.read_text() == digest):
-        artifact.save(fit_corrector(log, FitSettings(inducing=INDUCING, marker="none", seed=seed)), model)
+        save(fit_corrector(log, FitSettings(inducing=INDUCING, marker="none", seed=seed)), model)
         with atomic_path(note) as temporary:
             temporary.write_text(digest)
     return float(log.time[-1])

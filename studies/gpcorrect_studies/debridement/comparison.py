@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from gpcorrect import se3
+from gpcorrect.correction import Correction
 from gpcorrect.planning import Corrects, Margins, Mode
-from gpcorrect.types import BoolArray, FloatArray, Progress
+from gpcorrect.types import FloatArray, Progress
 from gpcorrect_studies.debridement.mission import Mission, Outcome, debride
 from gpcorrect_studies.debridement.scene import Station
 from gpcorrect_studies.debridement.strategies import LookAndMove, OpenLoop, Strategy
@@ -114,22 +115,14 @@ def compare(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Answer:
-    positions: FloatArray
-    quaternions: FloatArray
-    interval95: FloatArray
-    in_domain: BoolArray
-    status: tuple[str, ...]
-
-
 class _ByHand:
     """What a planner does that knows no correction: turns poses into the base frame as registered by hand."""
 
     def __init__(self, station: Station) -> None:
         self._T_base_tracker = se3.invert(station.T_tracker_base)
 
-    def correct_path(self, poses: FloatArray, times: FloatArray) -> _Answer:
+    def correct_path(self, poses: FloatArray, times: FloatArray) -> Correction:
         n = len(times)
         T = se3.compose(self._T_base_tracker, se3.from_parts(poses[:, :3], poses[:, 3:]))
-        return _Answer(*se3.to_parts(T), np.full((n, 6), np.nan), np.ones(n, dtype=bool), ("OK",) * n)
+        unknown = np.full((n, 6), np.nan)
+        return Correction(*se3.to_parts(T), None, unknown, unknown, np.zeros(n, dtype=np.int64))

@@ -16,9 +16,8 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.arms import arm_named
-from gpcorrect.corrector import CommandCorrector
+from gpcorrect.calibration import CommandCorrector, Experiment
 from gpcorrect.errors import LogError
-from gpcorrect.experiment import Experiment
 from gpcorrect.rigid import pose_residual
 from gpcorrect.sim import Machine, Segment, plan_of, run
 from gpcorrect.sim.reaches import DEBRIDEMENT_PACE
@@ -173,8 +172,9 @@ def _tour(stops: FloatArray, machine: Machine) -> Tour:
 def _corrected_path(corrector: CommandCorrector, path: Tour, machine: Machine) -> Tour:
     times = np.arange(len(path.T_base_tip)) / machine.log_rate_hz
     answer = corrector.correct_path(np.hstack(se3.to_parts(path.T_base_tip)), times)
-    assert answer.quaternions is not None
-    return Tour(se3.from_parts(answer.positions, answer.quaternions), path.trajectory)
+    assert answer.position is not None
+    assert answer.quaternion is not None
+    return Tour(se3.from_parts(answer.position, answer.quaternion), path.trajectory)
 
 
 def _corrected_stops(corrector: CommandCorrector, stops: FloatArray) -> FloatArray:

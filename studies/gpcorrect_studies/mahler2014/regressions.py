@@ -16,9 +16,9 @@ from typing import Self
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gpcorrect.corrector import CommandCorrector, FitSettings, observed_twists, pose_pair, trajectory_folds
-from gpcorrect.corrector.reference import reference_twists, rotations_of
-from gpcorrect.experiment import Experiment, run_experiment
+from gpcorrect.calibration import CommandCorrector, Experiment, FitSettings, folds_of, run_experiment
+from gpcorrect.calibration.cartesian import INDUCING
+from gpcorrect.calibration.poses import pose_pair
 from gpcorrect.gpr import ExactGPR, SparseGPR, learn_inflation
 from gpcorrect.parallel import each
 from gpcorrect.rigid import apply_residual, pose_residual
@@ -72,13 +72,12 @@ class _Samples:
     @classmethod
     def of(cls, corrector: CommandCorrector, log: CalibrationLog, keep: BoolArray) -> Self:
         """Take the samples of a log that pass cleaning and have both poses and a velocity, after registration."""
+        samples = corrector.samples(log, keep)
+        rows = samples.rows[np.isfinite(samples.X[samples.rows]).all(axis=1)]
         observed, command = pose_pair(log)
-        twist = observed_twists(log.time, log.trajectory, observed, keep, corrector.velocity_step)
-        rows = np.flatnonzero(keep & observed.finite & command.finite & np.isfinite(twist).all(axis=1))
         reference = corrector.rigid.apply(observed[rows])
-        moved = reference_twists(corrector.rigid, rotations_of(observed[rows]), twist[rows])
         return cls(
-            X=corrector.features.transform(reference.position, rotations_of(reference), moved),
+            X=samples.X[rows],
             residual=pose_residual(reference, command[rows]),
             trajectory=log.trajectory[rows],
             time=log.time[rows],
@@ -133,7 +132,7 @@ def _training_size(
     task: tuple[str, IntArray],
 ) -> TrainingSize:
     method, rows = task
-    regressor = ExactGPR() if method == "exact" else SparseGPR(n_inducing=min(settings.inducing, len(rows)))
+    regressor = ExactGPR() if method == "exact" else SparseGPR(n_inducing=min(settings.inducing or INDUCING, len(rows)))
     regressor.set_params(feature_groups=groups, output_groups=OUTPUT_GROUPS, random_state=settings.seed)
     rows = np.sort(rows)
     start = time.perf_counter()
@@ -149,7 +148,7 @@ def _fitted(
     with threadpool_limits(limits=1):
         regressor.fit(X, y, groups=trajectory, times=times)
         if isinstance(regressor, SparseGPR):
-            regressor, _ = learn_inflation(regressor, X, y, trajectory_folds(trajectory))
+            regressor, _ = learn_inflation(regressor, X, y, folds_of(trajectory))
     return regressor
 
 
@@ -214,7 +213,7 @@ def _with_transmission_state(experiment: Experiment, exact: CalibrationLog, sett
         parts.append((np.hstack([samples.X, hidden]), samples))
     (X, train), (X_test, test) = parts
     regressor = SparseGPR(
-        n_inducing=settings.inducing,
+        n_inducing=settings.inducing or INDUCING,
         feature_groups=(*experiment.corrector.features.groups, tuple(range(train.X.shape[1], X.shape[1]))),
         output_groups=OUTPUT_GROUPS,
         random_state=settings.seed,

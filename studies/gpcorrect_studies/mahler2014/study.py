@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.corrector import FitSettings
+from gpcorrect.calibration import FitSettings
 from gpcorrect.errors import DataError
 from gpcorrect.sim import debridement_log, machine_of, preset
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET

@@ -11,10 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpcorrect import se3
-from gpcorrect.corrector import FitSettings
+from gpcorrect.calibration import Experiment, FitSettings, Measured, run_experiment, spread
 from gpcorrect.errors import LogError
-from gpcorrect.experiment import Experiment, Measured, run_experiment
-from gpcorrect.metrics import spread
 from gpcorrect.parallel import each
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
 

@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from gpcorrect.calibration import DIRECTIONS, FitSettings, JointCorrector, evaluate_model, fit_model
 from gpcorrect.errors import DataError
-from gpcorrect.joint import DIRECTIONS
-from gpcorrect.joint_corrector import JointCorrector, JointSettings, Method, evaluate_joint, fit_joint
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
 from gpcorrect_studies.peng2024.recordings import RavenStudy, whole_state
 
 __all__ = ["METHODS", "Cell", "PengScope", "Run", "StudyFits", "cell", "rmse"]
 
-METHODS: tuple[Method, ...] = ("linear", "quadratic", "network", "ukf", "gp")
+METHODS = ("linear", "quadratic", "network", "ukf", "gp")
 Cell = dict[str, Any]
 
 
@@ -131,7 +130,7 @@ class StudyFits:
         log = self._logs[key]
         return whole_state(log, repeat) if run.state else log
 
-    def models(self, run: Run, method: Method) -> list[JointCorrector]:
+    def models(self, run: Run, method: str) -> list[JointCorrector]:
         """Return what a method learns of a run, a model for each repeat; the repeat is its seed too.
 
         Parameters
@@ -142,22 +141,22 @@ class StudyFits:
         repeats = self.scope.network_repeats if method == "network" else self.scope.repeats
         return [self._model(run, method, repeat) for repeat in range(repeats)]
 
-    def _model(self, run: Run, method: Method, repeat: int) -> JointCorrector:
+    def _model(self, run: Run, method: str, repeat: int) -> JointCorrector:
         key = run, method, repeat
         if key not in self._models:
-            settings = JointSettings(
-                method,
+            settings = FitSettings(
+                method=method,
+                clean=False,  # a simulated encoder has no faults
                 features=("position", "state") if run.state else (),
-                holdout=0.0,
                 end_to_end=run.end_to_end,
                 inducing=self.scope.inducing,
                 time_offset="none",
                 seed=repeat,
             )
-            self._models[key] = fit_joint(self.training(run, repeat), settings).corrector
+            self._models[key] = fit_model(self.training(run, repeat), settings, task=JointCorrector).corrector
         return self._models[key]
 
-    def rmse(self, run: Run, method: Method, test: CalibrationLog) -> Cell:
+    def rmse(self, run: Run, method: str, test: CalibrationLog) -> Cell:
         """Return the RMSE of a method's estimates on a test run, deg, deg and mm.
 
         Parameters
@@ -211,7 +210,8 @@ def rmse(model: JointCorrector, log: CalibrationLog, name: str = "corrected") ->
     name : str
         Of `raw`, `fixed_offset` or `corrected` positions.
     """
-    return [float(row["rmse"]) for row in evaluate_joint(model, log, "none")["errors"][name]]
+    evaluation = evaluate_model(model, log)
+    return [float(row["rmse"]) for row in evaluation.dirty_errors[name]]
 
 
 def cell(repeats: Iterable[list[float] | FloatArray | float]) -> Cell:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect.arms import arm_named
-from gpcorrect.joint import direction_named, random_sweeps, timed, zigzag
+from gpcorrect.calibration import direction_named, random_sweeps, timed, zigzag
 from gpcorrect.sim import Model, Segment, machine_of, plan_of, preset, simulate
 from gpcorrect.sim.effects.drift import Drift
 from gpcorrect.sim.effects.homing_offset import HomingOffset

@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 
 from gpcorrect.arms import arm_named
-from gpcorrect.joint_corrector import JointCorrector, JointStream, Method
-from gpcorrect.metrics import spread
+from gpcorrect.calibration import JointCorrector, JointStream, spread
 from gpcorrect.types import CalibrationLog, FloatArray
 from gpcorrect_studies.peng2024.fits import METHODS, Cell, Run, StudyFits, cell, rmse
 from gpcorrect_studies.peng2024.recordings import ARM, all_joints, whole_state
 
 __all__ = ["LOAD", "figure_5", "figure_6", "figure_8", "figure_9", "table_1", "table_2", "table_5", "tables_3_and_4"]
 
-LEARNERS: tuple[Method, ...] = ("linear", "quadratic", "network")
-LASTING: tuple[Method, ...] = ("linear", "network", "gp")
+LEARNERS: tuple[str, ...] = ("linear", "quadratic", "network")
+LASTING: tuple[str, ...] = ("linear", "network", "gp")
 LOAD = 0.5  # kg, as in the study
 USES: dict[str, tuple[float | None, bool]] = {
     "idle": (None, True),
@@ -95,10 +94,10 @@ def figure_8(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
     whole = Run(few.direction, few.sparsity, state=True)
     everything = whole_state(test)
 
-    def pair(method: Method) -> dict[str, Cell]:
+    def pair(method: str) -> dict[str, Cell]:
         return {"few": fits.rmse(few, method, test), "whole": fits.rmse(whole, method, everything)}
 
-    methods: tuple[Method, ...] = ("linear", "network")
+    methods: tuple[str, ...] = ("linear", "network")
     pairs = fits.each("Fig. 8", methods, pair)
     state = fits.training(whole, 0)
     signals = (state.setpoint_jp, state.measured_jp, state.measured_jv, state.measured_jf)
@@ -144,7 +143,7 @@ def table_2(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]
     error = fits.scope.middle
     whole = Run(error.direction, error.sparsity, end_to_end=True)
 
-    def pair(method: Method) -> dict[str, Cell]:
+    def pair(method: str) -> dict[str, Cell]:
         return {"error": fits.rmse(error, method, test), "end to end": fits.rmse(whole, method, test)}
 
     return dict(zip(LEARNERS, fits.each("Table II", LEARNERS, pair), strict=True))
@@ -183,16 +182,15 @@ def table_5(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Any]]:
         Whose samples are estimated.
     """
 
-    def row(method: Method) -> dict[str, Any]:
+    def row(method: str) -> dict[str, Any]:
         models = fits.models(fits.scope.longest, method)
-        data = models[0].data(test)
         start = time.perf_counter()
-        models[0].estimate(data)
+        models[0].correct_log(test)
         path = time.perf_counter() - start
         return {
-            "fit_s": cell(float(model.summary["fit_seconds"]) for model in models),
+            "fit_s": cell(float(model.summary["fit"]["seconds"]) for model in models),
             "stream_ms": _streamed_ms(models[0], test),
-            "path_ms": 1e3 * path / len(data),
+            "path_ms": 1e3 * path / len(test),
         }
 
     return dict(zip(METHODS, fits.each("Table V", METHODS, row), strict=True))
@@ -200,19 +198,17 @@ def table_5(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Any]]:
 
 def _mean(model: JointCorrector, log: CalibrationLog) -> list[float]:
     """Mean of truth minus estimate of the joints, deg, deg and mm."""
-    data = model.data(log, needs_truth=True)
-    assert data.truth is not None
-    left = data.truth - model.estimate(data).q
+    left = model.measure(log, np.ones(len(log), dtype=bool)).corrected
     mean: list[float] = (np.nanmean(left, axis=0) * np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1e3])).tolist()
     return mean
 
 
 def _tip_rmse(model: JointCorrector, log: CalibrationLog, kind: str) -> float:
     """RMSE of the tip, mm; the tool's own joints rest."""
-    data = model.data(log, needs_truth=True)
-    assert data.truth is not None
-    estimates = {"raw": data.q, "fixed_offset": data.q + model.offset, "corrected": model.estimate(data).q}
-    estimated, true = (_tip(q) for q in (estimates[kind], data.truth))
+    assert log.external_jp is not None
+    measured = model.measure(log, np.ones(len(log), dtype=bool))
+    true = log.external_jp[measured.rows]
+    estimated, true = (_tip(q) for q in (true - measured.of(kind), true))
     return spread(np.linalg.norm(1e3 * (estimated - true), axis=1))["rmse"]
 
 
@@ -223,10 +219,11 @@ def _tip(q: FloatArray) -> FloatArray:
 
 def _streamed_ms(model: JointCorrector, log: CalibrationLog) -> float:
     """Median time of one estimate in a stream, which other work of the machine hardly moves."""
-    data, stream, spent = model.data(log), JointStream(model), []
-    assert data.effort is not None
-    for t, q, effort in zip(data.time[:STREAMED].tolist(), data.q, data.effort, strict=False):
+    stream, spent = JointStream(model), []
+    assert log.measured_jp is not None
+    assert log.measured_jf is not None
+    for t, q, effort in zip(log.time[:STREAMED].tolist(), log.measured_jp, log.measured_jf, strict=False):
         start = time.perf_counter()
-        stream.estimate(t, q, effort)
+        stream.correct(t, q, effort)
         spent.append(time.perf_counter() - start)
     return 1e3 * float(np.median(spent))

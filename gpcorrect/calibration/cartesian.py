@@ -1,0 +1,546 @@
+"""Poses: desired pose in, command and honest uncertainty out (Mahler et al. 2014, Sec. IV)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gpcorrect.calibration.bridging import MotionLimits
+from gpcorrect.calibration.dataset import Layout, Samples, path_starts
+from gpcorrect.calibration.joint_map import JointMap
+from gpcorrect.calibration.law import Law
+from gpcorrect.calibration.learners import CableModel, GPMap
+from gpcorrect.calibration.memory import History, MemoryMap, choose_memory
+from gpcorrect.calibration.metrics import error_table
+from gpcorrect.calibration.one_pose import Frame, command, frame, inputs
+from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of, stencil_step
+from gpcorrect.calibration.queries import (
+    bad_query,
+    checked_poses,
+    checked_times,
+    pose_numbers,
+    pose_rows,
+    twist_numbers,
+)
+from gpcorrect.calibration.settings import LIMITS, MEMORY, FitSettings
+from gpcorrect.calibration.split import folds_of
+from gpcorrect.calibration.stream import PoseStream
+from gpcorrect.calibration.task import Corrector, LearnLaw, Measured, Outcome
+from gpcorrect.cleaning import POSES, FittedCleaner, Pair
+from gpcorrect.correction import Correction, Reason
+from gpcorrect.errors import LogError
+from gpcorrect.gpr import FeatureMap, LeftOut
+from gpcorrect.rigid import Registration, RigidModel, apply_residual, pose_residual, register
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
+from gpcorrect.velocity import twists
+
+__all__ = ["CommandCorrector", "Memory", "require_poses"]
+
+POSITION = 3
+INDUCING = 700
+"""Points of the Gaussian process: within a tenth of 1500 points' error on simulated reaches (bench/gpr_choices.py)."""
+NO_MEMORY = np.zeros(0)
+CHECK_QUERIES = 8
+WORTH_IT = 0.02
+"""Least share of the error that memory must take away not to be called useless; chosen by hand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What was learned a second time, with memory features, for paths and streams.
+
+    Parameters
+    ----------
+    states : MemoryMap
+        From a path of reference poses to its memory features.
+    law : Law
+        Its inputs end in those features.
+    """
+
+    states: MemoryMap
+    law: Law
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CommandCorrector(Corrector):
+    """Tells what to command so that the robot reaches a desired pose: `F(x) = H(G(x))`.
+
+    `G` is the rigid registration from the observer's frame to the command's, `H` adds the residual that was learned
+    from pose and velocity.
+
+    Parameters
+    ----------
+    rigid : RigidModel
+        G.
+    features : FeatureMap
+        From a reference pose and its twist to the inputs of the law.
+    motion : MotionLimits or None
+        What no arm does from one pose of a path to the next; None believes every path, as a fit without cleaning does.
+    velocity_step : float or None
+        Step of the stencil on recorded paths, s; None takes five neighbouring samples.
+    check_queries : (k, 13) array
+        Training queries (pose, twist) that a model file asks again at load.
+    memory : Memory or None
+        What was learned with memory features; None without.
+    """
+
+    KIND: ClassVar[str] = "gpcorrect.command_corrector"
+    TASK: ClassVar[str] = "pose"
+
+    rigid: RigidModel
+    features: FeatureMap
+    motion: MotionLimits | None
+    velocity_step: float | None
+    check_queries: FloatArray
+    memory: Memory | None = None
+    frame: Frame = field(init=False, repr=False)
+    region: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "check_queries", frozen_array(self.check_queries))
+        object.__setattr__(self, "frame", frame(self.rigid, self.features))
+        object.__setattr__(self, "region", np.array([self.law.domain.low, self.law.domain.high]))
+        self.correct([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # what is compiled at first use is compiled now
+
+    @classmethod
+    def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
+        """See :class:`Corrector`."""
+        observed, commanded = pose_pair(log)
+        if not (observed.finite & commanded.finite).any():
+            raise LogError(
+                f"no sample of {len(log)} has both poses complete (tracker_cp: {int(observed.finite.sum())},"
+                f" setpoint_cp: {int(commanded.finite.sum())}).",
+                hint="Look for missing numbers, quaternions not of norm 1, clocks apart: gpcorrect validate",
+                path=log.name,
+            )
+        return POSES
+
+    @property
+    def has_orientation(self) -> bool:
+        """Whether orientations are corrected too."""
+        return self.features.has_orientation
+
+    @property
+    def scoring_law(self) -> Law:
+        """The law that answers where the path is known."""
+        return self.law if self.memory is None else self.memory.law
+
+    def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> Correction:
+        """Return what to command so that the robot reaches `pose`.
+
+        Parameters
+        ----------
+        pose : (7,) or (3,) array
+            Desired position (m) and unit quaternion wxyz in the frame of the training's observed poses; a
+            position-only model takes three numbers, and with seven only turns the orientation into the base frame.
+        twist : (6,) array, optional
+            Desired velocity, m/s and rad/s, same frame. Without it the pose is taken as at rest, and the answer says
+            so.
+
+        Raises
+        ------
+        DataError
+            The pose or the twist is not finite, has the wrong length, or its quaternion is not a unit quaternion.
+        """
+        query, velocity = pose_numbers(pose, orientation=self.has_orientation), twist_numbers(twist)
+        reasons = int(Reason.AT_REST) if twist is None and self.features.uses_velocity else 0
+        if self.memory is not None:
+            reasons |= int(Reason.NO_HISTORY)
+        return self.one(query, velocity, reasons)
+
+    def one(self, query: FloatArray, twist: FloatArray, reasons: int, memory: FloatArray | None = None) -> Correction:
+        """Answer a checked pose in machine code.
+
+        Parameters
+        ----------
+        query : (7,) or (3,) array
+            Pose, m and wxyz.
+        twist : (6,) array
+            m/s and rad/s.
+        reasons : int
+            What was not used, :class:`Reason` codes.
+        memory : (h,) array, optional
+            Memory features.
+
+        Raises
+        ------
+        DataError
+            A number is not finite, or the quaternion is not a unit one.
+        """
+        f, region, law = self.frame, self.region, self.law
+        if memory is not None and self.memory is not None:
+            f, law = frame(self.rigid, self.features, len(memory)), self.memory.law
+        good, position, rotation, x, near = inputs(query, twist, NO_MEMORY if memory is None else memory, f, region)
+        if not good:
+            raise bad_query(query, twist)
+        mean, std, novelty = _predict_one(law, x)
+        position, quaternion, limited = command(position, rotation, mean, law.bounds.largest)
+        in_domain = near and novelty <= law.domain.novelty
+        if not in_domain:
+            std, reasons = law.domain.widen(std, in_domain), reasons | int(Reason.OUTSIDE)
+        if limited:
+            reasons |= int(Reason.LIMITED)
+        return Correction(
+            position=position,
+            quaternion=None if len(query) == POSITION else quaternion,
+            joints=None,
+            std=_six(std),
+            interval95=_six(law.intervals.interval95(std)),
+            reasons=Reason(reasons),
+        )
+
+    def stream(self, window: float = 0.1) -> PoseStream:
+        """Return a stream, which answers poses one after the other and takes velocity and memory from those before.
+
+        Parameters
+        ----------
+        window : float
+            Length of the past that a velocity is estimated from, s.
+        """
+        return PoseStream(self, window)
+
+    def correct_path(self, poses: ArrayLike, times: ArrayLike) -> Correction:
+        """Return what to command instead of a timed path; its velocities come from the five-point stencil on the path.
+
+        Lone jumps that no arm can follow are bridged, and their samples say so (status LIMITED).
+
+        Parameters
+        ----------
+        poses : (n, 7) or (n, 3) array
+            Desired poses, as for :meth:`correct`.
+        times : (n,) array
+            Seconds, strictly increasing. A path of one pose is at rest.
+
+        Returns
+        -------
+        Correction
+            Of n rows.
+
+        Raises
+        ------
+        DataError
+            As for :meth:`correct`, or the times do not increase.
+        """
+        queries = checked_poses(poses, orientation=self.has_orientation)
+        seconds = checked_times(times, len(queries))
+        desired = PoseSignal(queries[:, :3], queries[:, 3:] if queries.shape[1] > 3 else None)
+        labels = np.zeros(len(queries), dtype=np.int64)
+        desired, replaced = self.possible(desired, seconds, labels)
+        twist = np.nan_to_num(twists(seconds, desired.position, rotations_of(desired), labels))
+        if self.memory is None:
+            return self.correct_observed(desired, twist).because(Reason.BRIDGED, replaced)
+        stream = self.stream()  # memory is of the commands, which are known one after the other
+        rows = zip(seconds, pose_rows(desired), twist, strict=True)
+        return Correction.stack([stream.correct(*row) for row in rows]).because(Reason.BRIDGED, replaced)
+
+    def possible(self, desired: PoseSignal, time: FloatArray, labels: IntArray) -> tuple[PoseSignal, BoolArray]:
+        """Return desired paths with the lone jumps of each run bridged, and which poses (n,) were replaced.
+
+        Parameters
+        ----------
+        desired : PoseSignal
+            n poses.
+        time : (n,) array
+            s.
+        labels : (n,) int array
+            Unbroken run of each pose, -1 for none.
+        """
+        if self.motion is None:
+            return desired, np.zeros(len(desired), dtype=bool)
+        return self.motion.bridge(desired, self.rigid.apply(desired), time, labels)
+
+    def correct_observed(
+        self, desired: PoseSignal, twist: FloatArray, commands: PoseSignal | None = None, new: BoolArray | None = None
+    ) -> Correction:
+        """Return what to command instead of desired poses with known twists.
+
+        Parameters
+        ----------
+        desired : PoseSignal
+            n poses.
+        twist : (n, 6) array
+            m/s and rad/s.
+        commands : PoseSignal, optional
+            What was commanded at each row: the history of memory features. Without it memory is not used.
+        new : (n,) mask, optional
+            Rows at which a path begins.
+
+        Returns
+        -------
+        Correction
+            Of n rows.
+        """
+        reference = self.rigid.apply(desired)
+        moved = reference_twists(self.rigid, rotations_of(desired), twist)
+        X = self.features.transform(reference.position, rotations_of(reference), moved)
+        law = self.law
+        if self.memory is not None and commands is not None and new is not None:
+            history = History.of(commands, reference, np.cumsum(new, dtype=np.int64), orientation=self.has_orientation)
+            X, law = np.hstack([X, self.memory.states.transform(history)]), self.memory.law
+        prediction = law.predict_rows(X)
+        answer = apply_residual(reference, np.nan_to_num(_six(prediction.residual)))
+        return Correction(
+            position=answer.position,
+            quaternion=answer.quaternion,
+            joints=None,
+            std=_six(prediction.std),
+            interval95=_six(prediction.interval95),
+            reasons=prediction.reasons,
+        )
+
+    def samples(self, log: CalibrationLog, keep: BoolArray, *, with_memory: bool = False) -> Samples:
+        """Return a log as the law, or that with memory, sees it.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples.
+        keep : (n,) mask
+            Samples that are not rejected.
+        with_memory : bool
+            Whether inputs end in memory features.
+
+        Raises
+        ------
+        LogError
+            The log lacks a signal, or orientations that the model needs, or any good sample.
+        """
+        observed, _ = pose_pair(log)
+        if self.has_orientation and observed.quaternion is None:
+            raise LogError("the model corrects orientations, and the log holds none.", path=log.name)
+        pairs = _Pairs.of(log, keep, self.velocity_step)
+        if not self.has_orientation:
+            pairs = replace(
+                pairs, observed=PoseSignal(pairs.observed.position), command=PoseSignal(pairs.command.position)
+            )
+        states = self.memory.states if with_memory and self.memory is not None else None
+        return _samples_of(pairs, log, self.rigid, self.features, states)
+
+    def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
+        """See :class:`Corrector`; velocities never cross a rejected sample."""
+        observed, commanded = pose_pair(log)
+        possible, _ = self.possible(observed, log.time, np.where(keep & observed.finite, log.trajectory, -1))
+        twist = observed_twists(log, possible, keep, self.velocity_step)
+        rows = np.flatnonzero(keep & observed.finite & commanded.finite & np.isfinite(twist[:, :3]).all(axis=1))
+        if rows.size == 0:
+            raise LogError(
+                "no sample that passes has both poses and a velocity.",
+                hint="See: gpcorrect validate LOG",
+                path=log.name,
+            )
+        observed, commanded, twist = observed[rows], commanded[rows], twist[rows]
+        new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
+        answer = self.correct_observed(possible[rows], twist, commanded, new)
+        assert answer.position is not None
+        return Measured(
+            raw=pose_residual(observed, commanded),
+            registered=pose_residual(self.rigid.apply(observed), commanded),
+            corrected=pose_residual(PoseSignal(answer.position, answer.quaternion), commanded),
+            interval95=answer.interval95,
+            in_domain=answer.in_domain,
+            speed=np.linalg.norm(twist[:, :3], axis=1),
+            rows=rows,
+            time=log.time[rows],
+            trajectory=log.trajectory[rows],
+        )
+
+    def error_table(self, errors: FloatArray) -> Any:
+        """See :class:`Corrector`."""
+        return error_table(errors)
+
+    def check_answers(self) -> FloatArray:
+        """See :class:`Corrector`."""
+        size = 7 if self.has_orientation else 3
+        answers = [self.correct(query[:size], query[7:]) for query in self.check_queries]
+        columns = [(a.position, a.quaternion, np.nan_to_num(a.std)) for a in answers]
+        return np.array([np.concatenate([part for part in parts if part is not None]) for parts in columns])
+
+    @classmethod
+    def learn(
+        cls, log: CalibrationLog, keep: BoolArray, cleaner: FittedCleaner, settings: FitSettings, learn_law: LearnLaw
+    ) -> Outcome:
+        """See :class:`Corrector`."""
+        kinds = settings.features or (("pose",) if log.static else ("pose", "velocity"))
+        step = stencil_step(log) if settings.velocity_step == "auto" else settings.velocity_step
+        pairs = _Pairs.of(log, keep, step)
+        registration = _register(pairs, log, settings)
+        reference = registration.model.apply(pairs.observed)
+        moved = reference_twists(registration.model, rotations_of(pairs.observed), pairs.twist)
+        features = FeatureMap(tuple(kind for kind in kinds if kind != MEMORY))
+        features = features.fit(reference.position, rotations_of(reference), moved)
+        samples = _samples_of(pairs, log, registration.model, features, None)
+        law, left_out = learn_law(samples, _layout(features, None))
+        corrector = cls(
+            law=law,
+            cleaner=cleaner,
+            rigid=registration.model,
+            features=features,
+            motion=MotionLimits.of(cleaner) if settings.clean else None,
+            velocity_step=step,
+            check_queries=pairs.check_queries,
+        )
+        remarks = [f"registration: {registration.reason}"]
+        if not features.has_orientation:
+            remarks.append("the log holds positions only: orientations are turned into the base frame, not corrected")
+        if MEMORY in kinds:
+            states = _choose_memory(pairs, log, registration.model, features, left_out, settings.seed)
+            samples = _samples_of(pairs, log, registration.model, features, states)
+            recalling, recalled = learn_law(samples, _layout(features, states))
+            corrector = replace(corrector, memory=Memory(states, replace(recalling, bounds=law.bounds)))
+            remarks.append(_memory_remark(states, left_out, recalled))
+            left_out = recalled
+        low, high = pairs.observed.position.min(axis=0), pairs.observed.position.max(axis=0)
+        report = {
+            "frames": {"input": "tracker", "output": "base"},
+            "units": {"position": "m", "rotation": "rad", "quaternion": "wxyz"},
+            "features": list(kinds),
+            "orientation": features.has_orientation,
+            "training_region": {"position_min": low.tolist(), "position_max": high.tolist()},
+        }
+        return Outcome(corrector, samples, left_out, report, tuple(remarks), registration)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """The k samples of a log with both poses and a velocity: observed, commanded, twist, and their rows."""
+
+    observed: PoseSignal
+    command: PoseSignal
+    twist: FloatArray
+    rows: IntArray
+
+    @classmethod
+    def of(cls, log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> Self:
+        """Return those of the samples `keep` (n,).
+
+        Raises
+        ------
+        LogError
+            There are too few of them, or the log lacks a signal.
+        """
+        observed, commanded = pose_pair(log)
+        twist = observed_twists(log, observed, keep, velocity_step)
+        rows = np.flatnonzero(keep & observed.finite & commanded.finite & np.isfinite(twist[:, :3]).all(axis=1))
+        if rows.size < LIMITS.fewest_samples:
+            raise LogError(
+                f"only {rows.size} of {len(log)} samples can be learned from; at least {LIMITS.fewest_samples} are"
+                " needed.",
+                hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
+                path=log.name,
+            )
+        return cls(observed[rows], commanded[rows], twist[rows], rows)
+
+    @property
+    def check_queries(self) -> FloatArray:
+        """Training queries `(k, 13)` spread over the recording: pose (unturned in a position-only log) and twist."""
+        rows = np.unique(np.linspace(0, len(self.rows) - 1, CHECK_QUERIES).astype(np.int64))
+        observed = self.observed[rows]
+        unturned = np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))
+        quaternion = unturned if observed.quaternion is None else observed.quaternion
+        return np.hstack([observed.position, quaternion, np.nan_to_num(self.twist[rows])])
+
+
+def require_poses(log: CalibrationLog) -> None:
+    """Refuse, before any work, a log from which no correction of poses can be learned whatever the cleaning keeps.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        To be learned from.
+
+    Raises
+    ------
+    LogError
+        A signal is missing, or too few samples have both poses and a velocity.
+    DegenerateError
+        The motion does not determine a registration.
+    """
+    pairs = _Pairs.of(log, np.ones(len(log), dtype=np.bool_), None)
+    register(pairs.observed, pairs.command, log.trajectory[pairs.rows], "none")
+
+
+def _register(pairs: _Pairs, log: CalibrationLog, settings: FitSettings) -> Registration:
+    if not settings.rigid:
+        return Registration(RigidModel(), "the registration was switched off", (), None)
+    return register(pairs.observed, pairs.command, log.trajectory[pairs.rows], settings.marker)
+
+
+def _layout(features: FeatureMap, states: MemoryMap | None) -> Layout:
+    """Return how the regression's columns hang together: pose, velocity, memory."""
+    groups, width = features.groups, features.n_features
+    if states is not None:
+        groups = (*groups, tuple(range(width, width + states.size)))
+    return Layout(
+        targets=(3, 3) if features.has_orientation else (3,),
+        inputs=groups,
+        smooth=np.arange(sum(map(len, groups))),
+        penalties=None,
+        slack=features.slack,
+        inducing=INDUCING,
+    )
+
+
+def _samples_of(
+    pairs: _Pairs, log: CalibrationLog, rigid: RigidModel, features: FeatureMap, states: MemoryMap | None
+) -> Samples:
+    """Return the log as a law sees it: NaN where a sample is none of the pairs."""
+    reference, rows, n = rigid.apply(pairs.observed), pairs.rows, len(log)
+    moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
+    known = features.transform(reference.position, rotations_of(reference), moved)
+    new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
+    if states is not None:
+        history = History.of(
+            pairs.command, reference, np.cumsum(new, dtype=np.int64), orientation=features.has_orientation
+        )
+        known = np.hstack([known, states.transform(history)])
+    size = 6 if features.has_orientation else 3
+    X, target, begins, usable = (
+        np.full((n, known.shape[1]), np.nan),
+        np.full((n, size), np.nan),
+        *np.zeros((2, n), bool),
+    )
+    X[rows], begins[rows], usable[rows] = known, new, True
+    target[rows] = pose_residual(reference, pairs.command)[:, :size]
+    nothing = np.zeros((n, size))
+    return Samples(log.time, log.trajectory, log.session, begins, X, target, nothing, usable, np.zeros((n, 0)))
+
+
+def _choose_memory(
+    pairs: _Pairs, log: CalibrationLog, rigid: RigidModel, features: FeatureMap, left_out: LeftOut, seed: int
+) -> MemoryMap:
+    """Return the memory that explains most of the errors that a law without memory leaves."""
+    joints = JointMap.fit(log, seed, orientation=features.has_orientation)
+    rows = pairs.rows
+    labels = np.cumsum(path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool)), dtype=np.int64)
+    history = History.of(pairs.command, rigid.apply(pairs.observed), labels, orientation=features.has_orientation)
+    candidates = (None,) if joints is None else (None, joints)
+    known = np.asarray(np.isfinite(left_out.errors).all(axis=1))
+    return choose_memory(candidates, history, left_out.errors, folds_of(log.trajectory[rows]), known)
+
+
+def _memory_remark(states: MemoryMap, without: LeftOut, recalled: LeftOut) -> str:
+    """Say what the memory acts on and how it changed the errors at left-out training trajectories."""
+    change = np.sqrt(np.nanmean(recalled.errors**2, axis=0) / np.nanmean(without.errors**2, axis=0)) - 1.0
+    parts = zip(("position", "rotation"), change.reshape(-1, 3).mean(axis=1), strict=False)
+    changes = ", ".join(f"{100 * value:+.0f} % in {name}" for name, value in parts)
+    verdict = "" if change.mean() <= -WORTH_IT else ": not worth its time here, features pose,velocity do as well"
+    return f"memory acts on the {states.acts_on}; error at left-out trajectories {changes}{verdict}"
+
+
+def _predict_one(law: Law, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Predict one input `(d,)`; the Gaussian process does it in machine code."""
+    if isinstance(law.learned, GPMap):
+        return law.learned.predictor.mean_std(x)
+    assert not isinstance(law.learned, CableModel)
+    mean, std, novelty = law.learned.predict(law.inputs(x[None]))
+    return mean[0], std[0], float(novelty[0])
+
+
+def _six(values: FloatArray) -> FloatArray:
+    """Pad the three components `(..., 3)` of a position-only model with NaN."""
+    if values.shape[-1] == 6:
+        return values
+    return np.concatenate([values, np.full((*values.shape[:-1], 3), np.nan)], axis=-1)

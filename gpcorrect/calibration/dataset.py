@@ -1,0 +1,166 @@
+"""A log as a task sees it: inputs of the learner, what it is to predict, and where unbroken paths begin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from gpcorrect.calibration.settings import LIMITS
+from gpcorrect.errors import DataError
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["Layout", "Samples", "path_starts", "pieces", "scores_by_piece"]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """All n samples of a log, incomplete ones included: paths go through them.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    trajectory, session : (n,) int arrays
+        As in the log.
+    new : (n,) mask
+        Where an unbroken path begins: nothing is known of what the arm did before.
+    X : (n, d) array
+        Inputs of the learner; NaN in rows that lack one.
+    target : (n, m) array
+        What the learner is to predict; NaN where unknown.
+    origin : (n, m) array
+        What the target is counted from, beyond the correction itself: 0, or the input for a learner of true positions.
+    usable : (n,) mask
+        Rows that may be learned from: complete, and not rejected.
+    path : (n, d) array
+        Joints that go in, for learners that filter a path; no columns where there are none.
+    effort : (n, d) array or None
+        Efforts, likewise.
+    """
+
+    time: FloatArray
+    trajectory: IntArray
+    session: IntArray
+    new: BoolArray
+    X: FloatArray
+    target: FloatArray
+    origin: FloatArray
+    usable: BoolArray
+    path: FloatArray
+    effort: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def rows(self) -> IntArray:
+        """Rows `(k,)` that may be learned from."""
+        return np.flatnonzero(self.usable)
+
+    def without(self, rows: BoolArray | IntArray) -> Self:
+        """Return the same samples, of which `rows` may not be learned from."""
+        usable = self.usable.copy()
+        usable[rows] = False
+        return replace(self, usable=usable)
+
+    def learnable(self, fewest: int = LIMITS.fewest_samples) -> tuple[FloatArray, FloatArray]:
+        """Return inputs `(k, d)` and targets `(k, m)` to learn from.
+
+        Raises
+        ------
+        DataError
+            There are fewer than `fewest`.
+        """
+        rows = self.rows
+        if len(rows) < fewest:
+            raise DataError(
+                f"only {len(rows)} of {len(self)} samples can be learned from; at least {fewest} are needed.",
+                hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
+            )
+        return self.X[rows], self.target[rows]
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """How inputs and targets of a task hang together, for the learners.
+
+    Parameters
+    ----------
+    targets : tuple of int
+        How many targets in turn belong together: they share a kernel and a bound.
+    inputs : tuple of tuples of int, or None
+        Columns that act in part by themselves (pose; velocity), each a component of the kernel; None for one.
+    smooth : (k,) int array
+        Columns on which the targets may depend in a curved way.
+    penalties : (d, m) array or None
+        Ridge penalties of a linear law that comes before the Gaussian process; None for a task without one.
+    slack : (d,) array
+        How far outside its training range an input may always be.
+    inducing : int
+        Points of the Gaussian process where the settings say nothing.
+    """
+
+    targets: tuple[int, ...]
+    inputs: tuple[tuple[int, ...], ...] | None
+    smooth: IntArray
+    penalties: FloatArray | None
+    slack: FloatArray
+    inducing: int
+
+
+def path_starts(time: FloatArray, session: IntArray, known: BoolArray) -> BoolArray:
+    """Return where unbroken paths begin `(n,)`: after a pause, a homing, or samples whose input is not known.
+
+    A slack knows nothing of where one motion ends and the next begins, so motions that follow each other are one path.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    session : (n,) int array
+        Homing or day.
+    known : (n,) mask
+        Where the input is known.
+    """
+    step = np.diff(time, prepend=time[:1])
+    usual = float(np.median(step[1:])) if len(step) > 1 else 0.0
+    apart = (step > max(LIMITS.pause_steps * usual, LIMITS.pause_seconds)) | (step < 0)
+    homed = np.diff(session, prepend=session[:1]) != 0
+    before = np.concatenate([[False], known])[:-1]
+    new: BoolArray = apart | homed | ~known | ~before
+    return new
+
+
+def pieces(time: FloatArray, trajectory: IntArray) -> IntArray:
+    """Return the number `(n,)` of each sample's piece: trajectories in order, cut where they are longer than a piece.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    trajectory : (n,) int array
+        Which motion.
+    """
+    begins = np.diff(trajectory, prepend=trajectory[:1] - 1) != 0
+    first = np.maximum.accumulate(np.where(begins, np.arange(len(time)), 0))
+    inside = ((time - time[first]) // LIMITS.piece_seconds).astype(np.int64)
+    labels: IntArray = np.cumsum(begins | (np.diff(inside, prepend=0) != 0)) - 1
+    return labels
+
+
+def scores_by_piece(ratio: FloatArray, labels: IntArray) -> FloatArray:
+    """Return root mean squares of ratios `(n, m)` of error over promised deviation, a piece each, in order.
+
+    Parameters
+    ----------
+    ratio : (n, m) array
+        About 1 while a model holds; NaN where not known.
+    labels : (n,) int array
+        Pieces.
+    """
+    squares = np.mean(ratio**2, axis=1)
+    known = np.isfinite(squares)
+    scores = [np.sqrt(squares[known & (labels == label)].mean()) for label in np.unique(labels[known])]
+    return np.array(scores)

@@ -1,0 +1,201 @@
+"""Has a model aged? A sequential test on the errors of trajectory after trajectory, with a false-alarm rate that holds.
+
+A trajectory's score is how large its errors are beside the model's own standard deviations. Its conformal p-value is
+its rank among all scores before it, those of the training's left-out trajectories first: while nothing changes,
+p-values are independent and uniform, whatever the distribution of the errors (Vovk et al. 2005). Each is turned into
+an e-value, mean at most 1, and these are accumulated as in CUSUM, `C = max(C, 1) e`; an alarm at `C >= A` comes once
+in A trajectories or more seldom (e-detectors: Shin, Ramdas and Rinaldo 2024, Sec. 2), with no threshold to be
+simulated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.calibration.metrics import Z95
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray, IntArray
+
+__all__ = ["Ageing", "Detection", "conformal_p_values", "detect", "e_values", "estimate_ageing"]
+
+RESAMPLES = 1000
+ENOUGH_LOGS = 5  # from which whole logs are resampled: trajectories of one day err together
+TAIL = 2.5  # percent on each side of an interval
+FEWEST_BASELINE = 4
+SMALLEST_P = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """What the sequential test saw.
+
+    Parameters
+    ----------
+    scores : (n,) array
+        Of the trajectories, in order.
+    p_values : (n,) array
+    evidence : (n,) array
+        C above, after each trajectory.
+    threshold : float
+        A above: mean number of trajectories between false alarms, at least.
+    alarm : int or None
+        The first trajectory whose evidence reached the threshold.
+    """
+
+    scores: FloatArray
+    p_values: FloatArray
+    evidence: FloatArray
+    threshold: float
+    alarm: int | None
+
+
+def detect(baseline: FloatArray, scores: FloatArray, threshold: float, rng: np.random.Generator) -> Detection:
+    """Test scores `(n,)`, in order, against those of the training's left-out trajectories `(b,)`.
+
+    Raises
+    ------
+    DataError
+        Fewer than four baseline scores, or a threshold that is not above 1.
+    """
+    if len(baseline) < FEWEST_BASELINE:
+        raise DataError(
+            f"the model knows the errors of {len(baseline)} left-out trajectories; a test needs {FEWEST_BASELINE}.",
+            hint="Fit a model to more trajectories.",
+        )
+    if not threshold > 1:
+        raise DataError(f"trajectories between false alarms must be more than 1, got {threshold:g}.")
+    p = conformal_p_values(baseline, scores, rng)
+    evidence, level = np.empty(len(p)), 1.0
+    for i, e in enumerate(e_values(p)):
+        level = max(level, 1.0) * e
+        evidence[i] = level
+    reached = np.flatnonzero(evidence >= threshold)
+    return Detection(scores, p, evidence, threshold, int(reached[0]) if reached.size else None)
+
+
+def conformal_p_values(baseline: FloatArray, scores: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return p-values `(n,)`: ranks of scores among all before them, ties broken at random; small for large scores."""
+    seen = np.concatenate([baseline, scores])
+    p = np.empty(len(scores))
+    for i, score in enumerate(scores):
+        before = seen[: len(baseline) + i]
+        larger, ties = np.sum(before > score), np.sum(before == score) + 1
+        p[i] = (larger + rng.random() * ties) / (len(before) + 1)
+    return p
+
+
+def e_values(p: FloatArray) -> FloatArray:
+    """Return e-values of p-values: the power bets `k p^(k - 1)` averaged over k in (0, 1) (Vovk and Wang 2021)."""
+    q = np.clip(p, SMALLEST_P, 1.0 - 1e-6)
+    log = np.log(q)
+    bets: FloatArray = (1.0 - q + q * log) / (q * log**2)
+    return bets
+
+
+@dataclass(frozen=True, eq=False)
+class Ageing:
+    """What the history of a model says of its future, times in the unit of the ages that were given.
+
+    Parameters
+    ----------
+    ageing : bool
+        Whether the scores grow beyond chance: the 95 % interval of the slope lies above zero.
+    slope, slope95 : float and pair
+        Growth of the score in one unit of time, and its interval.
+    limit : float
+        Score at which the model is called worn out.
+    remaining : float or None
+        Time from the newest log until the line reaches the limit; 0 when it has; None when the model does not age.
+    remaining95 : pair or None
+        Its interval; the upper end is infinite when the data do not exclude that ageing stops.
+    level : float
+        Of the line at the newest log.
+    """
+
+    ageing: bool
+    slope: float
+    slope95: tuple[float, float]
+    limit: float
+    remaining: float | None
+    remaining95: tuple[float, float] | None
+    level: float
+
+
+def estimate_ageing(
+    baseline: FloatArray, scores: FloatArray, ages: FloatArray, logs: IntArray, limit: float, rng: np.random.Generator
+) -> Ageing:
+    """Extrapolate scores `(n,)` at ages `(n,)` since the fit, together with those of the training `(b,)` at age zero.
+
+    Parameters
+    ----------
+    baseline, scores : (b,) and (n,) arrays
+        As for the sequential test.
+    ages : (n,) array
+        Time since the fit.
+    logs : (n,) array
+        Which log a score comes from.
+    limit : float
+        Worn out means this many times the baseline's mean.
+    rng : numpy.random.Generator
+        Draws the bootstrap's samples.
+
+    Raises
+    ------
+    DataError
+        Ages are not positive, or the limit is not above 1.
+    """
+    if not (np.isfinite(ages).all() and (ages > 0).all()):
+        raise DataError("the age of a log must be more than zero: the model was fitted at age zero.")
+    if not limit > 1:
+        raise DataError(f"worn out must mean more than 1 times the score at the fit, got {limit:g}.")
+    worn, newest = limit * float(baseline.mean()), float(ages.max())
+    slope, level = _line(baseline, scores, ages, newest)
+    drawn = np.array([_line(*_resampled(baseline, scores, ages, logs, rng), newest) for _ in range(RESAMPLES)])
+    lines = np.array([slope, level]) + _inflation(logs) * (drawn - drawn.mean(axis=0))
+    low, high = np.percentile(lines[:, 0], [TAIL, 100 - TAIL])
+    known = Ageing(bool(low > 0), slope, (float(low), float(high)), worn, None, None, level)
+    if not known.ageing:
+        return known
+    with np.errstate(divide="ignore"):
+        left = np.where(lines[:, 0] > 0, (worn - lines[:, 1]) / np.maximum(lines[:, 0], 0.0), np.inf)
+    ends = np.percentile(np.maximum(left, 0.0), [TAIL, 100 - TAIL], method="nearest")
+    remaining = max((worn - level) / slope, 0.0)
+    return Ageing(True, slope, known.slope95, worn, remaining, (float(ends[0]), float(ends[1])), level)
+
+
+def _inflation(logs: IntArray) -> float:
+    """By how much a bootstrap of few units is too narrow: their lost degree of freedom, and Student's t for 1.96."""
+    from scipy.stats import t as student
+
+    names = len(np.unique(logs))
+    units = names if names >= ENOUGH_LOGS else len(logs)
+    return float(np.sqrt(units / max(units - 1, 1)) * student.ppf(1 - TAIL / 100, max(units - 1, 1)) / Z95)
+
+
+def _line(baseline: FloatArray, scores: FloatArray, ages: FloatArray, newest: float) -> tuple[float, float]:
+    """Slope of the least-squares line, and its level at the newest age."""
+    t = np.concatenate([np.zeros(len(baseline)), ages])
+    y = np.concatenate([baseline, scores])
+    centred = t - t.mean()
+    slope = float(centred @ y / (centred @ centred))
+    return slope, float(y.mean() + slope * (newest - t.mean()))
+
+
+def _resampled(
+    baseline: FloatArray, scores: FloatArray, ages: FloatArray, logs: IntArray, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Draw baseline scores and whole logs, or trajectories where logs are few, with replacement."""
+    names = np.unique(logs)
+    if len(names) >= ENOUGH_LOGS:
+        rows = np.concatenate([np.flatnonzero(logs == name) for name in rng.choice(names, len(names))])
+    else:
+        # Within each log, so that every draw holds every age.
+        rows = np.concatenate([_redrawn(np.flatnonzero(logs == name), rng) for name in names])
+    return rng.choice(baseline, len(baseline)), scores[rows], ages[rows]
+
+
+def _redrawn(rows: IntArray, rng: np.random.Generator) -> IntArray:
+    drawn: IntArray = rng.choice(rows, len(rows))
+    return drawn

@@ -1,0 +1,230 @@
+"""One experiment of any task: split, fit on the first part, measure on the last, clean and dirty."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.calibration.cartesian import CommandCorrector
+from gpcorrect.calibration.fit import FitResult, fit_model
+from gpcorrect.calibration.joints import JointCorrector
+from gpcorrect.calibration.settings import FitSettings
+from gpcorrect.calibration.split import HoldOut, split_log
+from gpcorrect.calibration.task import Corrector, Measured
+from gpcorrect.cleaning import CleaningReport, require_segments
+from gpcorrect.logs.sync import match_clocks
+from gpcorrect.types import CalibrationLog, Progress
+
+__all__ = [
+    "COMPONENTS",
+    "METHODS",
+    "Evaluation",
+    "Experiment",
+    "evaluate_model",
+    "position_reductions",
+    "run_experiment",
+]
+
+METHODS = CommandCorrector.METHODS
+COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A model measured on one log twice: on the samples that pass cleaning, and on all of them as they came.
+
+    The clean set has velocities that never cross a rejected sample; the dirty set has those that the path as it came
+    shows.
+    """
+
+    corrector: Corrector
+    clean: Measured
+    dirty: Measured
+    cleaning: CleaningReport
+
+    @property
+    def clean_errors(self) -> dict[str, Any]:
+        """Table of errors of each method on samples that pass cleaning, as the task quotes them."""
+        return self._errors(self.clean)
+
+    @property
+    def dirty_errors(self) -> dict[str, Any]:
+        """The same on all samples."""
+        return self._errors(self.dirty)
+
+    def _errors(self, measured: Measured) -> dict[str, Any]:
+        errors = (measured.raw, measured.registered, measured.corrected)
+        pairs = zip(self.corrector.METHODS, errors, strict=True)
+        return {name: self.corrector.error_table(values) for name, values in pairs}
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What a reader must know before using the model: parts where learning did not beat the simplest remedy."""
+        clean = self.clean
+        sentences = []
+        for name, unit, columns, scale in self.corrector.parts(clean.raw.shape[1]):
+            before, after = (scale * _rmse(errors[:, columns]) for errors in (clean.registered, clean.corrected))
+            if after >= before > 0:
+                remedy = "registration" if self.corrector.METHODS[1] == "rigid" else "a fixed offset"
+                sentences.append(
+                    f"on held-out trajectories the learned part does not lessen the {name} error (RMSE "
+                    f"{before:.3g} {unit} after {remedy}, {after:.3g} {unit} corrected): record more motion"
+                )
+        return tuple(sentences)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return `errors` (samples that pass cleaning), `errors_dirty` (all) and the coverage of the 95 % intervals."""
+        fractions = self.clean.coverage95
+        known = np.isfinite(fractions)
+        names = (
+            [f"J{j + 1}" for j in range(len(fractions))] if isinstance(self.corrector, JointCorrector) else COMPONENTS
+        )
+        return {
+            "errors": self.clean_errors,
+            "errors_dirty": self.dirty_errors,
+            "coverage95": float(fractions[known].mean()) if known.any() else math.nan,
+            "coverage95_axes": dict(zip(names, fractions.tolist(), strict=False)),
+            "in_domain": float(self.clean.in_domain.mean()),
+            "cautions": list(self.cautions),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A fit and its measurement on held-out units."""
+
+    fit: FitResult
+    test: CalibrationLog | None
+    evaluation: Evaluation | None
+    seconds: float
+
+    @property
+    def corrector(self) -> Any:
+        """The fitted corrector."""
+        return self.fit.corrector
+
+    @property
+    def n_test(self) -> int:
+        """Samples that were measured on."""
+        return len(self.evaluation.clean.rows) if self.evaluation else 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return counts, what was dropped, seconds, errors and coverage, JSON-able."""
+        dropped = Counter(self.fit.cleaning.counts)
+        if self.evaluation is not None:
+            dropped.update(self.evaluation.cleaning.counts)
+        measured = (
+            self.evaluation.to_dict() if self.evaluation else {"errors": {}, "errors_dirty": {}, "coverage95": None}
+        )
+        return {
+            "n_train": self.fit.n_train,
+            "n_test": self.n_test,
+            "dropped": dict(dropped),
+            "seconds": self.seconds,
+            **measured,
+            "model": dict(self.corrector.summary),
+        }
+
+
+def run_experiment(
+    log: CalibrationLog,
+    settings: FitSettings | None = None,
+    *,
+    task: type[Corrector] = CommandCorrector,
+    holdout: float = 0.2,
+    by: HoldOut = HoldOut.AUTO,
+    shuffle: bool = False,
+    progress: Progress | None = None,
+) -> Experiment:
+    """Fit on a part of a log and measure the error on the rest.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        Holds the task's signals.
+    settings : FitSettings, optional
+        What differs from the defaults.
+    task : type
+        A subclass of :class:`Corrector`.
+    holdout : float
+        Share of the units to measure on; 0 for none.
+    by : HoldOut
+        What is held out whole.
+    shuffle : bool
+        Hold out random units, not the last ones.
+    progress : Progress, optional
+        Told how far the fit is.
+
+    Raises
+    ------
+    LogError
+        Signals are missing, or nothing can be held out.
+    DataError
+        The data do not determine a model, or a segment to keep or drop is not in the log.
+    """
+    settings = settings or FitSettings()
+    start = time.perf_counter()
+    require_segments(log, (*settings.cleaning.keep, *settings.cleaning.drop))
+    rng = np.random.default_rng(settings.seed) if shuffle else None
+    train, test = split_log(log, holdout, by, rng=rng)
+    result = fit_model(train, settings, task=task, progress=progress)
+    if test is None:
+        return Experiment(result, None, None, time.perf_counter() - start)
+    if result.clocks.applied:  # what the training showed of the clocks, and nothing of the held-out part's own
+        pair = task.pair(test, settings)
+        test, _ = match_clocks(test, pair.observed, pair.command, str(result.clocks.applied))
+    measured = evaluate_model(result.corrector, test)
+    return Experiment(result, test, measured, time.perf_counter() - start)
+
+
+def evaluate_model(corrector: Corrector, log: CalibrationLog, cleaning: CleaningReport | None = None) -> Evaluation:
+    """Measure what a corrector would have answered on a log.
+
+    Parameters
+    ----------
+    corrector : Corrector
+        Of any task.
+    log : CalibrationLog
+        Holds the task's signals, on one clock.
+    cleaning : CleaningReport, optional
+        Which samples count as clean; classified by the training's thresholds without it.
+
+    Raises
+    ------
+    LogError
+        The log lacks a signal, or no sample can be measured.
+    """
+    cleaning = cleaning or corrector.clean(log)
+    everything = np.ones(len(log), dtype=bool)
+    clean, dirty = corrector.measure(log, cleaning.keep), corrector.measure(log, everything)
+    return Evaluation(corrector, clean, dirty, cleaning)
+
+
+def position_reductions(evaluation: Evaluation | None) -> dict[str, Any]:
+    """Return errors of tool positions by name, and by how much of the reported error they are less, in per cent.
+
+    Parameters
+    ----------
+    evaluation : Evaluation or None
+        Of a position estimator; nothing is returned without any.
+    """
+    if evaluation is None:
+        return {}
+    raw, rigid, estimated = (evaluation.clean_errors[name] for name in evaluation.corrector.METHODS)
+    return {
+        "raw": raw,
+        "rigid": rigid,
+        "estimated": estimated,
+        "rms_reduction": 100.0 * (1.0 - estimated["rms_mm"] / raw["rms_mm"]),
+        "sd_reduction": 100.0 * (1.0 - estimated["sd_mm"] / raw["sd_mm"]),
+        "rms_reduction_beyond_rigid": 100.0 * (1.0 - estimated["rms_mm"] / rigid["rms_mm"]),
+    }
+
+
+def _rmse(errors: Any) -> float:
+    return float(np.sqrt(np.nanmean((errors**2).sum(axis=1)))) if np.isfinite(errors).any() else 0.0

@@ -1,0 +1,196 @@
+"""The one recipe: put the log on one clock, clean it, learn a law, calibrate its intervals, bound its answers."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gpcorrect.calibration.cartesian import CommandCorrector
+from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.domain import Bounds, Domain
+from gpcorrect.calibration.law import Law
+from gpcorrect.calibration.learners import learner_named
+from gpcorrect.calibration.settings import FitSettings
+from gpcorrect.calibration.task import Corrector, Outcome
+from gpcorrect.cleaning import CleaningReport, Reason, fit_cleaner
+from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit
+from gpcorrect.logs.sync import Clocks, match_clocks
+from gpcorrect.types import CalibrationLog, Progress
+
+__all__ = ["FitResult", "fit_corrector", "fit_model"]
+
+C = TypeVar("C", bound=Corrector)
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """A fitted corrector and how it came about.
+
+    Parameters
+    ----------
+    corrector : Corrector
+        What was fitted.
+    log : CalibrationLog
+        What it was fitted to: the training log, on one clock.
+    clocks : Clocks
+        What was found of the outside sensor's clock, and what was done about it.
+    cleaning : CleaningReport
+        What was dropped from the training log, and why.
+    registration : Registration or None
+        Which rigid model was chosen, and why; None for a task without one.
+    n_train : int
+        Samples that were learned from.
+    remarks : tuple of str
+        What a person should know, in sentences.
+    """
+
+    corrector: Any
+    log: CalibrationLog
+    clocks: Clocks
+    cleaning: CleaningReport
+    registration: Any
+    n_train: int
+    remarks: tuple[str, ...]
+
+
+def fit_corrector(
+    log: CalibrationLog, settings: FitSettings | None = None, *, progress: Progress | None = None
+) -> CommandCorrector:
+    """Learn from a log what to command so that the robot reaches a desired pose (Mahler et al. 2014).
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        Must hold `tracker_cp` (what was observed) and `setpoint_cp` (what was commanded).
+    settings : FitSettings, optional
+        What differs from the defaults.
+    progress : Progress, optional
+        Told how far the fit is.
+
+    Raises
+    ------
+    LogError
+        A signal is missing or too few samples pass the cleaning.
+    DegenerateError
+        The motion does not determine the registration.
+    """
+    corrector: CommandCorrector = fit_model(log, settings, progress=progress).corrector
+    return corrector
+
+
+def fit_model(
+    log: CalibrationLog,
+    settings: FitSettings | None = None,
+    *,
+    task: type[Corrector] = CommandCorrector,
+    progress: Progress | None = None,
+) -> FitResult:
+    """Fit a corrector of any task, and return how it came about too.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        Holds the task's signals.
+    settings : FitSettings, optional
+        What differs from the defaults.
+    task : type
+        A subclass of :class:`Corrector`.
+    progress : Progress, optional
+        Told how far the fit is.
+
+    Raises
+    ------
+    LogError, DataError, DegenerateError
+        The log does not determine a model.
+    """
+    # Many small factorisations: two BLAS pools on few cores fight each other and take ten times as long as one thread.
+    with threadpool_limits(limits=1):
+        return _fit(log, settings or FitSettings(), task, progress or Progress())
+
+
+def _fit(log: CalibrationLog, settings: FitSettings, task: type[Corrector], progress: Progress) -> FitResult:
+    start = time.perf_counter()
+    learner_named(settings.method)
+    pair = task.pair(log, settings)  # refused at once, before any work
+    progress.step("clean", 0.0)
+    log, clocks = match_clocks(log, pair.observed, pair.command, settings.time_offset)
+    cleaner, cleaning = fit_cleaner(
+        log,
+        settings.cleaning,
+        rng=np.random.default_rng(settings.seed),
+        pair=pair,
+        marker=settings.marker if settings.rigid else "none",
+    )
+    progress.step("clean", 1.0)
+    keep = cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
+
+    def learn_law(samples: Samples, layout: Layout) -> tuple[Law, LeftOut]:
+        return _learn_law(samples, layout, settings, progress)
+
+    outcome = task.learn(log, keep, cleaner, settings, learn_law)
+    remarks = [*log.remarks, *outcome.remarks, *([clocks.remark] if clocks.applied else [])]
+    summary = _summary(log, outcome, clocks, cleaning, settings, remarks, time.perf_counter() - start)
+    return FitResult(
+        corrector=replace(outcome.corrector, summary=summary),
+        log=log,
+        clocks=clocks,
+        cleaning=cleaning,
+        registration=outcome.registration,
+        n_train=len(outcome.samples.rows),
+        remarks=tuple(remarks),
+    )
+
+
+def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> tuple[Law, LeftOut]:
+    """Learn a law and calibrate its intervals on what it says of samples whose fold it was not fitted to."""
+    fitted = learner_named(settings.method).fit(samples, layout, settings, progress)
+    X, target = samples.learnable()
+    rows = samples.rows
+    known = np.isfinite(fitted.left_out.errors).all(axis=1)
+    errors, std = fitted.left_out.errors[known], fitted.left_out.std[known]
+    correction = target - samples.origin[rows]
+    law = Law(
+        learned=fitted.learned,
+        intervals=IntervalCalibration.fit(
+            errors, np.maximum(std, np.finfo(float).tiny), samples.trajectory[rows][known]
+        ),
+        domain=Domain.of(X[:, : len(layout.slack)], layout.slack, novelty_limit(fitted.left_out.novelty), correction),
+        bounds=Bounds.of(correction, layout.targets),
+        zero=np.zeros(target.shape[1]) if fitted.zero is None else fitted.zero,
+    )
+    return law, fitted.left_out
+
+
+def _summary(
+    log: CalibrationLog,
+    outcome: Outcome,
+    clocks: Clocks,
+    cleaning: CleaningReport,
+    settings: FitSettings,
+    remarks: list[str],
+    seconds: float,
+) -> dict[str, Any]:
+    """Collect what the model file says of itself."""
+    registration = outcome.registration
+    return {
+        "robot": log.meta.robot,
+        "arm": log.meta.arm,
+        "method": settings.method,
+        **outcome.report,
+        "data": {"source": log.name, "sha256": log.digest},
+        "fit": {
+            "n_train": len(outcome.samples.rows),
+            "n_trajectories": len(np.unique(outcome.samples.trajectory[outcome.samples.rows])),
+            "dropped": dict(cleaning.counts),
+            **({} if registration is None else {"registration": registration.to_dict()}),
+            "tracker_shift": clocks.applied,
+            "seed": settings.seed,
+            "seconds": seconds,
+        },
+        "remarks": remarks,
+        "baseline": outcome.baseline.tolist(),
+    }

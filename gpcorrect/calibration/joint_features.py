@@ -1,0 +1,247 @@
+"""Features of a joint path: position, velocity, effort, memory, or the whole state.
+
+Where effects look alike in a training motion, none of them may be learned: a joint that never turns back holds its
+slack on one side, like an offset; a joint that knows one speed shows friction and damping as one. A calibration that
+learned such a feature would be wrong on every other motion, and its held-out trajectories would not show it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpcorrect.calibration.coupled_play import CoupledPlay, learn_coupled_play
+from gpcorrect.calibration.joint_path import JointPath
+from gpcorrect.calibration.memory import play_states
+from gpcorrect.errors import DataError
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["FeatureKind", "JointFeatures", "law_penalties"]
+
+FeatureKind = Literal["position", "velocity", "effort", "memory", "state"]
+
+LADDER = (0.02, 0.1, 0.3)
+"""Radii of single plays beside the coupled one, in units of half the joints' ranges; chosen by hand on dvrk_random."""
+SLACK = 0.05
+"""Half ranges that a joint must turn back by to show its slack; chosen by hand."""
+FEWEST_TURNS = 8
+"""Of the slack from one side to the other, to tell it from position and effort; chosen by hand."""
+MOVING = 0.05
+"""Of a joint's highest speed: below it the joint rests."""
+LEAST_SPEEDS = 1.5
+"""Ratio of faster to slower motion, to tell what grows with speed from what does not; chosen by hand."""
+PLAIN, REMEMBERED, OTHERS = 1e-5, 1e-2, 0.3
+"""Penalties on squared weights of the linear law, for unit spreads: see :func:`law_penalties`; chosen by hand."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointFeatures:
+    """How a path becomes columns; learned from training rows, the same for every log.
+
+    Parameters
+    ----------
+    kinds : tuple of str
+        Which columns, in this order.
+    centre, half : (d,) arrays
+        Middle and half of the range of each joint in training, rad or m.
+    play : CoupledPlay or None
+        The coupled play of `memory`.
+    n_state : int
+        Columns of `state`.
+    used : (k,) int array
+        Which of all columns are used, because the training motion tells their effect from others'.
+    """
+
+    kinds: tuple[FeatureKind, ...]
+    centre: FloatArray
+    half: FloatArray
+    play: CoupledPlay | None
+    n_state: int
+    used: IntArray
+
+    @classmethod
+    def learn(cls, kinds: Sequence[str], path: JointPath, errors: FloatArray, rows: IntArray) -> JointFeatures:
+        """Learn ranges, and for `memory` the coupled play.
+
+        Parameters
+        ----------
+        kinds : sequence of str
+            Which features.
+        path : JointPath
+            n samples of d joints.
+        errors : (n, m) array
+            What the slack is to explain; NaN where unknown.
+        rows : (k,) int array
+            Samples that may be learned from.
+
+        Raises
+        ------
+        DataError
+            A kind is unknown, or the log does not hold what it needs, or the motion shows nothing of it.
+        """
+        known: tuple[FeatureKind, ...] = get_args(FeatureKind)
+        wrong = [kind for kind in kinds if kind not in known]
+        if wrong or not kinds:
+            raise DataError(f"features are {', '.join(known)}; got {', '.join(wrong) or 'none'}.")
+        low, high = path.q[rows].min(axis=0), path.q[rows].max(axis=0)
+        features = cls(
+            kinds=tuple(kind for kind in known if kind in kinds),
+            centre=(low + high) / 2,
+            half=np.maximum((high - low) / 2, 1e-12),
+            play=None,
+            n_state=0 if path.state is None else path.state.shape[1],
+            used=np.zeros(0, dtype=np.int64),
+        )
+        features._check(path)
+        scaled = features.scaled(path.q)
+        turning = _turns_back(scaled, path.new)
+        if "memory" in features.kinds:
+            features = replace(features, play=learn_coupled_play(scaled, errors, path.new, rows, turning))
+        shown = {"memory": np.tile(turning, 1 + len(LADDER)), "velocity": _has_many_speeds(path.velocity[rows])}
+        masks = [shown.get(kind, np.ones(size, dtype=bool)) for kind, size in features._sizes]
+        used = np.flatnonzero(np.concatenate(masks))
+        if used.size == 0:
+            raise DataError(
+                f"this motion shows nothing of {', '.join(features.kinds)}: one speed, no turning back.",
+                hint="Add position to the features, or record a speed ladder.",
+            )
+        return replace(features, used=used)
+
+    def scaled(self, q: FloatArray) -> FloatArray:
+        """Return joints `(..., d)` in units of half their ranges, from the middle."""
+        path: FloatArray = (q - self.centre) / self.half
+        return path
+
+    def transform(self, path: JointPath) -> FloatArray:
+        """Return features `(n, k)` of a path; rows with a missing number are NaN.
+
+        Raises
+        ------
+        DataError
+            The path has other joints or state than the training, or lacks efforts.
+        """
+        self._check(path)
+        return np.hstack([self._columns(kind, path) for kind in self.kinds])[:, self.used]
+
+    @property
+    def ladder(self) -> FloatArray:
+        """Radii `(h, d)` of the single plays of `memory`, in units of half the ranges."""
+        return np.outer(LADDER, np.ones(len(self.centre)))
+
+    @property
+    def smooth(self) -> IntArray:
+        """Columns on which the error may depend in a curved way: all but the ladder of single plays."""
+        single = len(self.centre) * len(LADDER)
+        curved = [np.arange(size) < (size - single if kind == "memory" else size) for kind, size in self._sizes]
+        return np.flatnonzero(np.concatenate(curved)[self.used])
+
+    @property
+    def origins(self) -> tuple[NDArray[np.str_], IntArray]:
+        """Kind, and index of the joint, of each column that is used; columns of `state` belong to no joint, -1."""
+        dof = len(self.centre)
+        kinds = np.concatenate([np.full(size, kind) for kind, size in self._sizes])
+        owners = [np.full(size, -1) if kind == "state" else np.arange(size) % dof for kind, size in self._sizes]
+        return kinds[self.used], np.concatenate(owners)[self.used]
+
+    def remarks(self, numbers: Sequence[int]) -> tuple[str, ...]:
+        """Return what the training motion could not tell apart, a sentence each.
+
+        Parameters
+        ----------
+        numbers : sequence of int
+            Of the d joints, counted from 1.
+        """
+        why = {"velocity": "always moves at one speed", "memory": "hardly turns back"}
+        used, start, sentences = set(self.used.tolist()), 0, []
+        for kind, size in self._sizes:
+            for joint, number in enumerate(numbers if kind in why else ()):
+                if start + joint not in used:
+                    sentences.append(f"joint {number} {why[kind]} in training: its {kind} is not used")
+            start += size
+        return tuple(sentences)
+
+    @property
+    def _sizes(self) -> list[tuple[FeatureKind, int]]:
+        """Kinds with their numbers of columns, before any is left out."""
+        dof = len(self.centre)
+        sizes = {"memory": dof * (1 + len(LADDER)), "state": self.n_state}
+        return [(kind, sizes.get(kind, dof)) for kind in self.kinds]
+
+    def _columns(self, kind: FeatureKind, path: JointPath) -> FloatArray:
+        scaled = self.scaled(path.q)
+        match kind:
+            case "position":
+                return scaled
+            case "velocity":
+                return path.velocity / self.half
+            case "effort":
+                assert path.effort is not None
+                return path.effort
+            case "memory":
+                assert self.play is not None
+                steps = np.diff(scaled, axis=0, prepend=scaled[:1])
+                ladder = play_states(steps, self.ladder, np.cumsum(path.new)) / self.ladder
+                return np.hstack([self.play.lags(scaled, path.new), ladder.reshape(len(scaled), -1)])
+            case "state":
+                assert path.state is not None
+                return path.state
+
+    def _check(self, path: JointPath) -> None:
+        if path.q.shape[1] != len(self.centre):
+            raise DataError(f"the model knows {len(self.centre)} joints, the log has {path.q.shape[1]}.")
+        if "effort" in self.kinds and (path.effort is None or not np.isfinite(path.effort).any()):
+            raise DataError(
+                "effort is among the features, but the log has no efforts (measured_jf) for this direction.",
+                hint="Leave effort out: --features position,velocity,memory",
+            )
+        if "state" in self.kinds and (0 if path.state is None else path.state.shape[1]) != self.n_state:
+            raise DataError("the log's state has other columns than the model was trained with.")
+
+
+def law_penalties(features: JointFeatures, targets: int, owned: bool) -> FloatArray:
+    """Return the penalties `(k, m)` of the features' weights in the linear law of each target.
+
+    Along one straight stripe all joints turn back together, and their efforts and slacks cannot be told apart; a law
+    without a prior spreads one joint's friction over all of them, and is wrong wherever joints move on their own, or
+    under another load. So where efforts are logged, those of other joints, and memory, have to earn their weights.
+
+    Parameters
+    ----------
+    features : JointFeatures
+        With k columns.
+    targets : int
+        m.
+    owned : bool
+        Whether each target is the error of the joint of its number.
+    """
+    kinds, owners = features.origins
+    penalties = np.full((len(kinds), targets), PLAIN)
+    if "effort" not in features.kinds or not owned:
+        return penalties
+    past = np.isin(kinds, ("velocity", "memory"))
+    penalties[past] = REMEMBERED
+    foreign = owners[:, None] != np.arange(targets)
+    penalties[(past | (kinds == "effort"))[:, None] & foreign] = OTHERS
+    return penalties
+
+
+def _turns_back(path: FloatArray, new: BoolArray) -> BoolArray:
+    """Return which joints `(d,)` of a path `(n, d)`, in half ranges, turn back often enough to show their slack."""
+    steps = np.diff(path, axis=0, prepend=path[:1])
+    states = play_states(steps, np.full((1, path.shape[1]), SLACK), np.cumsum(new))[:, 0]
+    sides = [column[np.abs(column) > 0.99 * SLACK] > 0 for column in states.T]
+    return np.array([np.count_nonzero(side[1:] != side[:-1]) >= FEWEST_TURNS for side in sides])
+
+
+def _has_many_speeds(velocity: FloatArray) -> BoolArray:
+    """Return which joints `(d,)` of velocities `(n, d)` move at speeds far enough apart."""
+    ratios = []
+    for speed in np.abs(velocity).T:
+        moving = speed[speed > MOVING * speed.max()]
+        low, high = np.percentile(moving, (25, 75)) if moving.size else (1.0, 1.0)
+        ratios.append(high / low)
+    return np.array(ratios) >= LEAST_SPEEDS

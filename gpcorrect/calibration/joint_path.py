@@ -1,0 +1,159 @@
+"""The path of a robot's joints in a log, and all else that the robot says of itself: what features are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.calibration.dataset import path_starts
+from gpcorrect.errors import LogError
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
+
+__all__ = ["JointPath", "joint_path", "joint_signal", "state_columns", "usual_steps"]
+
+MOST_PRISMATIC, MOST_REVOLUTE = 2.0, 20.0
+"""m and rad: no arm inserts 2 m, and 20 rad are over three turns, so such numbers are in millimetres or degrees."""
+JOINT_SIGNALS = ("setpoint_jp", "measured_jp", "measured_jv", "measured_jf")
+
+
+@dataclass(frozen=True, eq=False)
+class JointPath:
+    """n samples of d joints.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    new : (n,) mask
+        Where an unbroken path begins.
+    q : (n, d) array
+        Joints, rad or m; NaN where missing.
+    velocity : (n, d) array
+        Of `q`, from the sample before: what a stream knows too.
+    effort : (n, d) array or None
+        Reported efforts, N m or N.
+    state : (n, k) array or None
+        Everything that the log says of the robot at each moment.
+    """
+
+    time: FloatArray
+    new: BoolArray
+    q: FloatArray
+    velocity: FloatArray
+    effort: FloatArray | None
+    state: FloatArray | None
+
+
+def joint_path(
+    time: FloatArray, session: IntArray, q: FloatArray, effort: FloatArray | None, state: FloatArray | None = None
+) -> JointPath:
+    """Return a path with its beginnings and velocities.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    session : (n,) int array
+        Homing or day.
+    q : (n, d) array
+        rad or m.
+    effort, state : (n, d) and (n, k) arrays or None
+        As logged.
+    """
+    new = path_starts(time, session, np.asarray(np.isfinite(q).all(axis=1)))
+    step = np.diff(time, prepend=time[:1])
+    velocity = np.diff(q, axis=0, prepend=q[:1]) / np.where(step > 0, step, 1.0)[:, None]
+    velocity = np.where((new | (step <= 0))[:, None] | ~np.isfinite(velocity), 0.0, velocity)
+    return JointPath(time, new, q, velocity, effort, state)
+
+
+def usual_steps(path: JointPath) -> tuple[float, float]:
+    """Return the usual and the shortest step between samples of a path, s; 1 where there are none.
+
+    Parameters
+    ----------
+    path : JointPath
+        n samples.
+    """
+    step = np.diff(path.time)[~path.new[1:]]
+    return (float(np.median(step)), float(np.percentile(step, 1))) if step.size else (1.0, 1.0)
+
+
+def joint_signal(log: CalibrationLog, name: str) -> FloatArray:
+    """Return a joint signal `(n, d)` of a log, its units checked.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        n samples.
+    name : str
+        Of the signal.
+
+    Raises
+    ------
+    LogError
+        It is missing, or its numbers are too large for rad and m.
+    """
+    values: FloatArray | None = getattr(log, name)
+    if values is None:
+        raise LogError(
+            f"joint calibration needs {name}; the log has {', '.join(log.signals) or 'no signals'}.",
+            hint="Map its columns: --columns map.toml",
+            path=log.name,
+        )
+    for joint, kind in enumerate(log.joint_types(values.shape[1])):
+        most, unit, other = (MOST_PRISMATIC, "m", "mm") if kind == "P" else (MOST_REVOLUTE, "rad", "degrees")
+        known = np.abs(values[np.isfinite(values[:, joint]), joint])
+        if known.size and np.median(known) > most:
+            raise LogError(
+                f"joint {joint + 1} of {name} is typically {np.median(known):.4g}, too much for {unit}: is it in"
+                f" {other}?",
+                hint="Logs hold rad and m; give scale in a mapping file, or joint_types in the sidecar.",
+                path=log.name,
+            )
+    return values
+
+
+def state_columns(log: CalibrationLog, extra: Sequence[str] | None = None) -> tuple[tuple[str, ...], FloatArray]:
+    """Return the names `(k,)` and values `(n, k)` of a log's whole state.
+
+    Joint signals come first, then how far the joints are from where they were sent, then poses as position and rotation
+    matrix (which never jumps), then scalars and extra columns. Peng et al. 2020 take 118 or 138 numbers of RAVEN-II's
+    own message; a native log has 54 for six joints, and what extra columns are asked for.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        n samples.
+    extra : sequence of str, optional
+        Extra columns that belong to the state; all complete ones when None.
+
+    Raises
+    ------
+    LogError
+        An extra column is not in the log.
+    """
+    parts: list[tuple[str, FloatArray | None]] = [(name, getattr(log, name)) for name in JOINT_SIGNALS]
+    if log.setpoint_jp is not None and log.measured_jp is not None:
+        parts.append(("joint_lag", log.setpoint_jp - log.measured_jp))
+    parts += [(name, _pose_numbers(getattr(log, name))) for name in ("setpoint_cp", "measured_cp")]
+    if extra is None:
+        parts += [(name, getattr(log, name)) for name in log.SCALARS]
+        extra = [name for name, values in log.extra.items() if np.isfinite(values).all()]
+    for name in extra:
+        if name not in log.extra:
+            raise LogError(f"the log has no column {name}.", hint=f"It has: {', '.join(log.extra) or 'none'}.")
+        parts.append((name, log.extra[name]))
+    columns = [(name, values.reshape(len(log), -1)) for name, values in parts if values is not None]
+    names = tuple(f"{name}_{i + 1}" for name, values in columns for i in range(values.shape[1]))
+    return names, np.hstack([values for _, values in columns]) if columns else np.zeros((len(log), 0))
+
+
+def _pose_numbers(signal: PoseSignal | None) -> FloatArray | None:
+    if signal is None or signal.quaternion is None:
+        return None if signal is None else signal.position
+    R = se3.matrix_from_quaternion(signal.quaternion)
+    return np.hstack([signal.position, R.reshape(len(signal), 9)])

@@ -1,0 +1,200 @@
+"""How joint calibration sees a log: which joints go in, what is to come out, and answers from predictions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.joint_features import JointFeatures, law_penalties
+from gpcorrect.calibration.joint_path import JointPath, joint_path, joint_signal, state_columns
+from gpcorrect.calibration.law import Prediction
+from gpcorrect.correction import Correction, Reason
+from gpcorrect.errors import DataError, LogError
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, frozen_array
+
+__all__ = ["InputSignal", "JointView", "directed", "joint_layout", "logged_path"]
+
+InputSignal = Literal["measured_jp", "setpoint_jp"]
+
+STILL = {"R": 0.05, "P": 0.005}
+"""rad and m that a joint that was still in training may stand from there before nothing is known; chosen by hand."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointView:
+    """Which of a log's joints go in, and what is to come out.
+
+    Parameters
+    ----------
+    direction : str
+        "estimate" or "command".
+    input_signal : str
+        Signal of the robot's side.
+    types : str
+        "R" or "P" for each of the d joints.
+    moving : (k,) int array
+        Joints that moved in training; only these are corrected.
+    rest : (d,) array
+        Where each joint stood in the middle of training, rad or m.
+    features : JointFeatures
+        What the law looks at, of the k joints.
+    end_to_end : bool
+        Whether the law predicts the positions themselves, not their error.
+    """
+
+    direction: Literal["estimate", "command"]
+    input_signal: InputSignal
+    types: str
+    moving: IntArray
+    rest: FloatArray
+    features: JointFeatures
+    end_to_end: bool
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "moving", frozen_array(self.moving, np.int64))
+        object.__setattr__(self, "rest", frozen_array(self.rest))
+
+    def of_log(self, log: CalibrationLog, keep: BoolArray, *, needs_truth: bool = True) -> tuple[FloatArray, Samples]:
+        """Return the joints `(n, d)` that go in, and the samples of a log.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples.
+        keep : (n,) mask
+            Samples that are not rejected.
+        needs_truth : bool
+            Whether what is to come out must be logged.
+
+        Raises
+        ------
+        LogError, DataError
+            A signal is missing or cannot be right, or the log has other joints.
+        """
+        source, truth = directed(log, self.input_signal, self.direction, needs_truth=needs_truth)
+        if source.shape[1] != len(self.types):
+            raise DataError(f"the model knows {len(self.types)} joints, the log has {source.shape[1]}.")
+        path = logged_path(log, source, self.moving, self.direction, self.features.kinds)
+        error = None if truth is None else (truth - source)[:, self.moving]
+        return source, self.samples(path, log.trajectory, log.session, error, keep)
+
+    def samples(
+        self,
+        path: JointPath,
+        trajectory: IntArray,
+        session: IntArray,
+        error: FloatArray | None,
+        keep: BoolArray,
+    ) -> Samples:
+        """Return the samples of a path of the moving joints.
+
+        Parameters
+        ----------
+        path : JointPath
+            n samples of k joints.
+        trajectory, session : (n,) int arrays
+            As in the log.
+        error : (n, k) array or None
+            What is to be added; None where unknown.
+        keep : (n,) mask
+            Samples that may be learned from where they are complete.
+        """
+        X = self.features.transform(path)
+        origin = path.q if self.end_to_end else np.zeros(path.q.shape)
+        target = np.full(path.q.shape, np.nan) if error is None else error + origin
+        usable = keep & np.isfinite(X).all(axis=1) & np.isfinite(target).all(axis=1)
+        return Samples(path.time, trajectory, session, path.new, X, target, origin, usable, path.q, path.effort)
+
+    def answer(self, q: FloatArray, prediction: Prediction) -> Correction:
+        """Return joints `(n, d)` corrected as a law says of the moving ones; the others stay as they are."""
+        joints = q.copy()
+        joints[:, self.moving] += prediction.residual
+        missing = ~np.isfinite(joints).all(axis=1)
+        joints[missing] = np.nan
+        return Correction(
+            position=None,
+            quaternion=None,
+            joints=joints,
+            std=self.wide(prediction.std),
+            interval95=self.wide(prediction.interval95),
+            reasons=prediction.reasons
+            | np.where(self._strayed(q), int(Reason.OUTSIDE), 0)
+            | np.where(missing, int(Reason.MISSING), 0),
+        )
+
+    def wide(self, values: FloatArray) -> FloatArray:
+        """Return values `(n, k)` of the moving joints among those of all `(n, d)`, NaN for those that were still."""
+        if len(self.moving) == len(self.types):
+            return values
+        wide = np.full((len(values), len(self.types)), np.nan)
+        wide[:, self.moving] = values
+        return wide
+
+    def _strayed(self, q: FloatArray) -> BoolArray:
+        """Return in which rows a joint that was still in training stands elsewhere."""
+        still = np.setdiff1d(np.arange(len(self.types)), self.moving)
+        limit = np.array([STILL[self.types[j]] for j in still])
+        strayed: BoolArray = np.asarray((np.abs(q[:, still] - self.rest[still]) > limit).any(axis=1))
+        return strayed
+
+
+def joint_layout(features: JointFeatures, targets: int, *, owned: bool, inducing: int) -> Layout:
+    """Return how joint features and targets hang together: a linear law, then a field on the smooth features.
+
+    Parameters
+    ----------
+    features : JointFeatures
+        With their columns.
+    targets : int
+        m.
+    owned : bool
+        Whether each target is the error of the joint of its number; each is then bounded by itself.
+    inducing : int
+        Points of the Gaussian process.
+    """
+    return Layout(
+        targets=(1,) * targets if owned else (targets,),
+        inputs=None,
+        smooth=features.smooth,
+        penalties=law_penalties(features, targets, owned),
+        slack=np.zeros(len(features.used)),
+        inducing=inducing,
+    )
+
+
+def directed(
+    log: CalibrationLog, signal: InputSignal, direction: str, *, needs_truth: bool = True
+) -> tuple[FloatArray, FloatArray | None]:
+    """Return the joints that go in and those that are to come out, `(n, d)`.
+
+    Raises
+    ------
+    LogError
+        A signal is missing, or the two have not the same joints.
+    """
+    needed = needs_truth or direction == "command"
+    reported = joint_signal(log, signal) if needs_truth or direction == "estimate" else getattr(log, signal)
+    true = joint_signal(log, "external_jp") if needed or log.external_jp is not None else None
+    if true is not None and reported is not None and true.shape != reported.shape:
+        raise LogError(
+            f"{signal} has {reported.shape[1]} joints, external_jp {true.shape[1]}.",
+            hint="Name the same joints in both: a mapping file given with --columns says which columns are which.",
+            path=log.name,
+        )
+    return (reported, true) if direction == "estimate" else (joint_signal(log, "external_jp"), reported)
+
+
+def logged_path(
+    log: CalibrationLog, source: FloatArray, moving: IntArray, direction: str, kinds: Sequence[str]
+) -> JointPath:
+    """Return the path of the moving joints; in static poses every row is a path of its own, at rest."""
+    effort = None if log.measured_jf is None or direction == "command" else log.measured_jf[:, moving]
+    state = state_columns(log)[1] if "state" in kinds else None
+    path = joint_path(log.time, log.session, source[:, moving], effort, state)
+    if not log.static:
+        return path
+    return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))

@@ -1,0 +1,385 @@
+"""Joints: from reported positions to true ones, or from desired true positions to commands (Peng et al., RAVEN-II)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gpcorrect.calibration.dataset import Samples
+from gpcorrect.calibration.joint_features import JointFeatures
+from gpcorrect.calibration.joint_path import joint_path, usual_steps
+from gpcorrect.calibration.joint_view import InputSignal, JointView, directed, joint_layout, logged_path
+from gpcorrect.calibration.metrics import joint_errors, joint_units
+from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.calibration.stream import JointStream
+from gpcorrect.calibration.task import Corrector, LearnLaw, Measured, Outcome, Part
+from gpcorrect.cleaning import FittedCleaner, Pair, joint_pair
+from gpcorrect.correction import Correction
+from gpcorrect.errors import DataError, DegenerateError, LogError
+from gpcorrect.logs import validate_log
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
+
+__all__ = ["JointCorrector", "require_joints"]
+
+LEAST_MOTION = {"R": 1e-5, "P": 1e-6}
+"""rad and m: a joint that moves less shows its encoder's noise."""
+LEAST_RUN_SECONDS = 5.0
+"""s of motion from which zeros are set anew."""
+MOVED_STDS = 1.0
+"""A mean error of this many standard deviations of the model is no chance any more; chosen by hand."""
+INDUCING = 500
+CHECK_SAMPLES = 12
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointCorrector(Corrector):
+    """What was learned of one arm's joints.
+
+    Parameters
+    ----------
+    view : JointView
+        Which joints go in, and what comes out.
+    offset : (k,) array
+        Mean error in training: what a fixed offset would have corrected.
+    usual_step, shortest_step : float
+        Time between samples in training, s: what a pause is, and over what a velocity is taken.
+    """
+
+    KIND: ClassVar[str] = "gpcorrect.joint_corrector"
+    TASK: ClassVar[str] = "joints"
+    METHODS: ClassVar[tuple[str, str, str]] = ("raw", "fixed_offset", "corrected")
+
+    view: JointView
+    offset: FloatArray
+    usual_step: float
+    shortest_step: float
+
+    @classmethod
+    def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
+        """See :class:`Corrector`."""
+        name = _input_signal(log, settings)
+        _complete(log, name, settings.direction, np.ones(len(log), dtype=bool))
+        return joint_pair(name)
+
+    @property
+    def types(self) -> str:
+        """Types of the joints, R or P each."""
+        return self.view.types
+
+    @property
+    def zero(self) -> FloatArray:
+        """Zeros `(d,)` that are added to every answer, rad or m."""
+        zero = np.zeros(len(self.view.types))
+        zero[self.view.moving] = self.law.zero
+        return zero
+
+    def correct_log(self, log: CalibrationLog) -> Correction:
+        """Return the answers to a recorded path, n rows.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples.
+
+        Raises
+        ------
+        LogError, DataError
+            A signal is missing or cannot be right, or the log has other joints.
+        """
+        q, samples = self.view.of_log(log, np.ones(len(log), dtype=bool), needs_truth=False)
+        return self.view.answer(q, self.law.predict(samples))
+
+    def correct_path(
+        self,
+        q: ArrayLike,
+        times: ArrayLike,
+        efforts: ArrayLike | None = None,
+        sessions: Sequence[int] | None = None,
+    ) -> Correction:
+        """Return the true joints of a path of reported ones, or what to command, by the model's direction.
+
+        Parameters
+        ----------
+        q : (n, d) array
+            rad or m; NaN where missing.
+        times : (n,) array
+            Seconds, increasing.
+        efforts : (n, d) array, optional
+            As logged, for models that look at them.
+        sessions : n int, optional
+            Where the number changes, the arm was homed or moved by hand.
+
+        Returns
+        -------
+        Correction
+            Of n rows.
+
+        Raises
+        ------
+        DataError
+            The numbers do not fit the model.
+        """
+        joints = np.array(q, dtype=np.float64)
+        if joints.ndim != 2 or joints.shape[1] != len(self.types):
+            raise DataError(f"the model knows {len(self.types)} joints, got an array of shape {joints.shape}.")
+        n, moving = len(joints), self.view.moving
+        homed = np.zeros(n, dtype=np.int64) if sessions is None else np.asarray(sessions, dtype=np.int64)
+        effort = None if efforts is None else np.array(efforts, dtype=np.float64)[:, moving]
+        path = joint_path(np.array(times, dtype=np.float64), homed, joints[:, moving], effort)
+        samples = self.view.samples(path, homed, homed, None, np.zeros(n, dtype=bool))
+        return self.view.answer(joints, self.law.predict(samples))
+
+    def stream(self) -> JointStream:
+        """Return a stream, which answers sample after sample and remembers where in its slack the arm is."""
+        return JointStream(self)
+
+    def samples(self, log: CalibrationLog, keep: BoolArray) -> Samples:
+        """Return a log as the law sees it.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples.
+        keep : (n,) mask
+            Samples that are not rejected.
+        """
+        return self.view.of_log(log, keep)[1]
+
+    def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
+        """See :class:`Corrector`; the fixed offset is that of the training."""
+        q, samples = self.view.of_log(log, keep)
+        prediction = self.law.predict(samples)
+        answer = self.view.answer(q, prediction)
+        raw = samples.target - samples.origin
+        rows = np.flatnonzero(samples.usable & np.isfinite(prediction.residual).all(axis=1))
+        if rows.size == 0:
+            raise LogError("no sample has both positions and their truth.", path=log.name)
+        return Measured(
+            raw=self.view.wide(raw[rows]),
+            registered=self.view.wide((raw - self.offset)[rows]),
+            corrected=self.view.wide((raw - prediction.residual)[rows]),
+            interval95=answer.interval95[rows],
+            in_domain=answer.in_domain[rows],
+            speed=np.full(len(rows), np.nan),
+            rows=rows,
+            time=log.time[rows],
+            trajectory=log.trajectory[rows],
+        )
+
+    def error_table(self, errors: FloatArray) -> Any:
+        """See :class:`Corrector`."""
+        return joint_errors(errors, self.types)
+
+    def parts(self, m: int) -> tuple[Part, ...]:
+        """See :class:`Corrector`."""
+        names, scale = joint_units(self.types)
+        return tuple(Part(f"joint {j + 1}", names[j], (j,), float(scale[j])) for j in range(m))
+
+    def check_answers(self) -> FloatArray:
+        """See :class:`Corrector`: answers along a short swing through the middle of the training range."""
+        features, n = self.view.features, CHECK_SAMPLES
+        swing = np.sin(np.linspace(0.0, 2.0 * np.pi, n))[:, None] * features.half
+        time, homed = np.arange(n, dtype=np.float64), np.zeros(n, dtype=np.int64)
+        state = np.zeros((n, features.n_state)) if features.n_state else None
+        path = joint_path(time, homed, features.centre + swing, np.zeros(swing.shape), state)
+        prediction = self.law.predict(self.view.samples(path, homed, homed, None, np.zeros(n, dtype=bool)))
+        return np.nan_to_num(np.hstack([prediction.residual, prediction.std]))
+
+    def rezeroed(self, log: CalibrationLog) -> Self:
+        """Return the model with its zeros set anew from a short run, as after a homing: all else stays.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            Of one session.
+
+        Raises
+        ------
+        DataError
+            The run has less than five seconds with outside encoders, or is of more than one session.
+        """
+        sessions = np.unique(log.session)
+        if len(sessions) > 1:
+            raise DataError(
+                f"every homing has zeros of its own; the run is of {len(sessions)} sessions.",
+                hint="Give one recording, made after the last homing.",
+            )
+        measured = self.measure(log, np.ones(len(log), dtype=bool))
+        seconds = float(np.ptp(measured.time))
+        if seconds < LEAST_RUN_SECONDS:
+            raise DataError(
+                f"new zeros need at least {LEAST_RUN_SECONDS:g} s of motion with external_jp, got {seconds:.1f} s.",
+                hint="Record a minute over the whole range.",
+            )
+        return replace(self, law=self.law.rezeroed(np.median(measured.corrected, axis=0)[self.view.moving]))
+
+    def zeros(self, log: CalibrationLog, measured: Measured) -> list[dict[str, Any]]:
+        """Return how far each joint's zero seems off in each session, a row each: after a homing, it is.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            That was measured.
+        measured : Measured
+            Errors on it.
+
+        Returns
+        -------
+        list of dict
+            session, joint, unit, shift (mm or deg), and whether that is more than chance (moved).
+        """
+        names, scale = joint_units(self.types)
+        std = measured.interval95 / 2.0
+        session, rows = log.session[measured.rows], []
+        for number in np.unique(session):
+            inside = session == number
+            shift = np.nan_to_num(np.median(measured.corrected[inside], axis=0))
+            limit = MOVED_STDS * np.median(std[inside], axis=0)
+            for j, unit in enumerate(names):
+                entry = {"session": int(number), "joint": j + 1, "unit": unit, "shift": float(shift[j] * scale[j])}
+                rows.append({**entry, "moved": bool(abs(shift[j]) > limit[j])})
+        return rows
+
+    @classmethod
+    def learn(
+        cls, log: CalibrationLog, keep: BoolArray, cleaner: FittedCleaner, settings: FitSettings, learn_law: LearnLaw
+    ) -> Outcome:
+        """See :class:`Corrector`."""
+        remarks = list(_remarks(log))
+        signal = _input_signal(log, settings)
+        source, truth, rows = _complete(log, signal, settings.direction, keep)
+        types = log.joint_types(source.shape[1])
+        moving = _moving(source[rows], types)
+        still = [str(j + 1) for j in range(len(types)) if j not in moving]
+        if still:
+            remarks.append(f"joint {', '.join(still)} never moves in training: left uncorrected")
+        kinds = settings.features or _default_features(log, settings)
+        path = logged_path(log, source, moving, settings.direction, kinds)
+        error = (truth - source)[:, moving]
+        features = JointFeatures.learn(kinds, path, error, rows)
+        remarks += features.remarks((moving + 1).tolist())
+        view = JointView(
+            direction=settings.direction,
+            input_signal=signal,
+            types=types,
+            moving=moving,
+            rest=np.median(source[rows], axis=0),
+            features=features,
+            end_to_end=settings.end_to_end and settings.method != "ukf",
+        )
+        samples = view.samples(path, log.trajectory, log.session, error, keep)
+        law, left_out = learn_law(samples, joint_layout(features, len(moving), owned=True, inducing=INDUCING))
+        usual, shortest = usual_steps(path)
+        corrector = cls(
+            law=law,
+            cleaner=cleaner,
+            view=view,
+            offset=error[rows].mean(axis=0),
+            usual_step=usual,
+            shortest_step=shortest,
+        )
+        report = {
+            "method": settings.method,
+            "features": list(features.kinds),
+            "input": signal,
+            "direction": settings.direction,
+            "uncorrected_joints": [int(number) for number in still],
+        }
+        return Outcome(corrector, samples, left_out, report, tuple(remarks))
+
+
+def require_joints(log: CalibrationLog) -> None:
+    """Refuse, before any work, a log from which no joint calibration can be learned.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        To be learned from.
+
+    Raises
+    ------
+    LogError, DataError
+        Signals are missing or their units cannot be right, too few samples are complete, or no joint ever moves.
+    """
+    source, _, rows = _complete(log, _input_signal(log, FitSettings()), "estimate", np.ones(len(log), dtype=bool))
+    _moving(source[rows], log.joint_types(source.shape[1]))
+
+
+def _input_signal(log: CalibrationLog, settings: FitSettings) -> InputSignal:
+    return settings.input_signal or ("measured_jp" if log.measured_jp is not None else "setpoint_jp")
+
+
+def _default_features(log: CalibrationLog, settings: FitSettings) -> tuple[str, ...]:
+    """Return the method's own choice: positions and, where logged, efforts; for the Gaussian process the past too."""
+    if settings.method in ("offset", "ukf"):
+        return ("position",)
+    effort = log.measured_jf if settings.direction == "estimate" else None
+    logged = () if effort is None or not np.isfinite(effort).any() else ("effort",)
+    past = ("velocity", "memory") if settings.method == "gp" and not log.static else ()
+    return ("position", *logged, *past)
+
+
+def _complete(
+    log: CalibrationLog, signal: InputSignal, direction: str, keep: BoolArray
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return joints that go in and come out, and the rows of `keep` (n,) that are complete.
+
+    Raises
+    ------
+    LogError, DataError
+        Signals are missing, or too few samples are complete.
+    """
+    source, truth = directed(log, signal, direction)
+    assert truth is not None
+    rows = np.flatnonzero(keep & np.isfinite(source).all(axis=1) & np.isfinite(truth).all(axis=1))
+    if rows.size < LIMITS.fewest_samples:
+        raise DataError(
+            f"a joint calibration needs at least {LIMITS.fewest_samples} complete samples, got {rows.size}.",
+            hint="Look at what is wrong with the recording: gpcorrect validate LOG",
+        )
+    return source, truth, rows
+
+
+def _moving(q: FloatArray, types: str) -> IntArray:
+    """Return the joints `(k,)` that move.
+
+    Raises
+    ------
+    DegenerateError
+        None does.
+    """
+    span = np.ptp(q, axis=0)
+    moving: IntArray = np.flatnonzero([span[j] >= LEAST_MOTION[kind] for j, kind in enumerate(types)])
+    if moving.size == 0:
+        raise DegenerateError(
+            "no joint ever moves in the training data: no error can be learned.",
+            hint="Record motion of every joint. See: gpcorrect zigzag --help",
+        )
+    return moving
+
+
+def _remarks(log: CalibrationLog) -> tuple[str, ...]:
+    """Return what is odd but bearable about a log's joints, a sentence each.
+
+    Raises
+    ------
+    LogError
+        Most samples lie beyond the limits of the arm that the log names, or a trajectory runs from one session, a
+        homing, into the next.
+    """
+    for number, rows in log.trajectories():
+        sessions = np.unique(log.session[rows])
+        if len(sessions) > 1:
+            raise LogError(
+                f"trajectory {number} runs through sessions {', '.join(map(str, sessions))}: a homing lies inside it.",
+                hint="Number the motions before and after the homing apart in the `trajectory` column.",
+                path=log.name,
+            )
+    report = validate_log(log, ("joint_limits",))
+    if report.errors:
+        raise LogError(report.errors[0].message, hint=report.errors[0].hint, path=log.name)
+    return tuple(f"{finding.signal}: {finding.message}" for finding in report.findings)

@@ -1,0 +1,141 @@
+"""One learned law with what keeps its answers honest: no answer of any task passes by here without its safeguards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from gpcorrect.calibration.dataset import Samples
+from gpcorrect.calibration.domain import Bounds, Domain
+from gpcorrect.calibration.learners import CableModel, GPMap, NetworkMap, PolynomialMap
+from gpcorrect.correction import Reason
+from gpcorrect.gpr import IntervalCalibration
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["Law", "Prediction"]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a law says of n samples.
+
+    Parameters
+    ----------
+    residual, std, interval95 : (n, m) arrays
+        Correction, its standard deviation and the half width of its 95 % interval; NaN where an input is missing.
+    reasons : (n,) int array
+        :class:`gpcorrect.correction.Reason` codes.
+    """
+
+    residual: FloatArray
+    std: FloatArray
+    interval95: FloatArray
+    reasons: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """What was learned of a residual, its calibrated intervals, its region and its bounds.
+
+    Parameters
+    ----------
+    learned : GPMap, PolynomialMap, NetworkMap or CableModel
+        Mean, standard deviation and novelty of the residual.
+    intervals : IntervalCalibration
+        What turns standard deviations into 95 % intervals that hold on unseen trajectories.
+    domain : Domain
+        Region in which answers can be trusted.
+    bounds : Bounds
+        Largest believed residual.
+    zero : (m,) array
+        Added to every residual: where the zeros stand now.
+    """
+
+    learned: GPMap | PolynomialMap | NetworkMap | CableModel
+    intervals: IntervalCalibration
+    domain: Domain
+    bounds: Bounds
+    zero: FloatArray
+
+    def predict(self, samples: Samples) -> Prediction:
+        """Return what the law says of samples, in order; those of one path follow each other.
+
+        Parameters
+        ----------
+        samples : Samples
+            n samples.
+        """
+        if not isinstance(self.learned, CableModel):
+            return self.predict_rows(samples.X, samples.origin)
+        mean, std = self.learned.errors(samples)
+        return self.guarded(mean, std, np.zeros(len(samples)), samples.X, np.asarray(np.isfinite(mean).all(axis=1)))
+
+    def predict_rows(self, X: FloatArray, origin: FloatArray | float = 0.0) -> Prediction:
+        """Return what a law that needs no path says of inputs.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs; a row with a NaN is missing.
+        origin : (n, m) array, optional
+            See :class:`Samples`.
+        """
+        assert not isinstance(self.learned, CableModel)
+        mean, std = np.full((2, len(X), len(self.zero)), np.nan)
+        novelty, rows = np.zeros(len(X)), np.asarray(np.isfinite(X).all(axis=1))
+        if rows.any():
+            mean[rows], std[rows], novelty[rows] = self.learned.predict(self.inputs(X[rows]))
+        return self.guarded(mean - origin, std, novelty, X, rows)
+
+    def predict_one(self, x: FloatArray, origin: FloatArray) -> Prediction:
+        """Return what a law that needs no path says of one input, as a prediction of one row: the hot path of streams.
+
+        Parameters
+        ----------
+        x : (d,) array
+            Inputs.
+        origin : (m,) array
+            See :class:`Samples`.
+        """
+        if not (isinstance(self.learned, GPMap) and np.isfinite(x).all()):
+            return self.predict_rows(x[None], origin[None])
+        mean, std, novelty = self.learned.predict_one(self.inputs(x))
+        return self.guarded(mean[None] - origin, std[None], np.array([novelty]), x[None], np.ones(1, dtype=bool))
+
+    def unknown(self) -> Prediction:
+        """Return the prediction of one row that lacks a number."""
+        nothing = np.full((1, len(self.zero)), np.nan)
+        return Prediction(nothing, nothing, nothing, np.array([int(Reason.MISSING)]))
+
+    def inputs(self, X: FloatArray) -> FloatArray:
+        """Return inputs `(..., d)` as the learner reads them: laws that run on end at the edge of the region."""
+        return self.domain.clip(X) if not isinstance(self.learned, CableModel) and self.learned.extrapolates else X
+
+    def guarded(
+        self, mean: FloatArray, std: FloatArray, novelty: FloatArray, X: FloatArray, rows: BoolArray
+    ) -> Prediction:
+        """Return a prediction within bounds, with its intervals and reasons.
+
+        Parameters
+        ----------
+        mean, std : (n, m) arrays
+            Of the learner.
+        novelty : (n,) array
+            Likewise.
+        X : (n, d) array
+            Inputs.
+        rows : (n,) mask
+            Rows that lack no number.
+        """
+        residual, cut = self.bounds.limit(mean)
+        inside = self.domain.holds(X, novelty)
+        std = self.domain.widen(std, inside)
+        codes = np.where(cut, int(Reason.LIMITED), 0) | np.where(inside, 0, int(Reason.OUTSIDE))
+        reasons: IntArray = np.where(rows, codes, int(Reason.MISSING)).astype(np.int64)
+        return Prediction(residual + self.zero, std, self.intervals.interval95(std), reasons)
+
+    def rezeroed(self, shift: FloatArray) -> Self:
+        """Return the law with its zeros moved by `shift` (m,)."""
+        return replace(self, zero=self.zero + shift)

@@ -1,0 +1,177 @@
+"""Gaussian-process regression, after a linear law where the task has one, with a zero that may move over time.
+
+Poses have no linear law: the regression returns to the registered answer far from the data. Joints have one, for gain,
+coupling, friction and slack are linear in their features; the regression takes the smooth field that it leaves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.learners.learner import Fitted
+from gpcorrect.calibration.learners.polynomial import PolynomialMap
+from gpcorrect.calibration.settings import FitSettings
+from gpcorrect.calibration.split import folds_of
+from gpcorrect.gpr import Predictor, SparseGPR, Statistics, learn_inflation
+from gpcorrect.types import FloatArray, IntArray, Progress
+
+__all__ = ["GP", "GPMap", "LocalLevel", "local_level"]
+
+FEWEST_STRETCHES = 40
+"""Into which a recording is cut for noise that neighbours share: the cost of a stretch is its cube."""
+VARIANCE_POINTS = 150
+"""Inducing points that variances after a linear law rest on: a stream asks for six joints a sample at 1 kHz."""
+POSE_VARIANCE_POINTS = 250
+"""The same without one: a pose is asked for one at a time."""
+GAINS = (0.0, 0.1, 0.2, 0.4, 0.7)
+"""Gains of the local level to choose from."""
+FEWEST_LEVELS = 8
+"""Trajectories from which a moving zero can be told from chance."""
+CLEARLY = 0.95
+"""Share of the squared error without motion that a gain above 0 must come under."""
+
+
+@dataclass(frozen=True, eq=False)
+class GPMap:
+    """A linear law on all inputs where there is one, and a regression on those that may act in a curved way.
+
+    Parameters
+    ----------
+    linear : PolynomialMap or None
+        Of degree 1.
+    columns : (k,) int array
+        Inputs of the regression.
+    predictor : Predictor
+        Of what the linear law leaves.
+    statistics : tuple of Statistics
+        What the predictor rests on, a group of targets each: more data can be added.
+    """
+
+    linear: PolynomialMap | None
+    columns: IntArray
+    predictor: Predictor
+    statistics: tuple[Statistics, ...]
+
+    @property
+    def extrapolates(self) -> bool:
+        """Whether there is a linear law, which runs on."""
+        return self.linear is not None
+
+    def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return means and standard deviations of a new observation `(n, m)` and novelties `(n,)`."""
+        mean, std, novelty = self.predictor.mean_std_batch(X[:, self.columns])
+        return (mean if self.linear is None else self.linear.mean(X) + mean), std, novelty
+
+    def predict_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """Return mean and standard deviation `(m,)` and novelty at one input `(d,)`: the hot path of streams."""
+        mean, std, novelty = self.predictor.mean_std(x[self.columns])
+        return (mean if self.linear is None else self.linear.mean(x[None])[0] + mean), std, novelty
+
+
+class GP:
+    """The learner of :class:`GPMap`.
+
+    How many neighbouring samples count as one is chosen on errors at folds of trajectories that the regression was not
+    fitted to (:func:`gpcorrect.gpr.learn_inflation`).
+    """
+
+    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+        """See :class:`Learner`."""
+        X, Y = samples.learnable()
+        trajectory, time = samples.trajectory[samples.rows], samples.time[samples.rows]
+        level, linear, groups = np.zeros(Y.shape), None, trajectory
+        zero = None
+        if layout.penalties is not None:
+            first = PolynomialMap.fit(X, Y, 1, layout.penalties)
+            moved = local_level(Y - first.mean(X), trajectory)
+            level, zero = moved.samples, moved.last
+            linear = PolynomialMap.fit(X, Y - level, 1, layout.penalties)
+            groups = _stretches(trajectory)
+        left = Y - level - (0.0 if linear is None else linear.mean(X))
+        inducing = settings.inducing or layout.inducing
+        regressor = SparseGPR(
+            n_inducing=inducing,
+            n_variance=min(inducing, VARIANCE_POINTS if linear else POSE_VARIANCE_POINTS),
+            feature_groups=layout.inputs,
+            output_groups=layout.targets,
+            random_state=settings.seed,
+        )
+        chosen = X[:, layout.smooth]
+        regressor.fit(chosen, left, groups=groups, times=time, progress=progress)
+        regressor, left_out = learn_inflation(regressor, chosen, left, folds_of(trajectory), groups, time, progress)
+        learned = GPMap(linear, layout.smooth, regressor.predictor_, regressor.statistics_)
+        return Fitted(learned, replace(left_out, errors=left_out.errors + level), zero)
+
+
+@dataclass(frozen=True, eq=False)
+class LocalLevel:
+    """How a level moved from trajectory to trajectory.
+
+    Parameters
+    ----------
+    samples : (n, m) array
+        At each sample, smoothed from both sides.
+    last : (m,) array
+        Where it stands in the end, relative to its mean.
+    """
+
+    samples: FloatArray
+    last: FloatArray
+
+
+def local_level(errors: FloatArray, trajectory: IntArray) -> LocalLevel:
+    """Return the part of errors that moves with time: a local level model of each trajectory's mean.
+
+    In its steady form (Durbin and Koopman 2012, Sec. 2.1) that is exponential smoothing, whose gain is chosen by how
+    well it foretells the next trajectory. A level that holds still gets gain 0.
+
+    Parameters
+    ----------
+    errors : (n, m) array
+        Of trajectories in recorded order.
+    trajectory : (n,) int array
+        Their numbers.
+    """
+    _, first, number = np.unique(trajectory, return_index=True, return_inverse=True)
+    number = np.argsort(np.argsort(first))[number]
+    means = np.array([errors[number == k].mean(axis=0) for k in range(len(first))])
+    if len(means) < FEWEST_LEVELS:
+        return LocalLevel(np.zeros(errors.shape), np.zeros(errors.shape[1]))
+    columns = [(column, _gain(column)) for column in (means - means.mean(axis=0)).T]
+    paths = [(_levels(column, gain), _levels(column[::-1], gain)[::-1]) for column, gain in columns]
+    smooth = np.column_stack([(ahead + back) / 2 for ahead, back in paths])
+    return LocalLevel(smooth[number], np.array([ahead[-1] for ahead, _ in paths]))
+
+
+def _gain(means: FloatArray) -> float:
+    """Return the gain that foretells each next mean best; 0 unless it is clearly better than none."""
+    centred = means - means.mean()
+    warm = max(2, len(means) // 10)
+    squares = []
+    for gain in GAINS:
+        before = np.append(0.0, _levels(centred, gain)[:-1])
+        squares.append(float(np.mean((centred[warm:] - before[warm:]) ** 2)))
+    best = int(np.argmin(squares))
+    return GAINS[best] if squares[best] <= CLEARLY * squares[0] else 0.0
+
+
+def _levels(values: FloatArray, gain: float) -> FloatArray:
+    """Return exponentially smoothed values `(n,)`, from level 0."""
+    level, levels = 0.0, np.empty(len(values))
+    for k, value in enumerate(values):
+        level += gain * (value - level)
+        levels[k] = level
+    return levels
+
+
+def _stretches(trajectory: IntArray) -> IntArray:
+    """Return trajectories `(n,)`, cut further so that no stretch is longer than its share of the recording."""
+    longest = -(-len(trajectory) // FEWEST_STRETCHES)
+    begins = np.diff(trajectory, prepend=trajectory[:1] - 1) != 0
+    place = np.arange(len(trajectory))
+    inside = (place - np.maximum.accumulate(np.where(begins, place, 0))) % longest == 0
+    labels: IntArray = np.cumsum(begins | inside)
+    return labels

@@ -1,0 +1,99 @@
+"""What a learner is: samples in, a map from inputs to targets out, and what it predicts of samples it did not see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.settings import FitSettings
+from gpcorrect.calibration.split import folds_of
+from gpcorrect.gpr import LeftOut
+from gpcorrect.types import FloatArray, Progress
+
+__all__ = ["Fitted", "Learner", "TargetMap", "cross_predicted"]
+
+
+class TargetMap(Protocol):
+    """What was learned, as numbers: frozen, and made to be stored."""
+
+    @property
+    def extrapolates(self) -> bool:
+        """Whether it runs on outside its training inputs, and must be stopped at their edge."""
+        ...
+
+    def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """What a learner returns.
+
+    Parameters
+    ----------
+    learned : TargetMap or CableModel
+        From inputs, or a whole path, to targets.
+    left_out : LeftOut
+        Errors, promised deviations and novelties at the samples that may be learned from, each predicted without its
+        own fold.
+    zero : (m,) array or None
+        Where zeros that wander stood last; None for those that hold still.
+    """
+
+    learned: Any
+    left_out: LeftOut
+    zero: FloatArray | None = None
+
+
+class Learner(Protocol):
+    """A way to learn targets from inputs; a registry names each."""
+
+    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+        """Learn.
+
+        Parameters
+        ----------
+        samples : Samples
+            Those usable are learned from.
+        layout : Layout
+            How inputs and targets hang together.
+        settings : FitSettings
+            What the user said.
+        progress : Progress
+            Told how far the fit is.
+
+        Raises
+        ------
+        DataError
+            There are too few samples, or the task lacks what the learner needs.
+        """
+        ...
+
+
+def cross_predicted(learn: Callable[[Samples], TargetMap], samples: Samples, folds: int) -> LeftOut:
+    """Return what maps say of the usable samples that they were not fitted to.
+
+    Parameters
+    ----------
+    learn : callable
+        From samples to a map.
+    samples : Samples
+        Whose usable rows are predicted, neighbouring trajectories left out together.
+    folds : int
+        How many parts are left out in turn; with 1 only the last of four is, and the errors are of that part alone.
+    """
+    rows = samples.rows
+    labels = folds_of(samples.trajectory[rows])
+    errors, std = np.full((2, len(rows), samples.target.shape[1]), np.nan)
+    novelty = np.zeros(len(rows))
+    for fold in np.unique(labels)[-folds:]:
+        out = labels == fold
+        learned = learn(samples.without(rows[out]))
+        mean, std[out], novelty[out] = learned.predict(samples.X[rows[out]])
+        errors[out] = samples.target[rows[out]] - mean
+    return LeftOut(errors, std, novelty)

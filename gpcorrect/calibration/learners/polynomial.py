@@ -1,0 +1,131 @@
+"""Fixed offset, linear law and second-order polynomial: the simple learners, and the law before a Gaussian process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.learners.learner import Fitted, cross_predicted
+from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.types import FloatArray, Progress
+
+__all__ = ["Polynomial", "PolynomialMap", "Scaler"]
+
+RIDGE = 1e-6
+"""Penalty on squared weights, of the samples and for unit spreads: keeps columns that move together apart; by hand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scaler:
+    """Shift and spread of columns: `(x - centre) / spread`."""
+
+    centre: FloatArray
+    spread: FloatArray
+
+    @classmethod
+    def of(cls, values: FloatArray) -> Self:
+        """Return mean and standard deviation of `values` (n, d); a constant column keeps spread 1."""
+        spread = values.std(axis=0)
+        return cls(values.mean(axis=0), np.where(spread > 0, spread, 1.0))
+
+    def apply(self, values: FloatArray) -> FloatArray:
+        """Return scaled values `(..., d)`."""
+        scaled: FloatArray = (values - self.centre) / self.spread
+        return scaled
+
+
+@dataclass(frozen=True, eq=False)
+class PolynomialMap:
+    """Polynomial of degree 0, 1 or 2 in scaled inputs; its standard deviation is that of the training residuals.
+
+    Parameters
+    ----------
+    degree : int
+        0, 1 or 2.
+    scaler : Scaler
+        Of the inputs.
+    weights : (terms, m) array
+        Of 1, the inputs, and their products.
+    std : (m,) array
+        Of what is left in training.
+    """
+
+    degree: int
+    scaler: Scaler
+    weights: FloatArray
+    std: FloatArray
+
+    @classmethod
+    def fit(cls, X: FloatArray, Y: FloatArray, degree: int, penalties: FloatArray | None = None) -> Self:
+        """Return the ridge regression of targets on inputs.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        Y : (n, m) array
+            Targets.
+        degree : int
+            0, 1 or 2.
+        penalties : (d, m) array, optional
+            Penalties on squared weights of a linear law, in units of the samples and for unit spreads.
+        """
+        scaler = Scaler.of(X)
+        A = _terms(scaler.apply(X), degree)
+        if penalties is None:
+            penalties = np.full((A.shape[1] - 1, Y.shape[1]), RIDGE)
+        gram, right = A.T @ A, A.T @ Y
+        weights = np.empty(right.shape)
+        for j, penalty in enumerate(penalties.T):  # the offset is free
+            weights[:, j] = np.linalg.solve(gram + len(A) * np.diag(np.append(0.0, penalty)), right[:, j])
+        return cls(degree, scaler, weights, (Y - A @ weights).std(axis=0))
+
+    def mean(self, X: FloatArray) -> FloatArray:
+        """Return means `(n, m)` at inputs `(n, d)`."""
+        values: FloatArray = _terms(self.scaler.apply(X), self.degree) @ self.weights
+        return values
+
+    @property
+    def extrapolates(self) -> bool:
+        """Whether it runs on outside its training inputs: it does."""
+        return True
+
+    def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`."""
+        mean = self.mean(X)
+        return mean, np.broadcast_to(self.std, mean.shape), np.zeros(len(X))
+
+
+@dataclass(frozen=True)
+class Polynomial:
+    """The learner of :class:`PolynomialMap`.
+
+    Parameters
+    ----------
+    degree : int
+        0, 1 or 2.
+    """
+
+    degree: int
+
+    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+        """See :class:`Learner`."""
+
+        def learn(part: Samples) -> PolynomialMap:
+            return PolynomialMap.fit(*part.learnable(), self.degree)
+
+        return Fitted(learn(samples), cross_predicted(learn, samples, LIMITS.folds))
+
+
+def _terms(X: FloatArray, degree: int) -> FloatArray:
+    """Return 1, then the columns, then their products `(n, terms)`, up to `degree`."""
+    parts = [np.ones((len(X), 1))]
+    if degree >= 1:
+        parts.append(X)
+    if degree >= 2:
+        i, j = np.triu_indices(X.shape[1])
+        parts.append(X[:, i] * X[:, j])
+    return np.hstack(parts)

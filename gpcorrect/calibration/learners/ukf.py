@@ -1,0 +1,214 @@
+"""Unscented Kalman filter on an elastic-cable joint: the motor drags the joint through a spring, friction holds it.
+
+The state of a joint is its true position. Between samples the cable drags it when it is stretched by more than friction
+bears, `q' = clip(q, m - r, m + r)` about the corrected motor position m, and it moves with noise; the effort, where it
+is logged, tells the stretch: `tau = kappa (m - q) + tau_0`, with noise. Gap r, compliance and both noises are tuned on
+training data alone. A sample whose motor position or effort is missing is passed over, so the filter never sees a NaN.
+Julier and Uhlmann 1997; cable model after Haghighipanah et al. 2016, IROS, cut down to what encoders can tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.learners.learner import Fitted
+from gpcorrect.calibration.learners.polynomial import PolynomialMap
+from gpcorrect.calibration.settings import FitSettings
+from gpcorrect.errors import DataError
+from gpcorrect.gpr import LeftOut
+from gpcorrect.types import BoolArray, FloatArray, Progress
+
+__all__ = ["Cable", "CableFilter", "CableModel"]
+
+GAPS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
+"""Half gap over half the range, to choose from: up to the slack of the dVRK wrist recorded in `dvrk_random`."""
+PROCESS = (0.01, 0.1, 1.0)
+"""Standard deviation a step over that of the play's residual, to choose from."""
+TUNING_ROWS = 1500
+"""Samples that the process noise is tuned on: a pass of the filter over them takes a second."""
+LEAST_EXPLAINED = 0.05
+"""Part of the stretch's variance that the effort must explain to be a measurement; chosen by hand."""
+TINY = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class CableModel:
+    """Elastic cable of every joint.
+
+    Parameters
+    ----------
+    motor : PolynomialMap
+        From positions to the error that coupling, gain and offset make.
+    gap : (d,) array
+        Half gap, rad or m.
+    stretch_per_effort, stretch_at_rest : (d,) arrays
+        Stretch m - q for an effort: `compliance tau + rest`.
+    process, measurement : (d,) arrays
+        Standard deviations of the joint's step, and of the stretch that the effort shows; infinite where it shows
+        nothing.
+    """
+
+    motor: PolynomialMap
+    gap: FloatArray
+    stretch_per_effort: FloatArray
+    stretch_at_rest: FloatArray
+    process: FloatArray
+    measurement: FloatArray
+
+    def errors(self, samples: Samples) -> tuple[FloatArray, FloatArray]:
+        """Return what is to be added to the joints of a path `(n, d)`, and its standard deviation."""
+        motor, stretch = self.inputs(samples.path, samples.effort)
+        parts = [
+            _filtered(motor[:, j], stretch[:, j], samples.new, self.gap[j], self.process[j], self.measurement[j])
+            for j in range(motor.shape[1])
+        ]
+        mean, std = (np.column_stack(columns) for columns in zip(*parts, strict=True))
+        return mean - samples.path, std
+
+    def inputs(self, q: FloatArray, effort: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Return corrected motor positions and the stretch that efforts show `(n, d)`, NaN where they show nothing.
+
+        Parameters
+        ----------
+        q : (n, d) array
+            Joints, rad or m.
+        effort : (n, d) array or None
+            N m or N.
+        """
+        motor = np.full(q.shape, np.nan)
+        known = np.isfinite(q).all(axis=1)
+        motor[known] = q[known] + self.motor.mean(q[known])
+        if effort is None:
+            return motor, np.full(q.shape, np.nan)
+        stretch = self.stretch_per_effort * effort + self.stretch_at_rest
+        return motor, np.where(np.isfinite(self.measurement), stretch, np.nan)
+
+    def filters(self) -> list[CableFilter]:
+        """Return a filter for every joint, for a live path."""
+        noises = zip(self.gap.tolist(), self.process.tolist(), self.measurement.tolist(), strict=True)
+        return [CableFilter(*parts) for parts in noises]
+
+
+class Cable:
+    """The learner of :class:`CableModel`: so few numbers a joint that errors in training stand for left-out ones."""
+
+    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+        """See :class:`Learner`."""
+        if samples.path.shape[1] != samples.target.shape[1]:
+            raise DataError("the cable model (ukf) is of joints.", hint="Use: gpcorrect joint fit --method ukf")
+        samples.learnable()
+        rows = samples.rows
+        motor = PolynomialMap.fit(samples.path[rows], samples.target[rows], 1)
+        path = CableModel(motor, *np.zeros((5, samples.path.shape[1]))).inputs(samples.path, None)[0]
+        left = samples.path + samples.target - path
+        parts = [_tuned(samples, path[:, j], left[:, j], j) for j in range(path.shape[1])]
+        learned = CableModel(motor, *(np.array(column) for column in zip(*parts, strict=True)))
+        mean, std = learned.errors(samples)
+        return Fitted(learned, LeftOut((samples.target - mean)[rows], std[rows], np.zeros(len(rows))))
+
+
+def _tuned(data: Samples, motor: FloatArray, left: FloatArray, joint: int) -> tuple[float, float, float, float, float]:
+    """Gap, stretch law and noises of one joint."""
+    rows = data.rows
+    half = float(np.ptp(motor[rows])) / 2
+    lags = {share: _clipped(motor, share * half, data.new) - motor for share in GAPS}
+    gap = min(lags, key=lambda share: float(np.var(left[rows] - lags[share][rows])))
+    spread = max(float(np.std(left[rows] - lags[gap][rows])), TINY)
+    compliance, rest, measurement = _stretch_law(data, left, joint)
+    stretch = np.full(len(motor), np.nan)
+    if data.effort is not None and np.isfinite(measurement):
+        stretch = compliance * data.effort[:, joint] + rest
+    head = rows[:TUNING_ROWS]
+    first, last = int(head[0]), int(head[-1]) + 1
+    inside = head - first
+
+    def square(share: float) -> float:
+        new = data.new[first:last].copy()
+        new[0] = True
+        mean, _ = _filtered(motor[first:last], stretch[first:last], new, gap * half, share * spread, measurement)
+        return float(np.mean((mean[inside] - (motor + left)[head]) ** 2))
+
+    process = min(PROCESS, key=square) if np.isfinite(measurement) else PROCESS[0]
+    return gap * half, compliance, rest, process * spread, measurement
+
+
+def _stretch_law(data: Samples, left: FloatArray, joint: int) -> tuple[float, float, float]:
+    """Compliance, rest and noise of the stretch that the effort shows; infinite noise where it shows too little."""
+    if data.effort is None:
+        return 0.0, 0.0, np.inf
+    rows = data.rows
+    effort, stretch = data.effort[rows, joint], -left[rows]
+    known = np.isfinite(effort) & np.isfinite(stretch)
+    if known.sum() < 3 or np.ptp(effort[known]) == 0:
+        return 0.0, 0.0, np.inf
+    compliance, rest = np.polyfit(effort[known], stretch[known], 1)
+    noise = float(np.std(stretch[known] - compliance * effort[known] - rest))
+    explained = 1.0 - noise**2 / max(float(np.var(stretch[known])), TINY**2)
+    return float(compliance), float(rest), noise if explained > LEAST_EXPLAINED else np.inf
+
+
+def _clipped(motor: FloatArray, gap: float, new: BoolArray) -> FloatArray:
+    joint = motor.copy()
+    for t in range(1, len(motor)):
+        if not new[t]:
+            joint[t] = min(max(joint[t - 1], motor[t] - gap), motor[t] + gap)
+    return joint
+
+
+def _filtered(
+    motor: FloatArray, stretch: FloatArray, new: BoolArray, gap: float, process: float, measurement: float
+) -> tuple[FloatArray, FloatArray]:
+    """One joint through the filter. Where efforts tell nothing, the sigma points alone carry the play along."""
+    cable = CableFilter(gap, process, measurement)
+    steps = [cable.step(*sample) for sample in zip(motor.tolist(), stretch.tolist(), new.tolist(), strict=True)]
+    mean, std = np.array(steps).reshape(len(motor), 2).T
+    return mean, std
+
+
+class CableFilter:
+    """The filter of one joint, sample by sample.
+
+    Parameters
+    ----------
+    gap : float
+        Half gap, rad or m.
+    process, measurement : float
+        Standard deviations of the joint's step, and of the stretch that the effort tells; infinite where it tells
+        nothing.
+    """
+
+    def __init__(self, gap: float, process: float, measurement: float) -> None:
+        from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+
+        self._scale = max(gap, process, TINY)
+        self._drag, self._start = gap / self._scale, max(gap, process, TINY) / self._scale
+        self._motor = np.zeros(1)
+        points = MerweScaledSigmaPoints(1, alpha=0.5, beta=2.0, kappa=2.0)
+        self._ukf = UnscentedKalmanFilter(1, 1, 1.0, hx=self._stretch, fx=self._dragged, points=points)
+        self._ukf.Q[:] = (process / self._scale) ** 2
+        if np.isfinite(measurement):
+            self._ukf.R[:] = max(measurement / self._scale, TINY) ** 2
+
+    def step(self, motor: float, stretch: float, new: bool) -> tuple[float, float]:
+        """Return mean and standard deviation after one sample; NaN where the motor's position is not known."""
+        ukf = self._ukf
+        if not np.isfinite(motor):
+            return np.nan, np.nan
+        self._motor[0] = motor / self._scale
+        if new:
+            ukf.x, ukf.P = self._motor.copy(), np.array([[self._start**2]])
+        ukf.predict()  # a new path too: an update takes its sigma points from here
+        if np.isfinite(stretch):
+            ukf.update(np.array([stretch / self._scale]))
+        ukf.P = np.clip(ukf.P, TINY**2, max(self._drag, 1.0) ** 2 * 100.0)
+        return float(ukf.x[0]) * self._scale, float(np.sqrt(ukf.P[0, 0])) * self._scale
+
+    def _dragged(self, x: FloatArray, dt: float) -> FloatArray:
+        return np.clip(x, self._motor - self._drag, self._motor + self._drag)
+
+    def _stretch(self, x: FloatArray) -> FloatArray:
+        stretch: FloatArray = self._motor - x
+        return stretch

@@ -1,0 +1,191 @@
+"""Memory features: where in its slack the arm is, from what it was commanded so far.
+
+Cables rub and stretch, so a joint that comes from the left stands elsewhere than one that comes from the right. The
+states of play operators of several radii (the Prandtl-Ishlinskii model of hysteresis, Kuhnen 2003) say from where the
+path came. They act on the joints where the log tells them, for there the slack is; else on the tool's own axes.
+
+Slack follows the drive, and the drive follows the commands, which are known without noise: so the states are those that
+the commands up to the sample before left behind. Only the last step is the desired path's, for its command is what is
+asked for. (States of the path that a tracker saw drown in its noise where that is as large as the slack.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.calibration.joint_map import JointMap
+from gpcorrect.calibration.poses import rotations_of
+from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
+
+__all__ = ["History", "MemoryMap", "advance", "choose_memory", "play_states"]
+
+LADDER = (1.0, 3.0)  # radii over the smallest of them
+SMALLEST = (0.0125, 0.025, 0.05, 0.1, 0.2)  # smallest radius over half the range of training, to choose from
+RANGE_QUANTILES = (2.5, 97.5)
+LONGER_PATHS = 90  # percent: short paths do not show how far a coordinate goes
+LEAST_RANGE = 1e-6  # m or rad: a coordinate that never moves has a slack all the same
+RIDGE = 1e-3  # of the samples: only there so that features that do not vary leave the system solvable
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """Paths as the memory sees them, a row a sample: poses commanded, references asked for, and path `labels` (n,).
+
+    Both without orientation where the corrector has none.
+    """
+
+    command: PoseSignal
+    reference: PoseSignal
+    labels: IntArray
+
+    @classmethod
+    def of(cls, command: PoseSignal, reference: PoseSignal, labels: IntArray, *, orientation: bool) -> Self:
+        """Return the history, with orientations or without."""
+        if not orientation:
+            command, reference = PoseSignal(command.position), PoseSignal(reference.position)
+        return cls(command, reference, labels)
+
+
+@dataclass(frozen=True, eq=False)
+class MemoryMap:
+    """From a path to its memory features, all within [-1, 1].
+
+    Parameters
+    ----------
+    radii : (h, k) array
+        Half widths of the slacks, in the units of the k coordinates.
+    joints : JointMap or None
+        Gives the coordinates; None takes the tool's position and its turns about its own axes.
+    """
+
+    radii: FloatArray
+    joints: JointMap | None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radii", frozen_array(self.radii))
+
+    @property
+    def size(self) -> int:
+        """Number of features."""
+        return int(self.radii.size)
+
+    @property
+    def acts_on(self) -> str:
+        """What the slacks are in, in words."""
+        return "pose" if self.joints is None else "joints"
+
+    def steps(self, poses: PoseSignal) -> FloatArray:
+        """Return steps `(n, k)` of the coordinates from the row before; the first is zero."""
+        return _steps(self.joints, poses)
+
+    def transform(self, history: History) -> FloatArray:
+        """Return features `(n, h k)` of paths; every label is a path of its own, which starts amid the slack."""
+        left = play_states(self.steps(history.command), self.radii, history.labels)
+        states = np.zeros(left.shape)
+        states[1:] = advance(left[:-1], self.steps(history.reference)[1:, None], self.radii)
+        states[1:][history.labels[1:] != history.labels[:-1]] = 0.0
+        return self.features(states)
+
+    def features(self, states: FloatArray) -> FloatArray:
+        """Return features `(..., h k)` of states `(..., h, k)`."""
+        shares: FloatArray = (states / self.radii).reshape(*states.shape[:-2], -1)
+        return shares
+
+
+def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArray:
+    """Return the states `(h, k)` after one step `(k,)` of the path, for radii `(h, k)`.
+
+    The state of a play (Krasnosel'skii and Pokrovskii 1989, Sec. 2) is how far its output lags behind its input, `d = u
+    - w` in [-r, r]: the input moves freely inside the slack and drags the output at its edges, `d' = clip(d + du, -r,
+    r)`. Exact for an input that is monotone during the step; where the path was before never matters.
+    """
+    moved: FloatArray = np.clip(state + step, -radii, radii)
+    return moved
+
+
+def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray) -> FloatArray:
+    """Return the states `(n, h, k)` along paths with steps `(n, k)` from the row before, for radii `(h, k)`.
+
+    Every label `(n,)` is a path of its own: it starts in the middle of the slack, where nothing is known, and its first
+    step is not looked at.
+    """
+    states = np.zeros((len(steps), *radii.shape))
+    for i in range(1, len(steps)):
+        if labels[i] == labels[i - 1]:
+            states[i] = advance(states[i - 1], steps[i], radii)
+    return states
+
+
+def choose_memory(
+    candidates: Sequence[JointMap | None],
+    history: History,
+    errors: FloatArray,
+    folds: IntArray,
+    known: BoolArray,
+) -> MemoryMap:
+    """Choose coordinates and radii by what they explain, at trajectories left out, of another model's errors.
+
+    Parameters
+    ----------
+    candidates : sequence of JointMap or None
+        Coordinates to choose from.
+    history : History
+        Training paths.
+    errors : (n, m) array
+        Errors of a model without memory at samples that it was not fitted to.
+    folds : (n,) array
+        Which samples are left out together.
+    known : (n,) mask
+        Where the errors are known.
+    """
+    scaled = errors[known] / np.maximum(errors[known].std(axis=0), 1e-300)
+    maps = list(_maps(candidates, history))
+    squares = [_left_out_squares(m.transform(history)[known], scaled, folds[known]) for m in maps]
+    return maps[int(np.argmin(squares))]
+
+
+def _maps(candidates: Sequence[JointMap | None], history: History) -> Iterator[MemoryMap]:
+    for joints in candidates:
+        half_range = _half_range(_steps(joints, history.command), history.labels)
+        for smallest in SMALLEST:
+            yield MemoryMap(smallest * np.outer(LADDER, half_range), joints)
+
+
+def _half_range(steps: FloatArray, labels: IntArray) -> FloatArray:
+    """Half the range `(k,)` that the coordinates cover inside one of the longer paths."""
+    spans = []
+    for label in np.unique(labels):
+        path = np.cumsum(steps[labels == label][1:], axis=0)  # the first step leads here from another path
+        if len(path):
+            low, high = np.percentile(path, RANGE_QUANTILES, axis=0)
+            spans.append(high - low)
+    half: FloatArray = np.percentile(spans, LONGER_PATHS, axis=0) / 2
+    return np.maximum(half, LEAST_RANGE)
+
+
+def _steps(joints: JointMap | None, poses: PoseSignal) -> FloatArray:
+    position, rotations = poses.position, rotations_of(poses)
+    if joints is not None:
+        coordinates = joints(position, rotations)
+        return np.diff(coordinates, axis=0, prepend=coordinates[:1])
+    linear = np.diff(position, axis=0, prepend=position[:1])
+    if rotations is None:
+        return linear
+    before = np.concatenate([rotations[:1], rotations[:-1]])
+    return np.hstack([linear, se3.rotvec_from_matrix(np.swapaxes(before, -1, -2) @ rotations)])
+
+
+def _left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray) -> float:
+    """Mean square of Y `(n, m)` at left-out folds after a linear function of F `(n, d)` fitted to the others."""
+    A, total = np.hstack([F, np.ones((len(F), 1))]), 0.0
+    for fold in np.unique(folds):
+        out: BoolArray = folds == fold
+        inside = A[~out]
+        normal = inside.T @ inside + RIDGE * len(inside) * np.eye(A.shape[1])
+        total += float(((Y[out] - A[out] @ np.linalg.solve(normal, inside.T @ Y[~out])) ** 2).sum())
+    return total / Y.size

@@ -1,0 +1,205 @@
+"""The model file of every task: NumPy arrays plus a JSON header in one file; loading never runs code.
+
+The file is a NumPy `.npz` archive (a zip, so a truncated file has no directory and a flipped bit fails its CRC). Its
+`header` entry is JSON: schema, versions, the model's tree, the SHA-256 of every array, and answers that were recorded
+at save time and are asked again at load time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+import zlib
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TypeVar, overload
+
+import numpy as np
+
+from gpcorrect.atomic import atomic_path
+from gpcorrect.calibration.cartesian import CommandCorrector
+from gpcorrect.calibration.codec import pack, unpack
+from gpcorrect.calibration.joints import JointCorrector
+from gpcorrect.calibration.task import Corrector
+from gpcorrect.calibration.tool_position import PositionEstimator
+from gpcorrect.errors import ArtifactError
+from gpcorrect.types import FloatArray
+
+__all__ = ["SCHEMA", "TASKS", "load", "load_any", "model_hash", "read_parts", "refused", "save", "seal_of"]
+
+SCHEMA = 3
+"""3: one tree for every task, with region and bounds; 2 knew them for poses only, and its files are fitted anew."""
+TASKS: dict[str, type[Corrector]] = {t.TASK: t for t in (CommandCorrector, JointCorrector, PositionEstimator)}
+CHECK_TOLERANCE = 1e-7
+"""m and rad: far below any sensor, far above rounding between processors and precisions."""
+SLACK_BYTES = 1 << 20
+"""By which an archive may unpack to more than it is long: models are stored, not compressed, so more is an attack."""
+
+C = TypeVar("C", bound=Corrector)
+Arrays = dict[str, FloatArray]
+Header = dict[str, Any]
+
+
+def save(corrector: Corrector, path: str | Path) -> None:
+    """Write the model file atomically.
+
+    Parameters
+    ----------
+    corrector : Corrector
+        Of any task.
+    path : str or Path
+        File to write.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
+    """
+    model, arrays = pack(corrector, "model")
+    header = {
+        "model": model,
+        "check": corrector.check_answers().tolist(),
+        "kind": corrector.KIND,
+        "schema": SCHEMA,
+        "version": version("gpcorrect"),
+        "digests": {name: _digest(array) for name, array in arrays.items()},
+    }
+    header = {**header, "seal": seal_of(header)}
+    contents: dict[str, Any] = {"header": np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)}
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **contents, **arrays)
+
+
+@overload
+def load(path: str | Path) -> CommandCorrector: ...
+@overload
+def load(path: str | Path, kind: type[C]) -> C: ...
+def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
+    """Read a model file, verify it, and ask it what was asked when it was saved.
+
+    Parameters
+    ----------
+    path : str or Path
+        Model file.
+    kind : type
+        Task that it must be of; poses by default.
+
+    Raises
+    ------
+    ArtifactError
+        The file is missing, truncated, altered, of another schema or task, not a model file, or answers otherwise than
+        when it was saved.
+    """
+    header, arrays = read_parts(path)
+    if header["kind"] != kind.KIND:
+        found = next((name for name, task in TASKS.items() if header["kind"] == task.KIND), "nothing known")
+        raise ArtifactError(
+            f"model file {path} corrects {found}, and a model of {kind.TASK} is needed here.",
+            hint="See: gpcorrect models --help; joint models are made by `gpcorrect joint fit`, pose models by `fit`.",
+        )
+    try:
+        corrector = unpack(kind, header["model"], arrays)
+        given = corrector.check_answers()
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        raise refused(path, f"its contents do not form a model ({error})") from error
+    expected = np.array(header.get("check"))
+    if expected.shape != given.shape or not np.allclose(expected, given, rtol=0, atol=CHECK_TOLERANCE):
+        raise refused(path, "it answers its own check queries otherwise than when it was saved")
+    return corrector
+
+
+def load_any(path: str | Path) -> Any:
+    """Read a model file of whatever task; parameters and errors as for :func:`load`."""
+    header, _ = read_parts(path)
+    return load(path, next(task for task in TASKS.values() if header["kind"] == task.KIND))
+
+
+def read_parts(path: str | Path) -> tuple[Header, Arrays]:
+    """Read and verify header and arrays without building the model.
+
+    Parameters
+    ----------
+    path : str or Path
+        Model file.
+
+    Raises
+    ------
+    ArtifactError
+        As for :func:`load`.
+    """
+    contents = _read_archive(path)
+    if "header" not in contents:
+        raise refused(path, "it holds no header")
+    try:
+        header = json.loads(contents.pop("header").tobytes().decode())
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise refused(path, "its header is not JSON") from error
+    _check_header(path, header)
+    digests: dict[str, str] = header["digests"]
+    if set(digests) != set(contents):
+        raise refused(path, "arrays were added or removed")
+    changed = [name for name, array in contents.items() if _digest(array) != digests[name]]
+    if changed:
+        raise refused(path, f"array {changed[0]} was altered")
+    return header, contents
+
+
+def model_hash(path: str | Path) -> str:
+    """Return the SHA-256 of the whole model file, hexadecimal: the identity that a service reports."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def seal_of(header: Header) -> str:
+    """Return the SHA-256 of a header's own text, its `seal` left out: what shows that it was edited."""
+    text = json.dumps({name: value for name, value in header.items() if name != "seal"}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def refused(path: str | Path, why: str) -> ArtifactError:
+    """Return the error that says why a model file is not used."""
+    return ArtifactError(
+        f"model file {path} is refused: {why}.", hint="Copy it again from its source, or fit the model again."
+    )
+
+
+def _read_archive(path: str | Path) -> dict[str, Any]:
+    if not Path(path).is_file():
+        raise ArtifactError(f"there is no model file {path}.", hint="Fit one with: gpcorrect fit LOG --output MODEL")
+    try:
+        if not zipfile.is_zipfile(path):
+            raise refused(path, "it is truncated, or no model file at all")
+        with zipfile.ZipFile(path) as listing:
+            unpacked = sum(entry.file_size for entry in listing.infolist())
+        if unpacked > Path(path).stat().st_size + SLACK_BYTES:
+            raise refused(path, f"it would unpack to {unpacked / 1e6:.0f} MB, more than it is long")
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+        raise refused(path, "it is truncated or altered") from error
+
+
+def _check_header(path: str | Path, header: Any) -> None:
+    if not isinstance(header, dict) or header.get("kind") not in {task.KIND for task in TASKS.values()}:
+        raise refused(path, "it is not a model file of gpcorrect")
+    schema = header.get("schema")
+    if not isinstance(schema, int) or schema > SCHEMA:
+        raise ArtifactError(
+            f"model file {path} has schema {schema}; this version reads schema {SCHEMA}.",
+            hint=f"It was written by gpcorrect {header.get('version')}: upgrade, or fit the model again.",
+        )
+    if schema < SCHEMA:
+        raise ArtifactError(
+            f"model file {path} has schema {schema}, from before regions and bounds were part of every model.",
+            hint="Fit the model again.",
+        )
+    if header.get("seal") != seal_of(header):
+        raise refused(path, "its header was altered")
+    if not isinstance(header.get("digests"), dict):
+        raise refused(path, "it carries no digests")
+
+
+def _digest(array: FloatArray) -> str:
+    layout = f"{array.dtype.str}{array.shape}".encode()
+    return hashlib.sha256(layout + np.ascontiguousarray(array).tobytes()).hexdigest()

@@ -1,0 +1,313 @@
+"""A folder of models: which there are, which one is active, which were before; it survives a kill at any moment.
+
+    models/<SHA-256>.gpc    the files, named after what they hold: never written twice, never changed
+    store.json              names, order of arrival, active model and history of each kind
+
+A file enters under another name, is synced and renamed; `store.json` is replaced in one rename. So a reader finds the
+state of before or of after, whatever happens between, and a file that no state names is only a leftover.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.atomic import atomic_path, make_folder
+from gpcorrect.calibration.cartesian import CommandCorrector
+from gpcorrect.calibration.model_file import TASKS, load, model_hash, read_parts, refused
+from gpcorrect.errors import DataError, GpCorrectError
+from gpcorrect.types import FloatArray
+
+__all__ = ["Entry", "ModelStore", "compare", "kind_of"]
+
+SCHEMA = 1
+LONGEST_HISTORY = 50
+SHORTEST_PREFIX = 4
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One model: its name, the SHA-256 of its file, its task, and when it came (s since 1970)."""
+
+    id: str
+    hash: str
+    kind: str
+    added: float
+
+
+@dataclass(frozen=True)
+class _State:
+    models: tuple[Entry, ...] = ()
+    history: dict[str, tuple[str, ...]] = field(default_factory=dict)  # by kind: hashes, the active one last
+
+
+class ModelStore:
+    """The models of one arm.
+
+    Parameters
+    ----------
+    folder : path
+        Made at the first change.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+
+    def models(self) -> tuple[Entry, ...]:
+        """Return the models, oldest first.
+
+        Raises
+        ------
+        DataError
+            The folder holds another thing, or something of a newer version.
+        """
+        return self._read().models
+
+    def active(self, kind: str = "pose") -> Entry | None:
+        """Return the active model of a kind, None where none was activated yet."""
+        history = self.history(kind)
+        return history[-1] if history else None
+
+    def history(self, kind: str = "pose") -> tuple[Entry, ...]:
+        """Return the models that were active, the present one last."""
+        state = self._read()
+        by_hash = {entry.hash: entry for entry in state.models}
+        return tuple(by_hash[hash_] for hash_ in state.history.get(kind, ()))
+
+    def path(self, entry: Entry) -> Path:
+        """Return the file of a model."""
+        return self.folder / "models" / f"{entry.hash}.gpc"
+
+    def find(self, name: str) -> Entry:
+        """Return the model of this name (the newest of several), or whose hash begins so.
+
+        Raises
+        ------
+        DataError
+            There is none, or the beginning fits several.
+        """
+        models = self.models()
+        named = [entry for entry in models if entry.id == name]
+        if named:
+            return named[-1]
+        fitting = [entry for entry in models if len(name) >= SHORTEST_PREFIX and entry.hash.startswith(name)]
+        if len(fitting) == 1:
+            return fitting[0]
+        known = ", ".join(f"{entry.id} ({entry.hash[:12]})" for entry in models) or "none yet"
+        what = "names no model" if not fitting else "fits several models"
+        raise DataError(f"{name!r} {what} of {self.folder}.", hint=f"There are: {known}.")
+
+    def add(self, path: str | Path, *, now: float, name: str = "") -> Entry:
+        """Take a copy of a model file, verified and asked its check queries; one that is there already is only named.
+
+        Raises
+        ------
+        ArtifactError
+            The file is refused.
+        GpCorrectError
+            The store cannot be written.
+        """
+        kind = kind_of(path)
+        load(path, TASKS[kind])
+        entry = Entry(name or Path(path).stem, model_hash(path), kind, now)
+        with self._locked() as state:
+            target = self.path(entry)
+            if not target.exists():
+                with _writing(target), atomic_path(target) as temporary:
+                    shutil.copyfile(path, temporary)
+            kept = tuple(one for one in state.models if one.hash != entry.hash)
+            self._write(replace(state, models=(*kept, entry)))
+        return entry
+
+    def activate(self, entry: Entry, *, verified: bool = False) -> None:
+        """Make a model the active one of its kind; its file is verified and asked its check queries first.
+
+        Parameters
+        ----------
+        entry : Entry
+        verified : bool
+            Whether the caller has just read and verified it: then it is not read again.
+
+        Raises
+        ------
+        ArtifactError
+            The file is refused; the active model stays.
+        GpCorrectError
+            The store cannot be written; the active model stays.
+        """
+        if not verified:
+            self.verified(entry)
+        with self._locked() as state:
+            history = state.history.get(entry.kind, ())
+            if history[-1:] != (entry.hash,):
+                changed = {**state.history, entry.kind: (*history, entry.hash)[-LONGEST_HISTORY:]}
+                self._write(replace(state, history=changed))
+
+    def rollback(self, kind: str = "pose") -> Entry:
+        """Make the model active again that was before the present one, and return it.
+
+        Raises
+        ------
+        DataError
+            There was none before.
+        """
+        before = self.previous(kind)
+        self.verified(before)
+        with self._locked() as state:
+            shorter = state.history[kind][:-1]
+            self._write(replace(state, history={**state.history, kind: shorter}))
+        return before
+
+    def previous(self, kind: str = "pose") -> Entry:
+        """Return the model that was active before the present one; raises as :meth:`rollback`."""
+        history = self.history(kind)
+        if len(history) < 2:
+            raise DataError(
+                f"there is no model of kind {kind} to go back to in {self.folder}.", hint="See: gpcorrect models list"
+            )
+        return history[-2]
+
+    def verified(self, entry: Entry) -> Any:
+        """Return the model of an entry, its file read whole, verified, and asked its check queries.
+
+        Raises
+        ------
+        ArtifactError
+            The file is refused, or is not the one that was added.
+        """
+        path = self.path(entry)
+        model = load(path, TASKS[entry.kind])
+        if model_hash(path) != entry.hash:
+            raise refused(path, "it is not the file that was added under this hash")
+        return model
+
+    def _read(self) -> _State:
+        path = self.folder / "store.json"
+        try:
+            stored = json.loads(path.read_text())
+        except FileNotFoundError:
+            return _State()
+        except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise DataError(f"{path} cannot be read ({error}).", hint="Name the folder of a model store.") from error
+        try:
+            if stored["schema"] > SCHEMA:
+                raise DataError(f"{path} has schema {stored['schema']}; this version reads up to {SCHEMA}.")
+            models = tuple(Entry(**entry) for entry in stored["models"])
+            return _State(models, {kind: tuple(hashes) for kind, hashes in stored["history"].items()})
+        except (KeyError, TypeError, AttributeError) as error:
+            raise DataError(f"{path} is not the state of a model store ({error}).") from error
+
+    def _write(self, state: _State) -> None:
+        stored = {"schema": SCHEMA, "models": [asdict(entry) for entry in state.models], "history": state.history}
+        target = self.folder / "store.json"
+        with _writing(target), atomic_path(target) as temporary:
+            temporary.write_text(json.dumps(stored, indent=2))
+        _sync_folder(self.folder)
+
+    @contextmanager
+    def _locked(self) -> Iterator[_State]:
+        """Give the state that no other process changes until the block ends."""
+        make_folder(self.folder / "models")
+        with _writing(self.folder), (self.folder / ".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield self._read()
+
+
+def kind_of(path: str | Path) -> str:
+    """Return the task of a model file: a key of :data:`gpcorrect.calibration.TASKS`.
+
+    Parameters
+    ----------
+    path : str or Path
+        Model file.
+
+    Raises
+    ------
+    ArtifactError
+        It is no model file, or damaged.
+    """
+    header, _ = read_parts(path)
+    return next(name for name, task in TASKS.items() if header["kind"] == task.KIND)
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise GpCorrectError(
+            f"cannot write {path}: {error.strerror}. The active model stays.", hint="Make room, or change the rights."
+        ) from error
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make a rename last through a power cut."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def compare(store: ModelStore, one: Entry, other: Entry) -> dict[str, Any]:
+    """Return what two models say differently of themselves, and how far apart their commands are.
+
+    Returns
+    -------
+    dict
+        `differs`: by name, what the one and what the other says; `commands`: distances (mm, deg) on the recorded check
+        queries of both, for models of poses.
+
+    Raises
+    ------
+    ArtifactError
+        A file is refused.
+    DataError
+        They are not of one kind.
+    """
+    if one.kind != other.kind:
+        raise DataError(f"{one.id} corrects {one.kind}, {other.id} {other.kind}: they cannot be compared.")
+    models = [store.verified(entry) for entry in (one, other)]
+    left, right = (_flat(model.summary) for model in models)
+    names = [name for name in (*left, *(n for n in right if n not in left)) if left.get(name) != right.get(name)]
+    found: dict[str, Any] = {"differs": {name: (left.get(name), right.get(name)) for name in names}}
+    if one.kind == "pose":
+        found["commands"] = _commands_apart(*models)
+    return found
+
+
+def _flat(summary: Any, prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in summary.items():
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return flat
+
+
+def _commands_apart(one: CommandCorrector, other: CommandCorrector) -> dict[str, float]:
+    queries = np.vstack([one.check_queries, other.check_queries])
+    size = 7 if one.has_orientation and other.has_orientation else 3
+    pairs = [(one.correct(q[:7], q[7:]), other.correct(q[:7], q[7:])) for q in queries]
+    apart = np.linalg.norm([np.array(a.position) - np.array(b.position) for a, b in pairs], axis=1)
+    turned = [_angle(a.quaternion, b.quaternion) for a, b in pairs if size == 7]
+    return {
+        "queries": len(queries),
+        "mean_mm": 1e3 * float(apart.mean()),
+        "max_mm": 1e3 * float(apart.max()),
+        "max_deg": float(np.degrees(max(turned, default=0.0))),
+    }
+
+
+def _angle(one: FloatArray | None, other: FloatArray | None) -> float:
+    if one is None or other is None:
+        return 0.0
+    chord = min(float(np.linalg.norm(one - other)), float(np.linalg.norm(one + other)))
+    return 4.0 * float(np.arcsin(min(1.0, chord / 2)))

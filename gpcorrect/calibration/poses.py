@@ -1,0 +1,128 @@
+"""Observed poses of a log, the commands that led there, their velocities, and the reference G(x) of the residual."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.errors import LogError
+from gpcorrect.rigid import RigidModel
+from gpcorrect.robust import MAD_TO_STD
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.velocity import segment_labels, twists
+
+__all__ = ["observed_twists", "pose_pair", "reference_twists", "rotations_of", "stencil_step"]
+
+NOISE_SHARE = 0.03  # of the typical speed that noise may add to a velocity
+WIDEST = 0.06  # s: a wider stencil blurs reversals, where friction acts
+STENCIL_GAIN = np.sqrt(130.0) / 12.0  # five-point stencil: standard deviation of a derivative, times step over noise
+THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # standard deviation of third differences of white noise of unit size
+STRIDE = 5  # samples over which a speed is measured: noise counts little, curvature too
+
+
+def rotations_of(signal: PoseSignal) -> FloatArray | None:
+    """Rotation matrices `(n, 3, 3)` of a signal, NaN where a sample is missing; None when it holds positions only."""
+    if signal.quaternion is None:
+        return None
+    rotations = np.full((len(signal), 3, 3), np.nan)
+    finite = np.isfinite(signal.quaternion).all(axis=1)
+    rotations[finite] = se3.matrix_from_quaternion(signal.quaternion[finite])
+    return rotations
+
+
+def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, step: float | None) -> FloatArray:
+    """Return twists of an observed path, never across a rejected sample or a gap; static poses are at rest.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        n samples.
+    signal : PoseSignal
+        Its observed poses.
+    keep : (n,) mask
+        Samples that are not rejected.
+    step : float or None
+        Of the stencil, s.
+
+    Returns
+    -------
+    (n, 6) array
+        m/s and rad/s; NaN where there is none.
+    """
+    if log.static:
+        return np.zeros((len(log), 6))
+    labels = segment_labels(log.time, log.trajectory, keep & signal.finite)
+    return twists(log.time, signal.position, rotations_of(signal), labels, step)
+
+
+def reference_twists(rigid: RigidModel, rotations: FloatArray | None, twist: FloatArray) -> FloatArray:
+    """Twists `(n, 6)` of the references, from those of the observed poses with rotations `(n, 3, 3)`.
+
+    The lever arm turns with the body: `v = R_position (v_obs + w_obs x R_obs offset)`, `w = R_left w_obs`.
+    """
+    linear, angular = twist[..., :3], twist[..., 3:]
+    if rotations is not None and rigid.needs_orientation:
+        linear = linear + _cross(angular, rotations @ rigid.offset)
+    return np.concatenate([linear @ rigid.R_position.T, angular @ rigid.R_left.T], axis=-1)
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross products of rows: np.cross without its checks, which take a quarter of a query."""
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
+
+
+def pose_pair(log: CalibrationLog) -> tuple[PoseSignal, PoseSignal]:
+    """Return (observed, command): `tracker_cp` and `setpoint_cp`, both without orientation when one of them has none.
+
+    Raises
+    ------
+    LogError
+        One of the signals is missing, or the log is empty.
+    """
+    missing = [name for name in ("tracker_cp", "setpoint_cp") if getattr(log, name) is None]
+    if missing or log.tracker_cp is None or log.setpoint_cp is None:
+        raise LogError(
+            f"learning needs tracker_cp and setpoint_cp; missing: {', '.join(missing)}. "
+            f"Present: {', '.join(log.signals) or 'none'}.",
+            hint="Name the columns in a mapping file: --columns map.toml",
+            path=log.name,
+        )
+    if len(log) == 0:
+        raise LogError("the log holds no samples.", path=log.name)
+    observed, command = log.tracker_cp, log.setpoint_cp
+    if observed.quaternion is None or command.quaternion is None:
+        return PoseSignal(observed.position), PoseSignal(command.position)
+    return observed, command
+
+
+def stencil_step(log: CalibrationLog) -> float | None:
+    """Return the stencil step, s, that keeps noise below a share of the speed; None where neighbouring samples do.
+
+    The noise of the tracker is read off third differences of its positions, which the motion itself hardly enters at
+    the rates where noise matters.
+    """
+    if log.tracker_cp is None or len(log) <= STRIDE:
+        return None
+    runs = [log.tracker_cp.position[rows] for _, rows in log.trajectories() if len(rows) > STRIDE]
+    steps = [np.diff(log.time[rows]) for _, rows in log.trajectories() if len(rows) > STRIDE]
+    if not runs:
+        return None
+    sample = float(np.median(np.concatenate(steps)))
+    noise = MAD_TO_STD / THIRD_DIFFERENCE_GAIN * _median_size([np.diff(p, 3, axis=0) for p in runs])
+    speed = _median_norm([p[STRIDE:] - p[:-STRIDE] for p in runs]) / (STRIDE * sample)
+    if not speed > 0:
+        return None
+    step = min(STENCIL_GAIN * noise / (NOISE_SHARE * speed), WIDEST)
+    return step if step > sample else None
+
+
+def _median_size(parts: list[FloatArray]) -> float:
+    values = np.abs(np.concatenate(parts))
+    return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0
+
+
+def _median_norm(parts: list[FloatArray]) -> float:
+    values = np.linalg.norm(np.concatenate(parts), axis=1)
+    return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0

@@ -1,0 +1,127 @@
+"""Check a query once, at the edge: finite, unit quaternion, the right numbers in the right order."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gpcorrect.calibration.one_pose import LARGEST
+from gpcorrect.errors import DataError
+from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray, PoseSignal
+
+__all__ = ["bad_query", "checked_poses", "checked_times", "pose_numbers", "pose_rows", "twist_numbers"]
+
+POSE, POSITION, TWIST = 7, 3, 6
+
+
+def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
+    """Return a copy of one pose as `(7,)`, or `(3,)` where a position-only model was given no more.
+
+    Only the length is looked at; what the numbers are is looked at where they are used, see :func:`bad_query`.
+
+    Raises
+    ------
+    DataError
+        Wrong length.
+    """
+    values = np.array(pose, dtype=np.float64)
+    if values.shape != (POSE,) and (orientation or values.shape != (POSITION,)):
+        checked_poses(values[None], orientation=orientation)
+    return values
+
+
+def pose_rows(poses: PoseSignal) -> FloatArray:
+    """Return poses as `(n, 7)`, or `(n, 3)` without orientation."""
+    return poses.position if poses.quaternion is None else np.hstack([poses.position, poses.quaternion])
+
+
+def twist_numbers(twist: ArrayLike | None) -> FloatArray:
+    """Return a copy of a twist as `(6,)`: m/s, then rad/s; three numbers are a linear velocity, None is at rest.
+
+    Raises
+    ------
+    DataError
+        Wrong length.
+    """
+    if twist is None:
+        return np.zeros(TWIST)
+    values = np.array(twist, dtype=np.float64)
+    if values.shape == (POSITION,):
+        values = np.concatenate([values, np.zeros(TWIST - POSITION)])
+    if values.shape != (TWIST,):
+        raise DataError(f"a twist is 6 numbers (vx vy vz wx wy wz), got an array of shape {values.shape}.")
+    return values
+
+
+def bad_query(pose: FloatArray, twist: FloatArray) -> DataError:
+    """Return what is wrong with a query of the right lengths that cannot be answered."""
+    if not np.isfinite(twist).all():
+        return DataError(
+            "the twist holds a number that is not finite.", hint="Leave the twist out where it is not known."
+        )
+    if (np.abs(twist) > LARGEST).any():
+        return DataError(f"the twist holds {np.abs(twist).max():.3g}.", hint="Twists are m/s and rad/s.")
+    try:
+        checked_poses(pose[None], orientation=len(pose) == POSE)
+    except DataError as error:
+        return error
+    return DataError("the pose cannot be mapped.")
+
+
+def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
+    """Return poses as `(n, 7)` with normalised quaternions, or `(n, 3)` for a position-only model.
+
+    A position-only model takes poses with an orientation too, and keeps the orientation for the caller.
+
+    Raises
+    ------
+    DataError
+        Wrong length, not finite, absurdly far away, or a quaternion that is not a unit quaternion.
+    """
+    values = np.array(poses, dtype=np.float64)
+    if values.ndim != 2 or values.shape[1] not in (POSITION, POSE):
+        raise DataError(
+            f"a pose is 7 numbers (x y z qw qx qy qz) or 3 (x y z), got an array of shape {values.shape[1:]}.",
+            hint="Give metres and a unit quaternion in the order w x y z.",
+        )
+    if orientation and values.shape[1] != POSE:
+        raise DataError(
+            "this model corrects orientations too and needs 7 numbers a pose, got 3.", hint="Add qw qx qy qz."
+        )
+    if not np.isfinite(values).all():
+        raise DataError("the pose holds a number that is not finite.", hint="Send only complete poses.")
+    if (np.abs(values[:, :POSITION]) > LARGEST).any():
+        raise DataError(
+            f"the pose lies {np.abs(values[:, :POSITION]).max():.3g} m from the origin.", hint="Positions are metres."
+        )
+    if values.shape[1] == POSE:
+        values[:, POSITION:] = _unit(values[:, POSITION:])
+    return values
+
+
+def _unit(quaternions: FloatArray) -> FloatArray:
+    norms = np.linalg.norm(quaternions, axis=1)
+    worst = int(np.argmax(np.abs(norms - 1)))
+    if abs(norms[worst] - 1) > QUATERNION_TOLERANCE:
+        raise DataError(
+            f"quaternion {worst} has norm {norms[worst]:.6g}, not 1.",
+            hint="The order is qw qx qy qz; normalise it first.",
+        )
+    unit: FloatArray = quaternions / norms[:, None]
+    return unit
+
+
+def checked_times(times: ArrayLike, count: int) -> FloatArray:
+    """Return the times of a path as `(count,)`, s.
+
+    Raises
+    ------
+    DataError
+        Wrong length, not finite, or not strictly increasing.
+    """
+    values = np.array(times, dtype=np.float64)
+    if values.shape != (count,):
+        raise DataError(f"a path of {count} poses needs {count} times, got an array of shape {values.shape}.")
+    if not np.isfinite(values).all() or (np.diff(values) <= 0).any():
+        raise DataError("the times of a path must be finite and strictly increasing.", hint="Times are seconds.")
+    return values

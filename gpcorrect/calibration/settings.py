@@ -1,0 +1,112 @@
+"""What a fit may be told, and the numbers that decide in every task."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from gpcorrect.cleaning import CleaningSettings
+from gpcorrect.rigid import MarkerOption
+
+__all__ = ["MEMORY", "Direction", "FitSettings", "Limits"]
+
+Direction = Literal["estimate", "command"]
+
+MEMORY = "memory"
+"""Name of the features that say where in its slack the arm is, in every task."""
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """What a fit of any task may be told; a task looks at what concerns it.
+
+    Parameters
+    ----------
+    method : str
+        A learner of :data:`gpcorrect.calibration.LEARNERS`.
+    features : tuple of str
+        What the learner sees; empty for the task's own choice. Poses: "pose" (or "euler": the angles of Mahler et al.
+        2014), "velocity", "memory". Joints and tool position: "position", "velocity", "effort", "memory", "state".
+    clean : bool
+        Reject faulty samples first.
+    cleaning : CleaningSettings
+        Limits of the cleaning.
+    time_offset : str
+        Clock of the outside sensor: "auto", "none", or seconds by which its stamps run ahead.
+    inducing : int or None
+        Points that the Gaussian process rests on; the task's own number when None.
+    layers : tuple of int
+        Widths of the network.
+    epochs : int
+        Passes of the network over the data.
+    seed : int
+        Seed of everything random.
+    rigid : bool
+        Poses: register frames first; without it the regression learns from the observed pose as it is.
+    marker : str
+        Poses: "none", "solve" or "auto": whether the marker may be away from the tool tip.
+    velocity_step : float, None or "auto"
+        Poses: step of the stencil on recorded paths, s, through all samples within two steps on either side; None takes
+        five neighbouring samples, "auto" a step that keeps the tracker's noise out of the velocities.
+    input_signal : str or None
+        Joints: "measured_jp" or "setpoint_jp"; the first that is logged when None.
+    direction : str
+        Joints: "estimate" (from reported to true) or "command" (from desired true to commanded).
+    end_to_end : bool
+        Joints: learn the true positions themselves, not the error.
+    extra : tuple of str
+        Tool position: extra columns of the log that belong to the state.
+    """
+
+    method: str = "gp"
+    features: tuple[str, ...] = ()
+    clean: bool = True
+    cleaning: CleaningSettings = field(default_factory=CleaningSettings)
+    time_offset: str = "auto"
+    inducing: int | None = None
+    layers: tuple[int, ...] = (100, 100)
+    epochs: int = 200
+    seed: int = 0
+    rigid: bool = True
+    marker: MarkerOption = "auto"
+    velocity_step: float | Literal["auto"] | None = "auto"
+    input_signal: Literal["measured_jp", "setpoint_jp"] | None = None
+    direction: Direction = "estimate"
+    end_to_end: bool = False
+    extra: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Numbers that decide whether a log is learned from, and how far an answer may go.
+
+    Parameters
+    ----------
+    fewest_samples : int
+        Complete samples below which nothing is learned: fewer do not fill one fold of four with a motion.
+    headroom : float
+        Largest believed correction over the largest in training: a query between training poses may need a little more
+        than any of them. Chosen by hand; half of it (no headroom) cut 0.1 % of held-out simulated answers.
+    range_quantiles : pair of float
+        Per cent of each input in training between which its range lies: a few wild velocities do not widen it.
+    margin : float
+        Share of an input's range that a query may lie beyond it. Chosen by hand.
+    folds : int
+        Parts of neighbouring trajectories that are left out in turn.
+    piece_seconds : float
+        Length of the pieces, s, whose errors are ranked against each other when a model's age is judged.
+    pause_steps, pause_seconds : float
+        A wait longer than so many usual steps, and than so many seconds, ends a path: anything may have happened.
+    """
+
+    fewest_samples: int = 20
+    headroom: float = 1.5
+    range_quantiles: tuple[float, float] = (0.5, 99.5)
+    margin: float = 0.5
+    folds: int = 4
+    piece_seconds: float = 20.0
+    pause_steps: float = 20.0
+    pause_seconds: float = 1.0
+
+
+LIMITS = Limits()

@@ -1,0 +1,267 @@
+"""What a task must say of itself, and what every fitted corrector can do.
+
+A task says which signals it compares, which samples and inputs it makes of a log, and how a residual becomes an answer.
+Cleaning, clocks, splits, learners, regions, bounds, intervals, streams and files are written elsewhere, once.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from gpcorrect.calibration.dataset import Layout, Samples, pieces, scores_by_piece
+from gpcorrect.calibration.law import Law
+from gpcorrect.calibration.metrics import Z95, coverage
+from gpcorrect.calibration.settings import FitSettings
+from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, fit_cleaner
+from gpcorrect.gpr import LeftOut
+from gpcorrect.logs.sync import Clocks, match_clocks
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
+
+__all__ = ["Corrector", "LearnLaw", "Measured", "Outcome", "Part"]
+
+LearnLaw = Callable[[Samples, Layout], tuple[Law, LeftOut]]
+
+
+class Part(NamedTuple):
+    """Error components that are quoted together: name, unit, columns, and what one m or rad is in that unit."""
+
+    name: str
+    unit: str
+    columns: tuple[int, ...]
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a task learned of a log.
+
+    Parameters
+    ----------
+    corrector : Corrector
+        Without a summary yet.
+    samples : Samples
+        What was learned from.
+    left_out : LeftOut
+        Errors at the usable samples, each predicted without its own fold.
+    report : mapping
+        What the task says of its fit, JSON-able.
+    remarks : tuple of str
+        What a person should know.
+    registration : Any
+        Which rigid model was chosen and why, of tasks that register frames.
+    """
+
+    corrector: Corrector
+    samples: Samples
+    left_out: LeftOut
+    report: Mapping[str, Any]
+    remarks: tuple[str, ...] = ()
+    registration: Any = None
+
+    @property
+    def baseline(self) -> FloatArray:
+        """Scores of left-out pieces of the training, beside which a model's age is judged."""
+        rows = self.samples.rows
+        interval95 = self.corrector.scoring_law.intervals.interval95(self.left_out.std)
+        labels = pieces(self.samples.time[rows], self.samples.trajectory[rows])
+        return scores_by_piece(self.left_out.errors * Z95 / interval95, labels)
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """How far off each method is on n samples of a log: before, after the simplest remedy, and corrected.
+
+    Parameters
+    ----------
+    raw, registered, corrected : (n, m) arrays
+        Errors, m or rad; NaN where not measured.
+    interval95 : (n, m) array
+        Half widths of the corrected method's 95 % intervals.
+    in_domain : (n,) mask
+        Whether the sample lies near training data.
+    speed : (n,) array
+        Linear speed, m/s, of tasks whose errors are shown over it; NaN otherwise.
+    rows : (n,) int array
+        Rows of the log that were measured.
+    time, trajectory : (n,) arrays
+        Of those rows.
+    """
+
+    raw: FloatArray
+    registered: FloatArray
+    corrected: FloatArray
+    interval95: FloatArray
+    in_domain: BoolArray
+    speed: FloatArray
+    rows: IntArray
+    time: FloatArray
+    trajectory: IntArray
+
+    def of(self, method: str) -> FloatArray:
+        """Return the errors `(n, m)` of a method by its name: raw, corrected, or that of the simplest remedy."""
+        return {"raw": self.raw, "corrected": self.corrected}.get(method, self.registered)
+
+    @property
+    def coverage95(self) -> FloatArray:
+        """(m,) share of errors inside their 95 % intervals, a component each; NaN where not measured."""
+        return coverage(self.corrected, self.interval95)
+
+    @property
+    def scores(self) -> FloatArray:
+        """Scores of pieces, about 1 while the model holds; samples outside the training region are not counted."""
+        ratio = self.corrected * Z95 / self.interval95
+        known = np.isfinite(ratio).any(axis=0)
+        ratio = np.where(self.in_domain[:, None], ratio, np.nan)[:, known]
+        return scores_by_piece(ratio, pieces(self.time, self.trajectory))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Corrector(ABC):
+    """A fitted model of any task; it changes nothing, so threads may share it.
+
+    Parameters
+    ----------
+    law : Law
+        What was learned, with its safeguards.
+    cleaner : FittedCleaner
+        The training's thresholds for classifying samples of other logs.
+    summary : mapping
+        Frames, units, features, fit report: what the model says of itself.
+    """
+
+    KIND: ClassVar[str]
+    """Of the model file."""
+    TASK: ClassVar[str]
+    """"pose", "joints" or "tool_position"."""
+    METHODS: ClassVar[tuple[str, str, str]] = ("raw", "rigid", "corrected")
+    """Names, in reports, of the three methods that are measured."""
+
+    law: Law
+    cleaner: FittedCleaner
+    summary: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    @abstractmethod
+    def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
+        """Return the outside sensor's signal and the robot's that are compared; refuse what cannot be learned from.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            To be learned from.
+        settings : FitSettings
+            What the user said.
+
+        Raises
+        ------
+        LogError
+            One is missing, or no sample has both.
+        """
+
+    @classmethod
+    @abstractmethod
+    def learn(
+        cls, log: CalibrationLog, keep: BoolArray, cleaner: FittedCleaner, settings: FitSettings, learn_law: LearnLaw
+    ) -> Outcome:
+        """Learn from a clean log on one clock.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples.
+        keep : (n,) mask
+            Samples that are not rejected.
+        cleaner : FittedCleaner
+            What rejected the others.
+        settings : FitSettings
+            What the user said.
+        learn_law : callable
+            From samples and their layout to a law and what it says of left-out samples.
+
+        Raises
+        ------
+        LogError, DataError, DegenerateError
+            The log does not determine a model.
+        """
+
+    @abstractmethod
+    def samples(self, log: CalibrationLog, keep: BoolArray) -> Samples:
+        """Return a log as the law sees it.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples.
+        keep : (n,) mask
+            Samples that are not rejected.
+
+        Raises
+        ------
+        LogError, DataError
+            A signal is missing, or is not what the model was trained with.
+        """
+
+    @abstractmethod
+    def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
+        """Return errors on the samples `keep` (n,) of a log.
+
+        Raises
+        ------
+        LogError
+            A signal is missing, or no sample can be measured.
+        """
+
+    @abstractmethod
+    def error_table(self, errors: FloatArray) -> Any:
+        """Return errors `(n, m)` as people quote them, JSON-able."""
+
+    @abstractmethod
+    def check_answers(self) -> FloatArray:
+        """Return answers to recorded or made queries, by which a file is tried at load."""
+
+    def parts(self, m: int) -> tuple[Part, ...]:
+        """Return which of m error components are quoted together, in which unit.
+
+        Parameters
+        ----------
+        m : int
+            3 for positions, 6 for poses.
+        """
+        position = Part("position", "mm", (0, 1, 2), 1e3)
+        return (position,) if m == 3 else (position, Part("rotation", "deg", (3, 4, 5), float(np.rad2deg(1.0))))
+
+    @property
+    def scoring_law(self) -> Law:
+        """The law that answers where the path is known."""
+        return self.law
+
+    def on_one_clock(self, log: CalibrationLog, mode: str) -> tuple[CalibrationLog, Clocks]:
+        """Return the log with the outside sensor on the robot's clock.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            Holds both signals.
+        mode : str
+            As for :func:`gpcorrect.logs.sync.match_clocks`.
+        """
+        return match_clocks(log, self.cleaner.pair.observed, self.cleaner.pair.command, mode)
+
+    def clean(self, log: CalibrationLog) -> CleaningReport:
+        """Classify the samples of another log by the training's thresholds."""
+        return clean_with(self.cleaner, log)
+
+    def clean_afresh(self, log: CalibrationLog) -> CleaningReport:
+        """Classify the samples of another log by thresholds of its own: the arm may have changed since the training."""
+        return fit_cleaner(
+            log, self.cleaner.settings, rng=np.random.default_rng(0), pair=self.cleaner.pair, rigid=self.cleaner.rigid
+        )[1]
+
+    def info(self) -> dict[str, Any]:
+        """Return what the model says of itself; JSON-able."""
+        return dict(self.summary)

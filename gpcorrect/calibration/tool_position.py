@@ -1,0 +1,283 @@
+"""Tool position: where the tool really is, from the robot's own state, learned from a tracker (Peng et al. 2020)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.calibration.dataset import Samples
+from gpcorrect.calibration.joint_features import JointFeatures
+from gpcorrect.calibration.joint_path import JointPath, joint_path, state_columns, usual_steps
+from gpcorrect.calibration.joint_view import joint_layout
+from gpcorrect.calibration.law import Prediction
+from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.calibration.stream import ToolStream
+from gpcorrect.calibration.task import Corrector, LearnLaw, Measured, Outcome
+from gpcorrect.cleaning import TOOL, FittedCleaner, Pair
+from gpcorrect.correction import Correction, Reason
+from gpcorrect.errors import DataError, LogError
+from gpcorrect.rigid import RigidModel, fit_position
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
+
+__all__ = ["PositionEstimator", "ToolView"]
+
+INDUCING = 400
+CHECK_SAMPLES = 8
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ToolView:
+    """What of a log the estimator looks at, and what it is to predict.
+
+    Parameters
+    ----------
+    registration : RigidModel
+        From the tracker's frame to the base: as the log states it, or the best rigid motion of the training.
+    features : JointFeatures
+        What the law looks at.
+    state_names : tuple of str
+        Columns of the whole state; empty for a law that does not look at it.
+    extra : tuple of str
+        Extra columns of the log in it.
+    """
+
+    registration: RigidModel
+    features: JointFeatures
+    state_names: tuple[str, ...]
+    extra: tuple[str, ...]
+
+    def of_log(self, log: CalibrationLog, keep: BoolArray, *, needs_truth: bool = True) -> tuple[FloatArray, Samples]:
+        """Return the reported positions `(n, 3)` and the samples of a log.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples.
+        keep : (n,) mask
+            Samples that are not rejected.
+        needs_truth : bool
+            Whether there must be a tracker.
+
+        Raises
+        ------
+        LogError, DataError
+            A signal is missing, or the log's state has other columns than the training's.
+        """
+        path = _path_of(log, self.features.kinds, self.extra)
+        reported, seen = _positions(log, needs_truth=needs_truth)
+        error = np.full(reported.shape, np.nan)
+        if seen is not None:
+            error = self.registration.apply(PoseSignal(seen)).position - reported
+        return reported, self.samples(path, log, error, keep)
+
+    def samples(self, path: JointPath, log: CalibrationLog, error: FloatArray, keep: BoolArray) -> Samples:
+        """Return the samples of a path whose positions are off by `error` (n, 3), NaN where unknown."""
+        X = self.features.transform(path)
+        usable = keep & np.isfinite(X).all(axis=1) & np.isfinite(error).all(axis=1)
+        nothing = np.zeros(error.shape)
+        return Samples(
+            log.time, log.trajectory, log.session, path.new, X, error, nothing, usable, np.zeros((len(X), 0))
+        )
+
+    @staticmethod
+    def answer(reported: FloatArray, prediction: Prediction) -> Correction:
+        """Return reported positions `(n, 3)` corrected as a law says."""
+        position = reported + prediction.residual
+        missing = ~np.isfinite(position).all(axis=1)
+        return Correction(
+            position=position,
+            quaternion=None,
+            joints=None,
+            std=prediction.std,
+            interval95=prediction.interval95,
+            reasons=prediction.reasons | np.where(missing, int(Reason.MISSING), 0),
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PositionEstimator(Corrector):
+    """What was learned of one arm's position error; needs no tracker afterwards.
+
+    Parameters
+    ----------
+    view : ToolView
+        What of a log goes in.
+    rigid : RigidModel
+        The best rigid motion of the training, from the tracker's frame to the base.
+    usual_step, shortest_step : float
+        Time between samples in training, s: what a pause is, and over what a velocity is taken.
+    """
+
+    KIND: ClassVar[str] = "gpcorrect.position_estimator"
+    TASK: ClassVar[str] = "tool_position"
+
+    view: ToolView
+    rigid: RigidModel
+    usual_step: float
+    shortest_step: float
+
+    @classmethod
+    def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
+        """See :class:`Corrector`."""
+        _positions(log)
+        if log.measured_jp is None:
+            raise LogError(f"the estimator needs measured_jp; the log has {', '.join(log.signals)}.", path=log.name)
+        return TOOL
+
+    def correct_log(self, log: CalibrationLog) -> Correction:
+        """Return estimated positions along a recorded path, base frame, n rows.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples; needs no tracker.
+
+        Raises
+        ------
+        LogError, DataError
+            A signal is missing, or the log's state has other columns than the training's.
+        """
+        reported, samples = self.view.of_log(log, np.ones(len(log), dtype=bool), needs_truth=False)
+        return self.view.answer(reported, self.law.predict(samples))
+
+    def stream(self) -> ToolStream:
+        """Return an estimator of one sample at a time, which remembers where in its slack the arm is."""
+        return ToolStream(self)
+
+    def samples(self, log: CalibrationLog, keep: BoolArray) -> Samples:
+        """Return a log as the law sees it; `keep` (n,) are samples that are not rejected."""
+        return self.view.of_log(log, keep)[1]
+
+    def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
+        """See :class:`Corrector`.
+
+        Raw is what the robot reports, with the frames as the log states them (`tracker_base` in its sidecar), or after
+        the best rigid motion of the training where it does not; registered is after that motion always.
+        """
+        reported, samples = self.view.of_log(log, keep)
+        answer = self.view.answer(reported, self.law.predict(samples))
+        assert answer.position is not None
+        rows = np.flatnonzero(samples.usable & np.isfinite(answer.position).all(axis=1))
+        if rows.size == 0:
+            raise LogError("no sample has a state and a label.", path=log.name)
+        seen = _positions(log)[1]
+        assert seen is not None
+        return Measured(
+            raw=samples.target[rows],
+            registered=(self.rigid.apply(PoseSignal(seen)).position - reported)[rows],
+            corrected=(reported + samples.target - answer.position)[rows],
+            interval95=answer.interval95[rows],
+            in_domain=answer.in_domain[rows],
+            speed=np.full(len(rows), np.nan),
+            rows=rows,
+            time=log.time[rows],
+            trajectory=log.trajectory[rows],
+        )
+
+    def error_table(self, errors: FloatArray) -> Any:
+        """See :class:`Corrector`: RMS and SD (about the mean, axis by axis), in mm."""
+        mm = 1e3 * errors
+        rms, sd = np.sqrt(np.mean(mm**2, axis=0)), mm.std(axis=0)
+        return {
+            "rms_mm": float(np.linalg.norm(rms)),
+            "sd_mm": float(np.linalg.norm(sd)),
+            "rms_axes_mm": rms.tolist(),
+            "sd_axes_mm": sd.tolist(),
+        }
+
+    def check_answers(self) -> FloatArray:
+        """See :class:`Corrector`: along a short swing through the middle of the training range, all else at zero."""
+        features, n = self.view.features, CHECK_SAMPLES
+        swing = np.sin(np.linspace(0.0, 2.0 * np.pi, n))[:, None] * features.half
+        state = np.zeros((n, features.n_state))
+        time, session = np.arange(n, dtype=np.float64), np.zeros(n, dtype=np.int64)
+        path = joint_path(time, session, features.centre + swing, np.zeros(swing.shape), state)
+        prediction = self.law.predict_rows(features.transform(path))
+        return np.nan_to_num(np.hstack([prediction.residual, prediction.std]))
+
+    @classmethod
+    def learn(
+        cls, log: CalibrationLog, keep: BoolArray, cleaner: FittedCleaner, settings: FitSettings, learn_law: LearnLaw
+    ) -> Outcome:
+        """See :class:`Corrector`."""
+        reported, seen = _positions(log)
+        assert seen is not None
+        kinds = settings.features or _default_features(log, settings)
+        path = _path_of(log, kinds, settings.extra)
+        known = np.isfinite(path.q).all(axis=1) & np.isfinite(seen).all(axis=1) & np.isfinite(reported).all(axis=1)
+        rows = np.flatnonzero(keep & known)
+        if rows.size < LIMITS.fewest_samples:
+            raise DataError(
+                f"an estimator needs at least {LIMITS.fewest_samples} complete samples to learn from, got {rows.size}.",
+                hint="Look at what is wrong with the recording: gpcorrect validate LOG",
+            )
+        rigid = fit_position(PoseSignal(seen[rows]), PoseSignal(reported[rows]))
+        registration = _stated_frame(log) or rigid
+        error = registration.apply(PoseSignal(seen)).position - reported
+        features = JointFeatures.learn(kinds, path, error, rows)
+        names = state_columns(log, settings.extra)[0] if "state" in kinds else ()
+        view = ToolView(registration=registration, features=features, state_names=names, extra=settings.extra)
+        samples = view.samples(path, log, error, keep)
+        law, left_out = learn_law(samples, joint_layout(features, 3, owned=False, inducing=INDUCING))
+        report = {"method": settings.method, "features": list(features.kinds), "state_numbers": features.n_state}
+        remarks = features.remarks(range(1, path.q.shape[1] + 1))
+        usual, shortest = usual_steps(path)
+        corrector = cls(law=law, cleaner=cleaner, view=view, rigid=rigid, usual_step=usual, shortest_step=shortest)
+        return Outcome(corrector, samples, left_out, report, remarks)
+
+
+def _default_features(log: CalibrationLog, settings: FitSettings) -> tuple[str, ...]:
+    """Return the whole state for the network, joints, slack and efforts otherwise."""
+    if settings.method == "network":
+        return ("state",)
+    effort = log.measured_jf is not None and bool(np.isfinite(log.measured_jf).any())
+    memory = () if log.static else ("memory",)
+    return ("position", *(("effort",) if effort else ()), *memory)
+
+
+def _path_of(log: CalibrationLog, kinds: tuple[str, ...], extra: tuple[str, ...]) -> JointPath:
+    if log.measured_jp is None:
+        raise LogError(f"the estimator needs measured_jp; the log has {', '.join(log.signals)}.", path=log.name)
+    state = state_columns(log, extra)[1] if "state" in kinds else None
+    path = joint_path(log.time, log.session, log.measured_jp, log.measured_jf, state)
+    if not log.static:
+        return path
+    return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))
+
+
+def _positions(log: CalibrationLog, *, needs_truth: bool = True) -> tuple[FloatArray, FloatArray | None]:
+    """Return reported positions and those that the tracker saw `(n, 3)`; coasting rows of `vision track` are unseen.
+
+    Raises
+    ------
+    LogError
+        A signal is missing.
+    """
+    if log.measured_cp is None:
+        raise LogError(f"the estimator needs measured_cp; the log has {', '.join(log.signals)}.", path=log.name)
+    if log.tracker_cp is None:
+        if needs_truth:
+            raise LogError(
+                "the estimator learns from tracker_cp, which the log lacks.",
+                hint="Track the tool: gpcorrect vision track",
+                path=log.name,
+            )
+        return log.measured_cp.position, None
+    status = log.extra.get("tracking_status")
+    seen = (
+        log.tracker_cp.position if status is None else np.where(status[:, None] == 0, log.tracker_cp.position, np.nan)
+    )
+    return log.measured_cp.position, seen
+
+
+def _stated_frame(log: CalibrationLog) -> RigidModel | None:
+    """Return the motion from the tracker's frame to the base that the log states (`tracker_base`), if it does."""
+    stated = log.meta.tracker_base
+    if stated is None:
+        return None
+    T_base_tracker = se3.invert(se3.pose(se3.matrix_from_rotvec(np.array(stated[3:])), np.array(stated[:3])))
+    R = T_base_tracker[:3, :3]
+    return RigidModel("position", R_position=R, t=T_base_tracker[:3, 3], R_left=R)

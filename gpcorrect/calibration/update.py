@@ -1,0 +1,211 @@
+"""New observations into a fitted model, without its old data and without growing: the sums that it rests on go on.
+
+Points and hyperparameters stay; the sums over samples (:class:`gpcorrect.gpr.Statistics`) of old and new data are
+added, the old ones weighted by what predicts left-out new trajectories best, so that a robot that changed is followed
+and one that did not loses nothing. Intervals are calibrated anew on left-out new trajectories.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gpcorrect.calibration.cartesian import CommandCorrector
+from gpcorrect.calibration.dataset import Samples
+from gpcorrect.calibration.domain import Bounds, Domain
+from gpcorrect.calibration.evaluate import Evaluation, evaluate_model
+from gpcorrect.calibration.law import Law
+from gpcorrect.calibration.learners import GPMap
+from gpcorrect.calibration.split import folds_of, split_log
+from gpcorrect.calibration.task import Corrector
+from gpcorrect.errors import DataError
+from gpcorrect.gpr import IntervalCalibration, Predictor, Statistics
+from gpcorrect.gpr.statistics import statistics_of, updated
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, Progress
+
+__all__ = ["KEEPS", "Update", "update_model"]
+
+KEEPS = (1.0, 0.5, 0.2, 0.05)  # weights of the old data to choose from
+WORTH_FORGETTING = 1.02  # old data lose weight only where that lowers the squared error by more than this
+ENOUGH = 5  # new trajectories from which intervals are calibrated on them alone
+TOLERATED = 0.01  # relative growth of a held-out error that is not called worse
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """An updated model and what it changed.
+
+    Parameters
+    ----------
+    corrector : Corrector
+        Learned from the old data and those of `log` that were not held out.
+    keep : float
+        Weight that the old data kept: 1 all of it.
+    n_added : int
+        Samples added.
+    unseen : float
+        Share of the prior variance at the new samples that the model's points cannot see: large when the new motion
+        went where the training never was, which needs a new fit.
+    before, after : Evaluation or None
+        Old and new model on the held-out trajectories of the new log; None when nothing was held out.
+    """
+
+    corrector: Corrector
+    keep: float
+    n_added: int
+    unseen: float
+    before: Evaluation | None
+    after: Evaluation | None
+
+    @property
+    def worse(self) -> tuple[str, ...]:
+        """Parts ("position", "joint 2") whose held-out error grew."""
+        if self.before is None or self.after is None:
+            return ()
+        old, new = self.before.clean.corrected, self.after.clean.corrected
+        grown = []
+        for part in self.corrector.parts(new.shape[1]):
+            before, after = (np.sqrt(np.nanmean(errors[:, part.columns] ** 2)) for errors in (old, new))
+            grown += [part.name] if after > (1 + TOLERATED) * before else []
+        return tuple(grown)
+
+
+def update_model(
+    corrector: Corrector, log: CalibrationLog, *, holdout: float = 0.2, progress: Progress | None = None
+) -> Update:
+    """Add the observations of a log, and measure old and new model on trajectories of it that were held out.
+
+    Parameters
+    ----------
+    corrector : Corrector
+        Whose laws are Gaussian processes.
+    log : CalibrationLog
+        New observations.
+    holdout : float
+        Share of its trajectories to measure on.
+    progress : Progress, optional
+        Told how far the update is.
+
+    Raises
+    ------
+    LogError
+        The log lacks signals, or too few trajectories to hold one out.
+    DataError
+        The model's method cannot take more data.
+    """
+    train, test = split_log(log, holdout)
+    progress = progress or Progress()
+    # By its own thresholds: the training's would reject an arm that changed.
+    keep = corrector.clean_afresh(train).keep
+    with threadpool_limits(limits=1):
+        samples = corrector.samples(train, keep)
+        law, weight, unseen = _learn(corrector.law, samples, progress)
+        changed = replace(corrector, law=law)
+        if isinstance(corrector, CommandCorrector) and corrector.memory is not None:
+            samples = corrector.samples(train, keep, with_memory=True)
+            law, weight, unseen = _learn(corrector.memory.law, samples, progress)
+            changed = replace(corrector, law=changed.law, memory=replace(corrector.memory, law=law))
+    n = len(samples.rows)
+    entry = {"source": log.name, "sha256": log.digest, "n_added": n, "keep": weight}
+    summary = {**corrector.summary, "updates": [*corrector.summary.get("updates", []), entry]}
+    changed = replace(changed, summary=summary)
+    if test is None:
+        return Update(changed, weight, n, unseen, None, None)
+    cleaning = corrector.clean_afresh(test)
+    before, after = (evaluate_model(c, test, cleaning) for c in (corrector, changed))
+    return Update(changed, weight, n, unseen, before, after)
+
+
+def _learn(law: Law, samples: Samples, progress: Progress) -> tuple[Law, float, float]:
+    """Return the law that learned from the samples too, the weight of the old data, and what points cannot see."""
+    learned = law.learned
+    if not isinstance(learned, GPMap):
+        raise DataError("only Gaussian processes take more data.", hint="Fit again: --method gp")
+    X, target = samples.learnable()
+    correction = target - samples.origin[samples.rows]
+    left = target - law.zero - (0.0 if learned.linear is None else learned.linear.mean(law.inputs(X)))
+    part = _Part(learned.predictor, law.intervals, learned.statistics)
+    chosen, trajectory = X[:, learned.columns], samples.trajectory[samples.rows]
+    fresh, weight, unseen = part.with_samples(chosen, left, trajectory, progress)
+    bounded = len(law.domain.low)
+    grown = Domain.of(X[:, :bounded], np.zeros(bounded), law.domain.novelty, correction)
+    changed = Law(
+        learned=replace(learned, predictor=fresh.predictor, statistics=fresh.statistics),
+        intervals=fresh.intervals,
+        domain=law.domain.widened(grown),
+        bounds=law.bounds.widened(Bounds.of(correction, law.bounds.sizes)),
+        zero=law.zero,
+    )
+    return changed, weight, unseen
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """One learned residual: what an update changes of it."""
+
+    predictor: Predictor
+    intervals: IntervalCalibration
+    statistics: tuple[Statistics, ...]
+
+    def with_samples(
+        self, X: FloatArray, Y: FloatArray, trajectory: IntArray, progress: Progress
+    ) -> tuple[_Part, float, float]:
+        """Return the part that learned from the samples too, the weight of the old data, and what points cannot see."""
+        folds = folds_of(trajectory)
+        by_fold = [self._collected(X[folds == f], Y[folds == f]) for f in np.unique(folds)]
+        new = _sum(by_fold)
+        tries = []
+        for i, keep in enumerate(KEEPS):
+            tries.append(self._left_out(X, Y, folds, by_fold, new, keep))
+            progress.step("weight of the old data", (i + 1) / len(KEEPS))
+        squares = [float(((errors / Y.std(axis=0)) ** 2).mean()) for errors, _ in tries]
+        best = int(np.argmax(np.array(squares) <= WORTH_FORGETTING * min(squares)))  # the first: the largest weight
+        statistics = tuple(old.plus(added, KEEPS[best]) for old, added in zip(self.statistics, new, strict=True))
+        predictor = Predictor(tuple(map(updated, self.predictor.parts, statistics)))
+        intervals = self._calibrated(*tries[best], trajectory)
+        unseen = max(added.unseen(len(added.G)) for added in new)
+        return _Part(predictor, intervals, statistics), KEEPS[best], unseen
+
+    def _collected(self, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
+        found, first = [], 0
+        for part in self.predictor.parts:
+            columns = slice(first, first + len(part.offset))
+            found.append(statistics_of(part, X, Y[:, columns]))
+            first = columns.stop
+        return tuple(found)
+
+    def _left_out(
+        self,
+        X: FloatArray,
+        Y: FloatArray,
+        folds: IntArray,
+        by_fold: Sequence[tuple[Statistics, ...]],
+        new: tuple[Statistics, ...],
+        keep: float,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Errors and standard deviations `(n, m)` at new samples, those of the same fold left out."""
+        errors, std = np.empty(Y.shape), np.empty(Y.shape)
+        for fold, own in zip(np.unique(folds), by_fold, strict=True):
+            rows = folds == fold
+            rest = [old.plus(a.minus(b), keep) for old, a, b in zip(self.statistics, new, own, strict=True)]
+            predictor = Predictor(tuple(map(updated, self.predictor.parts, rest)))
+            mean, std[rows], _ = predictor.mean_std_batch(X[rows])
+            errors[rows] = Y[rows] - mean
+        return errors, std
+
+    def _calibrated(self, errors: FloatArray, std: FloatArray, trajectory: IntArray) -> IntervalCalibration:
+        """Intervals that hold on new trajectories; with few of them never narrower than the old ones."""
+        fresh = IntervalCalibration.fit(errors, std, trajectory)
+        if len(np.unique(trajectory)) >= ENOUGH:
+            return fresh
+        return IntervalCalibration(np.maximum(fresh.factor, self.intervals.factor))
+
+
+def _sum(by_fold: Sequence[tuple[Statistics, ...]]) -> tuple[Statistics, ...]:
+    total = by_fold[0]
+    for more in by_fold[1:]:
+        total = tuple(a.plus(b) for a, b in zip(total, more, strict=True))
+    return total

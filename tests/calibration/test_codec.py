@@ -1,0 +1,68 @@
+"""Trees of dataclasses survive being taken apart and put together."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from gpcorrect.calibration.codec import pack, unpack
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Leaf:
+    weights: FloatArray
+    scale: float
+
+
+@dataclass(frozen=True)
+class Bud:
+    size: float
+
+
+class Flower(Bud):
+    """A kind of bud."""
+
+
+@dataclass(frozen=True)
+class Tree:
+    tip: Leaf | Bud
+    bloom: Bud
+    leaf: Leaf
+    leaves: tuple[Leaf, ...]
+    absent: Leaf | None
+    pair: tuple[float, str]
+    limit: float | None = None
+
+
+def make_tree() -> Tree:
+    leaves = tuple(Leaf(np.arange(i + 1.0), float(i)) for i in range(3))
+    return Tree(Bud(0.5), Flower(2.0), leaves[2], leaves, None, (0.1, "x"), 3.5)
+
+
+def test_a_tree_comes_back_through_json_as_it_was() -> None:
+    """Every number, text, None and array is the same after JSON."""
+    data, arrays = pack(make_tree(), "tree")
+    back = unpack(Tree, json.loads(json.dumps(data)), arrays)
+    assert back.pair == (0.1, "x")
+    assert back.absent is None
+    assert back.limit == 3.5
+    assert back.tip == Bud(0.5)
+    assert isinstance(back.bloom, Flower)
+    assert [leaf.weights.tolist() for leaf in back.leaves] == [[0.0], [0.0, 1.0], [0.0, 1.0, 2.0]]
+    assert not back.leaf.weights.flags.writeable
+
+
+def test_missing_arrays_and_foreign_fields_are_refused() -> None:
+    """Nothing is made up: a lost array or another set of fields is an error."""
+    data, arrays = pack(make_tree(), "tree")
+    with pytest.raises(DataError, match=r"tree\.leaf\.weights is missing"):
+        unpack(Tree, data, {k: v for k, v in arrays.items() if k != "tree.leaf.weights"})
+    with pytest.raises(DataError, match="is none of"):
+        unpack(Tree, {**data, "tip": {"type": "Root", "size": 1.0}}, arrays)
+    with pytest.raises(DataError, match="does not have the fields"):
+        unpack(Tree, {**data, "more": 1}, arrays)

@@ -1,0 +1,210 @@
+"""Joint calibration: every learner, both directions, zeros, files, bad logs, and answers far outside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from joint_logs import joint_log
+from support import real_data
+
+from gpcorrect.calibration import (
+    LEARNERS,
+    Experiment,
+    FitSettings,
+    HoldOut,
+    JointCorrector,
+    load,
+    run_experiment,
+    save,
+)
+from gpcorrect.calibration.learners.network import NetworkMap
+from gpcorrect.errors import ArtifactError, DataError, DegenerateError, LogError
+from gpcorrect.logs import read_log
+from gpcorrect.types import CalibrationLog, FloatArray
+
+LOG = joint_log(1, trajectories=6)
+
+
+@cache
+def fitted(method: str) -> Experiment:
+    """Return each method's experiment on the shared recording, done once."""
+    return fitted_to(LOG, method)
+
+
+def fitted_to(log: CalibrationLog, method: str, **changes: object) -> Experiment:
+    settings = FitSettings(method=method, inducing=100, **changes)  # type: ignore[arg-type]
+    return run_experiment(log, settings, task=JointCorrector)
+
+
+def rmse(experiment: Experiment, name: str = "corrected") -> FloatArray:
+    assert experiment.evaluation is not None
+    return np.array([row["rmse"] for row in experiment.evaluation.dirty_errors[name]], dtype=np.float64)
+
+
+def test_a_network_learns_a_smooth_function() -> None:
+    """A small network explains 95 % of a sine and a line."""
+    rng = np.random.default_rng(0)
+    X = rng.uniform(-1, 1, (500, 2))
+    Y = np.column_stack([np.sin(2 * X[:, 0]), X[:, 1]])
+    left = Y - NetworkMap.fit(X, Y, (30,), 2000, 0).predict(X)[0]
+    assert (left.var(axis=0) < 0.05 * Y.var(axis=0)).all()
+
+
+@pytest.mark.parametrize("method", LEARNERS)
+def test_a_saved_model_answers_as_before(method: str, tmp_path: Path) -> None:
+    """Every method is no worse than the fixed offset, and its file gives the same answers to the last bit."""
+    experiment = fitted(method)
+    assert (rmse(experiment) <= 1.02 * rmse(experiment, "fixed_offset")).all()
+    save(experiment.corrector, tmp_path / "m.gpc")
+    again = load(tmp_path / "m.gpc", JointCorrector).correct_log(LOG)
+    before = experiment.corrector.correct_log(LOG)
+    for name in ("joints", "std", "interval95", "reasons"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(before, name))
+
+
+@pytest.mark.parametrize("method", LEARNERS)
+def test_far_outside_every_answer_is_bounded_and_said_to_be_unknown(method: str) -> None:
+    """Of queries 1 to 100 training ranges outside, none is in domain and none corrects more than training justifies."""
+    corrector: JointCorrector = fitted(method).corrector
+    rng = np.random.default_rng(0)
+    centre, half = corrector.view.features.centre, corrector.view.features.half
+    q = centre + half * rng.uniform(-1, 1, (300, 3))
+    joint = rng.integers(0, 3, 300)
+    away = half[joint] * (1 + 2 * 10 ** rng.uniform(0, 2, 300)) * rng.choice([-1, 1], 300)
+    q[np.arange(300), joint] = centre[joint] + away
+    alone = [corrector.correct_path(row[None], [0.0], np.zeros((1, 3))) for row in q]
+    stream = [corrector.stream().correct(0.0, row, np.zeros(3)) for row in q]
+    for path, live, row in zip(alone, stream, q, strict=True):
+        assert not path.in_domain[0]
+        assert not live.in_domain
+        limit = corrector.law.bounds.largest + np.abs(corrector.law.zero) + 1e-12
+        assert (np.abs(path.joints[0] - row) <= limit).all()
+        assert (np.abs(live.joints - row) <= limit).all()
+        assert (live.std >= 0.99 * corrector.law.domain.spread).all()
+
+
+def test_memory_finds_what_the_polynomials_cannot() -> None:
+    """Without efforts, slack is seen by the regression with memory only."""
+    log = replace(LOG, measured_jf=None)
+    assert (rmse(fitted_to(log, "gp")) < 0.4 * rmse(fitted_to(log, "quadratic"))).all()
+
+
+def test_commands_lead_to_the_desired_joints() -> None:
+    """In the other direction, what to command for a desired true position is learned as well."""
+    log = replace(joint_log(1, trajectories=10), measured_jf=None)
+    back = fitted_to(log, "linear", direction="command")
+    assert (rmse(back) < 0.7 * rmse(back, "raw")).all()
+    with pytest.raises(DataError, match="effort"):
+        fitted_to(LOG, "linear", direction="command", features=("position", "effort"))
+
+
+def test_intervals_cover_held_out_motion() -> None:
+    """95 % intervals of each joint hold at least 85 % of the errors on trajectories never seen."""
+    gp = fitted("gp")
+    assert gp.evaluation is not None
+    assert (gp.evaluation.dirty.coverage95 > 0.85).all()
+
+
+def test_a_short_run_sets_a_new_zero() -> None:
+    """After a homing that moved joint 2, one minute brings the errors back, and says which joint moved."""
+    corrector: JointCorrector = fitted("gp").corrector
+    after = joint_log(2, trajectories=2, shift=0.02)
+    everything = np.ones(len(after), dtype=bool)
+    rows = corrector.zeros(after, corrector.measure(after, everything))
+    assert [row["moved"] for row in rows] == [False, True, False]
+    assert rows[1]["shift"] == pytest.approx(np.rad2deg(0.02), abs=0.2)
+    fresh = corrector.rezeroed(after)
+    other = joint_log(3, trajectories=2, shift=0.02)
+    left = [np.abs(c.measure(other, np.ones(len(other), bool)).corrected)[:, 1].mean() for c in (corrector, fresh)]
+    assert left[1] < 0.3 * left[0]
+
+
+def test_joints_that_never_move_are_left_as_they_are() -> None:
+    """The others are fitted; the still one is said to be, keeps its value, and away from its place nothing is known."""
+    q = np.array(LOG.measured_jp)
+    q[:, 1] = 1.0
+    experiment = fitted_to(replace(LOG, measured_jp=q), "linear")
+    corrector: JointCorrector = experiment.corrector
+    assert any("joint 2 never moves" in remark for remark in experiment.fit.remarks)
+    answer = corrector.correct_path(q[:50], LOG.time[:50], LOG.measured_jf[:50])
+    np.testing.assert_array_equal(answer.joints[:, 1], 1.0)
+    assert np.isnan(answer.std[:, 1]).all()
+    assert np.isfinite(answer.std[:, [0, 2]]).all()
+    moved = q[:50] + np.array([0.0, 0.3, 0.0])
+    assert not corrector.correct_path(moved, LOG.time[:50], LOG.measured_jf[:50]).in_domain.any()
+
+
+def test_planted_outliers_are_dropped() -> None:
+    """Faults of the outside encoder are rejected before the fit, and the errors stay what they are without them."""
+    rng = np.random.default_rng(4)
+    truth = np.array(LOG.external_jp)
+    bad = rng.choice(len(truth) * 4 // 5, 20, replace=False)
+    truth[bad] += rng.choice([-1, 1], (20, 1)) * np.array([0.3, 0.3, 0.03])
+    faulty, plain = fitted_to(replace(LOG, external_jp=truth), "linear"), fitted("linear")
+    assert not faulty.fit.cleaning.keep[bad].any()
+    assert (~faulty.fit.cleaning.keep).sum() < 40
+    assert (rmse(faulty) < 1.1 * rmse(plain)).all()
+
+
+def test_a_single_motion_is_held_out_in_blocks() -> None:
+    """A log of one trajectory is measured on its last fifth; by session it is measured on whole sessions."""
+    single = replace(LOG, trajectory=np.zeros(len(LOG), dtype=np.int64))
+    experiment = fitted_to(single, "linear")
+    assert experiment.test is not None
+    assert len(experiment.test) == pytest.approx(len(LOG) / 5, rel=0.05)
+    sessions = replace(LOG, session=(LOG.trajectory >= 3).astype(np.int64))
+    by_session = run_experiment(sessions, FitSettings(method="linear"), task=JointCorrector, by=HoldOut.SESSION)
+    assert by_session.test is not None
+    assert np.unique(by_session.test.session).tolist() == [1]
+
+
+def test_bad_logs_are_named() -> None:
+    """No motion at all, millimetres, a missing signal, no efforts: each is refused with its reason."""
+    q, truth = np.array(LOG.measured_jp), np.array(LOG.external_jp)
+    cases: list[tuple[type[Exception], str, CalibrationLog, dict[str, object]]] = [
+        (DegenerateError, "no joint ever moves", replace(LOG, measured_jp=np.ones(q.shape)), {}),
+        (LogError, "mm", replace(LOG, measured_jp=q * np.array([1, 1, 1e3])), {}),
+        (LogError, "external_jp", replace(LOG, external_jp=None), {}),
+        (LogError, "joints", replace(LOG, external_jp=truth[:, :2]), {}),
+        (DataError, "measured_jf", replace(LOG, measured_jf=None), {"features": ("position", "effort")}),
+    ]
+    for error, words, log, changes in cases:
+        with pytest.raises(error, match=words):
+            fitted_to(log, "linear", **changes)
+    with pytest.raises(DataError, match="one of"):
+        fitted("forest")
+
+
+def test_missing_numbers_are_passed_over() -> None:
+    """Samples without input or effort leave their answer empty or predicted, never the whole path."""
+    few = joint_log(1, trajectories=3)
+    effort = np.array(few.measured_jf)
+    effort[::7] = np.nan
+    q = np.array(few.measured_jp)
+    q[100:110] = np.nan
+    log = replace(few, measured_jf=effort, measured_jp=q)
+    for method in ("ukf", "gp"):
+        experiment = fitted_to(log, method)
+        answer = experiment.corrector.correct_log(log)
+        assert np.isfinite(answer.joints[120:140]).any()
+        assert (np.array(answer.status)[100:110] == "MISSING").all()
+        assert np.isfinite(rmse(experiment)).all()
+
+
+def test_another_file_is_no_joint_model(tmp_path: Path) -> None:
+    """Bytes that are no model are refused with the reason."""
+    (tmp_path / "m.gpc").write_bytes(b"nothing")
+    with pytest.raises(ArtifactError, match="refused"):
+        load(tmp_path / "m.gpc", JointCorrector)
+
+
+@pytest.mark.slow
+def test_real_wrist_is_better_than_every_reference() -> None:
+    """On a real arm, last fifth held out, every joint beats linear models with history and a plain regression."""
+    log = read_log(real_data("dvrk_random.csv"))
+    found = rmse(run_experiment(log, FitSettings(), task=JointCorrector))
+    assert (found < np.array([0.042, 0.035, 0.110, 1.36, 3.5, 2.5])).all()

@@ -1,0 +1,102 @@
+"""Zig-zags, their timing, and the other calibration motions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gpcorrect.calibration import (
+    DIRECTIONS,
+    amplitude_ladder,
+    direction_named,
+    holds,
+    random_sinusoids,
+    random_sweeps,
+    speed_ladder,
+    timed,
+    zigzag,
+)
+from gpcorrect.calibration.zigzags import Direction, rotation_to
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray
+
+LIMITS = np.array([[0.35, 1.05], [0.96, 1.92], [0.33, 0.42]])
+SPEED = np.array([0.09, 0.09, 0.02])
+
+
+def normalised(corners: FloatArray) -> FloatArray:
+    return (corners - LIMITS.mean(axis=1)) / np.ptp(LIMITS, axis=1)
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+@pytest.mark.parametrize("sparsity", [2, 4, 5])
+def test_every_direction_sweeps_the_same_volume_about_the_same_centre(direction: Direction, sparsity: int) -> None:
+    """Turned back, every zig-zag fills the cube of side 1/sqrt 3 about the middle of the range."""
+    u = normalised(zigzag(direction, sparsity, LIMITS)) @ rotation_to(direction)
+    np.testing.assert_allclose(u.min(axis=0), -0.5 / np.sqrt(3), atol=1e-12)
+    np.testing.assert_allclose(u.max(axis=0), 0.5 / np.sqrt(3), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("direction", "reach"),
+    [("J1", 1 / (2 * np.sqrt(3))), ("J2-J3", np.sqrt(2) / (2 * np.sqrt(3)))],
+)
+def test_joints_that_move_together_reach_as_far_as_the_study_says(direction: Direction, reach: float) -> None:
+    """One joint reaches r / (2 sqrt 3), two sqrt 2 times that, three at most half the range."""
+    u = normalised(zigzag(direction, 4, LIMITS))
+    moving = [int(part[1]) - 1 for part in direction.split("-")]
+    assert np.abs(u[:, moving]).max() == pytest.approx(reach, rel=1e-9)
+    assert np.abs(normalised(zigzag("J1-J2-J3", 4, LIMITS))).max() <= 0.5 + 1e-12
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_stripes_run_along_the_direction_without_jumps(direction: Direction) -> None:
+    """Every stripe moves the named joints alike and no other; steps between stripes are one spacing long."""
+    steps = np.diff(normalised(zigzag(direction, 3, LIMITS)), axis=0)
+    along = np.array([f"J{i}" in direction for i in (1, 2, 3)]) / np.sqrt(direction.count("J"))
+    stripes = steps[::2] / np.linalg.norm(steps[::2], axis=1, keepdims=True)
+    np.testing.assert_allclose(np.abs(stripes @ along), 1.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(steps[1::2], axis=1), 1 / np.sqrt(3) / 3, atol=1e-12)
+
+
+@pytest.mark.parametrize("ramp", [0.01, 0.2, 5.0])
+def test_timing_keeps_every_speed_limit_and_meets_every_end(ramp: float) -> None:
+    """No step is faster than the limit, whatever the ramp, and the path starts and ends where the corners do."""
+    corners = zigzag("J1-J2", 2, LIMITS)
+    path = timed(corners, SPEED, 100.0, ramp)
+    assert (np.abs(np.diff(path.q, axis=0)) <= SPEED / 100.0 * (1 + 1e-9)).all()
+    np.testing.assert_allclose(path.q[[0, -1]], corners[[0, -1]], atol=1e-12)
+
+
+def test_a_sparser_zigzag_is_shorter() -> None:
+    """Duration grows with the number of stripes."""
+    durations = [timed(zigzag("J1", n, LIMITS), SPEED, 30.0).duration for n in (2, 3, 4, 5, 6)]
+    assert (np.diff(durations) > 0).all()
+
+
+def test_other_motions_stay_inside_limits_and_below_speeds() -> None:
+    """Sinusoids, ladders and holds keep to range and speed."""
+    rng = np.random.default_rng(3)
+    for path in (
+        random_sinusoids(LIMITS, SPEED, 60.0, 50.0, rng),
+        random_sweeps(LIMITS, SPEED / 2, SPEED, 60.0, 50.0, rng),
+        speed_ladder(LIMITS, SPEED, 50.0),
+        amplitude_ladder(LIMITS, SPEED, 50.0),
+        holds(LIMITS, SPEED, 50.0, rng, count=3, rest=1.0),
+    ):
+        assert (path.q >= LIMITS[:, 0] - 1e-12).all()
+        assert (path.q <= LIMITS[:, 1] + 1e-12).all()
+        assert (np.abs(np.diff(path.q, axis=0)) <= SPEED / 50.0 * (1 + 1e-9)).all()
+
+
+def test_wrong_requests_are_refused() -> None:
+    """An unknown direction, falling limits, no sparsity, no speed: each with a message."""
+    assert direction_named("j1-2-3") == "J1-J2-J3"
+    with pytest.raises(DataError, match="runs along one of"):
+        direction_named("J4")
+    with pytest.raises(DataError, match="three pairs"):
+        zigzag("J1", 2, LIMITS[:, ::-1])
+    with pytest.raises(DataError, match="sparsity"):
+        zigzag("J1", 0, LIMITS)
+    with pytest.raises(DataError, match="speed limits"):
+        timed(zigzag("J1", 2, LIMITS), np.zeros(3), 30.0)

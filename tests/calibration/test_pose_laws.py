@@ -1,0 +1,154 @@
+"""Laws of the corrector: what it must keep whatever it learned."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support import small_log
+
+from gpcorrect import se3
+from gpcorrect.calibration import CommandCorrector, FitSettings, evaluate_model, fit_corrector, fit_model
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray
+
+POSE = np.array([0.1, 0.0, -0.1, 1.0, 0.0, 0.0, 0.0])
+
+
+def path_of_poses() -> tuple[FloatArray, FloatArray]:
+    log = small_log(noise=0.0)
+    assert log.tracker_cp is not None
+    assert log.tracker_cp.quaternion is not None
+    return np.hstack([log.tracker_cp.position, log.tracker_cp.quaternion])[:60], log.time[:60]
+
+
+def test_the_planted_miss_is_learned(small_corrector: CommandCorrector) -> None:
+    """On other trajectories with the same miss the corrected error is below 5 % of the raw one."""
+    errors = evaluate_model(small_corrector, small_log(seed=1)).clean_errors
+    assert errors["corrected"]["position_mm"]["norm"]["rmse"] < 0.05 * errors["raw"]["position_mm"]["norm"]["rmse"]
+    assert errors["corrected"]["rotation_deg"]["norm"]["rmse"] < 0.2 * errors["raw"]["rotation_deg"]["norm"]["rmse"]
+
+
+def test_intervals_cover_the_errors_on_other_trajectories(small_corrector: CommandCorrector) -> None:
+    """Intervals calibrated on sixteen trajectories hold on sixteen others, give or take what so few can tell."""
+    shares = evaluate_model(small_corrector, small_log(seed=2)).clean.coverage95
+    assert (shares > 0.85).all()
+
+
+def test_a_path_is_its_poses_one_by_one(small_corrector: CommandCorrector) -> None:
+    """correct_path equals correct at each pose with the path's own velocity."""
+    poses, times = path_of_poses()
+    path = small_corrector.correct_path(poses, times)
+    velocity = np.gradient(poses[:, :3], times, axis=0)
+    assert path.quaternion is not None
+    for row in (0, 17, 59):
+        twist = _twist_at(poses, times, row)
+        one = small_corrector.correct(poses[row], twist)
+        np.testing.assert_allclose(one.position, path.position[row], atol=1e-9)
+        np.testing.assert_allclose(one.quaternion, path.quaternion[row], atol=1e-9)
+        np.testing.assert_allclose(one.std, path.std[row], rtol=1e-6)
+        assert one.in_domain == path.in_domain[row]
+    assert np.isfinite(velocity).all()
+
+
+def _twist_at(poses: FloatArray, times: FloatArray, row: int) -> FloatArray:
+    from gpcorrect.velocity import twists
+
+    return twists(times, poses[:, :3], se3.matrix_from_quaternion(poses[:, 3:]), np.zeros(len(times), dtype=int))[row]
+
+
+def test_q_and_minus_q_are_the_same_query(small_corrector: CommandCorrector) -> None:
+    """The sign of a quaternion changes nothing."""
+    flipped = np.concatenate([POSE[:3], -POSE[3:]])
+    first, second = (small_corrector.correct(p, np.zeros(6)) for p in (POSE, flipped))
+    np.testing.assert_array_equal(first.position, second.position)
+    np.testing.assert_array_equal(first.quaternion, second.quaternion)
+
+
+def test_the_frame_of_the_tracker_does_not_matter() -> None:
+    """Turning and shifting the tracker's frame, in training and query alike, gives the same command to rounding."""
+    from dataclasses import replace
+
+    from gpcorrect.types import PoseSignal
+
+    log = small_log()
+    assert log.tracker_cp is not None
+    assert log.tracker_cp.quaternion is not None
+    T = se3.exp(np.array([0.3, -0.2, 0.5, 1.0, -2.0, 0.7]))
+    moved = se3.to_parts(T @ se3.from_parts(log.tracker_cp.position, log.tracker_cp.quaternion))
+    other = replace(log, tracker_cp=PoseSignal(*moved))
+    query = se3.to_parts(T @ se3.from_parts(POSE[:3], POSE[3:]))
+    settings = FitSettings(marker="none")
+    here = fit_corrector(log, settings).correct(POSE)
+    there = fit_corrector(other, settings).correct(np.concatenate(query))
+    np.testing.assert_allclose(here.position, there.position, atol=2e-5)
+    assert here.quaternion is not None
+    assert there.quaternion is not None
+    np.testing.assert_allclose(here.quaternion, there.quaternion, atol=2e-4)
+
+
+def test_without_a_twist_the_answer_says_so(small_corrector: CommandCorrector) -> None:
+    """A pose alone is answered as at rest, in words."""
+    silent = small_corrector.correct(POSE)
+    at_rest = small_corrector.correct(POSE, np.zeros(6))
+    np.testing.assert_array_equal(silent.position, at_rest.position)
+    assert "at rest" in silent.reason
+    assert "at rest" not in at_rest.reason
+
+
+def test_uncertainty_grows_away_from_the_data(small_corrector: CommandCorrector) -> None:
+    """Half a metre outside every standard deviation is larger, and the pose is out of domain."""
+    inside = small_corrector.correct(POSE, np.zeros(6))
+    outside = small_corrector.correct(POSE + np.array([0.5, 0, 0, 0, 0, 0, 0]), np.zeros(6))
+    assert (outside.std > inside.std).all()
+    assert (inside.in_domain, outside.in_domain) == (True, False)
+    assert outside.status == "EXTRAPOLATING"
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        [0.1, 0, -0.1],
+        [0.1, 0, -0.1, 0, 0, 0, 0],
+        [0.1, 0, -0.1, 1.5, 0, 0, 0],
+        [np.nan, 0, -0.1, 1, 0, 0, 0],
+        [0.1, np.inf, -0.1, 1, 0, 0, 0],
+        [1e200, 0, -0.1, 1, 0, 0, 0],
+        np.eye(4),
+    ],
+)
+def test_bad_poses_are_refused(small_corrector: CommandCorrector, pose: object) -> None:
+    """Wrong length, a quaternion off the unit sphere, NaN, infinity and absurd sizes are errors, not answers."""
+    with pytest.raises(DataError):
+        small_corrector.correct(pose)
+
+
+@pytest.mark.parametrize("position", [1e5, 1e6])
+def test_whatever_is_answered_is_finite(small_corrector: CommandCorrector, position: float) -> None:
+    """The largest poses and twists that are not refused still get a command of numbers, and are out of domain."""
+    answer = small_corrector.correct([position, 0, 0, 1, 0, 0, 0], np.full(6, position))
+    assert answer.quaternion is not None
+    assert np.isfinite([*answer.position, *answer.quaternion, *answer.interval95]).all()
+    assert not answer.in_domain
+
+
+def test_a_twist_without_meaning_is_refused(small_corrector: CommandCorrector) -> None:
+    """A velocity that overflows the regression is an error, never a command of NaN."""
+    with pytest.raises(DataError, match="twist"):
+        small_corrector.correct(POSE, [1e200, 0, 0, 0, 0, 0])
+
+
+def test_nothing_that_was_given_is_changed(small_corrector: CommandCorrector) -> None:
+    """Pose, twist and path keep their values."""
+    pose, twist = POSE * np.array([1, 1, 1, 1.0005, 1, 1, 1]), np.ones(6) * 0.01
+    given = (pose.copy(), twist.copy())
+    small_corrector.correct(pose, twist)
+    np.testing.assert_array_equal(pose, given[0])
+    np.testing.assert_array_equal(twist, given[1])
+
+
+def test_the_summary_is_plain_data() -> None:
+    """What a fit says of itself survives JSON."""
+    import json
+
+    result = fit_model(small_log())
+    assert json.loads(json.dumps(result.corrector.summary))["fit"]["n_train"] == result.n_train

@@ -1,0 +1,186 @@
+"""Laws of memory features: they find a planted hysteresis, and what has no history says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import real_data, small_log
+
+from gpcorrect import se3
+from gpcorrect.calibration import (
+    CommandCorrector,
+    FitResult,
+    FitSettings,
+    evaluate_model,
+    fit_model,
+    load,
+    run_experiment,
+    save,
+)
+from gpcorrect.calibration.joint_map import JointMap
+from gpcorrect.calibration.memory import History
+from gpcorrect.calibration.poses import rotations_of
+from gpcorrect.logs import read_log
+from gpcorrect.sim.effects.operators import play
+from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.velocity import twists
+
+RADIUS = 0.006  # m, of the planted slack
+SETTINGS = FitSettings(features=("pose", "velocity", "memory"), inducing=150, marker="none", clean=False)
+
+
+def sticky_log(seed: int) -> CalibrationLog:
+    """Return the small recording's positions with a slack of 6 mm a direction that shifts commands by up to 3 mm."""
+    log = small_log(seed, trajectories=20)
+    assert log.tracker_cp is not None
+    assert log.setpoint_cp is not None
+    lag = np.concatenate(
+        [log.tracker_cp.position[rows] - play(log.tracker_cp.position[rows], RADIUS) for _, rows in log.trajectories()]
+    )
+    seen, asked = PoseSignal(log.tracker_cp.position), PoseSignal(log.setpoint_cp.position + 0.5 * lag)
+    return replace(log, tracker_cp=seen, setpoint_cp=asked)
+
+
+@pytest.fixture(scope="module")
+def sticky() -> FitResult:
+    return fit_model(sticky_log(0), SETTINGS)
+
+
+def rmse(corrector: CommandCorrector, log: CalibrationLog) -> float:
+    return float(evaluate_model(corrector, log).dirty_errors["corrected"]["position_mm"]["norm"]["rmse"])
+
+
+def test_a_planted_slack_is_found(sticky: FitResult) -> None:
+    """On other trajectories memory takes away a quarter of what pose and velocity leave, and the fit says so."""
+    with_memory, without = (
+        rmse(sticky.corrector, sticky_log(1)),
+        rmse(replace(sticky.corrector, memory=None), sticky_log(1)),
+    )
+    assert with_memory < 0.75 * without
+    (said,) = [remark for remark in sticky.remarks if "memory" in remark]
+    assert "not worth" not in said
+
+
+def test_where_nothing_sticks_memory_is_called_useless() -> None:
+    """On a recording without hysteresis the fit says that memory is not worth its time."""
+    remarks = fit_model(small_log(trajectories=6, samples=40), SETTINGS).remarks
+    assert any("not worth its time" in remark for remark in remarks)
+
+
+def test_without_history_the_answer_is_that_of_pose_and_velocity_and_says_so(sticky: FitResult) -> None:
+    """A single query equals that of the model without memory, in words too; its interval is wider than with history."""
+    poses, times, twist = a_path()
+    alone = replace(sticky.corrector, memory=None)
+    path = sticky.corrector.correct_path(poses, times)
+    for row in (20, 35, 50):
+        one, plain = sticky.corrector.correct(poses[row], twist[row]), alone.correct(poses[row], twist[row])
+        np.testing.assert_array_equal(one.position, plain.position)
+        np.testing.assert_array_equal(one.interval95, plain.interval95)
+        assert "no history" in one.reason
+        assert "no history" not in plain.reason
+        assert path.reason[row] == ""
+        assert (one.interval95[:3] > 1.3 * path.interval95[row, :3]).all()
+
+
+def test_a_stream_is_the_path_that_it_follows(sticky: FitResult) -> None:
+    """Pose by pose with the path's velocities a stream answers what correct_path answers, also after a reset."""
+    poses, times, twist = a_path()
+    path, stream = sticky.corrector.correct_path(poses, times), sticky.corrector.stream()
+    for _ in range(2):
+        stream.reset()
+        for row in range(len(poses)):
+            one = stream.correct(times[row], poses[row], twist[row])
+            np.testing.assert_allclose(one.position, path.position[row], rtol=0, atol=1e-10)
+            np.testing.assert_allclose(one.quaternion, path.quaternion[row], rtol=0, atol=1e-10)  # type: ignore[index]
+            np.testing.assert_allclose(one.interval95, path.interval95[row], rtol=0, atol=1e-10)
+
+
+def test_a_stream_estimates_its_velocity(small_corrector: CommandCorrector) -> None:
+    """Without twists a stream of straight steady motion answers as with them, but for its first pose, which says so."""
+    times = np.arange(20) * 0.02
+    velocity = np.array([0.03, -0.02, 0.01, 0.0, 0.0, 0.0])
+    stream = small_corrector.stream()
+    answers = [stream.correct(t, np.concatenate([[0.1, 0.0, -0.1] + velocity[:3] * t, [1.0, 0, 0, 0]])) for t in times]
+    last = small_corrector.correct(
+        np.concatenate([[0.1, 0.0, -0.1] + velocity[:3] * times[-1], [1.0, 0, 0, 0]]), velocity
+    )
+    np.testing.assert_allclose(answers[-1].position, last.position, rtol=0, atol=1e-9)
+    assert "at rest" in answers[0].reason
+    assert answers[1].reason == ""
+
+
+def test_memory_is_of_the_commands_before(sticky: FitResult) -> None:
+    """Features of a sample change with earlier commands and with its own reference, not with its own command."""
+    assert sticky.corrector.memory is not None
+    memory, rng = sticky.corrector.memory.states, np.random.default_rng(5)
+    reference, command = (PoseSignal(np.cumsum(rng.normal(0, 2e-3, (30, 3)), axis=0)) for _ in range(2))
+    labels = np.zeros(30, dtype=int)
+    before = memory.transform(History(command, reference, labels))
+    for changed, row in ((command, 29), (command, 28), (reference, 29)):
+        moved = np.array(changed.position)
+        moved[row] += 1e-3
+        pair = (PoseSignal(moved), reference) if changed is command else (command, PoseSignal(moved))
+        same = np.array_equal(memory.transform(History(*pair, labels))[29], before[29])
+        assert same == (changed is command and row == 29)
+
+
+def test_a_new_path_starts_amid_the_slack(sticky: FitResult) -> None:
+    """The first sample of a path knows nothing, and what follows is as if nothing had gone before."""
+    assert sticky.corrector.memory is not None
+    memory = sticky.corrector.memory.states
+    path = PoseSignal(np.cumsum(np.random.default_rng(6).normal(0, 2e-3, (40, 3)), axis=0))
+    both = memory.transform(History(path, path, np.repeat([0, 1], 20)))
+    alone = memory.transform(History(path[20:], path[20:], np.zeros(20, dtype=int)))
+    np.testing.assert_array_equal(both[20], 0.0)
+    np.testing.assert_allclose(both[20:], alone, atol=1e-12)
+
+
+def test_a_model_file_keeps_the_memory(sticky: FitResult, tmp_path: Path) -> None:
+    """Saved and loaded, paths are answered to the last bit as before."""
+    poses, times, _ = a_path()
+    save(sticky.corrector, tmp_path / "m.gpc")
+    again = load(tmp_path / "m.gpc").correct_path(poses, times)
+    np.testing.assert_array_equal(again.position, sticky.corrector.correct_path(poses, times).position)
+
+
+def test_joints_that_a_pose_does_not_tell_are_left_out() -> None:
+    """The learned inverse kinematics keeps the joints that poses determine and drops a gripper that moves at will."""
+    log = small_log()
+    assert log.setpoint_cp is not None
+    p, R = log.setpoint_cp.position, rotations_of(log.setpoint_cp)
+    assert R is not None
+    told = np.column_stack([np.hypot(p[:, 0], p[:, 1]), np.arctan2(p[:, 1], p[:, 0]), p[:, 2], R[:, 0, 1]])
+    gripper = np.random.default_rng(0).uniform(0, 1, (len(log), 1))
+    joints = JointMap.fit(replace(log, setpoint_jp=np.hstack([told, gripper])), seed=0, orientation=True)
+    assert joints is not None
+    assert joints.determined == (0, 1, 2, 3)
+    np.testing.assert_allclose(joints(p, R), told, atol=0.1 * told.std(axis=0).max())
+    assert JointMap.fit(replace(log, setpoint_jp=gripper), seed=0, orientation=True) is None
+    assert JointMap.fit(log, seed=0, orientation=True) is None
+
+
+@pytest.mark.slow
+def test_memory_pays_on_a_real_wrist() -> None:
+    """On the held-out last fifth of a real dVRK recording memory takes at least 15 % off the rotation error."""
+    log = read_log(real_data("dvrk_random.csv"))
+    experiment = run_experiment(log, replace(SETTINGS, marker="auto", inducing=300))
+    assert experiment.test is not None
+    errors = [
+        evaluate_model(c, experiment.test).clean_errors["corrected"]["rotation_deg"]["norm"]["rmse"]
+        for c in (experiment.corrector, replace(experiment.corrector, memory=None))
+    ]
+    assert errors[0] < 0.85 * errors[1]
+
+
+def a_path() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return poses, times and the stencil's velocities of one observed trajectory."""
+    log = small_log(3)
+    rows = np.arange(60)
+    assert log.tracker_cp is not None
+    assert log.tracker_cp.quaternion is not None
+    poses, times = np.hstack([log.tracker_cp.position, log.tracker_cp.quaternion])[rows], log.time[rows]
+    velocity = twists(times, poses[:, :3], se3.matrix_from_quaternion(poses[:, 3:]), np.zeros(60, dtype=int))
+    return poses, times, velocity

@@ -1,0 +1,156 @@
+"""The position estimator: whole trajectories held out, streams as batches, files that survive, a real reduction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gpcorrect.calibration import (
+    Experiment,
+    FitSettings,
+    PositionEstimator,
+    RobotState,
+    evaluate_model,
+    load,
+    position_reductions,
+    run_experiment,
+    save,
+)
+from gpcorrect.calibration.joint_path import state_columns
+from gpcorrect.errors import ArtifactError, DataError, LogError
+from gpcorrect.sim import preset, random_reaches_log
+from gpcorrect.types import CalibrationLog
+
+SEED = 406
+
+
+@pytest.fixture(scope="module")
+def log() -> CalibrationLog:
+    """Return reaches of a simulated RAVEN-II whose tracker's frame is known by construction."""
+    model = preset("raven2_left")
+    assert model.T_tracker_base is not None
+    frame = model.T_tracker_base
+    log = random_reaches_log("raven2_left", 30, SEED, faults=False, model=model)
+    return replace(log, meta=replace(log.meta, tracker_base=(*frame.translation, *frame.rotvec)))
+
+
+def fit(log: CalibrationLog, **changes: object) -> Experiment:
+    settings = FitSettings(**{"inducing": 60, "time_offset": "none", **changes})  # type: ignore[arg-type]
+    return run_experiment(log, settings, task=PositionEstimator)
+
+
+@pytest.fixture(scope="module")
+def fitted(log: CalibrationLog) -> Experiment:
+    return fit(log)
+
+
+def _sample(log: CalibrationLog, i: int) -> RobotState:
+    assert log.measured_jp is not None
+    assert log.measured_cp is not None
+    assert log.measured_cp.quaternion is not None
+    assert log.setpoint_cp is not None
+    assert log.setpoint_cp.quaternion is not None
+    assert log.setpoint_jp is not None
+    assert log.measured_jv is not None
+    assert log.measured_jf is not None
+    return RobotState(
+        float(log.time[i]),
+        log.measured_jp[i],
+        log.measured_cp.position[i],
+        log.measured_cp.quaternion[i],
+        log.setpoint_jp[i],
+        log.measured_jv[i],
+        log.measured_jf[i],
+        log.setpoint_cp.position[i],
+        log.setpoint_cp.quaternion[i],
+    )
+
+
+def test_the_error_on_held_out_reaches_falls_by_85_per_cent(fitted: Experiment) -> None:
+    """Against what the robot reports; and well below what the best rigid motion leaves."""
+    figures = position_reductions(fitted.evaluation)
+    assert figures["rms_reduction"] > 85.0
+    assert figures["estimated"]["rms_mm"] < 0.6 * figures["rigid"]["rms_mm"]
+
+
+def test_held_out_reaches_are_whole_and_unseen(log: CalibrationLog, fitted: Experiment) -> None:
+    """Other labels of the last fifth of the trajectories change nothing of the fit."""
+    last = log.trajectory_ids[-6:]
+    assert log.tracker_cp is not None
+    other = log.tracker_cp.position + np.where(np.isin(log.trajectory, last)[:, None], 3e-4, 0.0)
+    changed = replace(log, tracker_cp=replace(log.tracker_cp, position=other))
+    again = fit(changed).corrector
+    np.testing.assert_array_equal(again.correct_log(log).position, fitted.corrector.correct_log(log).position)
+
+
+@pytest.mark.parametrize("method", ["gp", "linear", "network"])
+def test_a_stream_says_what_the_batch_says(log: CalibrationLog, method: str) -> None:
+    """Sample after sample, slack remembered, the stream gives the batch's positions, deviations and reasons."""
+    few = log.select(np.isin(log.trajectory, log.trajectory_ids[:12]))
+    model: PositionEstimator = fit(few, method=method, layers=(8, 6), epochs=3, inducing=40).corrector
+    batch, stream = model.correct_log(few), model.stream()
+    for i in range(100):
+        answer = stream.correct(_sample(few, i))
+        np.testing.assert_allclose(answer.position, batch.position[i], atol=1e-9)
+        np.testing.assert_allclose(answer.std, batch.std[i], atol=1e-9)
+        assert answer.reasons == batch.reasons[i]
+
+
+def test_a_model_file_answers_as_before(fitted: Experiment, log: CalibrationLog, tmp_path: Path) -> None:
+    """Saved and loaded, the estimates are bit for bit the same; a cut file is refused."""
+    save(fitted.corrector, tmp_path / "estimator.gpc")
+    loaded = load(tmp_path / "estimator.gpc", PositionEstimator)
+    np.testing.assert_array_equal(loaded.correct_log(log).position, fitted.corrector.correct_log(log).position)
+    assert position_reductions(evaluate_model(loaded, log))["rms_reduction"] > 85.0
+    (tmp_path / "cut.gpc").write_bytes((tmp_path / "estimator.gpc").read_bytes()[:-200])
+    with pytest.raises(ArtifactError):
+        load(tmp_path / "cut.gpc", PositionEstimator)
+
+
+def test_far_outside_the_estimate_is_bounded_and_said_to_be_unknown(fitted: Experiment, log: CalibrationLog) -> None:
+    """Ten training ranges away the estimate stays within the largest error of the training."""
+    model: PositionEstimator = fitted.corrector
+    sample = _sample(log, 3)
+    far = replace(sample, measured_jp=np.asarray(sample.measured_jp) + 20 * model.view.features.half)
+    answer = model.stream().correct(far)
+    assert not answer.in_domain
+    limit = model.law.bounds.largest[0] + np.linalg.norm(model.law.zero)
+    assert np.linalg.norm(answer.position - sample.measured_position) <= limit
+
+
+def test_the_state_has_a_name_for_every_number(log: CalibrationLog) -> None:
+    """54 numbers for six joints; extra columns come last, and must be there."""
+    names, values = state_columns(log)
+    assert len(names) == values.shape[1] == 54
+    assert len(set(names)) == 54
+    more = replace(log, extra={"motor_1": np.ones(len(log))})
+    assert state_columns(more, ("motor_1",))[0][-1] == "motor_1_1"
+    with pytest.raises(LogError, match="no column"):
+        state_columns(log, ("motor_1",))
+
+
+def test_poses_that_were_predicted_are_no_labels(log: CalibrationLog, fitted: Experiment) -> None:
+    """Rows that a camera tracker coasted through are not learned from."""
+    status = np.zeros(len(log))
+    status[::2] = 1.0
+    model: PositionEstimator = fitted.corrector
+    samples = model.samples(replace(log, extra={"tracking_status": status}), np.ones(len(log), dtype=bool))
+    assert not samples.usable[::2].any()
+    assert samples.usable[1::2].any()
+
+
+def test_what_cannot_be_learned_from_is_refused(log: CalibrationLog, fitted: Experiment) -> None:
+    """No tracker, too few samples, a wrong method, and a stream that runs backwards."""
+    with pytest.raises(LogError, match="tracker_cp"):
+        fit(replace(log, tracker_cp=None))
+    with pytest.raises((DataError, LogError), match=r"needed|at least"):
+        fit(log.select(np.arange(15)))
+    with pytest.raises(DataError, match="one of"):
+        fit(log, method="forest")
+    stream = fitted.corrector.stream()
+    stream.correct(_sample(log, 5))
+    with pytest.raises(DataError, match="advance"):
+        stream.correct(_sample(log, 4))

@@ -1,0 +1,113 @@
+"""Laws of updating: data in parts are data at once, what changed is followed, and what got worse is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from adaptation_support import aged_log
+
+from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector, load, save, update_model
+from gpcorrect.errors import DataError
+from gpcorrect.gpr import SparseGPR
+from gpcorrect.gpr.linalg import cholesky
+from gpcorrect.gpr.statistics import collect, updated
+from gpcorrect.types import Progress
+
+
+@pytest.fixture(scope="module")
+def corrector() -> CommandCorrector:
+    return fit_corrector(aged_log(0, 0.0, trajectories=12), FitSettings(inducing=150, marker="none"))
+
+
+def rmse(evaluation: object) -> float:
+    table = evaluation.clean_errors["corrected"]  # type: ignore[attr-defined]
+    return float(table["position_mm"]["norm"]["rmse"])
+
+
+def test_data_in_two_parts_are_data_at_once() -> None:
+    """Statistics of halves add up to those of all, what was added can be taken away, and predictions agree."""
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(400, 3))
+    Y = np.column_stack([np.sin(X[:, 0]), X[:, 1] * X[:, 2]]) + 0.1 * rng.normal(size=(400, 2))
+    model = SparseGPR(60, 40, n_learn=200).fit(X, Y)
+    (part,), (whole,) = model.predictor_.parts, model.statistics_
+    L = cholesky(part.kernel(part.basis, part.basis))[0]
+    first, second = (
+        collect(part.kernel, part.basis, L, part.offset, X[rows], Y[rows], Progress())
+        for rows in (slice(250), slice(250, None))
+    )
+    together = updated(part, first.plus(second))
+    for a, b in zip(together.mean_std_batch(X), part.mean_std_batch(X), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(whole.minus(second).G, first.G, atol=1e-9 * len(X))
+
+
+def test_statistics_survive_a_file(corrector: CommandCorrector, tmp_path: Path) -> None:
+    """Saved and loaded, the same update gives the same model to the last bit."""
+    save(corrector, tmp_path / "m.gpc")
+    again = load(tmp_path / "m.gpc")
+    one, other = (update_model(c, aged_log(1, 0.002)).corrector for c in (corrector, again))
+    for a, b in zip(one.law.learned.predictor.parts, other.law.learned.predictor.parts, strict=True):
+        np.testing.assert_array_equal(a.alpha, b.alpha)
+
+
+def test_a_changed_robot_is_followed(corrector: CommandCorrector) -> None:
+    """After a change of 3 mm the update takes two fifths of the held-out error away, and covers what is left."""
+    found = update_model(corrector, aged_log(1, 0.003, trajectories=15))
+    assert rmse(found.after) < 0.6 * rmse(found.before)
+    assert found.worse == ()
+    assert found.keep < 1.0
+    assert found.after is not None
+    assert found.before is not None
+    assert np.nanmean(found.after.clean.coverage95) > np.nanmean(found.before.clean.coverage95)
+    assert np.nanmean(found.after.clean.coverage95) > 0.85
+
+
+def test_an_unchanged_robot_loses_nothing_and_the_size_stays(corrector: CommandCorrector) -> None:
+    """More of the same changes the error by less than a tenth for the worse; every array keeps its shape."""
+    found = update_model(corrector, aged_log(2, 0.0))
+    assert rmse(found.after) < 1.1 * rmse(found.before)
+    twice = update_model(found.corrector, aged_log(3, 0.0)).corrector
+    sizes = [
+        {n: a.shape for n, a in c.law.learned.predictor.to_arrays().items() if "basis" in n} for c in (corrector, twice)
+    ]
+    assert sizes[0] == sizes[1]
+    assert [part.G.shape for part in twice.law.learned.statistics] == [
+        part.G.shape for part in corrector.law.learned.statistics
+    ]
+    assert len(twice.summary["updates"]) == 2
+
+
+def test_what_got_worse_is_said(corrector: CommandCorrector) -> None:
+    """New data whose held-out trajectories contradict the others make the update call itself worse."""
+    bad = aged_log(5, 0.004, trajectories=12)
+    found = update_model(corrector, _spliced(bad, bad.trajectory >= 9), holdout=0.25)
+    assert "position" in found.worse
+
+
+def _spliced(log, held):  # type: ignore[no-untyped-def]
+    """Return the log whose held-out trajectories show the robot as it was at the fit."""
+    from gpcorrect.types import PoseSignal
+
+    before = aged_log(5, 0.0, trajectories=12)
+    position = np.where(held[:, None], before.setpoint_cp.position, log.setpoint_cp.position)  # type: ignore[union-attr]
+    return replace(log, setpoint_cp=PoseSignal(position, log.setpoint_cp.quaternion))
+
+
+def test_scores_are_about_one_while_the_model_holds(corrector: CommandCorrector) -> None:
+    """Healthy trajectories score about as those left out at the fit, changed ones far more."""
+    logs = [aged_log(6, amount) for amount in (0.0, 0.004)]
+    healthy, changed = (corrector.measure(log, corrector.clean_afresh(log).keep).scores for log in logs)
+    baseline = np.array(corrector.summary["baseline"])
+    assert 0.3 < healthy.mean() / baseline.mean() < 1.5
+    assert changed.mean() > 2 * healthy.mean()
+
+
+def test_a_method_that_takes_no_more_data_is_refused() -> None:
+    """Only a Gaussian process rests on sums that go on, and that is said."""
+    linear = fit_corrector(aged_log(0, 0.0, trajectories=6), FitSettings(method="linear", marker="none"))
+    with pytest.raises(DataError, match="take more data"):
+        update_model(linear, aged_log(1, 0.0))

@@ -1,0 +1,34 @@
+"""A recording of joints with a known miss: offset, coupling, and the slack of cables that pull on each other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gpcorrect.calibration import random_sinusoids
+from gpcorrect.calibration.coupled_play import CoupledPlay
+from gpcorrect.types import CalibrationLog, LogMeta
+
+LIMITS = np.array([[0.3, 1.1], [0.9, 1.9], [0.30, 0.42]])
+HALF = np.ptp(LIMITS, axis=1) / 2
+PLAY = CoupledPlay(np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.1, 0.06, 0.03]))
+
+
+def joint_log(seed: int = 0, trajectories: int = 10, seconds: float = 30.0, *, shift: float = 0.0) -> CalibrationLog:
+    """Return a log whose truth is known up to a little noise; `shift` is added to joint 2's zero, rad."""
+    rng = np.random.default_rng(seed)
+    speed = np.array([0.3, 0.3, 0.05])
+    path = random_sinusoids(LIMITS, speed, trajectories * seconds, 10.0, rng)
+    q, n = path.q, len(path.time)
+    lag = PLAY.lags((q - LIMITS.mean(axis=1)) / HALF, np.arange(n) == 0) * HALF
+    truth = q - lag + np.array([0.03, -0.14 + shift, 0.0117]) + 0.02 * q[:, [1, 0, 2]] * np.array([1.0, 1.0, 0.0])
+    noise = rng.standard_normal(q.shape) * np.array([2e-4, 2e-4, 2e-5])
+    return CalibrationLog(
+        time=path.time,
+        trajectory=np.minimum(np.arange(n) * trajectories // n, trajectories - 1),
+        session=np.zeros(n),
+        measured_jp=q,
+        measured_jf=lag / HALF + 0.05 * rng.standard_normal(q.shape),
+        external_jp=truth + noise,
+        meta=LogMeta(joint_types="RRP"),
+        name="joints",
+    )
