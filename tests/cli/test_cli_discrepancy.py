@@ -81,7 +81,7 @@ def test_the_hidden_effect_is_found_written_and_scored(gpcorrect: CommandLine, b
 
 
 def test_a_finished_run_is_not_made_again(gpcorrect: CommandLine, blind: Path) -> None:
-    """The same inputs give the kept report, whose page is written anew."""
+    """The same inputs give the stored report, whose page is written anew."""
     first = run(gpcorrect, blind)
     assert "homing offset" in first.out.splitlines()[0]
     page = blind / "runs" / "case_000" / "report.html"
@@ -94,11 +94,11 @@ def test_a_finished_run_is_not_made_again(gpcorrect: CommandLine, blind: Path) -
 
 
 def test_a_killed_run_goes_on_after_its_search(gpcorrect: CommandLine, blind: Path) -> None:
-    """With the search kept and the report gone, the run ends in the same verdict."""
+    """With the search stored and the result gone, the run ends in the same verdict."""
     first = run(gpcorrect, blind, "--json").json
     stages = blind / "runs" / "case_000" / "stages"
     assert (stages / "search.json").is_file()
-    (stages / "report.json").unlink()
+    (stages / "result.json").unlink()
     second = run(gpcorrect, blind, "--json")
     assert "already held" not in second.err
     assert second.json["verdict"] == first["verdict"]
