@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect import plots
 from gpcorrect.atomic import atomic_path
-from gpcorrect.calibration import COMPONENTS, METHODS, UNITS, ErrorTable, Evaluation, Experiment, Measured
+from gpcorrect.calibration import COMPONENTS, METHODS, ErrorTable, Evaluation, Experiment, Measured
 from gpcorrect.cleaning import CleaningReport
 from gpcorrect.plots.style import LABELS, png
 from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
@@ -17,6 +17,7 @@ from gpcorrect.types import CalibrationLog
 
 __all__ = ["write_fit_report"]
 
+UNITS = {"position_mm": "mm", "rotation_deg": "deg"}
 LEAVES = {"mean": "mean", "sd": "SD", "rmse": "rmse", "p95": "p95", "max": "max"}
 
 

@@ -129,7 +129,7 @@ def _errors(experiment: Experiment, which: str, kind: str) -> Errors:
     if experiment.evaluation is None or experiment.test is None:
         raise LogError("nothing was held out to measure on.")
     measured: Measured = getattr(experiment.evaluation, which)
-    residual: FloatArray = getattr(measured, kind)
+    residual = measured.of(kind)
     position, angles = 1e3 * residual[:, :3], np.rad2deg(_euler_errors(residual[:, 3:], experiment.test, measured))
     rows = dict(zip(COMPONENTS, [*position.T, *angles.T], strict=True))
     rows |= {

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,7 @@ __all__ = ["METHODS", "Cell", "PengScope", "Run", "StudyFits", "cell", "rmse"]
 
 METHODS = ("linear", "quadratic", "network", "ukf", "gp")
 Cell = dict[str, Any]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -181,22 +182,19 @@ class StudyFits:
         row = {name: cell(rmse(model, test, name) for model in linear) for name in ("raw", "fixed_offset")}
         return row | {method: self.rmse(run, method, test) for method in METHODS}
 
-    def each(self, stage: str, items: Iterable[Any], make: Callable[[Any], Any]) -> list[Any]:
-        """Return what `make` makes of each item, and report how far it is.
+    def over(self, stage: str, items: Sequence[T]) -> Iterator[T]:
+        """Yield each item, and report how far the part is.
 
         Parameters
         ----------
         stage : str
             Name of the part.
-        items : iterable
-        make : callable
+        items : sequence
         """
-        waiting, done = list(items), list[Any]()
-        for item in waiting:
-            self.progress.step(stage, len(done) / len(waiting))
-            done.append(make(item))
+        for done, item in enumerate(items):
+            self.progress.step(stage, done / len(items))
+            yield item
         self.progress.step(stage, 1.0)
-        return done
 
 
 def rmse(model: JointCorrector, log: CalibrationLog, name: str = "corrected") -> list[float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.arms import arm_named
 from gpcorrect.calibration import JointCorrector, JointStream, spread
-from gpcorrect.types import CalibrationLog, FloatArray
+from gpcorrect.types import CalibrationLog
 from gpcorrect_studies.peng2024.fits import METHODS, Cell, Run, StudyFits, cell, rmse
 from gpcorrect_studies.peng2024.recordings import ARM, all_joints, whole_state
 
@@ -36,9 +36,8 @@ def table_1(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]
     test : CalibrationLog
         Random run of the fresh robot.
     """
-    directions, sparsity = fits.scope.directions, fits.scope.middle.sparsity
-    rows = fits.each("Table I", directions, lambda direction: fits.all_rmse(Run(direction, sparsity), test))
-    return dict(zip(directions, rows, strict=True))
+    sparsity = fits.scope.middle.sparsity
+    return {d: fits.all_rmse(Run(d, sparsity), test) for d in fits.over("Table I", fits.scope.directions)}
 
 
 def figure_5(fits: StudyFits, test: CalibrationLog) -> list[dict[str, Any]]:
@@ -50,13 +49,12 @@ def figure_5(fits: StudyFits, test: CalibrationLog) -> list[dict[str, Any]]:
     test : CalibrationLog
         Random run of the fresh robot.
     """
-
-    def point(sparsity: int) -> dict[str, Any]:
+    points = []
+    for sparsity in fits.over("Fig. 5", fits.scope.sparsities):
         run = Run(fits.scope.directions[-1], sparsity)
         minutes = float(np.ptp(fits.training(run, 0).time)) / 60.0
-        return {"sparsity": sparsity, "minutes": minutes, "rmse": fits.all_rmse(run, test)}
-
-    return fits.each("Fig. 5", fits.scope.sparsities, point)
+        points.append({"sparsity": sparsity, "minutes": minutes, "rmse": fits.all_rmse(run, test)})
+    return points
 
 
 def figure_6(fits: StudyFits) -> dict[str, dict[str, Any]]:
@@ -67,18 +65,18 @@ def figure_6(fits: StudyFits) -> dict[str, dict[str, Any]]:
     fits : StudyFits
     """
     run, hours = fits.scope.longest, fits.scope.hours
-
-    def use(name: str) -> dict[str, Any]:
+    uses = {}
+    for name in fits.over("Fig. 6", tuple(USES)):
         load, idle = USES[name]
         log = fits.study.after_hours(hours, fits.scope.minutes, load, idle=idle)
         tests = [log.select(rows) for _, rows in log.trajectories()]
-        return {
+        uses[name] = {
             "hours": list(hours),
             "rmse": {m: [fits.rmse(run, m, test) for test in tests] for m in LASTING},
             "mean": {m: [cell(_mean(model, test) for model in fits.models(run, m)) for test in tests] for m in LASTING},
         }
 
-    return dict(zip(USES, fits.each("Fig. 6", USES, use), strict=True))
+    return uses
 
 
 def figure_8(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
@@ -92,17 +90,15 @@ def figure_8(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
     """
     few = fits.scope.middle
     whole = Run(few.direction, few.sparsity, state=True)
-    everything = whole_state(test)
-
-    def pair(method: str) -> dict[str, Cell]:
-        return {"few": fits.rmse(few, method, test), "whole": fits.rmse(whole, method, everything)}
-
-    methods: tuple[str, ...] = ("linear", "network")
-    pairs = fits.each("Fig. 8", methods, pair)
+    everything, methods = whole_state(test), ("linear", "network")
+    pairs = {
+        method: {"few": fits.rmse(few, method, test), "whole": fits.rmse(whole, method, everything)}
+        for method in fits.over("Fig. 8", methods)
+    }
     state = fits.training(whole, 0)
     signals = (state.setpoint_jp, state.measured_jp, state.measured_jv, state.measured_jf)
     count = len(state.extra) + sum(signal.shape[1] for signal in signals if signal is not None)
-    return {"few": 6, "whole": count, "rmse": dict(zip(methods, pairs, strict=True))}
+    return {"few": 6, "whole": count, "rmse": pairs}
 
 
 def figure_9(fits: StudyFits) -> list[dict[str, Any]]:
@@ -114,8 +110,8 @@ def figure_9(fits: StudyFits) -> list[dict[str, Any]]:
     """
     unseen, minutes = fits.scope.middle, fits.scope.minutes
     seen = Run(unseen.direction, unseen.sparsity, homings_seen=1)
-
-    def after(session: int) -> dict[str, Any]:
+    points = []
+    for session in fits.over("Fig. 9", range(fits.scope.homings + 1)):
         test = fits.study.random_run(minutes, session=session, salt=80 + session)
         minute = fits.study.random_run(REZERO_MINUTES, session=session, salt=60 + session)
         cells = {
@@ -126,9 +122,8 @@ def figure_9(fits: StudyFits) -> list[dict[str, Any]]:
             }
             for method in LASTING
         }
-        return {"homings": session, "rmse": cells}
-
-    return fits.each("Fig. 9", range(fits.scope.homings + 1), after)
+        points.append({"homings": session, "rmse": cells})
+    return points
 
 
 def table_2(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]:
@@ -142,11 +137,10 @@ def table_2(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]
     """
     error = fits.scope.middle
     whole = Run(error.direction, error.sparsity, end_to_end=True)
-
-    def pair(method: str) -> dict[str, Cell]:
-        return {"error": fits.rmse(error, method, test), "end to end": fits.rmse(whole, method, test)}
-
-    return dict(zip(LEARNERS, fits.each("Table II", LEARNERS, pair), strict=True))
+    return {
+        method: {"error": fits.rmse(error, method, test), "end to end": fits.rmse(whole, method, test)}
+        for method in fits.over("Table II", LEARNERS)
+    }
 
 
 def tables_3_and_4(fits: StudyFits, tests: dict[str, CalibrationLog]) -> dict[str, dict[str, Cell]]:
@@ -158,18 +152,13 @@ def tables_3_and_4(fits: StudyFits, tests: dict[str, CalibrationLog]) -> dict[st
     tests : dict
         Test runs by name.
     """
-    run = fits.scope.longest
-
-    def row(name: str) -> dict[str, Cell]:
-        test = tests[name]
-        linear = fits.models(run, "linear")[0]
-        fixed = {kind: cell([_tip_rmse(linear, test, kind)]) for kind in ("raw", "fixed_offset")}
-        return fixed | {
-            method: cell(_tip_rmse(model, test, "corrected") for model in fits.models(run, method))
-            for method in METHODS
-        }
-
-    return dict(zip(tests, fits.each("Tables III and IV", tests, row), strict=True))
+    run, table = fits.scope.longest, {}
+    for name in fits.over("Tables III and IV", tuple(tests)):
+        test, linear = tests[name], fits.models(run, "linear")[0]
+        table[name] = {kind: cell([_tip_rmse(linear, test, kind)]) for kind in ("raw", "fixed_offset")}
+        for method in METHODS:
+            table[name][method] = cell(_tip_rmse(model, test, "corrected") for model in fits.models(run, method))
+    return table
 
 
 def table_5(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Any]]:
@@ -181,26 +170,24 @@ def table_5(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Any]]:
     test : CalibrationLog
         Whose samples are estimated.
     """
-
-    def row(method: str) -> dict[str, Any]:
+    table: dict[str, dict[str, Any]] = {}
+    for method in fits.over("Table V", METHODS):
         models = fits.models(fits.scope.longest, method)
         start = time.perf_counter()
         models[0].correct_log(test)
         path = time.perf_counter() - start
-        return {
+        table[method] = {
             "fit_s": cell(float(model.summary["fit"]["seconds"]) for model in models),
             "stream_ms": _streamed_ms(models[0], test),
             "path_ms": 1e3 * path / len(test),
         }
-
-    return dict(zip(METHODS, fits.each("Table V", METHODS, row), strict=True))
+    return table
 
 
 def _mean(model: JointCorrector, log: CalibrationLog) -> list[float]:
     """Mean of truth minus estimate of the joints, deg, deg and mm."""
-    left = model.measure(log, np.ones(len(log), dtype=bool)).corrected
-    mean: list[float] = (np.nanmean(left, axis=0) * np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1e3])).tolist()
-    return mean
+    mean = np.nanmean(model.measure(log, np.ones(len(log), dtype=bool)).corrected, axis=0)
+    return [float(np.rad2deg(mean[0])), float(np.rad2deg(mean[1])), 1e3 * float(mean[2])]
 
 
 def _tip_rmse(model: JointCorrector, log: CalibrationLog, kind: str) -> float:
@@ -208,13 +195,9 @@ def _tip_rmse(model: JointCorrector, log: CalibrationLog, kind: str) -> float:
     assert log.external_jp is not None
     measured = model.measure(log, np.ones(len(log), dtype=bool))
     true = log.external_jp[measured.rows]
-    estimated, true = (_tip(q) for q in (true - measured.of(kind), true))
-    return spread(np.linalg.norm(1e3 * (estimated - true), axis=1))["rmse"]
-
-
-def _tip(q: FloatArray) -> FloatArray:
-    position: FloatArray = arm_named(ARM).forward(all_joints(q))[:, :3, 3]
-    return position
+    arm = arm_named(ARM)
+    estimated, reached = (arm.forward(all_joints(q))[:, :3, 3] for q in (true - measured.of(kind), true))
+    return spread(np.linalg.norm(1e3 * (estimated - reached), axis=1))["rmse"]
 
 
 def _streamed_ms(model: JointCorrector, log: CalibrationLog) -> float:
