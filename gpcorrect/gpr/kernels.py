@@ -111,7 +111,9 @@ class Kernel(ABC):
             Inputs.
         """
         parts = [self.profile_and_slope(squared_distances(X / scales, X / scales)) for scales in self.length_scales]
-        R = np.sum([weight * part for weight, (part, _) in zip(self.weights, parts, strict=True)], axis=0)
+        R = np.zeros((len(X), len(X)))
+        for weight, (part, _) in zip(self.weights, parts, strict=True):
+            R += weight * part
 
         def pullback(upstream: FloatArray) -> tuple[FloatArray, FloatArray]:
             by_scale, by_weight = np.empty(self.length_scales.shape), np.empty(len(parts))
