@@ -18,7 +18,10 @@ def model(small_model: Path) -> Path:
 
 @pytest.fixture
 def days(tmp_path: Path) -> list[Path]:
-    return [written(small_log(seed, 6, samples=40), tmp_path / f"day{seed}.csv") for seed in (5, 6)]
+    """Return recordings of two days: motions of the training, with noise of their own."""
+    both = small_log(0, 12, samples=40)
+    parts = [both.select(both.trajectory < 6), both.select(both.trajectory >= 6)]
+    return [written(part, tmp_path / f"day{number}.csv") for number, part in enumerate(parts)]
 
 
 @pytest.mark.slow
@@ -37,7 +40,7 @@ def test_update_writes_another_model_and_leaves_the_first(
 
 
 def test_drift_draws_and_answers(gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path) -> None:
-    """Two healthy days raise no alarm; the figure is a PNG; scores are one a trajectory."""
+    """Two healthy days raise no alarm; the figure is a PNG; scores are one a trajectory of the training region."""
     result = gpcorrect("drift", model, *days, "--age", 1, "--age", 2, "--plot", tmp_path / "d.png", "--json")
     assert result.code == 0, result.err
     assert result.json["alarm"] is False
