@@ -34,11 +34,27 @@ class Progress:
     """A callback for long work; this base does nothing, the command line turns it into a bar."""
 
     def step(self, stage: str, done: float) -> None:
-        """Say that `done` (0 to 1) of `stage` is finished."""
+        """Say how far a stage of the work is.
+
+        Parameters
+        ----------
+        stage : str
+            Its name, for people.
+        done : float
+            Finished fraction, 0 to 1.
+        """
 
 
 def frozen_array(value: ArrayLike, dtype: type = np.float64) -> NDArray[Any]:
-    """Return a read-only copy of `value`, so that neither side can change the other's data."""
+    """Return a read-only copy of `value`, so that neither side can change the other's data.
+
+    Parameters
+    ----------
+    value : array_like
+        What is copied.
+    dtype : type
+        Of the copy; float64 by default.
+    """
     array: NDArray[Any] = np.array(value, dtype=dtype)
     array.setflags(write=False)
     return array
@@ -120,7 +136,7 @@ class CalibrationLog:
     payload, temperature : (n,) arrays or None
         Kilograms and degrees Celsius.
     extra : mapping of name to (n,) array
-        Columns outside the log format, kept and ignored.
+        Columns outside the log format, carried along and not used.
     meta : LogMeta
         Robot, arm, tracker and provenance.
     name : str
@@ -226,6 +242,12 @@ class CalibrationLog:
             yield int(self.trajectory[rows[0]]), rows
 
     def select(self, rows: BoolArray | IntArray | slice) -> CalibrationLog:
-        """Return the log of these rows only."""
+        """Return the log of these rows only.
+
+        Parameters
+        ----------
+        rows : array or slice
+            Flags (n,), row numbers, or a range.
+        """
         values: dict[str, Any] = {n: getattr(self, n)[rows] for n in ("time", "trajectory", "session", *self.signals)}
         return replace(self, extra={k: v[rows] for k, v in self.extra.items()}, **values)
