@@ -8,12 +8,20 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from support import Once, small_log
+from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration import CommandCorrector, fit_corrector, save
 
 # How long an example takes says more of the machine's other work than of the code.
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")
+
+
+def pytest_configure() -> None:
+    """One thread of linear algebra a process: two pools on few cores fight each other, ten times slower."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # of the processes that tests start
+    threadpool_limits(1)
 
 
 @pytest.fixture(scope="session")
