@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gpcorrect.calibration.cartesian import CommandCorrector, require_poses
+    from gpcorrect.calibration.cartesian import CommandCorrector
     from gpcorrect.calibration.drift import Ageing, Detection, detect, estimate_ageing
     from gpcorrect.calibration.evaluate import (
         COMPONENTS,
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_errors, joint_units, spread
     from gpcorrect.calibration.model_file import TASKS, load, load_any, model_hash, save
     from gpcorrect.calibration.model_store import Entry, ModelStore, compare, kind_of
+    from gpcorrect.calibration.pose_samples import require_poses
     from gpcorrect.calibration.settings import FitSettings
     from gpcorrect.calibration.split import HoldOut, folds_of, split_log
     from gpcorrect.calibration.stream import JointStream, PoseStream, RobotState, ToolStream
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.zigzags import DIRECTIONS, Direction, TimedPath, direction_named, timed, zigzag
 
 _HOMES = {
-    "cartesian": ("CommandCorrector", "require_poses"),
+    "cartesian": ("CommandCorrector",),
     "drift": ("Ageing", "Detection", "detect", "estimate_ageing"),
     "evaluate": (
         "COMPONENTS",
@@ -59,6 +60,7 @@ _HOMES = {
     "metrics": ("ErrorTable", "JointErrors", "error_table", "joint_errors", "joint_units", "spread"),
     "model_file": ("TASKS", "load", "load_any", "model_hash", "save"),
     "model_store": ("Entry", "ModelStore", "compare", "kind_of"),
+    "pose_samples": ("require_poses",),
     "settings": ("FitSettings",),
     "split": ("HoldOut", "folds_of", "split_log"),
     "stream": ("JointStream", "PoseStream", "RobotState", "ToolStream"),

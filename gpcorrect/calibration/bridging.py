@@ -43,7 +43,13 @@ class MotionLimits:
 
     @classmethod
     def of(cls, cleaner: FittedCleaner) -> Self:
-        """Limits that cleaning learned from the training recording."""
+        """Limits that cleaning learned from the training recording.
+
+        Parameters
+        ----------
+        cleaner : FittedCleaner
+            Cleaning of the training recording.
+        """
         steps = cleaner.thresholds.steps
         return cls(tuple(steps.speeds.tolist()), tuple(steps.noise.tolist()), cleaner.settings.occlusion_time)
 

@@ -3,65 +3,43 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gpcorrect.calibration import queries
 from gpcorrect.calibration.bridging import MotionLimits
-from gpcorrect.calibration.dataset import Layout, Samples, path_starts
-from gpcorrect.calibration.joint_map import JointMap
+from gpcorrect.calibration.dataset import Samples, path_starts
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import CableModel, GPMap
-from gpcorrect.calibration.memory import History, MemoryMap, choose_memory
+from gpcorrect.calibration.memory import History
 from gpcorrect.calibration.metrics import error_table
 from gpcorrect.calibration.one_pose import Frame, command, frame, inputs
-from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of, stencil_step
-from gpcorrect.calibration.queries import (
-    bad_query,
-    checked_poses,
-    checked_times,
-    pose_numbers,
-    pose_rows,
-    twist_numbers,
+from gpcorrect.calibration.pose_samples import (
+    Memory,
+    PosePairs,
+    best_memory,
+    memory_remark,
+    pose_layout,
+    samples_of_poses,
 )
-from gpcorrect.calibration.settings import LIMITS, MEMORY, FitSettings
-from gpcorrect.calibration.split import folds_of
+from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of, stencil_step
+from gpcorrect.calibration.settings import MEMORY, FitSettings
 from gpcorrect.calibration.stream import PoseStream
 from gpcorrect.calibration.task import Corrector, LearnLaw, Measured, Outcome
 from gpcorrect.cleaning import POSES, FittedCleaner, Pair
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import LogError
-from gpcorrect.gpr import FeatureMap, LeftOut
-from gpcorrect.rigid import Registration, RigidModel, apply_residual, pose_residual, register
+from gpcorrect.gpr import FeatureMap
+from gpcorrect.rigid import RigidModel, apply_residual, pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
 from gpcorrect.velocity import twists
 
-__all__ = ["CommandCorrector", "Memory", "require_poses"]
+__all__ = ["CommandCorrector"]
 
-POSITION = 3
-INDUCING = 700
-"""Points of the Gaussian process: within a tenth of 1500 points' error on simulated reaches (bench/gpr_choices.py)."""
+POSITION = 3  # numbers of a pose without orientation
 NO_MEMORY = np.zeros(0)
-CHECK_QUERIES = 8
-WORTH_IT = 0.02
-"""Least share of the error that memory must take away not to be called useless; chosen by hand."""
-
-
-@dataclass(frozen=True, eq=False)
-class Memory:
-    """What was learned a second time, with memory features, for paths and streams.
-
-    Parameters
-    ----------
-    states : MemoryMap
-        From a path of reference poses to its memory features.
-    law : Law
-        Its inputs end in those features.
-    """
-
-    states: MemoryMap
-    law: Law
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -145,7 +123,7 @@ class CommandCorrector(Corrector):
         DataError
             The pose or the twist is not finite, has the wrong length, or its quaternion is not a unit quaternion.
         """
-        query, velocity = pose_numbers(pose, orientation=self.has_orientation), twist_numbers(twist)
+        query, velocity = queries.pose_numbers(pose, orientation=self.has_orientation), queries.twist_numbers(twist)
         reasons = int(Reason.AT_REST) if twist is None and self.features.uses_velocity else 0
         if self.memory is not None:
             reasons |= int(Reason.NO_HISTORY)
@@ -175,7 +153,7 @@ class CommandCorrector(Corrector):
             f, law = frame(self.rigid, self.features, len(memory)), self.memory.law
         good, position, rotation, x, near = inputs(query, twist, NO_MEMORY if memory is None else memory, f, region)
         if not good:
-            raise bad_query(query, twist)
+            raise queries.bad_query(query, twist)
         mean, std, novelty = _predict_one(law, x)
         position, quaternion, limited = command(position, rotation, mean, law.bounds.largest)
         in_domain = near and novelty <= law.domain.novelty
@@ -224,17 +202,17 @@ class CommandCorrector(Corrector):
         DataError
             As for :meth:`correct`, or the times do not increase.
         """
-        queries = checked_poses(poses, orientation=self.has_orientation)
-        seconds = checked_times(times, len(queries))
-        desired = PoseSignal(queries[:, :3], queries[:, 3:] if queries.shape[1] > 3 else None)
-        labels = np.zeros(len(queries), dtype=np.int64)
+        rows = queries.checked_poses(poses, orientation=self.has_orientation)
+        seconds = queries.checked_times(times, len(rows))
+        desired = PoseSignal(rows[:, :3], rows[:, 3:] if rows.shape[1] > 3 else None)
+        labels = np.zeros(len(rows), dtype=np.int64)
         desired, replaced = self.possible(desired, seconds, labels)
         twist = np.nan_to_num(twists(seconds, desired.position, rotations_of(desired), labels))
         if self.memory is None:
             return self.correct_observed(desired, twist).because(Reason.BRIDGED, replaced)
         stream = self.stream()  # memory is of the commands, which are known one after the other
-        rows = zip(seconds, pose_rows(desired), twist, strict=True)
-        return Correction.stack([stream.correct(*row) for row in rows]).because(Reason.BRIDGED, replaced)
+        steps = zip(seconds, queries.pose_rows(desired), twist, strict=True)
+        return Correction.stack([stream.correct(*row) for row in steps]).because(Reason.BRIDGED, replaced)
 
     def possible(self, desired: PoseSignal, time: FloatArray, labels: IntArray) -> tuple[PoseSignal, BoolArray]:
         """Return desired paths with the lone jumps of each run bridged, and which poses (n,) were replaced.
@@ -311,13 +289,13 @@ class CommandCorrector(Corrector):
         observed, _ = pose_pair(log)
         if self.has_orientation and observed.quaternion is None:
             raise LogError("the model corrects orientations, and the log holds none.", path=log.name)
-        pairs = _Pairs.of(log, keep, self.velocity_step)
+        pairs = PosePairs.of(log, keep, self.velocity_step)
         if not self.has_orientation:
             pairs = replace(
                 pairs, observed=PoseSignal(pairs.observed.position), command=PoseSignal(pairs.command.position)
             )
         states = self.memory.states if with_memory and self.memory is not None else None
-        return _samples_of(pairs, log, self.rigid, self.features, states)
+        return samples_of_poses(pairs, log, self.rigid, self.features, states)
 
     def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
         """See :class:`Corrector`; velocities never cross a rejected sample."""
@@ -365,14 +343,14 @@ class CommandCorrector(Corrector):
         """See :class:`Corrector`."""
         kinds = settings.features or (("pose",) if log.static else ("pose", "velocity"))
         step = stencil_step(log) if settings.velocity_step == "auto" else settings.velocity_step
-        pairs = _Pairs.of(log, keep, step)
-        registration = _register(pairs, log, settings)
+        pairs = PosePairs.of(log, keep, step)
+        registration = pairs.register(log, settings)
         reference = registration.model.apply(pairs.observed)
         moved = reference_twists(registration.model, rotations_of(pairs.observed), pairs.twist)
         features = FeatureMap(tuple(kind for kind in kinds if kind != MEMORY))
         features = features.fit(reference.position, rotations_of(reference), moved)
-        samples = _samples_of(pairs, log, registration.model, features, None)
-        law, left_out = learn_law(samples, _layout(features, None))
+        samples = samples_of_poses(pairs, log, registration.model, features, None)
+        law, left_out = learn_law(samples, pose_layout(features, None))
         corrector = cls(
             law=law,
             cleaner=cleaner,
@@ -386,11 +364,11 @@ class CommandCorrector(Corrector):
         if not features.has_orientation:
             remarks.append("the log holds positions only: orientations are turned into the base frame, not corrected")
         if MEMORY in kinds:
-            states = _choose_memory(pairs, log, registration.model, features, left_out, settings.seed)
-            samples = _samples_of(pairs, log, registration.model, features, states)
-            recalling, recalled = learn_law(samples, _layout(features, states))
+            states = best_memory(pairs, log, registration.model, features, left_out, settings.seed)
+            samples = samples_of_poses(pairs, log, registration.model, features, states)
+            recalling, recalled = learn_law(samples, pose_layout(features, states))
             corrector = replace(corrector, memory=Memory(states, replace(recalling, bounds=law.bounds)))
-            remarks.append(_memory_remark(states, left_out, recalled))
+            remarks.append(memory_remark(states, left_out, recalled))
             left_out = recalled
         low, high = pairs.observed.position.min(axis=0), pairs.observed.position.max(axis=0)
         report = {
@@ -401,133 +379,6 @@ class CommandCorrector(Corrector):
             "training_region": {"position_min": low.tolist(), "position_max": high.tolist()},
         }
         return Outcome(corrector, samples, left_out, report, tuple(remarks), registration)
-
-
-@dataclass(frozen=True, eq=False)
-class _Pairs:
-    """The k samples of a log with both poses and a velocity: observed, commanded, twist, and their rows."""
-
-    observed: PoseSignal
-    command: PoseSignal
-    twist: FloatArray
-    rows: IntArray
-
-    @classmethod
-    def of(cls, log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> Self:
-        """Return those of the samples `keep` (n,).
-
-        Raises
-        ------
-        LogError
-            There are too few of them, or the log lacks a signal.
-        """
-        observed, commanded = pose_pair(log)
-        twist = observed_twists(log, observed, keep, velocity_step)
-        rows = np.flatnonzero(keep & observed.finite & commanded.finite & np.isfinite(twist[:, :3]).all(axis=1))
-        if rows.size < LIMITS.fewest_samples:
-            raise LogError(
-                f"only {rows.size} of {len(log)} samples can be learned from; at least {LIMITS.fewest_samples} are"
-                " needed.",
-                hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
-                path=log.name,
-            )
-        return cls(observed[rows], commanded[rows], twist[rows], rows)
-
-    @property
-    def check_queries(self) -> FloatArray:
-        """Training queries `(k, 13)` spread over the recording: pose (unturned in a position-only log) and twist."""
-        rows = np.unique(np.linspace(0, len(self.rows) - 1, CHECK_QUERIES).astype(np.int64))
-        observed = self.observed[rows]
-        unturned = np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))
-        quaternion = unturned if observed.quaternion is None else observed.quaternion
-        return np.hstack([observed.position, quaternion, np.nan_to_num(self.twist[rows])])
-
-
-def require_poses(log: CalibrationLog) -> None:
-    """Refuse, before any work, a log from which no correction of poses can be learned whatever the cleaning keeps.
-
-    Parameters
-    ----------
-    log : CalibrationLog
-        To be learned from.
-
-    Raises
-    ------
-    LogError
-        A signal is missing, or too few samples have both poses and a velocity.
-    DegenerateError
-        The motion does not determine a registration.
-    """
-    pairs = _Pairs.of(log, np.ones(len(log), dtype=np.bool_), None)
-    register(pairs.observed, pairs.command, log.trajectory[pairs.rows], "none")
-
-
-def _register(pairs: _Pairs, log: CalibrationLog, settings: FitSettings) -> Registration:
-    if not settings.rigid:
-        return Registration(RigidModel(), "the registration was switched off", (), None)
-    return register(pairs.observed, pairs.command, log.trajectory[pairs.rows], settings.marker)
-
-
-def _layout(features: FeatureMap, states: MemoryMap | None) -> Layout:
-    """Return how the regression's columns hang together: pose, velocity, memory."""
-    groups, width = features.groups, features.n_features
-    if states is not None:
-        groups = (*groups, tuple(range(width, width + states.size)))
-    return Layout(
-        targets=(3, 3) if features.has_orientation else (3,),
-        inputs=groups,
-        smooth=np.arange(sum(map(len, groups))),
-        penalties=None,
-        slack=features.slack,
-        inducing=INDUCING,
-    )
-
-
-def _samples_of(
-    pairs: _Pairs, log: CalibrationLog, rigid: RigidModel, features: FeatureMap, states: MemoryMap | None
-) -> Samples:
-    """Return the log as a law sees it: NaN where a sample is none of the pairs."""
-    reference, rows, n = rigid.apply(pairs.observed), pairs.rows, len(log)
-    moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
-    known = features.transform(reference.position, rotations_of(reference), moved)
-    new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
-    if states is not None:
-        history = History.of(
-            pairs.command, reference, np.cumsum(new, dtype=np.int64), orientation=features.has_orientation
-        )
-        known = np.hstack([known, states.transform(history)])
-    size = 6 if features.has_orientation else 3
-    X, target, begins, usable = (
-        np.full((n, known.shape[1]), np.nan),
-        np.full((n, size), np.nan),
-        *np.zeros((2, n), bool),
-    )
-    X[rows], begins[rows], usable[rows] = known, new, True
-    target[rows] = pose_residual(reference, pairs.command)[:, :size]
-    nothing = np.zeros((n, size))
-    return Samples(log.time, log.trajectory, log.session, begins, X, target, nothing, usable, np.zeros((n, 0)))
-
-
-def _choose_memory(
-    pairs: _Pairs, log: CalibrationLog, rigid: RigidModel, features: FeatureMap, left_out: LeftOut, seed: int
-) -> MemoryMap:
-    """Return the memory that explains most of the errors that a law without memory leaves."""
-    joints = JointMap.fit(log, seed, orientation=features.has_orientation)
-    rows = pairs.rows
-    labels = np.cumsum(path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool)), dtype=np.int64)
-    history = History.of(pairs.command, rigid.apply(pairs.observed), labels, orientation=features.has_orientation)
-    candidates = (None,) if joints is None else (None, joints)
-    known = np.asarray(np.isfinite(left_out.errors).all(axis=1))
-    return choose_memory(candidates, history, left_out.errors, folds_of(log.trajectory[rows]), known)
-
-
-def _memory_remark(states: MemoryMap, without: LeftOut, recalled: LeftOut) -> str:
-    """Say what the memory acts on and how it changed the errors at left-out training trajectories."""
-    change = np.sqrt(np.nanmean(recalled.errors**2, axis=0) / np.nanmean(without.errors**2, axis=0)) - 1.0
-    parts = zip(("position", "rotation"), change.reshape(-1, 3).mean(axis=1), strict=False)
-    changes = ", ".join(f"{100 * value:+.0f} % in {name}" for name, value in parts)
-    verdict = "" if change.mean() <= -WORTH_IT else ": not worth its time here, features pose,velocity do as well"
-    return f"memory acts on the {states.acts_on}; error at left-out trajectories {changes}{verdict}"
 
 
 def _predict_one(law: Law, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:

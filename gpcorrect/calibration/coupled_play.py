@@ -53,12 +53,28 @@ class CoupledPlay:
         object.__setattr__(self, "gap", frozen_array(self.gap))
 
     def lags(self, path: FloatArray, new: BoolArray) -> FloatArray:
-        """Return the lags `(n, d)` of the joints behind `path` (n, d); where `new`, a path starts without any."""
+        """Return the lags `(n, d)` of the joints behind `path` (n, d); where `new`, a path starts without any.
+
+        Parameters
+        ----------
+        path : (n, d) array
+            Positions of the motors in units of half the ranges.
+        new : (n,) mask
+            Where a path starts.
+        """
         lags: FloatArray = _lags(np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new)
         return lags
 
     def advance(self, joints: FloatArray, motors: FloatArray) -> FloatArray:
-        """Return where joints `(d,)` stand after the motors have moved on to `(d,)`: one step of a live path."""
+        """Return where joints `(d,)` stand after the motors have moved on to `(d,)`: one step of a live path.
+
+        Parameters
+        ----------
+        joints : (d,) array
+            Where the joints stood, in units of half the ranges.
+        motors : (d,) array
+            Where the motors are now, likewise.
+        """
         moved = np.array(joints, dtype=np.float64)
         _drag(moved, np.array(motors, dtype=np.float64), np.array(self.stiffness), np.array(self.gap))
         return moved
@@ -96,13 +112,13 @@ def _learned(path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArra
     linear = np.hstack([np.ones((len(path), 1)), path])
     scale = np.maximum(_left(linear, errors, rows).std(axis=0), 1e-300)
 
-    def residual(p: FloatArray) -> FloatArray:
+    def _residual(p: FloatArray) -> FloatArray:
         play = _play_of(p, dof)
         left = _left(np.hstack([linear, play.lags(path, new)]), errors, rows)
         return np.concatenate([(left / scale).ravel(), COUPLING_PENALTY * p[dof:]])
 
     start = np.concatenate([np.full(dof, np.log(FIRST_GAP)), np.zeros(dof * (dof - 1) // 2)])
-    found: Any = least_squares(residual, start, diff_step=[1e-3], max_nfev=MOST_SEARCH)
+    found: Any = least_squares(_residual, start, diff_step=[1e-3], max_nfev=MOST_SEARCH)
     return _play_of(found.x, dof)
 
 

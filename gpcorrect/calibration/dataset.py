@@ -60,13 +60,24 @@ class Samples:
         return np.flatnonzero(self.usable)
 
     def without(self, rows: BoolArray | IntArray) -> Self:
-        """Return the same samples, of which `rows` may not be learned from."""
+        """Return the same samples, of which `rows` may not be learned from.
+
+        Parameters
+        ----------
+        rows : (n,) mask or (k,) int array
+            Samples to leave out.
+        """
         usable = self.usable.copy()
         usable[rows] = False
         return replace(self, usable=usable)
 
     def learnable(self, fewest: int = LIMITS.fewest_samples) -> tuple[FloatArray, FloatArray]:
         """Return inputs `(k, d)` and targets `(k, m)` to learn from.
+
+        Parameters
+        ----------
+        fewest : int
+            Number of samples below which the fit is refused.
 
         Raises
         ------

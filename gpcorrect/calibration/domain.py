@@ -59,23 +59,51 @@ class Domain:
         return cls(low - margin, high + margin, novelty, np.sqrt((targets**2).mean(axis=0)))
 
     def widened(self, other: Self) -> Self:
-        """Return the region that holds both, with the novelty and spread of this one."""
+        """Return the region that holds both, with the novelty and spread of this one.
+
+        Parameters
+        ----------
+        other : Domain
+            Of the same inputs.
+        """
         low, high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
         return type(self)(low, high, self.novelty, self.spread)
 
     def clip(self, X: FloatArray) -> FloatArray:
-        """Return inputs `(..., D)` drawn to the nearest edge of their ranges: where a law that runs on must end."""
+        """Return inputs `(..., D)` drawn to the nearest edge of their ranges: where a law that runs on must end.
+
+        Parameters
+        ----------
+        X : (..., D) array
+            Inputs.
+        """
         bounded = X[..., : len(self.low)]
         return np.concatenate([np.clip(bounded, self.low, self.high), X[..., len(self.low) :]], axis=-1)
 
     def holds(self, X: FloatArray, novelty: FloatArray) -> BoolArray:
-        """Return which inputs `(n, D)` with novelties `(n,)` lie inside."""
+        """Return which inputs `(n, D)` with novelties `(n,)` lie inside.
+
+        Parameters
+        ----------
+        X : (n, D) array
+            Inputs.
+        novelty : (n,) array
+            Fraction of the prior variance left at each.
+        """
         bounded = X[:, : len(self.low)]
         inside: BoolArray = ((bounded >= self.low) & (bounded <= self.high)).all(axis=1) & (novelty <= self.novelty)
         return inside
 
     def widen(self, std: FloatArray, inside: BoolArray | bool) -> FloatArray:
-        """Return standard deviations `(..., m)`, outside the region no smaller than the spread of the targets."""
+        """Return standard deviations `(..., m)`, outside the region no smaller than the spread of the targets.
+
+        Parameters
+        ----------
+        std : (..., m) array
+            Standard deviations, m or rad.
+        inside : (...) mask or bool
+            Which of them lie inside the region.
+        """
         if inside is True:
             return std
         outside = ~np.asarray(inside)[..., None]
@@ -103,17 +131,37 @@ class Bounds:
 
     @classmethod
     def of(cls, targets: FloatArray, sizes: tuple[int, ...]) -> Self:
-        """Return bounds that training targets `(n, m)` keep with headroom."""
+        """Return bounds that training targets `(n, m)` keep with headroom.
+
+        Parameters
+        ----------
+        targets : (n, m) array
+            Training corrections, m or rad.
+        sizes : tuple of int
+            How many components in turn are bounded together.
+        """
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         lengths = np.sqrt(np.add.reduceat(targets**2, starts, axis=1))
         return cls(sizes, LIMITS.headroom * lengths.max(axis=0))
 
     def widened(self, other: Self) -> Self:
-        """Return the bounds that hold both."""
+        """Return the bounds that hold both.
+
+        Parameters
+        ----------
+        other : Bounds
+            Of the same groups.
+        """
         return type(self)(self.sizes, np.maximum(self.largest, other.largest))
 
     def limit(self, residual: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return residuals `(n, m)`, shortened where they are too long, and which rows `(n,)` were."""
+        """Return residuals `(n, m)`, shortened where they are too long, and which rows `(n,)` were.
+
+        Parameters
+        ----------
+        residual : (n, m) array
+            Corrections, m or rad.
+        """
         starts = np.concatenate([[0], np.cumsum(self.sizes)[:-1]])
         lengths = np.sqrt(np.add.reduceat(residual**2, starts, axis=1))
         scale = np.minimum(1.0, self.largest / np.maximum(lengths, 1e-300))

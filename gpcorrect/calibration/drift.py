@@ -54,6 +54,17 @@ class Detection:
 def detect(baseline: FloatArray, scores: FloatArray, threshold: float, rng: np.random.Generator) -> Detection:
     """Test scores `(n,)`, in order, against those of the training's left-out trajectories `(b,)`.
 
+    Parameters
+    ----------
+    baseline : (b,) array
+        Scores of the training's left-out trajectories.
+    scores : (n,) array
+        Scores to test, in recorded order.
+    threshold : float
+        Mean number of trajectories between false alarms, at least.
+    rng : numpy.random.Generator
+        Breaks ties.
+
     Raises
     ------
     DataError
@@ -76,7 +87,17 @@ def detect(baseline: FloatArray, scores: FloatArray, threshold: float, rng: np.r
 
 
 def conformal_p_values(baseline: FloatArray, scores: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return p-values `(n,)`: ranks of scores among all before them, ties broken at random; small for large scores."""
+    """Return p-values `(n,)`: ranks of scores among all before them, ties broken at random; small for large scores.
+
+    Parameters
+    ----------
+    baseline : (b,) array
+        Scores of the training's left-out trajectories.
+    scores : (n,) array
+        Scores in recorded order.
+    rng : numpy.random.Generator
+        Breaks ties.
+    """
     seen = np.concatenate([baseline, scores])
     p = np.empty(len(scores))
     for i, score in enumerate(scores):
@@ -87,7 +108,13 @@ def conformal_p_values(baseline: FloatArray, scores: FloatArray, rng: np.random.
 
 
 def e_values(p: FloatArray) -> FloatArray:
-    """Return e-values of p-values: the power bets `k p^(k - 1)` averaged over k in (0, 1) (Vovk and Wang 2021)."""
+    """Return e-values of p-values: the power bets `k p^(k - 1)` averaged over k in (0, 1) (Vovk and Wang 2021).
+
+    Parameters
+    ----------
+    p : (n,) array
+        p-values.
+    """
     q = np.clip(p, SMALLEST_P, 1.0 - 1e-6)
     log = np.log(q)
     bets: FloatArray = (1.0 - q + q * log) / (q * log**2)

@@ -93,7 +93,17 @@ def _sweeps(limits: FloatArray, slow: float, fast: float, time: FloatArray, rng:
 
 
 def speed_ladder(limits: FloatArray, speed: FloatArray, rate_hz: float) -> TimedPath:
-    """Each joint alone, to and fro at a ladder of speeds: friction, damping and delay grow differently."""
+    """Each joint alone, to and fro at a ladder of speeds: friction, damping and delay grow differently.
+
+    Parameters
+    ----------
+    limits : (dof, 2) array
+        Range of each joint, rad or m.
+    speed : (dof,) array
+        Highest speeds, rad/s or m/s.
+    rate_hz : float
+        Samples a second.
+    """
     paths = [
         timed(_to_and_fro(limits, joint, 1.0), share * speed, rate_hz)
         for joint in range(len(limits))
@@ -103,7 +113,17 @@ def speed_ladder(limits: FloatArray, speed: FloatArray, rate_hz: float) -> Timed
 
 
 def amplitude_ladder(limits: FloatArray, speed: FloatArray, rate_hz: float) -> TimedPath:
-    """Each joint alone, to and fro over growing amplitudes: a play takes the same from all, a gain its share."""
+    """Each joint alone, to and fro over growing amplitudes: a play takes the same from all, a gain its share.
+
+    Parameters
+    ----------
+    limits : (dof, 2) array
+        Range of each joint, rad or m.
+    speed : (dof,) array
+        Speeds, rad/s or m/s.
+    rate_hz : float
+        Samples a second.
+    """
     paths = [
         timed(_to_and_fro(limits, joint, share), speed, rate_hz) for joint in range(len(limits)) for share in AMPLITUDES
     ]
@@ -119,7 +139,23 @@ def holds(
     count: int = 10,
     rest: float = 5.0,
 ) -> TimedPath:
-    """Random poses, each held for `rest` seconds: creep and sag go on when nothing moves."""
+    """Random poses, each held for `rest` seconds: creep and sag go on when nothing moves.
+
+    Parameters
+    ----------
+    limits : (dof, 2) array
+        Range of each joint, rad or m.
+    speed : (dof,) array
+        Speeds between poses, rad/s or m/s.
+    rate_hz : float
+        Samples a second.
+    rng : numpy.random.Generator
+        Draws the poses.
+    count : int
+        Number of poses.
+    rest : float
+        Time at each pose, s.
+    """
     corners = np.vstack([limits.mean(axis=1), rng.uniform(limits[:, 0], limits[:, 1], (count, len(limits)))])
     still = round(rest * rate_hz)
     paths = []

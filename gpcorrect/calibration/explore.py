@@ -103,6 +103,17 @@ class _Covariance:
 
     @classmethod
     def of(cls, part: SharedPredictor, candidates: FloatArray, task: FloatArray) -> _Covariance:
+        """Return the covariances under a predictor.
+
+        Parameters
+        ----------
+        part : SharedPredictor
+            Of outputs with one kernel.
+        candidates : (k, d) array
+            Features of what may be measured.
+        task : (t, d) array
+            Features of the task region.
+        """
         explained = part.explained.mean(axis=0)
         w_own, w_task = (_projected(part, X) for X in (candidates, task))
         own = part.kernel(candidates, candidates) - (w_own * explained) @ w_own.T
@@ -117,7 +128,13 @@ class _Covariance:
         return taken
 
     def after(self, index: int) -> _Covariance:
-        """Return the covariances once candidate `index` was observed."""
+        """Return the covariances once candidate `index` was observed.
+
+        Parameters
+        ----------
+        index : int
+            Which candidate was observed.
+        """
         spread = max(float(self.own[index, index]), 0.0) + self.noise
         column, reach = self.own[:, index] / spread, self.task[:, index]
         return _Covariance(

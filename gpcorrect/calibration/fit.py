@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -128,9 +129,7 @@ def _fit(log: CalibrationLog, settings: FitSettings, task: type[Corrector], prog
     progress.step("clean", 1.0)
     keep = cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
 
-    def learn_law(samples: Samples, layout: Layout) -> tuple[Law, LeftOut]:
-        return _learn_law(samples, layout, settings, progress)
-
+    learn_law = partial(_learn_law, settings=settings, progress=progress)
     outcome = task.learn(log, keep, cleaner, settings, learn_law)
     remarks = [*log.remarks, *outcome.remarks, *([clocks.remark] if clocks.applied else [])]
     summary = _summary(log, outcome, clocks, cleaning, settings, remarks, time.perf_counter() - start)

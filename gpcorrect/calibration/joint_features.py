@@ -112,12 +112,23 @@ class JointFeatures:
         return replace(features, used=used)
 
     def scaled(self, q: FloatArray) -> FloatArray:
-        """Return joints `(..., d)` in units of half their ranges, from the middle."""
+        """Return joints `(..., d)` in units of half their ranges, from the middle.
+
+        Parameters
+        ----------
+        q : (..., d) array
+            Joints, rad or m.
+        """
         path: FloatArray = (q - self.centre) / self.half
         return path
 
     def transform(self, path: JointPath) -> FloatArray:
         """Return features `(n, k)` of a path; rows with a missing number are NaN.
+
+        Parameters
+        ----------
+        path : JointPath
+            n samples.
 
         Raises
         ------

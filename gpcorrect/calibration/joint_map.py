@@ -44,6 +44,15 @@ class JointMap:
         """Learn from commanded, else reported poses and joints; None where there are none or poses determine none.
 
         Without `orientation` positions alone must determine the joints.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            Holds poses and joints.
+        seed : int
+            Of the samples and inducing points that are drawn.
+        orientation : bool
+            Whether orientations may be used.
         """
         for pose_name, joint_name in SOURCES:
             poses, joints = getattr(log, pose_name), getattr(log, joint_name)

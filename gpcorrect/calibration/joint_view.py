@@ -110,7 +110,15 @@ class JointView:
         return Samples(path.time, trajectory, session, path.new, X, target, origin, usable, path.q, path.effort)
 
     def answer(self, q: FloatArray, prediction: Prediction) -> Correction:
-        """Return joints `(n, d)` corrected as a law says of the moving ones; the others stay as they are."""
+        """Return joints `(n, d)` corrected as a law says of the moving ones; the others stay as they are.
+
+        Parameters
+        ----------
+        q : (n, d) array
+            Joints that went in, rad or m.
+        prediction : Prediction
+            Of the k moving joints.
+        """
         joints = q.copy()
         joints[:, self.moving] += prediction.residual
         missing = ~np.isfinite(joints).all(axis=1)
@@ -127,7 +135,13 @@ class JointView:
         )
 
     def wide(self, values: FloatArray) -> FloatArray:
-        """Return values `(n, k)` of the moving joints among those of all `(n, d)`, NaN for those that were still."""
+        """Return values `(n, k)` of the moving joints among those of all `(n, d)`, NaN for those that were still.
+
+        Parameters
+        ----------
+        values : (n, k) array
+            Of the moving joints.
+        """
         if len(self.moving) == len(self.types):
             return values
         wide = np.full((len(values), len(self.types)), np.nan)
@@ -171,6 +185,17 @@ def directed(
 ) -> tuple[FloatArray, FloatArray | None]:
     """Return the joints that go in and those that are to come out, `(n, d)`.
 
+    Parameters
+    ----------
+    log : CalibrationLog
+        n samples.
+    signal : str
+        Signal of the robot's side.
+    direction : str
+        "estimate" or "command".
+    needs_truth : bool
+        Whether what is to come out must be logged.
+
     Raises
     ------
     LogError
@@ -191,7 +216,21 @@ def directed(
 def logged_path(
     log: CalibrationLog, source: FloatArray, moving: IntArray, direction: str, kinds: Sequence[str]
 ) -> JointPath:
-    """Return the path of the moving joints; in static poses every row is a path of its own, at rest."""
+    """Return the path of the moving joints; in static poses every row is a path of its own, at rest.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        n samples.
+    source : (n, d) array
+        Joints that go in, rad or m.
+    moving : (k,) int array
+        Joints that moved in training.
+    direction : str
+        "estimate" or "command".
+    kinds : sequence of str
+        Kinds of features; the whole state is read for "state" only.
+    """
     effort = None if log.measured_jf is None or direction == "command" else log.measured_jf[:, moving]
     state = state_columns(log)[1] if "state" in kinds else None
     path = joint_path(log.time, log.session, source[:, moving], effort, state)

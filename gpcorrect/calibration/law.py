@@ -110,7 +110,13 @@ class Law:
         return Prediction(nothing, nothing, nothing, np.array([int(Reason.MISSING)]))
 
     def inputs(self, X: FloatArray) -> FloatArray:
-        """Return inputs `(..., d)` as the learner reads them: laws that run on end at the edge of the region."""
+        """Return inputs `(..., d)` as the learner reads them: laws that run on end at the edge of the region.
+
+        Parameters
+        ----------
+        X : (..., d) array
+            Inputs.
+        """
         return self.domain.clip(X) if not isinstance(self.learned, CableModel) and self.learned.extrapolates else X
 
     def guarded(
@@ -137,5 +143,11 @@ class Law:
         return Prediction(residual + self.zero, std, self.intervals.interval95(std), reasons)
 
     def rezeroed(self, shift: FloatArray) -> Self:
-        """Return the law with its zeros moved by `shift` (m,)."""
+        """Return the law with its zeros moved by `shift` (m,).
+
+        Parameters
+        ----------
+        shift : (m,) array
+            m or rad.
+        """
         return replace(self, zero=self.zero + shift)

@@ -45,7 +45,19 @@ class History:
 
     @classmethod
     def of(cls, command: PoseSignal, reference: PoseSignal, labels: IntArray, *, orientation: bool) -> Self:
-        """Return the history, with orientations or without."""
+        """Return the history, with orientations or without.
+
+        Parameters
+        ----------
+        command : PoseSignal
+            n commanded poses.
+        reference : PoseSignal
+            n reference poses.
+        labels : (n,) int array
+            Path of each sample.
+        orientation : bool
+            Whether orientations are part of the history.
+        """
         if not orientation:
             command, reference = PoseSignal(command.position), PoseSignal(reference.position)
         return cls(command, reference, labels)
@@ -80,11 +92,23 @@ class MemoryMap:
         return "pose" if self.joints is None else "joints"
 
     def steps(self, poses: PoseSignal) -> FloatArray:
-        """Return steps `(n, k)` of the coordinates from the row before; the first is zero."""
+        """Return steps `(n, k)` of the coordinates from the row before; the first is zero.
+
+        Parameters
+        ----------
+        poses : PoseSignal
+            n poses, in order.
+        """
         return _steps(self.joints, poses)
 
     def transform(self, history: History) -> FloatArray:
-        """Return features `(n, h k)` of paths; every label is a path of its own, which starts amid the slack."""
+        """Return features `(n, h k)` of paths; every label is a path of its own, which starts amid the slack.
+
+        Parameters
+        ----------
+        history : History
+            n samples.
+        """
         left = play_states(self.steps(history.command), self.radii, history.labels)
         states = np.zeros(left.shape)
         states[1:] = advance(left[:-1], self.steps(history.reference)[1:, None], self.radii)
@@ -92,7 +116,13 @@ class MemoryMap:
         return self.features(states)
 
     def features(self, states: FloatArray) -> FloatArray:
-        """Return features `(..., h k)` of states `(..., h, k)`."""
+        """Return features `(..., h k)` of states `(..., h, k)`.
+
+        Parameters
+        ----------
+        states : (..., h, k) array
+            Lags inside the slacks, m or rad.
+        """
         shares: FloatArray = (states / self.radii).reshape(*states.shape[:-2], -1)
         return shares
 
@@ -103,6 +133,15 @@ def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArra
     The state of a play (Krasnosel'skii and Pokrovskii 1989, Sec. 2) is how far its output lags behind its input, `d = u
     - w` in [-r, r]: the input moves freely inside the slack and drags the output at its edges, `d' = clip(d + du, -r,
     r)`. Exact for an input that is monotone during the step; where the path was before never matters.
+
+    Parameters
+    ----------
+    state : (..., h, k) array
+        Lags before the step.
+    step : (..., 1, k) or (k,) array
+        Step of each coordinate, m or rad.
+    radii : (h, k) array
+        Half widths of the slacks, m or rad.
     """
     moved: FloatArray = np.clip(state + step, -radii, radii)
     return moved
@@ -113,6 +152,15 @@ def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray) -> Float
 
     Every label `(n,)` is a path of its own: it starts in the middle of the slack, where nothing is known, and its first
     step is not looked at.
+
+    Parameters
+    ----------
+    steps : (n, k) array
+        Steps from the row before, m or rad.
+    radii : (h, k) array
+        Half widths of the slacks, m or rad.
+    labels : (n,) int array
+        Path of each row.
     """
     states = np.zeros((len(steps), *radii.shape))
     for i in range(1, len(steps)):

@@ -28,7 +28,13 @@ ErrorTable = dict[str, dict[str, Leaf]]
 
 
 def spread(errors: FloatArray) -> Leaf:
-    """Return mean, SD, RMSE, 95th percentile and maximum of the absolute values of `errors` (n,); NaN are left out."""
+    """Return mean, SD, RMSE, 95th percentile and maximum of the absolute values of `errors` (n,); NaN are left out.
+
+    Parameters
+    ----------
+    errors : (n,) array
+        In any unit.
+    """
     size = np.abs(errors[np.isfinite(errors)])
     if size.size == 0:
         return dict.fromkeys(("mean", "sd", "rmse", "p95", "max"), float("nan"))
@@ -48,7 +54,13 @@ def _by_axis(vectors: FloatArray) -> dict[str, Leaf]:
 
 
 def error_table(residual: FloatArray) -> ErrorTable:
-    """Return the table of pose errors `(n, 6)` (m, then rad): `position_mm` and, where measured, `rotation_deg`."""
+    """Return the table of pose errors `(n, 6)` (m, then rad): `position_mm` and, where measured, `rotation_deg`.
+
+    Parameters
+    ----------
+    residual : (n, 6) array
+        m, then rad; NaN where not measured.
+    """
     table = {"position_mm": _by_axis(1e3 * residual[:, :3])}
     if np.isfinite(residual[:, 3:]).any():
         table["rotation_deg"] = _by_axis(np.rad2deg(residual[:, 3:]))
@@ -56,7 +68,15 @@ def error_table(residual: FloatArray) -> ErrorTable:
 
 
 def coverage(residual: FloatArray, half_width: FloatArray) -> FloatArray:
-    """Return the share of errors `(n, k)` inside intervals of half width `(n, k)`, by column; NaN where unknown."""
+    """Return the share of errors `(n, k)` inside intervals of half width `(n, k)`, by column; NaN where unknown.
+
+    Parameters
+    ----------
+    residual : (n, k) array
+        Errors.
+    half_width : (n, k) array
+        Half widths of their intervals, same unit.
+    """
     known = np.isfinite(residual) & np.isfinite(half_width)
     inside = (np.abs(residual) <= half_width) & known
     count = known.sum(axis=0)
@@ -65,12 +85,33 @@ def coverage(residual: FloatArray, half_width: FloatArray) -> FloatArray:
 
 
 def joint_units(types: str) -> tuple[list[str], FloatArray]:
-    """Return each joint's unit for people, and what one rad or m is in it."""
+    """Return each joint's unit for people, and what one rad or m is in it.
+
+    Parameters
+    ----------
+    types : str
+        "R" or "P" for each joint.
+
+    Returns
+    -------
+    names : list of str
+        "deg" or "mm".
+    scale : (d,) array
+        Of one rad or m.
+    """
     names = ["mm" if kind == "P" else "deg" for kind in types]
     return names, np.array([1e3 if kind == "P" else np.rad2deg(1.0) for kind in types])
 
 
 def joint_errors(errors: FloatArray, types: str) -> JointErrors:
-    """Return RMSE, and mean, SD, 95th percentile and maximum of the absolute errors `(n, d)`, of every joint."""
+    """Return RMSE, and mean, SD, 95th percentile and maximum of the absolute errors `(n, d)`, of every joint.
+
+    Parameters
+    ----------
+    errors : (n, d) array
+        rad or m.
+    types : str
+        "R" or "P" for each joint.
+    """
     names, scale = joint_units(types)
     return [{"joint": j + 1, "unit": names[j], **spread(errors[:, j] * scale[j])} for j in range(errors.shape[1])]

@@ -110,7 +110,18 @@ def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
 
 
 def load_any(path: str | Path) -> Any:
-    """Read a model file of whatever task; parameters and errors as for :func:`load`."""
+    """Read a model file of whatever task; parameters and errors as for :func:`load`.
+
+    Parameters
+    ----------
+    path : str or Path
+        Model file.
+
+    Raises
+    ------
+    ArtifactError
+        As for :func:`load`.
+    """
     header, _ = read_parts(path)
     return load(path, next(task for task in TASKS.values() if header["kind"] == task.KIND))
 
@@ -146,19 +157,39 @@ def read_parts(path: str | Path) -> tuple[Header, Arrays]:
 
 
 def model_hash(path: str | Path) -> str:
-    """Return the SHA-256 of the whole model file, hexadecimal: the identity that a service reports."""
+    """Return the SHA-256 of the whole model file, hexadecimal: the identity that a service reports.
+
+    Parameters
+    ----------
+    path : str or Path
+        Model file.
+    """
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def seal_of(header: Header) -> str:
-    """Return the SHA-256 of a header's own text, its `seal` left out: what shows that it was edited."""
+    """Return the SHA-256 of a header's own text, its `seal` left out: what shows that it was edited.
+
+    Parameters
+    ----------
+    header : dict
+        JSON-able.
+    """
     text = json.dumps({name: value for name, value in header.items() if name != "seal"}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def refused(path: str | Path, why: str) -> ArtifactError:
-    """Return the error that says why a model file is not used."""
+    """Return the error that says why a model file is not used.
+
+    Parameters
+    ----------
+    path : str or Path
+        Model file.
+    why : str
+        Reason, as a clause.
+    """
     return ArtifactError(
         f"model file {path} is refused: {why}.", hint="Copy it again from its source, or fit the model again."
     )

@@ -73,22 +73,45 @@ class ModelStore:
         return self._read().models
 
     def active(self, kind: str = "pose") -> Entry | None:
-        """Return the active model of a kind, None where none was activated yet."""
+        """Return the active model of a kind, None where none was activated yet.
+
+        Parameters
+        ----------
+        kind : str
+            Task of the model.
+        """
         history = self.history(kind)
         return history[-1] if history else None
 
     def history(self, kind: str = "pose") -> tuple[Entry, ...]:
-        """Return the models that were active, the present one last."""
+        """Return the models that were active, the present one last.
+
+        Parameters
+        ----------
+        kind : str
+            Task of the models.
+        """
         state = self._read()
         by_hash = {entry.hash: entry for entry in state.models}
         return tuple(by_hash[hash_] for hash_ in state.history.get(kind, ()))
 
     def path(self, entry: Entry) -> Path:
-        """Return the file of a model."""
+        """Return the file of a model.
+
+        Parameters
+        ----------
+        entry : Entry
+            Model of this store.
+        """
         return self.folder / "models" / f"{entry.hash}.gpc"
 
     def find(self, name: str) -> Entry:
         """Return the model of this name (the newest of several), or whose hash begins so.
+
+        Parameters
+        ----------
+        name : str
+            Name, or the beginning of a hash.
 
         Raises
         ------
@@ -108,6 +131,15 @@ class ModelStore:
 
     def add(self, path: str | Path, *, now: float, name: str = "") -> Entry:
         """Take a copy of a model file, verified and asked its check queries; one that is there already is only named.
+
+        Parameters
+        ----------
+        path : str or Path
+            Model file.
+        now : float
+            Time of arrival, s since 1970.
+        name : str
+            Name in the store; that of the file by default.
 
         Raises
         ------
@@ -155,6 +187,11 @@ class ModelStore:
     def rollback(self, kind: str = "pose") -> Entry:
         """Make the model active again that was before the present one, and return it.
 
+        Parameters
+        ----------
+        kind : str
+            Task of the model.
+
         Raises
         ------
         DataError
@@ -168,7 +205,13 @@ class ModelStore:
         return before
 
     def previous(self, kind: str = "pose") -> Entry:
-        """Return the model that was active before the present one; raises as :meth:`rollback`."""
+        """Return the model that was active before the present one; raises as :meth:`rollback`.
+
+        Parameters
+        ----------
+        kind : str
+            Task of the model.
+        """
         history = self.history(kind)
         if len(history) < 2:
             raise DataError(
@@ -178,6 +221,11 @@ class ModelStore:
 
     def verified(self, entry: Entry) -> Any:
         """Return the model of an entry, its file read whole, verified, and asked its check queries.
+
+        Parameters
+        ----------
+        entry : Entry
+            Model of this store.
 
         Raises
         ------
@@ -260,6 +308,13 @@ def _sync_folder(folder: Path) -> None:
 
 def compare(store: ModelStore, one: Entry, other: Entry) -> dict[str, Any]:
     """Return what two models say differently of themselves, and how far apart their commands are.
+
+    Parameters
+    ----------
+    store : ModelStore
+        Holds both.
+    one, other : Entry
+        Models of one kind.
 
     Returns
     -------

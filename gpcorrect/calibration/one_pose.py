@@ -41,6 +41,15 @@ def frame(rigid: RigidModel, features: FeatureMap, memory: int = 0) -> Frame:
     """Return what queries read of a registration and its features, with room for features of `memory` behind them.
 
     Copies, so that every array is contiguous.
+
+    Parameters
+    ----------
+    rigid : RigidModel
+        From the observer's frame to the command's.
+    features : FeatureMap
+        Of poses and twists.
+    memory : int
+        Number of memory features.
     """
     twist = (6 if features.has_orientation else 3) if features.uses_velocity else 0
     kind = np.array([ROTATIONS[features.rotation], twist], dtype=np.float64)
@@ -137,7 +146,13 @@ def command(
 
 @njit(cache=True)
 def matrix_from_quaternion(q: FloatArray) -> FloatArray:
-    """Rotation matrix `(3, 3)` of one unit quaternion wxyz `(4,)`."""
+    """Rotation matrix `(3, 3)` of one unit quaternion wxyz `(4,)`.
+
+    Parameters
+    ----------
+    q : (4,) array
+        Unit quaternion wxyz.
+    """
     w, x, y, z = q[0], q[1], q[2], q[3]
     R = np.empty((3, 3))
     R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
@@ -148,7 +163,13 @@ def matrix_from_quaternion(q: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def quaternion_from_matrix(R: FloatArray) -> FloatArray:
-    """Return the unit quaternion wxyz `(4,)` with w >= 0 of one rotation matrix `(3, 3)` (Shepperd 1978)."""
+    """Return the unit quaternion wxyz `(4,)` with w >= 0 of one rotation matrix `(3, 3)` (Shepperd 1978).
+
+    Parameters
+    ----------
+    R : (3, 3) array
+        Rotation matrix.
+    """
     q = np.empty(4)
     q[0], q[1] = 1 + R[0, 0] + R[1, 1] + R[2, 2], 1 + R[0, 0] - R[1, 1] - R[2, 2]
     q[2], q[3] = 1 - R[0, 0] + R[1, 1] - R[2, 2], 1 - R[0, 0] - R[1, 1] + R[2, 2]
@@ -169,7 +190,13 @@ def quaternion_from_matrix(R: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:
-    """Rotation matrix `(3, 3)` of one rotation vector `(3,)`, rad."""
+    """Rotation matrix `(3, 3)` of one rotation vector `(3,)`, rad.
+
+    Parameters
+    ----------
+    rotvec : (3,) array
+        rad.
+    """
     angle = _length(rotvec)
     q = np.empty(4)
     q[0] = cos(angle / 2)
@@ -179,7 +206,13 @@ def matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:
 
 @njit(cache=True)
 def rotvec_from_matrix(R: FloatArray) -> FloatArray:
-    """Rotation vector `(3,)`, rad, of length at most pi, of one rotation matrix `(3, 3)`."""
+    """Rotation vector `(3,)`, rad, of length at most pi, of one rotation matrix `(3, 3)`.
+
+    Parameters
+    ----------
+    R : (3, 3) array
+        Rotation matrix.
+    """
     q = quaternion_from_matrix(R)
     sine = _length(q[1:])
     return q[1:] * (2.0 if sine < SMALL else 2 * atan2(sine, q[0]) / sine)

@@ -21,7 +21,13 @@ STRIDE = 5  # samples over which a speed is measured: noise counts little, curva
 
 
 def rotations_of(signal: PoseSignal) -> FloatArray | None:
-    """Rotation matrices `(n, 3, 3)` of a signal, NaN where a sample is missing; None when it holds positions only."""
+    """Rotation matrices `(n, 3, 3)` of a signal, NaN where a sample is missing; None when it holds positions only.
+
+    Parameters
+    ----------
+    signal : PoseSignal
+        n poses.
+    """
     if signal.quaternion is None:
         return None
     rotations = np.full((len(signal), 3, 3), np.nan)
@@ -59,6 +65,15 @@ def reference_twists(rigid: RigidModel, rotations: FloatArray | None, twist: Flo
     """Twists `(n, 6)` of the references, from those of the observed poses with rotations `(n, 3, 3)`.
 
     The lever arm turns with the body: `v = R_position (v_obs + w_obs x R_obs offset)`, `w = R_left w_obs`.
+
+    Parameters
+    ----------
+    rigid : RigidModel
+        From the observer's frame to the command's.
+    rotations : (n, 3, 3) array or None
+        Of the observed poses.
+    twist : (n, 6) array
+        Of the observed poses, m/s and rad/s.
     """
     linear, angular = twist[..., :3], twist[..., 3:]
     if rotations is not None and rigid.needs_orientation:
@@ -75,6 +90,11 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def pose_pair(log: CalibrationLog) -> tuple[PoseSignal, PoseSignal]:
     """Return (observed, command): `tracker_cp` and `setpoint_cp`, both without orientation when one of them has none.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        n samples.
 
     Raises
     ------
@@ -102,6 +122,11 @@ def stencil_step(log: CalibrationLog) -> float | None:
 
     The noise of the tracker is read off third differences of its positions, which the motion itself hardly enters at
     the rates where noise matters.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        n samples.
     """
     if log.tracker_cp is None or len(log) <= STRIDE:
         return None

@@ -19,6 +19,13 @@ def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
 
     Only the length is looked at; what the numbers are is looked at where they are used, see :func:`bad_query`.
 
+    Parameters
+    ----------
+    pose : (7,) or (3,) array
+        m and unit quaternion wxyz.
+    orientation : bool
+        Whether the model corrects orientations.
+
     Raises
     ------
     DataError
@@ -31,12 +38,23 @@ def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
 
 
 def pose_rows(poses: PoseSignal) -> FloatArray:
-    """Return poses as `(n, 7)`, or `(n, 3)` without orientation."""
+    """Return poses as `(n, 7)`, or `(n, 3)` without orientation.
+
+    Parameters
+    ----------
+    poses : PoseSignal
+        n poses.
+    """
     return poses.position if poses.quaternion is None else np.hstack([poses.position, poses.quaternion])
 
 
 def twist_numbers(twist: ArrayLike | None) -> FloatArray:
     """Return a copy of a twist as `(6,)`: m/s, then rad/s; three numbers are a linear velocity, None is at rest.
+
+    Parameters
+    ----------
+    twist : (6,) or (3,) array, or None
+        m/s and rad/s.
 
     Raises
     ------
@@ -54,7 +72,15 @@ def twist_numbers(twist: ArrayLike | None) -> FloatArray:
 
 
 def bad_query(pose: FloatArray, twist: FloatArray) -> DataError:
-    """Return what is wrong with a query of the right lengths that cannot be answered."""
+    """Return what is wrong with a query of the right lengths that cannot be answered.
+
+    Parameters
+    ----------
+    pose : (7,) or (3,) array
+        m and quaternion wxyz.
+    twist : (6,) array
+        m/s and rad/s.
+    """
     if not np.isfinite(twist).all():
         return DataError(
             "the twist holds a number that is not finite.", hint="Leave the twist out where it is not known."
@@ -72,6 +98,13 @@ def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
     """Return poses as `(n, 7)` with normalised quaternions, or `(n, 3)` for a position-only model.
 
     A position-only model takes poses with an orientation too, and keeps the orientation for the caller.
+
+    Parameters
+    ----------
+    poses : (n, 7) or (n, 3) array
+        m and unit quaternions wxyz.
+    orientation : bool
+        Whether the model corrects orientations.
 
     Raises
     ------
@@ -113,6 +146,13 @@ def _unit(quaternions: FloatArray) -> FloatArray:
 
 def checked_times(times: ArrayLike, count: int) -> FloatArray:
     """Return the times of a path as `(count,)`, s.
+
+    Parameters
+    ----------
+    times : (count,) array
+        s.
+    count : int
+        Number of poses.
 
     Raises
     ------

@@ -103,7 +103,13 @@ class Measured:
     trajectory: IntArray
 
     def of(self, method: str) -> FloatArray:
-        """Return the errors `(n, m)` of a method by its name: raw, corrected, or that of the simplest remedy."""
+        """Return the errors `(n, m)` of a method by its name: raw, corrected, or that of the simplest remedy.
+
+        Parameters
+        ----------
+        method : str
+            One of :attr:`Corrector.METHODS`.
+        """
         return {"raw": self.raw, "corrected": self.corrected}.get(method, self.registered)
 
     @property
@@ -210,6 +216,13 @@ class Corrector(ABC):
     def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
         """Return errors on the samples `keep` (n,) of a log.
 
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples.
+        keep : (n,) mask
+            Samples that are not rejected.
+
         Raises
         ------
         LogError
@@ -218,7 +231,13 @@ class Corrector(ABC):
 
     @abstractmethod
     def error_table(self, errors: FloatArray) -> Any:
-        """Return errors `(n, m)` as people quote them, JSON-able."""
+        """Return errors `(n, m)` as people quote them, JSON-able.
+
+        Parameters
+        ----------
+        errors : (n, m) array
+            m or rad.
+        """
 
     @abstractmethod
     def check_answers(self) -> FloatArray:
@@ -253,11 +272,23 @@ class Corrector(ABC):
         return match_clocks(log, self.cleaner.pair.observed, self.cleaner.pair.command, mode)
 
     def clean(self, log: CalibrationLog) -> CleaningReport:
-        """Classify the samples of another log by the training's thresholds."""
+        """Classify the samples of another log by the training's thresholds.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            Holds both signals, on one clock.
+        """
         return clean_with(self.cleaner, log)
 
     def clean_afresh(self, log: CalibrationLog) -> CleaningReport:
-        """Classify the samples of another log by thresholds of its own: the arm may have changed since the training."""
+        """Classify the samples of another log by thresholds of its own: the arm may have changed since the training.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            Holds both signals, on one clock.
+        """
         return fit_cleaner(
             log, self.cleaner.settings, rng=np.random.default_rng(0), pair=self.cleaner.pair, rigid=self.cleaner.rigid
         )[1]

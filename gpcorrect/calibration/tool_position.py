@@ -74,7 +74,19 @@ class ToolView:
         return reported, self.samples(path, log, error, keep)
 
     def samples(self, path: JointPath, log: CalibrationLog, error: FloatArray, keep: BoolArray) -> Samples:
-        """Return the samples of a path whose positions are off by `error` (n, 3), NaN where unknown."""
+        """Return the samples of a path whose positions are off by `error` (n, 3), NaN where unknown.
+
+        Parameters
+        ----------
+        path : JointPath
+            n samples of the joints.
+        log : CalibrationLog
+            The same samples.
+        error : (n, 3) array
+            What is to be added to reported positions, m; NaN where unknown.
+        keep : (n,) mask
+            Samples that are not rejected.
+        """
         X = self.features.transform(path)
         usable = keep & np.isfinite(X).all(axis=1) & np.isfinite(error).all(axis=1)
         nothing = np.zeros(error.shape)
@@ -84,7 +96,15 @@ class ToolView:
 
     @staticmethod
     def answer(reported: FloatArray, prediction: Prediction) -> Correction:
-        """Return reported positions `(n, 3)` corrected as a law says."""
+        """Return reported positions `(n, 3)` corrected as a law says.
+
+        Parameters
+        ----------
+        reported : (n, 3) array
+            Reported positions, m.
+        prediction : Prediction
+            Of the same samples.
+        """
         position = reported + prediction.residual
         missing = ~np.isfinite(position).all(axis=1)
         return Correction(

@@ -153,7 +153,19 @@ class _Part:
     def with_samples(
         self, X: FloatArray, Y: FloatArray, trajectory: IntArray, progress: Progress
     ) -> tuple[_Part, float, float]:
-        """Return the part that learned from the samples too, the weight of the old data, and what points cannot see."""
+        """Return the part that learned from the samples too, the weight of the old data, and what points cannot see.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs of the regression.
+        Y : (n, m) array
+            What the linear law leaves of the targets.
+        trajectory : (n,) int array
+            Trajectory of each sample.
+        progress : Progress
+            Receives the progress of the update.
+        """
         folds = folds_of(trajectory)
         by_fold = [self._collected(X[folds == f], Y[folds == f]) for f in np.unique(folds)]
         new = _sum(by_fold)

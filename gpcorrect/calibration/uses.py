@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from gpcorrect.calibration.cartesian import require_poses
 from gpcorrect.calibration.joints import require_joints
+from gpcorrect.calibration.pose_samples import require_poses
 from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.logs import ValidationReport
 from gpcorrect.logs.checks import Finding
@@ -35,12 +35,26 @@ class Use:
 
 
 def uses_of(log: CalibrationLog) -> tuple[Use, ...]:
-    """Ask each command that learns from recordings whether it would begin."""
+    """Ask each command that learns from recordings whether it would begin.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        A recording.
+    """
     return tuple(_asked(command, require, log) for command, require in _REQUIRE.items())
 
 
 def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[ValidationReport, tuple[Use, ...]]:
-    """Put an error into a report without any, where no command would take the recording; and return who would."""
+    """Put an error into a report without any, where no command would take the recording; and return who would.
+
+    Parameters
+    ----------
+    report : ValidationReport
+        Of the same recording.
+    log : CalibrationLog
+        A recording.
+    """
     if not report.ok:
         return report, ()
     uses = uses_of(log)

@@ -26,6 +26,11 @@ HALF_SIDE = 1.0 / (2.0 * np.sqrt(3.0))  # of a cube whose diagonal is 1
 def direction_named(name: str) -> Direction:
     """Return the direction of that name; "J2-3" is short for "J2-J3".
 
+    Parameters
+    ----------
+    name : str
+        Such as "J1", "J2-J3" or "J2-3".
+
     Raises
     ------
     DataError
@@ -64,7 +69,13 @@ def zigzag(direction: Direction, sparsity: int, limits: FloatArray) -> FloatArra
 
 
 def rotation_to(direction: Direction) -> FloatArray:
-    """Rotation `(3, 3)` that takes the first axis to the direction, and the stack of stripes along."""
+    """Rotation `(3, 3)` that takes the first axis to the direction, and the stack of stripes along.
+
+    Parameters
+    ----------
+    direction : str
+        Joints along which the stripes run.
+    """
     along = np.array([f"J{i}" in direction.split("-") for i in (1, 2, 3)], dtype=np.float64)
     first = along / np.linalg.norm(along)
     # The next axis lies in the plane of two of the joints, so that a double direction turns within its own plane.

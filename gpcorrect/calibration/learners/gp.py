@@ -61,12 +61,24 @@ class GPMap:
         return self.linear is not None
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations of a new observation `(n, m)` and novelties `(n,)`."""
+        """Return means and standard deviations of a new observation `(n, m)` and novelties `(n,)`.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        """
         mean, std, novelty = self.predictor.mean_std_batch(X[:, self.columns])
         return (mean if self.linear is None else self.linear.mean(X) + mean), std, novelty
 
     def predict_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """Return mean and standard deviation `(m,)` and novelty at one input `(d,)`: the hot path of streams."""
+        """Return mean and standard deviation `(m,)` and novelty at one input `(d,)`: the hot path of streams.
+
+        Parameters
+        ----------
+        x : (d,) array
+            Input.
+        """
         mean, std, novelty = self.predictor.mean_std(x[self.columns])
         return (mean if self.linear is None else self.linear.mean(x[None])[0] + mean), std, novelty
 

@@ -26,7 +26,13 @@ class TargetMap(Protocol):
         ...
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`."""
+        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        """
         ...
 
 

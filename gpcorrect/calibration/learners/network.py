@@ -89,7 +89,13 @@ class NetworkMap:
         return True
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`."""
+        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        """
         layer = self.scaler.apply(X)
         for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
             layer = 0.5 * (1.0 + np.tanh(0.5 * (layer @ W + b)))
@@ -103,10 +109,10 @@ class Network:
     def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
         """See :class:`Learner`."""
 
-        def learn(part: Samples) -> NetworkMap:
+        def _learn(part: Samples) -> NetworkMap:
             return NetworkMap.fit(*part.learnable(), settings.layers, settings.epochs, settings.seed)
 
-        return Fitted(learn(samples), cross_predicted(learn, samples, 1))
+        return Fitted(_learn(samples), cross_predicted(_learn, samples, 1))
 
 
 def _double(values: Any) -> FloatArray:

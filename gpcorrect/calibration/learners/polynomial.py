@@ -27,12 +27,24 @@ class Scaler:
 
     @classmethod
     def of(cls, values: FloatArray) -> Self:
-        """Return mean and standard deviation of `values` (n, d); a constant column keeps spread 1."""
+        """Return mean and standard deviation of `values` (n, d); a constant column keeps spread 1.
+
+        Parameters
+        ----------
+        values : (n, d) array
+            Columns to be scaled.
+        """
         spread = values.std(axis=0)
         return cls(values.mean(axis=0), np.where(spread > 0, spread, 1.0))
 
     def apply(self, values: FloatArray) -> FloatArray:
-        """Return scaled values `(..., d)`."""
+        """Return scaled values `(..., d)`.
+
+        Parameters
+        ----------
+        values : (..., d) array
+            In the units of the training.
+        """
         scaled: FloatArray = (values - self.centre) / self.spread
         return scaled
 
@@ -84,7 +96,13 @@ class PolynomialMap:
         return cls(degree, scaler, weights, (Y - A @ weights).std(axis=0))
 
     def mean(self, X: FloatArray) -> FloatArray:
-        """Return means `(n, m)` at inputs `(n, d)`."""
+        """Return means `(n, m)` at inputs `(n, d)`.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        """
         values: FloatArray = _terms(self.scaler.apply(X), self.degree) @ self.weights
         return values
 
@@ -94,7 +112,13 @@ class PolynomialMap:
         return True
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`."""
+        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        """
         mean = self.mean(X)
         return mean, np.broadcast_to(self.std, mean.shape), np.zeros(len(X))
 
@@ -114,10 +138,10 @@ class Polynomial:
     def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
         """See :class:`Learner`."""
 
-        def learn(part: Samples) -> PolynomialMap:
+        def _learn(part: Samples) -> PolynomialMap:
             return PolynomialMap.fit(*part.learnable(), self.degree)
 
-        return Fitted(learn(samples), cross_predicted(learn, samples, LIMITS.folds))
+        return Fitted(_learn(samples), cross_predicted(_learn, samples, LIMITS.folds))
 
 
 def _terms(X: FloatArray, degree: int) -> FloatArray:

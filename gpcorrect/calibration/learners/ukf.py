@@ -59,7 +59,13 @@ class CableModel:
     measurement: FloatArray
 
     def errors(self, samples: Samples) -> tuple[FloatArray, FloatArray]:
-        """Return what is to be added to the joints of a path `(n, d)`, and its standard deviation."""
+        """Return what is to be added to the joints of a path `(n, d)`, and its standard deviation.
+
+        Parameters
+        ----------
+        samples : Samples
+            n samples, in order, with their path of d joints.
+        """
         motor, stretch = self.inputs(samples.path, samples.effort)
         parts = [
             _filtered(motor[:, j], stretch[:, j], samples.new, self.gap[j], self.process[j], self.measurement[j])
@@ -114,8 +120,8 @@ def _tuned(data: Samples, motor: FloatArray, left: FloatArray, joint: int) -> tu
     """Gap, stretch law and noises of one joint."""
     rows = data.rows
     half = float(np.ptp(motor[rows])) / 2
-    lags = {share: _clipped(motor, share * half, data.new) - motor for share in GAPS}
-    gap = min(lags, key=lambda share: float(np.var(left[rows] - lags[share][rows])))
+    lags = {fraction: _clipped(motor, fraction * half, data.new) - motor for fraction in GAPS}
+    gap = min(lags, key=lambda fraction: float(np.var(left[rows] - lags[fraction][rows])))
     spread = max(float(np.std(left[rows] - lags[gap][rows])), TINY)
     compliance, rest, measurement = _stretch_law(data, left, joint)
     stretch = np.full(len(motor), np.nan)
@@ -125,13 +131,13 @@ def _tuned(data: Samples, motor: FloatArray, left: FloatArray, joint: int) -> tu
     first, last = int(head[0]), int(head[-1]) + 1
     inside = head - first
 
-    def square(share: float) -> float:
+    def _square(fraction: float) -> float:
         new = data.new[first:last].copy()
         new[0] = True
-        mean, _ = _filtered(motor[first:last], stretch[first:last], new, gap * half, share * spread, measurement)
+        mean, _ = _filtered(motor[first:last], stretch[first:last], new, gap * half, fraction * spread, measurement)
         return float(np.mean((mean[inside] - (motor + left)[head]) ** 2))
 
-    process = min(PROCESS, key=square) if np.isfinite(measurement) else PROCESS[0]
+    process = min(PROCESS, key=_square) if np.isfinite(measurement) else PROCESS[0]
     return gap * half, compliance, rest, process * spread, measurement
 
 
@@ -193,7 +199,17 @@ class CableFilter:
             self._ukf.R[:] = max(measurement / self._scale, TINY) ** 2
 
     def step(self, motor: float, stretch: float, new: bool) -> tuple[float, float]:
-        """Return mean and standard deviation after one sample; NaN where the motor's position is not known."""
+        """Return mean and standard deviation after one sample; NaN where the motor's position is not known.
+
+        Parameters
+        ----------
+        motor : float
+            Corrected position of the motor, rad or m.
+        stretch : float
+            Stretch that the effort shows, rad or m; NaN where it shows none.
+        new : bool
+            Whether a path begins here.
+        """
         ukf = self._ukf
         if not np.isfinite(motor):
             return np.nan, np.nan

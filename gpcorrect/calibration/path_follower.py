@@ -1,0 +1,136 @@
+"""Features of a joint path, one sample after the other, for streams."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from gpcorrect.calibration.joint_features import JointFeatures
+from gpcorrect.calibration.memory import advance
+from gpcorrect.calibration.settings import LIMITS
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray
+
+__all__ = ["PathFollower"]
+
+ALMOST = 0.9
+"""Of the training's shortest step, over which a faster stream takes its velocities: clocks jitter."""
+MOST_PAST = 4096
+"""Samples kept to take a velocity over."""
+
+
+class PathFollower:
+    """Features of a joint path, sample by sample: what :meth:`JointFeatures.transform` says of the whole path.
+
+    A stream that is faster than the training takes velocities over the training's step, not over its own: an encoder's
+    last digit is no motion.
+
+    Parameters
+    ----------
+    features : JointFeatures
+        What to follow.
+    usual_step, shortest_step : float
+        Time between samples in training, s.
+    """
+
+    def __init__(self, features: JointFeatures, usual_step: float, shortest_step: float) -> None:
+        self._features = features
+        self._pause = max(LIMITS.pause_steps * usual_step, LIMITS.pause_seconds)
+        self._window = ALMOST * shortest_step
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the path."""
+        self._past: deque[tuple[float, FloatArray]] = deque(maxlen=MOST_PAST)
+        self._memory: tuple[FloatArray, FloatArray, FloatArray] | None = None  # path, joints and lags so far
+
+    @property
+    def new(self) -> bool:
+        """Whether the next sample begins a path."""
+        return not self._past
+
+    def arrive(self, time: float) -> None:
+        """Refuse a sample whose time does not advance; forget the path after a pause.
+
+        Parameters
+        ----------
+        time : float
+            Time of the sample, s.
+
+        Raises
+        ------
+        DataError
+            Time stands still or runs back; the past is kept.
+        """
+        if not np.isfinite(time) or (self._past and time <= self._past[-1][0]):
+            raise DataError(
+                f"time must advance from sample to sample, got {time!r}.", hint="reset() begins a new path."
+            )
+        if self._past and time - self._past[-1][0] > self._pause:
+            self.reset()
+
+    def columns(self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None) -> FloatArray:
+        """Return the features `(k,)` of joints `q` (d,), NaN where the law needs what is not given.
+
+        Parameters
+        ----------
+        time : float
+            s.
+        q : (d,) array
+            Joints, rad or m.
+        effort : (d,) array or None
+            As logged.
+        state : (k,) array or None
+            Whole state.
+        """
+        parts = [self._column(kind, time, q, effort, state) for kind in self._features.kinds]
+        return np.concatenate(parts)[self._features.used]
+
+    def passed(self, time: float, q: FloatArray) -> None:
+        """Note where the joints were.
+
+        Parameters
+        ----------
+        time : float
+            s.
+        q : (d,) array
+            Joints, rad or m.
+        """
+        self._past.append((time, q))
+
+    def _column(
+        self, kind: str, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None
+    ) -> FloatArray:
+        features = self._features
+        match kind:
+            case "position":
+                return features.scaled(q)
+            case "velocity":
+                return self._velocity(time, q) / features.half
+            case "memory":
+                return self._remember(features, features.scaled(q))
+        given = effort if kind == "effort" else state
+        size = len(features.centre) if kind == "effort" else features.n_state
+        return np.full(size, np.nan) if given is None else given
+
+    def _velocity(self, time: float, q: FloatArray) -> FloatArray:
+        """Over the latest sample that is about a training step old; until there is one, over the first."""
+        if not self._past:
+            return np.zeros(len(q))
+        while len(self._past) > 1 and time - self._past[1][0] > self._window:
+            self._past.popleft()
+        then, before = self._past[0]
+        velocity: FloatArray = (q - before) / (time - then)
+        return velocity
+
+    def _remember(self, features: JointFeatures, path: FloatArray) -> FloatArray:
+        """Advance the slacks to `path` (d,), in units of half the ranges, and return their features."""
+        assert features.play is not None
+        if self._memory is None:
+            joints, lags = path, np.zeros(features.ladder.shape)
+        else:
+            before, joints, lags = self._memory
+            joints, lags = features.play.advance(joints, path), advance(lags, path - before, features.ladder)
+        self._memory = path, joints, lags
+        return np.concatenate([path - joints, (lags / features.ladder).ravel()])

@@ -1,0 +1,249 @@
+"""Complete samples of a log of poses, as the regression sees them, and the memory features that help it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from gpcorrect.calibration.dataset import Layout, Samples, path_starts
+from gpcorrect.calibration.joint_map import JointMap
+from gpcorrect.calibration.law import Law
+from gpcorrect.calibration.memory import History, MemoryMap, choose_memory
+from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of
+from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.calibration.split import folds_of
+from gpcorrect.errors import LogError
+from gpcorrect.gpr import FeatureMap, LeftOut
+from gpcorrect.rigid import Registration, RigidModel, pose_residual, register
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
+
+__all__ = [
+    "INDUCING",
+    "Memory",
+    "PosePairs",
+    "best_memory",
+    "memory_remark",
+    "pose_layout",
+    "require_poses",
+    "samples_of_poses",
+]
+
+INDUCING = 700
+"""Points of the Gaussian process: within a tenth of 1500 points' error on simulated reaches (bench/gpr_choices.py)."""
+CHECK_QUERIES = 8
+"""Training queries that a model file asks again at load; chosen by hand."""
+WORTH_IT = 0.02
+"""Least fraction of the error that memory must take away not to be called useless; chosen by hand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What was learned a second time, with memory features, for paths and streams.
+
+    Parameters
+    ----------
+    states : MemoryMap
+        From a path of reference poses to its memory features.
+    law : Law
+        Its inputs end in those features.
+    """
+
+    states: MemoryMap
+    law: Law
+
+
+@dataclass(frozen=True, eq=False)
+class PosePairs:
+    """The k samples of a log with both poses and a velocity: observed, commanded, twist, and their rows."""
+
+    observed: PoseSignal
+    command: PoseSignal
+    twist: FloatArray
+    rows: IntArray
+
+    @classmethod
+    def of(cls, log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> Self:
+        """Return the complete ones of a log's samples.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples.
+        keep : (n,) mask
+            Samples that are not rejected.
+        velocity_step : float or None
+            Step of the stencil, s; None takes five neighbouring samples.
+
+        Raises
+        ------
+        LogError
+            There are too few of them, or the log lacks a signal.
+        """
+        observed, commanded = pose_pair(log)
+        twist = observed_twists(log, observed, keep, velocity_step)
+        rows = np.flatnonzero(keep & observed.finite & commanded.finite & np.isfinite(twist[:, :3]).all(axis=1))
+        if rows.size < LIMITS.fewest_samples:
+            raise LogError(
+                f"only {rows.size} of {len(log)} samples can be learned from; at least {LIMITS.fewest_samples} are"
+                " needed.",
+                hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
+                path=log.name,
+            )
+        return cls(observed[rows], commanded[rows], twist[rows], rows)
+
+    @property
+    def check_queries(self) -> FloatArray:
+        """Training queries `(k, 13)` spread over the recording: pose (unturned in a position-only log) and twist."""
+        rows = np.unique(np.linspace(0, len(self.rows) - 1, CHECK_QUERIES).astype(np.int64))
+        observed = self.observed[rows]
+        unturned = np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))
+        quaternion = unturned if observed.quaternion is None else observed.quaternion
+        return np.hstack([observed.position, quaternion, np.nan_to_num(self.twist[rows])])
+
+    def register(self, log: CalibrationLog, settings: FitSettings) -> Registration:
+        """Return the rigid model from the observer's frame to the command's.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            That the samples are of.
+        settings : FitSettings
+            Whether frames are registered, and whether the marker may be away from the tool tip.
+
+        Raises
+        ------
+        DegenerateError
+            The motion does not determine it.
+        """
+        if not settings.rigid:
+            return Registration(RigidModel(), "the registration was switched off", (), None)
+        return register(self.observed, self.command, log.trajectory[self.rows], settings.marker)
+
+
+def pose_layout(features: FeatureMap, states: MemoryMap | None) -> Layout:
+    """Return how the regression's columns hang together: pose, velocity, memory.
+
+    Parameters
+    ----------
+    features : FeatureMap
+        Of poses and twists.
+    states : MemoryMap or None
+        Of the memory features behind them, if any.
+    """
+    groups, width = features.groups, features.n_features
+    if states is not None:
+        groups = (*groups, tuple(range(width, width + states.size)))
+    return Layout(
+        targets=(3, 3) if features.has_orientation else (3,),
+        inputs=groups,
+        smooth=np.arange(sum(map(len, groups))),
+        penalties=None,
+        slack=features.slack,
+        inducing=INDUCING,
+    )
+
+
+def samples_of_poses(
+    pairs: PosePairs, log: CalibrationLog, rigid: RigidModel, features: FeatureMap, states: MemoryMap | None
+) -> Samples:
+    """Return the log as a law sees it: NaN where a sample is none of the pairs.
+
+    Parameters
+    ----------
+    pairs : PosePairs
+        Complete samples.
+    log : CalibrationLog
+        n samples.
+    rigid : RigidModel
+        From the observer's frame to the command's.
+    features : FeatureMap
+        Of poses and twists.
+    states : MemoryMap or None
+        Of the memory features behind them, if any.
+    """
+    reference, rows, n = rigid.apply(pairs.observed), pairs.rows, len(log)
+    moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
+    known = features.transform(reference.position, rotations_of(reference), moved)
+    new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
+    if states is not None:
+        history = History.of(
+            pairs.command, reference, np.cumsum(new, dtype=np.int64), orientation=features.has_orientation
+        )
+        known = np.hstack([known, states.transform(history)])
+    size = 6 if features.has_orientation else 3
+    X, target, begins, usable = (
+        np.full((n, known.shape[1]), np.nan),
+        np.full((n, size), np.nan),
+        *np.zeros((2, n), bool),
+    )
+    X[rows], begins[rows], usable[rows] = known, new, True
+    target[rows] = pose_residual(reference, pairs.command)[:, :size]
+    nothing = np.zeros((n, size))
+    return Samples(log.time, log.trajectory, log.session, begins, X, target, nothing, usable, np.zeros((n, 0)))
+
+
+def best_memory(
+    pairs: PosePairs, log: CalibrationLog, rigid: RigidModel, features: FeatureMap, left_out: LeftOut, seed: int
+) -> MemoryMap:
+    """Return the memory that explains most of the errors that a law without memory leaves.
+
+    Parameters
+    ----------
+    pairs : PosePairs
+        k complete samples.
+    log : CalibrationLog
+        That they are of.
+    rigid : RigidModel
+        From the observer's frame to the command's.
+    features : FeatureMap
+        Of poses and twists.
+    left_out : LeftOut
+        Errors of the law without memory at the samples, each predicted without its own fold.
+    seed : int
+        Of the samples and inducing points that are drawn.
+    """
+    joints = JointMap.fit(log, seed, orientation=features.has_orientation)
+    rows = pairs.rows
+    labels = np.cumsum(path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool)), dtype=np.int64)
+    history = History.of(pairs.command, rigid.apply(pairs.observed), labels, orientation=features.has_orientation)
+    candidates = (None,) if joints is None else (None, joints)
+    known = np.asarray(np.isfinite(left_out.errors).all(axis=1))
+    return choose_memory(candidates, history, left_out.errors, folds_of(log.trajectory[rows]), known)
+
+
+def memory_remark(states: MemoryMap, without: LeftOut, recalled: LeftOut) -> str:
+    """Return a sentence on what the memory acts on and how it changed the errors at left-out training trajectories.
+
+    Parameters
+    ----------
+    states : MemoryMap
+        The chosen memory.
+    without, recalled : LeftOut
+        Left-out errors of the laws without and with it.
+    """
+    change = np.sqrt(np.nanmean(recalled.errors**2, axis=0) / np.nanmean(without.errors**2, axis=0)) - 1.0
+    parts = zip(("position", "rotation"), change.reshape(-1, 3).mean(axis=1), strict=False)
+    changes = ", ".join(f"{100 * value:+.0f} % in {name}" for name, value in parts)
+    verdict = "" if change.mean() <= -WORTH_IT else ": not worth its time here, features pose,velocity do as well"
+    return f"memory acts on the {states.acts_on}; error at left-out trajectories {changes}{verdict}"
+
+
+def require_poses(log: CalibrationLog) -> None:
+    """Refuse, before any work, a log from which no correction of poses can be learned whatever the cleaning keeps.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        To be learned from.
+
+    Raises
+    ------
+    LogError
+        A signal is missing, or too few samples have both poses and a velocity.
+    DegenerateError
+        The motion does not determine a registration.
+    """
+    pairs = PosePairs.of(log, np.ones(len(log), dtype=np.bool_), None)
+    pairs.register(log, FitSettings(marker="none"))
