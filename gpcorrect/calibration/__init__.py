@@ -1,6 +1,6 @@
 """Calibration: one recipe for poses, joints and tool positions.
 
-A task says what it compares; learners, splits, cleaning, regions, bounds, intervals, streams and files are shared.
+A task defines what it compares; learners, splits, cleaning, regions, bounds, intervals, streams and files are shared.
 """
 
 from __future__ import annotations

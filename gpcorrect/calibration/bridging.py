@@ -1,4 +1,4 @@
-"""Desired paths that no arm can follow: lone jumps are bridged, and said to be.
+"""Desired paths that no arm can follow: lone jumps are bridged, and marked.
 
 A tracker's occlusion, or a planner's slip, shows in a path as impossible speeds into and out of a short stretch. Asked
 to correct such a pose as it stands, a model would move the robot to where nothing ever was. The same limits that
@@ -19,8 +19,9 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal
 
 __all__ = ["MotionLimits"]
 
-REACH = 200  # pieces that the chain looks back
-RIGHT_SHARE = 0.7  # of a run must be possible motion, or the run is not one with lone jumps: it is left as it is
+REACH = 200  # pieces that the chain looks back; chosen by hand
+POSSIBLE_FRACTION = 0.7
+"""Least part of a run that must be possible motion, or it is left as it is; chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class MotionLimits:
     speeds : tuple of float
         Largest speed, m/s, and where orientations are observed rad/s.
     noise : tuple of float
-        Step that noise alone can feign, m and rad.
+        Step that noise alone can make, m and rad.
     longest : float
         Longest stretch that is bridged, s; what lasts longer may be meant.
     """
@@ -88,7 +89,7 @@ class MotionLimits:
         chain = self._longest_chain(path, time, first, last)
         for k in chain:
             on[first[k] : last[k] + 1] = True
-        if on.mean() < RIGHT_SHARE:
+        if on.mean() < POSSIBLE_FRACTION:
             return none
         off = none.copy()
         for a, b in pairwise(chain):

@@ -1,4 +1,4 @@
-"""Poses: desired pose in, command and honest uncertainty out (Mahler et al. 2014, Sec. IV)."""
+"""Poses: desired pose in, command and its uncertainty out (Mahler et al. 2014, Sec. IV)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ NO_MEMORY = np.zeros(0)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CommandCorrector(Corrector):
-    """Tells what to command so that the robot reaches a desired pose: `F(x) = H(G(x))`.
+    """Returns what to command so that the robot reaches a desired pose: `F(x) = H(G(x))`.
 
     `G` is the rigid registration from the observer's frame to the command's, `H` adds the residual that was learned
     from pose and velocity.
@@ -115,8 +115,8 @@ class CommandCorrector(Corrector):
             Desired position (m) and unit quaternion wxyz in the frame of the training's observed poses; a
             position-only model takes three numbers, and with seven only turns the orientation into the base frame.
         twist : (6,) array, optional
-            Desired velocity, m/s and rad/s, same frame. Without it the pose is taken as at rest, and the answer says
-            so.
+            Desired velocity, m/s and rad/s, same frame. Without it the pose is taken as at rest, and the answer is
+            marked.
 
         Raises
         ------
@@ -183,7 +183,7 @@ class CommandCorrector(Corrector):
     def correct_path(self, poses: ArrayLike, times: ArrayLike) -> Correction:
         """Return what to command instead of a timed path; its velocities come from the five-point stencil on the path.
 
-        Lone jumps that no arm can follow are bridged, and their samples say so (status LIMITED).
+        Lone jumps that no arm can follow are bridged, and their samples are marked (status LIMITED).
 
         Parameters
         ----------

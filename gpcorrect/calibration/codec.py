@@ -1,7 +1,7 @@
 """Takes trees of frozen dataclasses apart into JSON and named arrays, and puts them together again.
 
 What a tree may hold is written in its type hints: numbers, text, None, arrays, tuples, dicts, other dataclasses, and
-unions of them, told apart by the class name that is written with each. Only classes that the hints name, and their
+unions of them, distinguished by the class name that is written with each. Only classes that the hints name, and their
 subclasses, are ever built.
 """
 

@@ -23,14 +23,14 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
 __all__ = ["CoupledPlay", "learn_coupled_play"]
 
-FIRST_GAP = 0.08  # half gap that learning starts from, in units of half the range
-STRONGEST = 0.9  # coupling, as a correlation of stiffness
-LEAST_EIGENVALUE = 0.05
-COUPLING_PENALTY = 0.3  # standard deviations a unit: keeps couplings that the data do not speak of near 0
-MOST_ROWS = 6000
-MOST_SEARCH = 30
-SWEEPS = 30
-TOLERANCE = 1e-9
+FIRST_GAP = 0.08  # half gap that learning starts from, in units of half the range; chosen by hand
+STRONGEST = 0.9  # coupling, as a correlation of stiffness; chosen by hand
+LEAST_EIGENVALUE = 0.05  # of the stiffness, which must be positive definite; chosen by hand
+COUPLING_PENALTY = 0.3  # standard deviations a unit: couplings that the data do not show stay near 0; chosen by hand
+MOST_ROWS = 6000  # samples that are learned from: bounds the time of a fit; chosen by hand
+MOST_SEARCH = 30  # evaluations of the search, likewise
+SWEEPS = 30  # most sweeps of a step; chosen by hand
+TOLERANCE = 1e-9  # of a step, in half ranges: far below the resolution of any encoder
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ def _left(A: FloatArray, errors: FloatArray, rows: IntArray) -> FloatArray:
 def _thinned(
     path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray
 ) -> tuple[FloatArray, FloatArray, BoolArray, IntArray]:
-    """Every k-th sample: the law has no clock, so a fast recording says little more than a slow one."""
+    """Every k-th sample: the law has no clock, so a dense recording shows little more than a sparse one."""
     stride = -(-len(path) // MOST_ROWS)
     if stride == 1:
         return path, errors, new, rows

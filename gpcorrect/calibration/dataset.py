@@ -100,7 +100,7 @@ class Layout:
     Parameters
     ----------
     targets : tuple of int
-        How many targets in turn belong together: they share a kernel and a bound.
+        How many targets in turn belong together: they have one kernel and one bound.
     inputs : tuple of tuples of int, or None
         Columns that act in part by themselves (pose; velocity), each a component of the kernel; None for one.
     smooth : (k,) int array
@@ -124,7 +124,7 @@ class Layout:
 def path_starts(time: FloatArray, session: IntArray, known: BoolArray) -> BoolArray:
     """Return where unbroken paths begin `(n,)`: after a pause, a homing, or samples whose input is not known.
 
-    A slack knows nothing of where one motion ends and the next begins, so motions that follow each other are one path.
+    A slack goes on from one motion to the next, so motions that follow each other are one path.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ __all__ = ["Bounds", "Domain"]
 
 @dataclass(frozen=True, eq=False)
 class Domain:
-    """The training region: every input inside its range, and the learner not surprised.
+    """The training region: every input inside its range, and novelty below its limit.
 
     A feature that made no difference in training leaves the posterior variance small however far it goes, but nothing
     is known out there; hence the ranges beside the novelty.
@@ -25,7 +25,7 @@ class Domain:
     low, high : (d,) arrays
         Range of each bounded input; inputs behind the first d are free.
     novelty : float
-        Share of prior variance left above which a query is outside; infinite for learners that know no novelty.
+        Fraction of prior variance left above which a query is outside; infinite for learners that know no novelty.
     spread : (m,) array
         Root mean square of the training targets: how wrong an answer may be where nothing is known.
     """

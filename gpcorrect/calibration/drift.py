@@ -20,16 +20,16 @@ from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["Ageing", "Detection", "conformal_p_values", "detect", "e_values", "estimate_ageing"]
 
-RESAMPLES = 1000
-ENOUGH_LOGS = 5  # from which whole logs are resampled: trajectories of one day err together
-TAIL = 2.5  # percent on each side of an interval
-FEWEST_BASELINE = 4
-SMALLEST_P = 1e-12
+RESAMPLES = 1000  # of the bootstrap: 25 of them lie beyond each end of a 95 % interval
+ENOUGH_LOGS = 5  # from which whole logs are resampled, for trajectories of one day err together; chosen by hand
+TAIL = 2.5  # per cent on each side of a 95 % interval
+FEWEST_BASELINE = 4  # scores of the training: a rank among fewer shows little; chosen by hand
+SMALLEST_P = 1e-12  # the logarithm of a p-value of 0 would be infinite
 
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """What the sequential test saw.
+    """Result of the sequential test.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def e_values(p: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Ageing:
-    """What the history of a model says of its future, times in the unit of the ages that were given.
+    """Whether and how fast a model ages, with times in the unit of the ages that were given.
 
     Parameters
     ----------
@@ -219,10 +219,6 @@ def _resampled(
         rows = np.concatenate([np.flatnonzero(logs == name) for name in rng.choice(names, len(names))])
     else:
         # Within each log, so that every draw holds every age.
-        rows = np.concatenate([_redrawn(np.flatnonzero(logs == name), rng) for name in names])
+        by_log = [np.flatnonzero(logs == name) for name in names]
+        rows = np.concatenate([rng.choice(own, len(own)) for own in by_log])
     return rng.choice(baseline, len(baseline)), scores[rows], ages[rows]
-
-
-def _redrawn(rows: IntArray, rng: np.random.Generator) -> IntArray:
-    drawn: IntArray = rng.choice(rows, len(rows))
-    return drawn

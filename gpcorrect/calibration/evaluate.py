@@ -152,13 +152,13 @@ def run_experiment(
     task : type
         A subclass of :class:`Corrector`.
     holdout : float
-        Share of the units to measure on; 0 for none.
+        Fraction of the units to measure on; 0 for none.
     by : HoldOut
         What is held out whole.
     shuffle : bool
         Hold out random units, not the last ones.
     progress : Progress, optional
-        Told how far the fit is.
+        Receives the progress of the fit.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Motions beyond zig-zags: random sinusoids, and runs in which one effect shows and its look-alikes do not.
 
-A zig-zag at constant speed cannot tell friction from delay, play from sag, or stretch from a gain; a speed ladder,
-holds and several amplitudes can.
+A zig-zag at constant speed cannot distinguish friction from delay, play from sag, or stretch from a gain; a speed
+ladder, holds and several amplitudes can.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["amplitude_ladder", "holds", "random_sinusoids", "random_sweeps", "speed_ladder"]
 
-SINES = 4
-LADDER = (0.1, 0.25, 0.5, 1.0)  # shares of the highest speed
-NEAR_LIMIT = 0.2  # share of the range, from its ends, in which a sweep ends
-TURN_SECONDS = 1.0
-AMPLITUDES = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)  # shares of the range
+SINES = 4  # of each joint; chosen by hand
+LADDER = (0.1, 0.25, 0.5, 1.0)  # fractions of the highest speed; chosen by hand
+NEAR_LIMIT = 0.2  # fraction of the range, from its ends, in which a sweep ends; chosen by hand
+TURN_SECONDS = 1.0  # over which a turn is rounded off; chosen by hand
+AMPLITUDES = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)  # fractions of the range; chosen by hand
 
 
 def random_sinusoids(
@@ -35,18 +35,18 @@ def random_sinusoids(
     seconds, rate_hz : float
         Length and rate.
     rng : numpy.random.Generator
-        Of periods, phases and shares.
+        Of periods, phases and amplitudes.
     """
     middle, half = limits.mean(axis=1), np.ptp(limits, axis=1) / 2
     if not (seconds * rate_hz >= 2 and (half > 0).all()):
         raise DataError("random sinusoids need a range for every joint and at least two samples.")
-    share = rng.dirichlet(np.ones(SINES), len(half))
-    pace = rng.uniform(0.3, 1.0, share.shape)
-    top = (share * pace).sum(axis=1, keepdims=True) * half[:, None]
+    amplitude = rng.dirichlet(np.ones(SINES), len(half))
+    pace = rng.uniform(0.3, 1.0, amplitude.shape)
+    top = (amplitude * pace).sum(axis=1, keepdims=True) * half[:, None]
     omega = pace * speed[:, None] / top
-    phase = rng.uniform(0.0, 2.0 * np.pi, share.shape)
+    phase = rng.uniform(0.0, 2.0 * np.pi, amplitude.shape)
     time = np.arange(round(seconds * rate_hz) + 1) / rate_hz
-    waves = (share * np.sin(omega * time[:, None, None] + phase)).sum(axis=2)
+    waves = (amplitude * np.sin(omega * time[:, None, None] + phase)).sum(axis=2)
     return TimedPath(time, middle + half * waves)
 
 
@@ -105,15 +105,15 @@ def speed_ladder(limits: FloatArray, speed: FloatArray, rate_hz: float) -> Timed
         Samples a second.
     """
     paths = [
-        timed(_to_and_fro(limits, joint, 1.0), share * speed, rate_hz)
+        timed(_to_and_fro(limits, joint, 1.0), fraction * speed, rate_hz)
         for joint in range(len(limits))
-        for share in LADDER
+        for fraction in LADDER
     ]
     return _joined(paths, rate_hz)
 
 
 def amplitude_ladder(limits: FloatArray, speed: FloatArray, rate_hz: float) -> TimedPath:
-    """Each joint alone, to and fro over growing amplitudes: a play takes the same from all, a gain its share.
+    """Each joint alone, to and fro over growing amplitudes: a play takes the same from all, a gain in proportion.
 
     Parameters
     ----------
@@ -125,7 +125,9 @@ def amplitude_ladder(limits: FloatArray, speed: FloatArray, rate_hz: float) -> T
         Samples a second.
     """
     paths = [
-        timed(_to_and_fro(limits, joint, share), speed, rate_hz) for joint in range(len(limits)) for share in AMPLITUDES
+        timed(_to_and_fro(limits, joint, fraction), speed, rate_hz)
+        for joint in range(len(limits))
+        for fraction in AMPLITUDES
     ]
     return _joined(paths, rate_hz)
 
@@ -165,11 +167,11 @@ def holds(
     return _joined(paths, rate_hz)
 
 
-def _to_and_fro(limits: FloatArray, joint: int, share: float) -> FloatArray:
-    """From the middle up, down and back, `share` of one joint's range."""
+def _to_and_fro(limits: FloatArray, joint: int, fraction: float) -> FloatArray:
+    """From the middle up, down and back, a fraction of one joint's range."""
     corners = np.repeat(limits.mean(axis=1)[None], 4, axis=0)
-    corners[1, joint] += share * np.ptp(limits[joint]) / 2
-    corners[2, joint] -= share * np.ptp(limits[joint]) / 2
+    corners[1, joint] += fraction * np.ptp(limits[joint]) / 2
+    corners[2, joint] -= fraction * np.ptp(limits[joint]) / 2
     return corners
 
 

@@ -21,9 +21,9 @@ from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["Proposal", "propose"]
 
-CANDIDATES = 1500
-TASK_POINTS = 400
-JITTER = 0.3  # of a feature's spread: candidates lie between training poses, not only on them
+CANDIDATES = 1500  # bounds the covariance of candidates and so the time of a proposal; chosen by hand
+TASK_POINTS = 400  # likewise
+JITTER = 0.3  # of a feature's unit spread, for candidates between the training poses; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +39,8 @@ class Proposal:
     twists : (n, 6) or (n, 3) array or None
         m/s and rad/s; None for a model without velocity.
     remaining : (n,) array
-        Share of today's uncertainty (variance that more data can take away) in the task region that is left after each
-        of them and those before.
+        Fraction of today's uncertainty (variance that more data can take away) in the task region that is left after
+        each of them and those before.
     """
 
     positions: FloatArray
@@ -114,15 +114,15 @@ class _Covariance:
         task : (t, d) array
             Features of the task region.
         """
-        explained = part.explained.mean(axis=0)
-        w_own, w_task = (_projected(part, X) for X in (candidates, task))
+        explained, basis = part.explained.mean(axis=0), part.basis[: part.projection.shape[1]]
+        w_own, w_task = (part.kernel(X, basis) @ part.projection.T for X in (candidates, task))
         own = part.kernel(candidates, candidates) - (w_own * explained) @ w_own.T
         cross = part.kernel(task, candidates) - (w_task * explained) @ w_own.T
         variance = np.maximum(1.0 - (w_task**2) @ explained, 0.0)
         return cls(own, cross, variance, float((part.noise / part.signal).mean()), float(variance.sum()))
 
     def gain(self) -> FloatArray:
-        """Share `(k,)` of today's task variance that each candidate takes away."""
+        """Fraction `(k,)` of today's task variance that each candidate takes away."""
         spread = np.maximum(np.diagonal(self.own), 0.0) + self.noise
         taken: FloatArray = (self.task**2).sum(axis=0) / spread / self.start
         return taken
@@ -147,14 +147,8 @@ class _Covariance:
 
     @property
     def left(self) -> float:
-        """Share of the task variance that is left."""
+        """Fraction of the task variance that is left."""
         return float(np.maximum(self.task_variance, 0.0).sum()) / self.start
-
-
-def _projected(part: SharedPredictor, X: FloatArray) -> FloatArray:
-    """Return `P k` for inputs `(n, d)`: `(n, r)`."""
-    w: FloatArray = part.kernel(X, part.basis[: part.projection.shape[1]]) @ part.projection.T
-    return w
 
 
 def _candidates(corrector: CommandCorrector, known: FloatArray, rng: np.random.Generator) -> FloatArray:

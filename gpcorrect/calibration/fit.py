@@ -70,7 +70,7 @@ def fit_corrector(
     settings : FitSettings, optional
         What differs from the defaults.
     progress : Progress, optional
-        Told how far the fit is.
+        Receives the progress of the fit.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def fit_model(
     task : type
         A subclass of :class:`Corrector`.
     progress : Progress, optional
-        Told how far the fit is.
+        Receives the progress of the fit.
 
     Raises
     ------
@@ -128,7 +128,6 @@ def _fit(log: CalibrationLog, settings: FitSettings, task: type[Corrector], prog
     )
     progress.step("clean", 1.0)
     keep = cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
-
     learn_law = partial(_learn_law, settings=settings, progress=progress)
     outcome = task.learn(log, keep, cleaner, settings, learn_law)
     remarks = [*log.remarks, *outcome.remarks, *([clocks.remark] if clocks.applied else [])]
@@ -145,7 +144,7 @@ def _fit(log: CalibrationLog, settings: FitSettings, task: type[Corrector], prog
 
 
 def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> tuple[Law, LeftOut]:
-    """Learn a law and calibrate its intervals on what it says of samples whose fold it was not fitted to."""
+    """Learn a law and calibrate its intervals on predictions of samples whose fold it was not fitted to."""
     fitted = learner_named(settings.method).fit(samples, layout, settings, progress)
     X, target = samples.learnable()
     rows = samples.rows
@@ -173,7 +172,7 @@ def _summary(
     remarks: list[str],
     seconds: float,
 ) -> dict[str, Any]:
-    """Collect what the model file says of itself."""
+    """Collect the description that the model file holds."""
     registration = outcome.registration
     return {
         "robot": log.meta.robot,

@@ -29,11 +29,11 @@ LADDER = (0.02, 0.1, 0.3)
 SLACK = 0.05
 """Half ranges that a joint must turn back by to show its slack; chosen by hand."""
 FEWEST_TURNS = 8
-"""Of the slack from one side to the other, to tell it from position and effort; chosen by hand."""
+"""Of the slack from one side to the other, to distinguish it from position and effort; chosen by hand."""
 MOVING = 0.05
-"""Of a joint's highest speed: below it the joint rests."""
+"""Of a joint's highest speed: below it the joint rests; chosen by hand."""
 LEAST_SPEEDS = 1.5
-"""Ratio of faster to slower motion, to tell what grows with speed from what does not; chosen by hand."""
+"""Ratio of faster to slower motion, to separate what grows with speed from what does not; chosen by hand."""
 PLAIN, REMEMBERED, OTHERS = 1e-5, 1e-2, 0.3
 """Penalties on squared weights of the linear law, for unit spreads: see :func:`law_penalties`; chosen by hand."""
 
@@ -159,7 +159,7 @@ class JointFeatures:
         return kinds[self.used], np.concatenate(owners)[self.used]
 
     def remarks(self, numbers: Sequence[int]) -> tuple[str, ...]:
-        """Return what the training motion could not tell apart, a sentence each.
+        """Return what the training motion could not separate, a sentence each.
 
         Parameters
         ----------
@@ -216,7 +216,7 @@ class JointFeatures:
 def law_penalties(features: JointFeatures, targets: int, owned: bool) -> FloatArray:
     """Return the penalties `(k, m)` of the features' weights in the linear law of each target.
 
-    Along one straight stripe all joints turn back together, and their efforts and slacks cannot be told apart; a law
+    Along one straight stripe all joints turn back together, and their efforts and slacks cannot be separated; a law
     without a prior spreads one joint's friction over all of them, and is wrong wherever joints move on their own, or
     under another load. So where efforts are logged, those of other joints, and memory, have to earn their weights.
 

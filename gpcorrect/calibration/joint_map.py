@@ -14,10 +14,11 @@ from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 __all__ = ["JointMap"]
 
 SOURCES = (("setpoint_cp", "setpoint_jp"), ("measured_cp", "measured_jp"))  # pairs that one kinematics made
-MOST_SAMPLES = 4000
-FEWEST_SAMPLES = 60
-INDUCING = 400
-# Of the variance of a joint that poses left out must explain: a gripper or a redundant joint is not told by the pose.
+MOST_SAMPLES = 4000  # bounds the time of a fit; chosen by hand
+FEWEST_SAMPLES = 60  # below which no map is learned; chosen by hand
+INDUCING = 400  # points of the Gaussian process; chosen by hand
+# Of the variance of a joint that poses left out must explain: a gripper or a redundant joint is not determined by the
+# pose; chosen by hand.
 LEAST_EXPLAINED = 0.9
 
 

@@ -1,4 +1,4 @@
-"""The path of a robot's joints in a log, and all else that the robot says of itself: what features are made of."""
+"""The path of a robot's joints in a log, and its other signals: what features are made of."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class JointPath:
     effort : (n, d) array or None
         Reported efforts, N m or N.
     state : (n, k) array or None
-        Everything that the log says of the robot at each moment.
+        All that the log holds of the robot at each moment.
     """
 
     time: FloatArray

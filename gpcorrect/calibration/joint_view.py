@@ -110,7 +110,7 @@ class JointView:
         return Samples(path.time, trajectory, session, path.new, X, target, origin, usable, path.q, path.effort)
 
     def answer(self, q: FloatArray, prediction: Prediction) -> Correction:
-        """Return joints `(n, d)` corrected as a law says of the moving ones; the others stay as they are.
+        """Return joints `(n, d)` corrected by predictions of the moving ones; the others stay as they are.
 
         Parameters
         ----------

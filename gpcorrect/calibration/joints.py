@@ -26,13 +26,15 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 __all__ = ["JointCorrector", "require_joints"]
 
 LEAST_MOTION = {"R": 1e-5, "P": 1e-6}
-"""rad and m: a joint that moves less shows its encoder's noise."""
+"""rad and m: a joint that moves less shows its encoder's noise; chosen by hand."""
 LEAST_RUN_SECONDS = 5.0
-"""s of motion from which zeros are set anew."""
+"""s of motion from which zeros are set anew; chosen by hand."""
 MOVED_STDS = 1.0
-"""A mean error of this many standard deviations of the model is no chance any more; chosen by hand."""
+"""A mean error of this many standard deviations of the model is beyond chance; chosen by hand."""
 INDUCING = 500
+"""Points of the Gaussian process; chosen by hand."""
 CHECK_SAMPLES = 12
+"""Along the swing that a model file is checked with; chosen by hand."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,4 +1,4 @@
-"""One learned law with what keeps its answers honest: no answer of any task passes by here without its safeguards."""
+"""One learned law with its region, bounds and intervals: every answer of every task passes through it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Law", "Prediction"]
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a law says of n samples.
+    """Predictions of a law for n samples.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Law:
     zero: FloatArray
 
     def predict(self, samples: Samples) -> Prediction:
-        """Return what the law says of samples, in order; those of one path follow each other.
+        """Return predictions for samples, in order; those of one path follow each other.
 
         Parameters
         ----------
@@ -73,7 +73,7 @@ class Law:
         return self.guarded(mean, std, np.zeros(len(samples)), samples.X, np.asarray(np.isfinite(mean).all(axis=1)))
 
     def predict_rows(self, X: FloatArray, origin: FloatArray | float = 0.0) -> Prediction:
-        """Return what a law that needs no path says of inputs.
+        """Return predictions for inputs, of a law that needs no path.
 
         Parameters
         ----------
@@ -90,7 +90,7 @@ class Law:
         return self.guarded(mean - origin, std, novelty, X, rows)
 
     def predict_one(self, x: FloatArray, origin: FloatArray) -> Prediction:
-        """Return what a law that needs no path says of one input, as a prediction of one row: the hot path of streams.
+        """Return the prediction for one input, of a law that needs no path, as one row: the hot path of streams.
 
         Parameters
         ----------

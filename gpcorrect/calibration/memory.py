@@ -2,7 +2,7 @@
 
 Cables rub and stretch, so a joint that comes from the left stands elsewhere than one that comes from the right. The
 states of play operators of several radii (the Prandtl-Ishlinskii model of hysteresis, Kuhnen 2003) say from where the
-path came. They act on the joints where the log tells them, for there the slack is; else on the tool's own axes.
+path came. They act on the joints where the log holds them, for there the slack is; else on the tool's own axes.
 
 Slack follows the drive, and the drive follows the commands, which are known without noise: so the states are those that
 the commands up to the sample before left behind. Only the last step is the desired path's, for its command is what is
@@ -11,7 +11,7 @@ asked for. (States of the path that a tracker saw drown in its noise where that 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -24,12 +24,13 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_
 
 __all__ = ["History", "MemoryMap", "advance", "choose_memory", "play_states"]
 
-LADDER = (1.0, 3.0)  # radii over the smallest of them
-SMALLEST = (0.0125, 0.025, 0.05, 0.1, 0.2)  # smallest radius over half the range of training, to choose from
-RANGE_QUANTILES = (2.5, 97.5)
-LONGER_PATHS = 90  # percent: short paths do not show how far a coordinate goes
-LEAST_RANGE = 1e-6  # m or rad: a coordinate that never moves has a slack all the same
-RIDGE = 1e-3  # of the samples: only there so that features that do not vary leave the system solvable
+LADDER = (1.0, 3.0)  # radii over the smallest of them; chosen by hand
+SMALLEST = (0.0125, 0.025, 0.05, 0.1, 0.2)
+"""Smallest radius over half the range of training, to choose from; chosen by hand."""
+RANGE_QUANTILES = (2.5, 97.5)  # per cent: a few outliers do not widen a range; chosen by hand
+LONGER_PATHS = 90  # per cent: short paths do not show how far a coordinate goes; chosen by hand
+LEAST_RANGE = 1e-6  # m or rad: a coordinate that never moves has a slack all the same; chosen by hand
+RIDGE = 1e-3  # of the samples, so that features that do not vary leave the system solvable; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +124,8 @@ class MemoryMap:
         states : (..., h, k) array
             Lags inside the slacks, m or rad.
         """
-        shares: FloatArray = (states / self.radii).reshape(*states.shape[:-2], -1)
-        return shares
+        scaled: FloatArray = (states / self.radii).reshape(*states.shape[:-2], -1)
+        return scaled
 
 
 def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArray:
@@ -192,16 +193,10 @@ def choose_memory(
         Where the errors are known.
     """
     scaled = errors[known] / np.maximum(errors[known].std(axis=0), 1e-300)
-    maps = list(_maps(candidates, history))
+    ranges = [(joints, _half_range(_steps(joints, history.command), history.labels)) for joints in candidates]
+    maps = [MemoryMap(smallest * np.outer(LADDER, half), joints) for joints, half in ranges for smallest in SMALLEST]
     squares = [_left_out_squares(m.transform(history)[known], scaled, folds[known]) for m in maps]
     return maps[int(np.argmin(squares))]
-
-
-def _maps(candidates: Sequence[JointMap | None], history: History) -> Iterator[MemoryMap]:
-    for joints in candidates:
-        half_range = _half_range(_steps(joints, history.command), history.labels)
-        for smallest in SMALLEST:
-            yield MemoryMap(smallest * np.outer(LADDER, half_range), joints)
 
 
 def _half_range(steps: FloatArray, labels: IntArray) -> FloatArray:

@@ -68,7 +68,7 @@ def error_table(residual: FloatArray) -> ErrorTable:
 
 
 def coverage(residual: FloatArray, half_width: FloatArray) -> FloatArray:
-    """Return the share of errors `(n, k)` inside intervals of half width `(n, k)`, by column; NaN where unknown.
+    """Return the fraction of errors `(n, k)` inside intervals of half width `(n, k)`, by column; NaN where unknown.
 
     Parameters
     ----------
@@ -80,8 +80,8 @@ def coverage(residual: FloatArray, half_width: FloatArray) -> FloatArray:
     known = np.isfinite(residual) & np.isfinite(half_width)
     inside = (np.abs(residual) <= half_width) & known
     count = known.sum(axis=0)
-    share: FloatArray = np.where(count > 0, inside.sum(axis=0) / np.maximum(count, 1), np.nan)
-    return share
+    fraction: FloatArray = np.where(count > 0, inside.sum(axis=0) / np.maximum(count, 1), np.nan)
+    return fraction
 
 
 def joint_units(types: str) -> tuple[list[str], FloatArray]:

@@ -34,7 +34,7 @@ TASKS: dict[str, type[Corrector]] = {t.TASK: t for t in (CommandCorrector, Joint
 CHECK_TOLERANCE = 1e-7
 """m and rad: far below any sensor, far above rounding between processors and precisions."""
 SLACK_BYTES = 1 << 20
-"""By which an archive may unpack to more than it is long: models are stored, not compressed, so more is an attack."""
+"""By which an archive may unpack to more than it is long: models are stored, not compressed; chosen by hand."""
 
 C = TypeVar("C", bound=Corrector)
 Arrays = dict[str, FloatArray]
@@ -76,7 +76,7 @@ def load(path: str | Path) -> CommandCorrector: ...
 @overload
 def load(path: str | Path, kind: type[C]) -> C: ...
 def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
-    """Read a model file, verify it, and ask it what was asked when it was saved.
+    """Read a model file, verify it, and check its answers to the queries of the time it was saved.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def seal_of(header: Header) -> str:
 
 
 def refused(path: str | Path, why: str) -> ArtifactError:
-    """Return the error that says why a model file is not used.
+    """Return the error for a model file that is not used.
 
     Parameters
     ----------

@@ -30,8 +30,11 @@ from gpcorrect.types import FloatArray
 __all__ = ["Entry", "ModelStore", "compare", "kind_of"]
 
 SCHEMA = 1
+"""Of `store.json`."""
 LONGEST_HISTORY = 50
+"""Activations that can be rolled back; chosen by hand."""
 SHORTEST_PREFIX = 4
+"""Hexadecimal digits of a hash that may stand for a model: 65,536 beginnings separate the models of one arm."""
 
 
 @dataclass(frozen=True)
@@ -156,8 +159,8 @@ class ModelStore:
             if not target.exists():
                 with _writing(target), atomic_path(target) as temporary:
                     shutil.copyfile(path, temporary)
-            kept = tuple(one for one in state.models if one.hash != entry.hash)
-            self._write(replace(state, models=(*kept, entry)))
+            others = tuple(one for one in state.models if one.hash != entry.hash)
+            self._write(replace(state, models=(*others, entry)))
         return entry
 
     def activate(self, entry: Entry, *, verified: bool = False) -> None:
@@ -307,7 +310,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def compare(store: ModelStore, one: Entry, other: Entry) -> dict[str, Any]:
-    """Return what two models say differently of themselves, and how far apart their commands are.
+    """Return in what the descriptions of two models differ, and how far apart their commands are.
 
     Parameters
     ----------
@@ -319,7 +322,7 @@ def compare(store: ModelStore, one: Entry, other: Entry) -> dict[str, Any]:
     Returns
     -------
     dict
-        `differs`: by name, what the one and what the other says; `commands`: distances (mm, deg) on the recorded check
+        `differs`: by name, the value of the one and of the other; `commands`: distances (mm, deg) on the recorded check
         queries of both, for models of poses.
 
     Raises

@@ -19,7 +19,9 @@ from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray
 __all__ = ["LARGEST", "Frame", "command", "frame", "inputs"]
 
 SMALL = 1e-6  # rad: below it sin(x) / x is 1 to rounding
-LARGEST = 1e6  # m, m/s or rad/s: beyond it the numbers of a query overflow long before they mean anything
+# m, m/s or rad/s: beyond it the numbers of a query overflow long before they mean anything. It stands beside its use,
+# for numba's cache notices changes of this file only.
+LARGEST = 1e6
 NO_ROTATION, ROTVEC, COLUMNS, EULER = range(4)
 ROTATIONS = {"none": NO_ROTATION, "rotvec": ROTVEC, "columns": COLUMNS, "euler": EULER}
 

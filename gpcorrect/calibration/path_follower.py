@@ -15,13 +15,13 @@ from gpcorrect.types import FloatArray
 __all__ = ["PathFollower"]
 
 ALMOST = 0.9
-"""Of the training's shortest step, over which a faster stream takes its velocities: clocks jitter."""
+"""Of the training's shortest step, over which a faster stream takes its velocities: clocks jitter; chosen by hand."""
 MOST_PAST = 4096
-"""Samples kept to take a velocity over."""
+"""Samples stored to take a velocity over: bounds the memory of a stream; chosen by hand."""
 
 
 class PathFollower:
-    """Features of a joint path, sample by sample: what :meth:`JointFeatures.transform` says of the whole path.
+    """Features of a joint path, sample by sample: as :meth:`JointFeatures.transform` gives them for the whole path.
 
     A stream that is faster than the training takes velocities over the training's step, not over its own: an encoder's
     last digit is no motion.
@@ -61,7 +61,7 @@ class PathFollower:
         Raises
         ------
         DataError
-            Time stands still or runs back; the past is kept.
+            Time stands still or runs back; the past stays.
         """
         if not np.isfinite(time) or (self._past and time <= self._past[-1][0]):
             raise DataError(

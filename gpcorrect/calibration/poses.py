@@ -13,11 +13,11 @@ from gpcorrect.velocity import segment_labels, twists
 
 __all__ = ["observed_twists", "pose_pair", "reference_twists", "rotations_of", "stencil_step"]
 
-NOISE_SHARE = 0.03  # of the typical speed that noise may add to a velocity
-WIDEST = 0.06  # s: a wider stencil blurs reversals, where friction acts
+NOISE_FRACTION = 0.03  # of the typical speed that noise may add to a velocity; chosen by hand
+WIDEST = 0.06  # s: a wider stencil blurs reversals, where friction acts; chosen by hand
 STENCIL_GAIN = np.sqrt(130.0) / 12.0  # five-point stencil: standard deviation of a derivative, times step over noise
-THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # standard deviation of third differences of white noise of unit size
-STRIDE = 5  # samples over which a speed is measured: noise counts little, curvature too
+THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # 1 + 9 + 9 + 1: standard deviation of third differences of unit white noise
+STRIDE = 5  # samples over which a speed is measured: noise counts little, curvature too; chosen by hand
 
 
 def rotations_of(signal: PoseSignal) -> FloatArray | None:
@@ -118,10 +118,10 @@ def pose_pair(log: CalibrationLog) -> tuple[PoseSignal, PoseSignal]:
 
 
 def stencil_step(log: CalibrationLog) -> float | None:
-    """Return the stencil step, s, that keeps noise below a share of the speed; None where neighbouring samples do.
+    """Return the stencil step, s, that keeps noise below a fraction of the speed; None where neighbouring samples do.
 
-    The noise of the tracker is read off third differences of its positions, which the motion itself hardly enters at
-    the rates where noise matters.
+    The noise of the tracker is estimated from third differences of its positions, which the motion itself hardly enters
+    at the rates where noise matters.
 
     Parameters
     ----------
@@ -135,19 +135,14 @@ def stencil_step(log: CalibrationLog) -> float | None:
     if not runs:
         return None
     sample = float(np.median(np.concatenate(steps)))
-    noise = MAD_TO_STD / THIRD_DIFFERENCE_GAIN * _median_size([np.diff(p, 3, axis=0) for p in runs])
-    speed = _median_norm([p[STRIDE:] - p[:-STRIDE] for p in runs]) / (STRIDE * sample)
+    noise = MAD_TO_STD / THIRD_DIFFERENCE_GAIN * _median(np.abs(np.concatenate([np.diff(p, 3, axis=0) for p in runs])))
+    chords = np.concatenate([p[STRIDE:] - p[:-STRIDE] for p in runs])
+    speed = _median(np.linalg.norm(chords, axis=1)) / (STRIDE * sample)
     if not speed > 0:
         return None
-    step = min(STENCIL_GAIN * noise / (NOISE_SHARE * speed), WIDEST)
+    step = min(STENCIL_GAIN * noise / (NOISE_FRACTION * speed), WIDEST)
     return step if step > sample else None
 
 
-def _median_size(parts: list[FloatArray]) -> float:
-    values = np.abs(np.concatenate(parts))
-    return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0
-
-
-def _median_norm(parts: list[FloatArray]) -> float:
-    values = np.linalg.norm(np.concatenate(parts), axis=1)
+def _median(values: FloatArray) -> float:
     return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0

@@ -1,4 +1,4 @@
-"""What a fit may be told, and the numbers that decide in every task."""
+"""Settings of a fit, and the numbers that decide in every task."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MEMORY = "memory"
 
 @dataclass(frozen=True)
 class FitSettings:
-    """What a fit of any task may be told; a task looks at what concerns it.
+    """Settings of a fit of any task; a task reads those that concern it.
 
     Parameters
     ----------
@@ -83,20 +83,23 @@ class Limits:
     Parameters
     ----------
     fewest_samples : int
-        Complete samples below which nothing is learned: fewer do not fill one fold of four with a motion.
+        Complete samples below which nothing is learned: fewer do not fill one fold of four with a motion. Chosen by
+        hand.
     headroom : float
         Largest believed correction over the largest in training: a query between training poses may need a little more
         than any of them. Chosen by hand; half of it (no headroom) cut 0.1 % of held-out simulated answers.
     range_quantiles : pair of float
-        Per cent of each input in training between which its range lies: a few wild velocities do not widen it.
+        Per cent of each input in training between which its range lies: a few wild velocities do not widen it. Chosen
+        by hand.
     margin : float
-        Share of an input's range that a query may lie beyond it. Chosen by hand.
+        Fraction of an input's range that a query may lie beyond it. Chosen by hand.
     folds : int
-        Parts of neighbouring trajectories that are left out in turn.
+        Parts of neighbouring trajectories that are left out in turn. Chosen by hand.
     piece_seconds : float
-        Length of the pieces, s, whose errors are ranked against each other when a model's age is judged.
+        Length of the pieces, s, whose errors are ranked against each other in the test for ageing. Chosen by hand.
     pause_steps, pause_seconds : float
-        A wait longer than so many usual steps, and than so many seconds, ends a path: anything may have happened.
+        A wait longer than so many usual steps, and than so many seconds, ends a path: the arm may have moved. Chosen by
+        hand.
     """
 
     fewest_samples: int = 20

@@ -42,14 +42,14 @@ def hold_out_units(log: CalibrationLog, by: HoldOut = HoldOut.AUTO) -> IntArray:
 def split_log(
     log: CalibrationLog, holdout: float, by: HoldOut = HoldOut.AUTO, *, rng: np.random.Generator | None = None
 ) -> tuple[CalibrationLog, CalibrationLog | None]:
-    """Split whole units off: the last share of them, or a random one.
+    """Split whole units off: the last ones, or random ones.
 
     Parameters
     ----------
     log : CalibrationLog
         What is split.
     holdout : float
-        Share of the units to measure on; 0 for none.
+        Fraction of the units to measure on; 0 for none.
     by : HoldOut
         What the units are.
     rng : numpy.random.Generator, optional
@@ -68,7 +68,7 @@ def split_log(
         There are too few units to hold one out.
     """
     if not 0 <= holdout < 1:
-        raise DataError(f"the held-out share must be at least 0 and below 1, got {holdout}.")
+        raise DataError(f"the held-out fraction must be at least 0 and below 1, got {holdout}.")
     if holdout == 0:
         return log, None
     units = hold_out_units(log, by)

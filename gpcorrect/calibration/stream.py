@@ -70,7 +70,7 @@ class PoseStream:
         Raises
         ------
         DataError
-            As for `CommandCorrector.correct`, or time does not advance; the past is kept.
+            As for `CommandCorrector.correct`, or time does not advance; the past stays.
         """
         corrector = self._corrector
         query = pose_numbers(pose, orientation=corrector.has_orientation)
@@ -159,7 +159,7 @@ class JointStream:
         Raises
         ------
         DataError
-            The numbers do not fit the model, or time does not advance; the past is kept.
+            The numbers do not fit the model, or time does not advance; the past stays.
         """
         view, law = self._corrector.view, self._corrector.law
         joints = _numbers(q, len(view.types), "joints")

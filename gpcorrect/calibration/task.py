@@ -1,7 +1,7 @@
-"""What a task must say of itself, and what every fitted corrector can do.
+"""What a task must define, and what every fitted corrector can do.
 
-A task says which signals it compares, which samples and inputs it makes of a log, and how a residual becomes an answer.
-Cleaning, clocks, splits, learners, regions, bounds, intervals, streams and files are written elsewhere, once.
+A task defines which signals it compares, which samples and inputs it makes of a log, and how a residual becomes an
+answer. Cleaning, clocks, splits, learners, regions, bounds, intervals, streams and files are written elsewhere, once.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Outcome:
     left_out : LeftOut
         Errors at the usable samples, each predicted without its own fold.
     report : mapping
-        What the task says of its fit, JSON-able.
+        The task's report on its fit, JSON-able.
     remarks : tuple of str
         What a person should know.
     registration : Any
@@ -65,7 +65,7 @@ class Outcome:
 
     @property
     def baseline(self) -> FloatArray:
-        """Scores of left-out pieces of the training, beside which a model's age is judged."""
+        """Scores of left-out pieces of the training, with which later scores are compared."""
         rows = self.samples.rows
         interval95 = self.corrector.scoring_law.intervals.interval95(self.left_out.std)
         labels = pieces(self.samples.time[rows], self.samples.trajectory[rows])
@@ -114,7 +114,7 @@ class Measured:
 
     @property
     def coverage95(self) -> FloatArray:
-        """(m,) share of errors inside their 95 % intervals, a component each; NaN where not measured."""
+        """(m,) fraction of errors inside their 95 % intervals, a component each; NaN where not measured."""
         return coverage(self.corrected, self.interval95)
 
     @property
@@ -128,7 +128,7 @@ class Measured:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Corrector(ABC):
-    """A fitted model of any task; it changes nothing, so threads may share it.
+    """A fitted model of any task; it changes nothing, so threads may use it together.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class Corrector(ABC):
     cleaner : FittedCleaner
         The training's thresholds for classifying samples of other logs.
     summary : mapping
-        Frames, units, features, fit report: what the model says of itself.
+        Description of the model: frames, units, features, fit report.
     """
 
     KIND: ClassVar[str]
@@ -161,7 +161,7 @@ class Corrector(ABC):
         log : CalibrationLog
             To be learned from.
         settings : FitSettings
-            What the user said.
+            The user's settings.
 
         Raises
         ------
@@ -185,9 +185,9 @@ class Corrector(ABC):
         cleaner : FittedCleaner
             What rejected the others.
         settings : FitSettings
-            What the user said.
+            The user's settings.
         learn_law : callable
-            From samples and their layout to a law and what it says of left-out samples.
+            From samples and their layout to a law and its predictions of left-out samples.
 
         Raises
         ------
@@ -294,5 +294,5 @@ class Corrector(ABC):
         )[1]
 
     def info(self) -> dict[str, Any]:
-        """Return what the model says of itself; JSON-able."""
+        """Return the model's description; JSON-able."""
         return dict(self.summary)

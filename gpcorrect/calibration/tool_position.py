@@ -24,8 +24,8 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
 
 __all__ = ["PositionEstimator", "ToolView"]
 
-INDUCING = 400
-CHECK_SAMPLES = 8
+INDUCING = 400  # points of the Gaussian process; chosen by hand
+CHECK_SAMPLES = 8  # along the swing that a model file is checked with; chosen by hand
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -96,7 +96,7 @@ class ToolView:
 
     @staticmethod
     def answer(reported: FloatArray, prediction: Prediction) -> Correction:
-        """Return reported positions `(n, 3)` corrected as a law says.
+        """Return reported positions `(n, 3)` corrected by the predictions of a law.
 
         Parameters
         ----------

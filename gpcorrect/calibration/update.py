@@ -1,4 +1,4 @@
-"""New observations into a fitted model, without its old data and without growing: the sums that it rests on go on.
+"""New observations into a fitted model, without its old data and without growing.
 
 Points and hyperparameters stay; the sums over samples (:class:`gpcorrect.gpr.Statistics`) of old and new data are
 added, the old ones weighted by what predicts left-out new trajectories best, so that a robot that changed is followed
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -28,10 +29,10 @@ from gpcorrect.types import CalibrationLog, FloatArray, IntArray, Progress
 
 __all__ = ["KEEPS", "Update", "update_model"]
 
-KEEPS = (1.0, 0.5, 0.2, 0.05)  # weights of the old data to choose from
-WORTH_FORGETTING = 1.02  # old data lose weight only where that lowers the squared error by more than this
-ENOUGH = 5  # new trajectories from which intervals are calibrated on them alone
-TOLERATED = 0.01  # relative growth of a held-out error that is not called worse
+KEEPS = (1.0, 0.5, 0.2, 0.05)  # weights of the old data to choose from; chosen by hand
+WORTH_FORGETTING = 1.02  # old data lose weight only where that lowers the squared error by more; chosen by hand
+ENOUGH = 5  # new trajectories from which intervals are calibrated on them alone; chosen by hand
+TOLERATED = 0.01  # relative growth of a held-out error that is not called worse; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +44,11 @@ class Update:
     corrector : Corrector
         Learned from the old data and those of `log` that were not held out.
     keep : float
-        Weight that the old data kept: 1 all of it.
+        Weight of the old data: 1 for all of it.
     n_added : int
         Samples added.
     unseen : float
-        Share of the prior variance at the new samples that the model's points cannot see: large when the new motion
+        Fraction of the prior variance at the new samples that the model's points cannot see: large when the new motion
         went where the training never was, which needs a new fit.
     before, after : Evaluation or None
         Old and new model on the held-out trajectories of the new log; None when nothing was held out.
@@ -85,9 +86,9 @@ def update_model(
     log : CalibrationLog
         New observations.
     holdout : float
-        Share of its trajectories to measure on.
+        Fraction of its trajectories to measure on.
     progress : Progress, optional
-        Told how far the update is.
+        Receives the progress of the update.
 
     Raises
     ------
@@ -168,7 +169,7 @@ class _Part:
         """
         folds = folds_of(trajectory)
         by_fold = [self._collected(X[folds == f], Y[folds == f]) for f in np.unique(folds)]
-        new = _sum(by_fold)
+        new = tuple(reduce(Statistics.plus, group) for group in zip(*by_fold, strict=True))
         tries = []
         for i, keep in enumerate(KEEPS):
             tries.append(self._left_out(X, Y, folds, by_fold, new, keep))
@@ -214,10 +215,3 @@ class _Part:
         if len(np.unique(trajectory)) >= ENOUGH:
             return fresh
         return IntervalCalibration(np.maximum(fresh.factor, self.intervals.factor))
-
-
-def _sum(by_fold: Sequence[tuple[Statistics, ...]]) -> tuple[Statistics, ...]:
-    total = by_fold[0]
-    for more in by_fold[1:]:
-        total = tuple(a.plus(b) for a, b in zip(total, more, strict=True))
-    return total

@@ -1,4 +1,4 @@
-"""What a recording can be used for: the refusals that wait for it further on, told by the dry run."""
+"""What a recording can be used for: the refusals of later commands, shown by the dry run."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 
 from gpcorrect.calibration.joints import require_joints
 from gpcorrect.calibration.pose_samples import require_poses
+from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.logs import ValidationReport
 from gpcorrect.logs.checks import Finding
 from gpcorrect.types import CalibrationLog
 
 __all__ = ["Use", "uses_of", "with_uses"]
-
-FEWEST = 20  # samples
 
 
 @dataclass(frozen=True)
@@ -80,8 +79,8 @@ def _require_motors(log: CalibrationLog) -> None:
         raise LogError("there is neither measured_jp nor setpoint_jp: nothing says where the motors were.")
     if log.external_jp is None and log.tracker_cp is None:
         raise LogError("there is neither external_jp nor tracker_cp: nothing says where the arm was.")
-    if len(log) < FEWEST:
-        raise LogError(f"at least {FEWEST} samples are needed, got {len(log)}.")
+    if len(log) < LIMITS.fewest_samples:
+        raise LogError(f"at least {LIMITS.fewest_samples} samples are needed, got {len(log)}.")
 
 
 _REQUIRE: dict[str, Callable[[CalibrationLog], object]] = {

@@ -19,7 +19,7 @@ __all__ = ["DIRECTIONS", "Direction", "TimedPath", "direction_named", "rotation_
 
 Direction = Literal["J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3"]
 DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
-RAMP_SECONDS = 0.2  # to speed up and to slow down at each corner
+RAMP_SECONDS = 0.2  # to speed up and to slow down at each corner; chosen by hand
 HALF_SIDE = 1.0 / (2.0 * np.sqrt(3.0))  # of a cube whose diagonal is 1
 
 
@@ -158,12 +158,12 @@ def timed(corners: FloatArray, speed: FloatArray, rate_hz: float, ramp: float = 
     starts = np.concatenate([[0.0], np.cumsum(np.where(cruise > 0, cruise + ramp, 0.0))])
     time = np.arange(int(np.ceil(starts[-1] * rate_hz)) + 1) / rate_hz
     piece = np.clip(np.searchsorted(starts, time, side="right") - 1, 0, len(cruise) - 1)
-    share = _progress(time - starts[piece], cruise[piece], ramp)
-    return TimedPath(time, corners[piece] + share[:, None] * (corners[piece + 1] - corners[piece]))
+    done = _progress(time - starts[piece], cruise[piece], ramp)
+    return TimedPath(time, corners[piece] + done[:, None] * (corners[piece + 1] - corners[piece]))
 
 
 def _progress(t: FloatArray, cruise: FloatArray, ramp: float) -> FloatArray:
-    """Share of a stretch done at t: speed rises, stays at or below 1 / cruise, and falls again within cruise + ramp."""
+    """Fraction of a stretch done at t: speed rises, stays at most 1 / cruise, and falls again within cruise + ramp."""
     total = cruise + ramp
     rise = np.minimum(ramp, total / 2)  # a stretch shorter than the ramp never cruises
     t = np.clip(t, 0.0, total)
@@ -171,5 +171,5 @@ def _progress(t: FloatArray, cruise: FloatArray, ramp: float) -> FloatArray:
     risen = 0.5 * np.minimum(t, rise) ** 2 / rise
     cruised = np.clip(t, rise, total - rise) - rise
     fallen = 0.5 * (rise**2 - left**2) / rise
-    share: FloatArray = (risen + cruised + fallen) / (total - rise)
-    return share
+    done: FloatArray = (risen + cruised + fallen) / (total - rise)
+    return done

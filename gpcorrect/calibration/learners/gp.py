@@ -21,17 +21,17 @@ from gpcorrect.types import FloatArray, IntArray, Progress
 __all__ = ["GP", "GPMap", "LocalLevel", "local_level"]
 
 FEWEST_STRETCHES = 40
-"""Into which a recording is cut for noise that neighbours share: the cost of a stretch is its cube."""
+"""Into which a recording is cut for noise that neighbours have in common: a stretch costs its cube; chosen by hand."""
 VARIANCE_POINTS = 150
-"""Inducing points that variances after a linear law rest on: a stream asks for six joints a sample at 1 kHz."""
+"""Inducing points of variances after a linear law: a stream asks for six joints a sample at 1 kHz; chosen by hand."""
 POSE_VARIANCE_POINTS = 250
-"""The same without one: a pose is asked for one at a time."""
+"""The same without one: a pose is asked for one at a time; chosen by hand."""
 GAINS = (0.0, 0.1, 0.2, 0.4, 0.7)
-"""Gains of the local level to choose from."""
+"""Gains of the local level to choose from; chosen by hand."""
 FEWEST_LEVELS = 8
-"""Trajectories from which a moving zero can be told from chance."""
+"""Trajectories from which a moving zero can be separated from chance; chosen by hand."""
 CLEARLY = 0.95
-"""Share of the squared error without motion that a gain above 0 must come under."""
+"""Fraction of the squared error without motion that a gain above 0 must come under; chosen by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ def local_level(errors: FloatArray, trajectory: IntArray) -> LocalLevel:
     """Return the part of errors that moves with time: a local level model of each trajectory's mean.
 
     In its steady form (Durbin and Koopman 2012, Sec. 2.1) that is exponential smoothing, whose gain is chosen by how
-    well it foretells the next trajectory. A level that holds still gets gain 0.
+    well it predicts the next trajectory. A level that holds still gets gain 0.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def local_level(errors: FloatArray, trajectory: IntArray) -> LocalLevel:
 
 
 def _gain(means: FloatArray) -> float:
-    """Return the gain that foretells each next mean best; 0 unless it is clearly better than none."""
+    """Return the gain that predicts each next mean best; 0 unless it is clearly better than none."""
     centred = means - means.mean()
     warm = max(2, len(means) // 10)
     squares = []
@@ -180,7 +180,7 @@ def _levels(values: FloatArray, gain: float) -> FloatArray:
 
 
 def _stretches(trajectory: IntArray) -> IntArray:
-    """Return trajectories `(n,)`, cut further so that no stretch is longer than its share of the recording."""
+    """Return trajectories `(n,)`, cut further into at least `FEWEST_STRETCHES` stretches of the recording."""
     longest = -(-len(trajectory) // FEWEST_STRETCHES)
     begins = np.diff(trajectory, prepend=trajectory[:1] - 1) != 0
     place = np.arange(len(trajectory))

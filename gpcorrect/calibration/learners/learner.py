@@ -45,10 +45,10 @@ class Fitted:
     learned : TargetMap or CableModel
         From inputs, or a whole path, to targets.
     left_out : LeftOut
-        Errors, promised deviations and novelties at the samples that may be learned from, each predicted without its
+        Errors, standard deviations and novelties at the samples that may be learned from, each predicted without its
         own fold.
     zero : (m,) array or None
-        Where zeros that wander stood last; None for those that hold still.
+        Where zeros that move over time stood last; None for those that hold still.
     """
 
     learned: Any
@@ -69,9 +69,9 @@ class Learner(Protocol):
         layout : Layout
             How inputs and targets hang together.
         settings : FitSettings
-            What the user said.
+            The user's settings.
         progress : Progress
-            Told how far the fit is.
+            Receives the progress of the fit.
 
         Raises
         ------
@@ -82,7 +82,7 @@ class Learner(Protocol):
 
 
 def cross_predicted(learn: Callable[[Samples], TargetMap], samples: Samples, folds: int) -> LeftOut:
-    """Return what maps say of the usable samples that they were not fitted to.
+    """Return predictions of the usable samples by maps that were not fitted to them.
 
     Parameters
     ----------

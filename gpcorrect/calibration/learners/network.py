@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -79,7 +79,10 @@ class NetworkMap:
                 scaler.apply(X).astype(np.float32),
                 (targets[:, 0] if targets.shape[1] == 1 else targets).astype(np.float32),
             )
-        weights, biases = (tuple(map(_double, parts)) for parts in (network.coefs_, network.intercepts_))
+        weights, biases = (
+            tuple(np.asarray(part, dtype=np.float64) for part in parts)
+            for parts in (network.coefs_, network.intercepts_)
+        )
         learned = cls(scaler, weights, biases, output, np.zeros(Y.shape[1]))
         return cls(scaler, weights, biases, output, (Y - learned.predict(X)[0]).std(axis=0))
 
@@ -113,7 +116,3 @@ class Network:
             return NetworkMap.fit(*part.learnable(), settings.layers, settings.epochs, settings.seed)
 
         return Fitted(_learn(samples), cross_predicted(_learn, samples, 1))
-
-
-def _double(values: Any) -> FloatArray:
-    return np.asarray(values, dtype=np.float64)

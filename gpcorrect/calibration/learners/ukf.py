@@ -2,9 +2,9 @@
 
 The state of a joint is its true position. Between samples the cable drags it when it is stretched by more than friction
 bears, `q' = clip(q, m - r, m + r)` about the corrected motor position m, and it moves with noise; the effort, where it
-is logged, tells the stretch: `tau = kappa (m - q) + tau_0`, with noise. Gap r, compliance and both noises are tuned on
+is logged, shows the stretch: `tau = kappa (m - q) + tau_0`, with noise. Gap r, compliance and both noises are tuned on
 training data alone. A sample whose motor position or effort is missing is passed over, so the filter never sees a NaN.
-Julier and Uhlmann 1997; cable model after Haghighipanah et al. 2016, IROS, cut down to what encoders can tell.
+Julier and Uhlmann 1997; cable model after Haghighipanah et al. 2016, IROS, cut down to what encoders can show.
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ __all__ = ["Cable", "CableFilter", "CableModel"]
 GAPS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
 """Half gap over half the range, to choose from: up to the slack of the dVRK wrist recorded in `dvrk_random`."""
 PROCESS = (0.01, 0.1, 1.0)
-"""Standard deviation a step over that of the play's residual, to choose from."""
+"""Standard deviation a step over that of the play's residual, to choose from; chosen by hand."""
 TUNING_ROWS = 1500
 """Samples that the process noise is tuned on: a pass of the filter over them takes a second."""
 LEAST_EXPLAINED = 0.05
 """Part of the stretch's variance that the effort must explain to be a measurement; chosen by hand."""
 TINY = 1e-9
+"""m or rad: keeps variances positive, far below the resolution of any encoder."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +168,7 @@ def _clipped(motor: FloatArray, gap: float, new: BoolArray) -> FloatArray:
 def _filtered(
     motor: FloatArray, stretch: FloatArray, new: BoolArray, gap: float, process: float, measurement: float
 ) -> tuple[FloatArray, FloatArray]:
-    """One joint through the filter. Where efforts tell nothing, the sigma points alone carry the play along."""
+    """One joint through the filter. Where efforts show nothing, the sigma points alone carry the play along."""
     cable = CableFilter(gap, process, measurement)
     steps = [cable.step(*sample) for sample in zip(motor.tolist(), stretch.tolist(), new.tolist(), strict=True)]
     mean, std = np.array(steps).reshape(len(motor), 2).T
@@ -182,7 +183,7 @@ class CableFilter:
     gap : float
         Half gap, rad or m.
     process, measurement : float
-        Standard deviations of the joint's step, and of the stretch that the effort tells; infinite where it tells
+        Standard deviations of the joint's step, and of the stretch that the effort shows; infinite where it shows
         nothing.
     """
 
