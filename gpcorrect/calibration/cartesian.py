@@ -44,7 +44,7 @@ NO_MEMORY = np.zeros(0)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CommandCorrector(Corrector):
-    """Returns what to command so that the robot reaches a desired pose: `F(x) = H(G(x))`.
+    """Computes what to command so that the robot reaches a desired pose: `F(x) = H(G(x))`.
 
     `G` is the rigid registration from the observer's frame to the command's, `H` adds the residual that was learned
     from pose and velocity.

@@ -85,7 +85,12 @@ def _unpack(hint: Any, data: Any, arrays: Mapping[str, Any]) -> Any:
     if is_dataclass(hint):
         return _dataclass(hint, data, arrays)
     if isinstance(data, str) and data.startswith(ARRAY):
-        return _array(data.removeprefix(ARRAY), arrays)
+        name = data.removeprefix(ARRAY)
+        if name not in arrays:
+            raise DataError(f"the array {name} is missing.")
+        value = np.array(arrays[name])
+        value.setflags(write=False)
+        return value
     if origin is tuple:
         if not isinstance(data, list):
             raise DataError(f"cannot rebuild {hint} from {type(data).__name__}.")
@@ -108,14 +113,6 @@ def _member(members: tuple[Any, ...], data: Any) -> Any:
     if not others:
         raise DataError(f"the stored {named or type(data).__name__} is none of {members}.")
     return others[0]
-
-
-def _array(name: str, arrays: Mapping[str, Any]) -> Any:
-    if name not in arrays:
-        raise DataError(f"the array {name} is missing.")
-    value = np.array(arrays[name])
-    value.setflags(write=False)
-    return value
 
 
 def _dataclass(hint: Any, data: Any, arrays: Mapping[str, Any]) -> Any:

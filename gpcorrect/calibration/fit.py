@@ -108,28 +108,24 @@ def fit_model(
     LogError, DataError, DegenerateError
         The log does not determine a model.
     """
-    # Many small factorisations: two BLAS pools on few cores fight each other and take ten times as long as one thread.
-    with threadpool_limits(limits=1):
-        return _fit(log, settings or FitSettings(), task, progress or Progress())
-
-
-def _fit(log: CalibrationLog, settings: FitSettings, task: type[Corrector], progress: Progress) -> FitResult:
-    start = time.perf_counter()
+    settings, progress, start = settings or FitSettings(), progress or Progress(), time.perf_counter()
     learner_named(settings.method)
     pair = task.pair(log, settings)  # refused at once, before any work
     progress.step("clean", 0.0)
-    log, clocks = match_clocks(log, pair.observed, pair.command, settings.time_offset)
-    cleaner, cleaning = fit_cleaner(
-        log,
-        settings.cleaning,
-        rng=np.random.default_rng(settings.seed),
-        pair=pair,
-        marker=settings.marker if settings.rigid else "none",
-    )
-    progress.step("clean", 1.0)
-    keep = cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
-    learn_law = partial(_learn_law, settings=settings, progress=progress)
-    outcome = task.learn(log, keep, cleaner, settings, learn_law)
+    # Many small factorisations: two BLAS pools on few cores fight each other and take ten times as long as one thread.
+    with threadpool_limits(limits=1):
+        log, clocks = match_clocks(log, pair.observed, pair.command, settings.time_offset)
+        cleaner, cleaning = fit_cleaner(
+            log,
+            settings.cleaning,
+            rng=np.random.default_rng(settings.seed),
+            pair=pair,
+            marker=settings.marker if settings.rigid else "none",
+        )
+        progress.step("clean", 1.0)
+        keep = cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
+        learn_law = partial(_learn_law, settings=settings, progress=progress)
+        outcome = task.learn(log, keep, cleaner, settings, learn_law)
     remarks = [*log.remarks, *outcome.remarks, *([clocks.remark] if clocks.applied else [])]
     summary = _summary(log, outcome, clocks, cleaning, settings, remarks, time.perf_counter() - start)
     return FitResult(

@@ -53,7 +53,7 @@ class JointFeatures:
     n_state : int
         Columns of `state`.
     used : (k,) int array
-        Which of all columns are used, because the training motion tells their effect from others'.
+        Which of all columns are used, because the training motion shows their effect apart from others'.
     """
 
     kinds: tuple[FeatureKind, ...]

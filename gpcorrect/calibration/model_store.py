@@ -262,7 +262,11 @@ class ModelStore:
         target = self.folder / "store.json"
         with _writing(target), atomic_path(target) as temporary:
             temporary.write_text(json.dumps(stored, indent=2))
-        _sync_folder(self.folder)
+        handle = os.open(self.folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)  # so that the rename outlasts a power cut
+        finally:
+            os.close(handle)
 
     @contextmanager
     def _locked(self) -> Iterator[_State]:
@@ -298,15 +302,6 @@ def _writing(path: Path) -> Iterator[None]:
         raise GpCorrectError(
             f"cannot write {path}: {error.strerror}. The active model stays.", hint="Make room, or change the rights."
         ) from error
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make a rename last through a power cut."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def compare(store: ModelStore, one: Entry, other: Entry) -> dict[str, Any]:

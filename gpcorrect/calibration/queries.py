@@ -128,20 +128,15 @@ def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
             f"the pose lies {np.abs(values[:, :POSITION]).max():.3g} m from the origin.", hint="Positions are metres."
         )
     if values.shape[1] == POSE:
-        values[:, POSITION:] = _unit(values[:, POSITION:])
+        norms = np.linalg.norm(values[:, POSITION:], axis=1)
+        worst = int(np.argmax(np.abs(norms - 1)))
+        if abs(norms[worst] - 1) > QUATERNION_TOLERANCE:
+            raise DataError(
+                f"quaternion {worst} has norm {norms[worst]:.6g}, not 1.",
+                hint="The order is qw qx qy qz; normalise it first.",
+            )
+        values[:, POSITION:] /= norms[:, None]
     return values
-
-
-def _unit(quaternions: FloatArray) -> FloatArray:
-    norms = np.linalg.norm(quaternions, axis=1)
-    worst = int(np.argmax(np.abs(norms - 1)))
-    if abs(norms[worst] - 1) > QUATERNION_TOLERANCE:
-        raise DataError(
-            f"quaternion {worst} has norm {norms[worst]:.6g}, not 1.",
-            hint="The order is qw qx qy qz; normalise it first.",
-        )
-    unit: FloatArray = quaternions / norms[:, None]
-    return unit
 
 
 def checked_times(times: ArrayLike, count: int) -> FloatArray:

@@ -41,7 +41,15 @@ def uses_of(log: CalibrationLog) -> tuple[Use, ...]:
     log : CalibrationLog
         A recording.
     """
-    return tuple(_asked(command, require, log) for command, require in _REQUIRE.items())
+    uses = []
+    for command, require in _REQUIRE.items():
+        try:
+            require(log)
+        except GpCorrectError as error:
+            uses.append(Use(command, error.message.removeprefix(f"{log.name}: "), error.hint))
+        else:
+            uses.append(Use(command))
+    return tuple(uses)
 
 
 def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[ValidationReport, tuple[Use, ...]]:
@@ -63,14 +71,6 @@ def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[Validation
     what = f"no command can learn from it. {'; '.join(f'{use.command}: {use.refusal}' for use in uses)}"
     unusable = Finding("error", "unusable", "", what, first.hint)
     return replace(report, findings=(unusable, *report.findings)), uses
-
-
-def _asked(command: str, require: Callable[[CalibrationLog], object], log: CalibrationLog) -> Use:
-    try:
-        require(log)
-    except GpCorrectError as error:
-        return Use(command, error.message.removeprefix(f"{log.name}: "), error.hint)
-    return Use(command)
 
 
 def _require_motors(log: CalibrationLog) -> None:

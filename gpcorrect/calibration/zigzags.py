@@ -61,7 +61,14 @@ def zigzag(direction: Direction, sparsity: int, limits: FloatArray) -> FloatArra
     DataError
         The sparsity is not a whole number from 1, or the limits are not three rising pairs.
     """
-    limits = _checked(sparsity, limits)
+    if sparsity < 1:
+        raise DataError(f"the sparsity 1/n needs a whole number n from 1, got {sparsity}.", hint="For example 4.")
+    limits = np.asarray(limits, dtype=np.float64)
+    if limits.shape != (3, 2) or not (np.isfinite(limits).all() and (np.diff(limits) > 0).all()):
+        raise DataError(
+            f"limits must be three pairs, each lowest then highest, got {limits.tolist()}.",
+            hint="Write them as LOW:HIGH,LOW:HIGH,LOW:HIGH",
+        )
     centre, reach = limits.mean(axis=1), np.ptp(limits, axis=1)
     turned = (2.0 * HALF_SIDE) * _stripes(sparsity) @ rotation_to(direction).T
     corners: FloatArray = centre + reach * turned
@@ -95,18 +102,6 @@ def _stripes(sparsity: int) -> FloatArray:
             corners += [(-end, y, z), (end, y, z)]
             end = -end
     return np.array(corners)
-
-
-def _checked(sparsity: int, limits: FloatArray) -> FloatArray:
-    if sparsity < 1:
-        raise DataError(f"the sparsity 1/n needs a whole number n from 1, got {sparsity}.", hint="For example 4.")
-    limits = np.asarray(limits, dtype=np.float64)
-    if limits.shape != (3, 2) or not (np.isfinite(limits).all() and (np.diff(limits) > 0).all()):
-        raise DataError(
-            f"limits must be three pairs, each lowest then highest, got {limits.tolist()}.",
-            hint="Write them as LOW:HIGH,LOW:HIGH,LOW:HIGH",
-        )
-    return limits
 
 
 @dataclass(frozen=True, eq=False)
