@@ -26,7 +26,7 @@ POSSIBLE_FRACTION = 0.7
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """What no working arm does from one sample to another.
+    """Limits of motion that no working arm exceeds from one sample to another.
 
     Parameters
     ----------

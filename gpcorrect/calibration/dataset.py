@@ -95,7 +95,7 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """How inputs and targets of a task hang together, for the learners.
+    """How inputs and targets of a task are grouped, for the learners.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def pieces(time: FloatArray, trajectory: IntArray) -> IntArray:
 
 
 def scores_by_piece(ratio: FloatArray, labels: IntArray) -> FloatArray:
-    """Return root mean squares of ratios `(n, m)` of error over promised deviation, a piece each, in order.
+    """Return root mean squares of ratios `(n, m)` of error over standard deviation, a piece each, in order.
 
     Parameters
     ----------

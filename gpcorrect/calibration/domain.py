@@ -70,7 +70,7 @@ class Domain:
         return type(self)(low, high, self.novelty, self.spread)
 
     def clip(self, X: FloatArray) -> FloatArray:
-        """Return inputs `(..., D)` drawn to the nearest edge of their ranges: where a law that runs on must end.
+        """Return inputs `(..., D)` clipped to their ranges, for laws that extrapolate.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class Domain:
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """How large a correction may be: a safety net under the learner, not part of it.
+    """How large a correction may be: a limit that does not depend on the learner.
 
     Parameters
     ----------

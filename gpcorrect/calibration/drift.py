@@ -1,4 +1,4 @@
-"""Has a model aged? A sequential test on the errors of trajectory after trajectory, with a false-alarm rate that holds.
+"""Sequential test for the ageing of a model on the errors of its trajectories, with a bounded false-alarm rate.
 
 A trajectory's score is how large its errors are beside the model's own standard deviations. Its conformal p-value is
 its rank among all scores before it, those of the training's left-out trajectories first: while nothing changes,

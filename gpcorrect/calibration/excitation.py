@@ -1,4 +1,4 @@
-"""Motions beyond zig-zags: random sinusoids, and runs in which one effect shows and its look-alikes do not.
+"""Motions beyond zig-zags: random sinusoids, and runs that separate effects which look alike in a zig-zag.
 
 A zig-zag at constant speed cannot distinguish friction from delay, play from sag, or stretch from a gain; a speed
 ladder, holds and several amplitudes can.

@@ -1,7 +1,7 @@
 """Features of a joint path: position, velocity, effort, memory, or the whole state.
 
 Where effects look alike in a training motion, none of them may be learned: a joint that never turns back holds its
-slack on one side, like an offset; a joint that knows one speed shows friction and damping as one. A calibration that
+slack on one side, like an offset; a joint that moves at one speed shows friction and damping as one. A calibration that
 learned such a feature would be wrong on every other motion, and its held-out trajectories would not show it.
 """
 
@@ -218,7 +218,7 @@ def law_penalties(features: JointFeatures, targets: int, owned: bool) -> FloatAr
 
     Along one straight stripe all joints turn back together, and their efforts and slacks cannot be separated; a law
     without a prior spreads one joint's friction over all of them, and is wrong wherever joints move on their own, or
-    under another load. So where efforts are logged, those of other joints, and memory, have to earn their weights.
+    under another load. So where efforts are logged, those of other joints, and memory, are penalised.
 
     Parameters
     ----------

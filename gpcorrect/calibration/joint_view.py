@@ -157,7 +157,7 @@ class JointView:
 
 
 def joint_layout(features: JointFeatures, targets: int, *, owned: bool, inducing: int) -> Layout:
-    """Return how joint features and targets hang together: a linear law, then a field on the smooth features.
+    """Return how joint features and targets are grouped: a linear law, then a field on the smooth features.
 
     Parameters
     ----------

@@ -140,15 +140,7 @@ class JointCorrector(Corrector):
         return JointStream(self)
 
     def samples(self, log: CalibrationLog, keep: BoolArray) -> Samples:
-        """Return a log as the law sees it.
-
-        Parameters
-        ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
-        """
+        """See :class:`Corrector`."""
         return self.view.of_log(log, keep)[1]
 
     def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:

@@ -110,7 +110,7 @@ class Law:
         return Prediction(nothing, nothing, nothing, np.array([int(Reason.MISSING)]))
 
     def inputs(self, X: FloatArray) -> FloatArray:
-        """Return inputs `(..., d)` as the learner reads them: laws that run on end at the edge of the region.
+        """Return inputs `(..., d)` as the learner reads them: clipped to the region where the learner extrapolates.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Errors as people quote them: mean, SD, RMSE, 95th percentile and maximum, by axis and norm, in mm and degrees."""
+"""Statistics of errors for reports: mean, SD, RMSE, 95th percentile, maximum, by axis and norm, in mm and degrees."""
 
 from __future__ import annotations
 

@@ -23,8 +23,8 @@ MOST_PAST = 4096
 class PathFollower:
     """Features of a joint path, sample by sample: as :meth:`JointFeatures.transform` gives them for the whole path.
 
-    A stream that is faster than the training takes velocities over the training's step, not over its own: an encoder's
-    last digit is no motion.
+    A stream that is faster than the training takes velocities over the training's step, not over its own: there
+    an encoder's last digit would show as motion.
 
     Parameters
     ----------

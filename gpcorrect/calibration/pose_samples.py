@@ -123,7 +123,7 @@ class PosePairs:
 
 
 def pose_layout(features: FeatureMap, states: MemoryMap | None) -> Layout:
-    """Return how the regression's columns hang together: pose, velocity, memory.
+    """Return how the regression's columns are grouped: pose, velocity, memory.
 
     Parameters
     ----------

@@ -231,7 +231,7 @@ class Corrector(ABC):
 
     @abstractmethod
     def error_table(self, errors: FloatArray) -> Any:
-        """Return errors `(n, m)` as people quote them, JSON-able.
+        """Return errors `(n, m)` in the statistics and units of reports, JSON-able.
 
         Parameters
         ----------
@@ -241,7 +241,7 @@ class Corrector(ABC):
 
     @abstractmethod
     def check_answers(self) -> FloatArray:
-        """Return answers to recorded or made queries, by which a file is tried at load."""
+        """Return answers to recorded or made queries, by which a file is verified at load."""
 
     def parts(self, m: int) -> tuple[Part, ...]:
         """Return which of m error components are quoted together, in which unit.

@@ -168,7 +168,7 @@ class PositionEstimator(Corrector):
         return ToolStream(self)
 
     def samples(self, log: CalibrationLog, keep: BoolArray) -> Samples:
-        """Return a log as the law sees it; `keep` (n,) are samples that are not rejected."""
+        """See :class:`Corrector`."""
         return self.view.of_log(log, keep)[1]
 
     def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:

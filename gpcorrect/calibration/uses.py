@@ -74,7 +74,7 @@ def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[Validation
 
 
 def _require_motors(log: CalibrationLog) -> None:
-    """Refuse what the discrepancy workflow cannot compare: motors on one side, what became of it on the other."""
+    """Refuse what the discrepancy workflow cannot compare: motors on one side, the arm on the other."""
     if log.measured_jp is None and log.setpoint_jp is None:
         raise LogError("there is neither measured_jp nor setpoint_jp: nothing says where the motors were.")
     if log.external_jp is None and log.tracker_cp is None:

@@ -57,7 +57,7 @@ class GPMap:
 
     @property
     def extrapolates(self) -> bool:
-        """Whether there is a linear law, which runs on."""
+        """Whether there is a linear law, which extrapolates."""
         return self.linear is not None
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

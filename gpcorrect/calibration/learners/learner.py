@@ -18,11 +18,11 @@ __all__ = ["Fitted", "Learner", "TargetMap", "cross_predicted"]
 
 
 class TargetMap(Protocol):
-    """What was learned, as numbers: frozen, and made to be stored."""
+    """What was learned, as a frozen dataclass that a model file can hold."""
 
     @property
     def extrapolates(self) -> bool:
-        """Whether it runs on outside its training inputs, and must be stopped at their edge."""
+        """Whether it extrapolates outside its training inputs, so that inputs are clipped to their range."""
         ...
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -60,14 +60,14 @@ class Learner(Protocol):
     """A way to learn targets from inputs; a registry names each."""
 
     def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """Learn.
+        """Return what was learned of the usable samples.
 
         Parameters
         ----------
         samples : Samples
             Those usable are learned from.
         layout : Layout
-            How inputs and targets hang together.
+            How inputs and targets are grouped.
         settings : FitSettings
             The user's settings.
         progress : Progress

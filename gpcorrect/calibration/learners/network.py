@@ -88,7 +88,7 @@ class NetworkMap:
 
     @property
     def extrapolates(self) -> bool:
-        """Whether it runs on outside its training inputs: it does."""
+        """True: it extrapolates outside its training inputs."""
         return True
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
