@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.model_store import Entry, ModelStore, compare, kind_of
     from gpcorrect.calibration.pose_samples import require_poses
     from gpcorrect.calibration.settings import FitSettings
-    from gpcorrect.calibration.split import HoldOut, folds_of, split_log
+    from gpcorrect.calibration.split import HoldOut, folds_of, held_out
     from gpcorrect.calibration.stream import JointStream, PoseStream, RobotState, ToolStream
     from gpcorrect.calibration.task import Corrector, Measured
     from gpcorrect.calibration.tool_position import PositionEstimator
@@ -62,7 +62,7 @@ _HOMES = {
     "model_store": ("Entry", "ModelStore", "compare", "kind_of"),
     "pose_samples": ("require_poses",),
     "settings": ("FitSettings",),
-    "split": ("HoldOut", "folds_of", "split_log"),
+    "split": ("HoldOut", "folds_of", "held_out"),
     "stream": ("JointStream", "PoseStream", "RobotState", "ToolStream"),
     "task": ("Corrector", "Measured"),
     "tool_position": ("PositionEstimator",),
@@ -114,6 +114,7 @@ __all__ = [
     "fit_corrector",
     "fit_model",
     "folds_of",
+    "held_out",
     "holds",
     "joint_errors",
     "joint_units",
@@ -131,7 +132,6 @@ __all__ = [
     "run_experiment",
     "save",
     "speed_ladder",
-    "split_log",
     "spread",
     "timed",
     "update_model",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,11 +14,11 @@ from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.fit import FitResult, fit_model
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.settings import FitSettings
-from gpcorrect.calibration.split import HoldOut, split_log
+from gpcorrect.calibration.split import HoldOut, held_out
 from gpcorrect.calibration.task import Corrector, Measured
 from gpcorrect.cleaning import CleaningReport, require_segments
 from gpcorrect.logs.sync import match_clocks
-from gpcorrect.types import CalibrationLog, Progress
+from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
 __all__ = [
     "COMPONENTS",
@@ -171,18 +171,20 @@ def run_experiment(
     start = time.perf_counter()
     require_segments(log, (*settings.cleaning.keep, *settings.cleaning.drop))
     rng = np.random.default_rng(settings.seed) if shuffle else None
-    train, test = split_log(log, holdout, by, rng=rng)
-    result = fit_model(train, settings, task=task, progress=progress)
-    if test is None:
+    held = held_out(log, holdout, by, rng=rng)
+    result = fit_model(log.select(~held) if held.any() else log, settings, task=task, progress=progress)
+    if not held.any():
         return Experiment(result, None, None, time.perf_counter() - start)
     if result.clocks.applied:  # what the training showed of the clocks, and nothing of the held-out part's own
-        pair = task.pair(test, settings)
-        test, _ = match_clocks(test, pair.observed, pair.command, str(result.clocks.applied))
-    measured = evaluate_model(result.corrector, test)
-    return Experiment(result, test, measured, time.perf_counter() - start)
+        pair = task.pair(log, settings)
+        log, _ = match_clocks(log, pair.observed, pair.command, str(result.clocks.applied))
+    measured = evaluate_model(result.corrector, log, held=held)
+    return Experiment(result, log.select(held), measured, time.perf_counter() - start)
 
 
-def evaluate_model(corrector: Corrector, log: CalibrationLog, cleaning: CleaningReport | None = None) -> Evaluation:
+def evaluate_model(
+    corrector: Corrector, log: CalibrationLog, cleaning: CleaningReport | None = None, *, held: BoolArray | None = None
+) -> Evaluation:
     """Measure what a corrector would have answered on a log.
 
     Parameters
@@ -190,18 +192,25 @@ def evaluate_model(corrector: Corrector, log: CalibrationLog, cleaning: Cleaning
     corrector : Corrector
         Of any task.
     log : CalibrationLog
-        Holds the task's signals, on one clock.
+        n samples of the task's signals, on one clock.
     cleaning : CleaningReport, optional
-        Which samples count as clean; classified by the training's thresholds without it.
+        Which of the measured samples count as clean; classified by the training's thresholds without it.
+    held : (n,) mask, optional
+        Samples to measure on; all without it. The motion before them is known, as it is to a stream: the side of its
+        slack that a joint lies on, how long it rested. Where the robot ended up there is not looked at.
 
     Raises
     ------
     LogError
         The log lacks a signal, or no sample can be measured.
     """
-    cleaning = cleaning or corrector.clean(log)
-    everything = np.ones(len(log), dtype=bool)
-    clean, dirty = corrector.measure(log, cleaning.keep), corrector.measure(log, everything)
+    held = np.ones(len(log), dtype=bool) if held is None else held
+    cleaning = cleaning or corrector.clean(log if held.all() else log.select(held))
+    passed = np.zeros(len(log), dtype=bool)
+    passed[held] = cleaning.keep
+    place = np.cumsum(held) - 1
+    clean, dirty = (corrector.measure(log, keep) for keep in (passed, held))
+    clean, dirty = (replace(measured, rows=place[measured.rows]) for measured in (clean, dirty))
     return Evaluation(corrector, clean, dirty, cleaning)
 
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError, LogError
-from gpcorrect.types import CalibrationLog, IntArray
+from gpcorrect.types import BoolArray, CalibrationLog, IntArray
 
-__all__ = ["HoldOut", "folds_of", "hold_out_units", "split_log"]
+__all__ = ["HoldOut", "folds_of", "held_out", "hold_out_units"]
 
 
 class HoldOut(StrEnum):
@@ -39,26 +39,21 @@ def hold_out_units(log: CalibrationLog, by: HoldOut = HoldOut.AUTO) -> IntArray:
     return _in_order(log.session if by is HoldOut.SESSION else log.trajectory)
 
 
-def split_log(
+def held_out(
     log: CalibrationLog, holdout: float, by: HoldOut = HoldOut.AUTO, *, rng: np.random.Generator | None = None
-) -> tuple[CalibrationLog, CalibrationLog | None]:
-    """Split whole units off: the last ones, or random ones.
+) -> BoolArray:
+    """Return which samples `(n,)` to measure on: the last share of whole units, or a random one.
 
     Parameters
     ----------
     log : CalibrationLog
-        What is split.
+        n samples.
     holdout : float
         Fraction of the units to measure on; 0 for none.
     by : HoldOut
         What the units are.
     rng : numpy.random.Generator, optional
         Draws the units; the last ones are taken without it.
-
-    Returns
-    -------
-    train, test : CalibrationLog
-        `test` is None when `holdout` is 0.
 
     Raises
     ------
@@ -70,7 +65,7 @@ def split_log(
     if not 0 <= holdout < 1:
         raise DataError(f"the held-out fraction must be at least 0 and below 1, got {holdout}.")
     if holdout == 0:
-        return log, None
+        return np.zeros(len(log), dtype=bool)
     units = hold_out_units(log, by)
     names = np.unique(units)
     if len(names) < 2:
@@ -82,8 +77,7 @@ def split_log(
     if rng is not None:
         names = rng.permutation(names)
     count = min(len(names) - 1, max(1, round(holdout * len(names))))
-    held = np.isin(units, names[-count:])
-    return log.select(~held), log.select(held)
+    return np.isin(units, names[-count:])
 
 
 def folds_of(trajectory: IntArray) -> IntArray:

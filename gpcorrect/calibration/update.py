@@ -20,7 +20,7 @@ from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.evaluate import Evaluation, evaluate_model
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import GPMap
-from gpcorrect.calibration.split import folds_of, split_log
+from gpcorrect.calibration.split import folds_of, held_out
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import IntervalCalibration, Predictor, Statistics
@@ -97,7 +97,8 @@ def update_model(
     DataError
         The model's method cannot take more data.
     """
-    train, test = split_log(log, holdout)
+    held = held_out(log, holdout)
+    train = log.select(~held) if held.any() else log
     progress = progress or Progress()
     # By its own thresholds: the training's would reject an arm that changed.
     keep = corrector.clean_afresh(train).keep
@@ -113,10 +114,10 @@ def update_model(
     entry = {"source": log.name, "sha256": log.digest, "n_added": n, "keep": weight}
     summary = {**corrector.summary, "updates": [*corrector.summary.get("updates", []), entry]}
     changed = replace(changed, summary=summary)
-    if test is None:
+    if not held.any():
         return Update(changed, weight, n, unseen, None, None)
-    cleaning = corrector.clean_afresh(test)
-    before, after = (evaluate_model(c, test, cleaning) for c in (corrector, changed))
+    cleaning = corrector.clean_afresh(log.select(held))
+    before, after = (evaluate_model(c, log, cleaning, held=held) for c in (corrector, changed))
     return Update(changed, weight, n, unseen, before, after)
 
 

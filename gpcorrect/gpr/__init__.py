@@ -2,7 +2,7 @@
 
 from gpcorrect.gpr.exact import ExactGPR, conditioned
 from gpcorrect.gpr.features import FeatureMap
-from gpcorrect.gpr.inflation import LeftOut, learn_inflation
+from gpcorrect.gpr.inflation import INFLATIONS, LeftOut, learn_inflation
 from gpcorrect.gpr.intervals import IntervalCalibration, coverage_by_group, novelty_limit
 from gpcorrect.gpr.kernels import AdditiveMatern52, AdditiveRBF, Kernel
 from gpcorrect.gpr.predictor import Predictor, SharedPredictor
@@ -10,6 +10,7 @@ from gpcorrect.gpr.sparse import SparseGPR
 from gpcorrect.gpr.statistics import Statistics
 
 __all__ = [
+    "INFLATIONS",
     "AdditiveMatern52",
     "AdditiveRBF",
     "ExactGPR",
