@@ -17,6 +17,7 @@ from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.split import HoldOut, held_out
 from gpcorrect.calibration.task import Corrector, Measured
 from gpcorrect.cleaning import CleaningReport, require_segments
+from gpcorrect.errors import LogError
 from gpcorrect.logs.sync import match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
@@ -206,6 +207,14 @@ def evaluate_model(
     """
     held = np.ones(len(log), dtype=bool) if held is None else held
     cleaning = cleaning or corrector.clean(log if held.all() else log.select(held))
+    if not cleaning.keep.any():
+        reasons = ", ".join(f"{count} {code}" for code, count in cleaning.counts.items())
+        raise LogError(
+            f"cleaning rejects all {held.sum()} samples to measure on ({reasons}): by the training's "
+            "thresholds they are not of the same robot and frames, or the training is too short to tell.",
+            hint="See: gpcorrect clean LOG. Give more logs, or fit and measure nothing: --holdout 0",
+            path=log.name,
+        )
     passed = np.zeros(len(log), dtype=bool)
     passed[held] = cleaning.keep
     place = np.cumsum(held) - 1

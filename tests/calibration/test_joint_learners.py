@@ -162,6 +162,19 @@ def test_a_single_motion_is_held_out_in_blocks() -> None:
     assert np.unique(by_session.test.session).tolist() == [1]
 
 
+def test_what_is_held_out_is_measured_with_the_motion_before_it() -> None:
+    """As a stream answers, which saw it: alone the held-out part would begin with its slack unknown."""
+    experiment = fitted("gp")
+    assert experiment.test is not None
+    assert experiment.evaluation is not None
+    held = np.isin(LOG.trajectory, experiment.test.trajectory_ids)
+    everything = np.ones(len(LOG), dtype=bool)
+    whole, part = experiment.corrector.measure(LOG, everything), experiment.evaluation.dirty
+    place = np.searchsorted(whole.rows, np.flatnonzero(held)[part.rows])
+    np.testing.assert_allclose(part.corrected, whole.corrected[place], atol=1e-12)
+    np.testing.assert_array_equal(part.time, experiment.test.time[part.rows])
+
+
 def test_bad_logs_are_named() -> None:
     """No motion at all, millimetres, a missing signal, no efforts: each is refused with its reason."""
     q, truth = np.array(LOG.measured_jp), np.array(LOG.external_jp)

@@ -69,10 +69,10 @@ def test_rows_of_nan_are_dropped_and_counted(gpcorrect: CommandLine, tmp_path: P
     assert result["dropped"]["invalid"] == 10
 
 
-def test_one_trajectory_cannot_be_held_out(gpcorrect: CommandLine, tmp_path: Path) -> None:
-    """The message says what to do; with --holdout 0 the fit goes through."""
+def test_an_end_unlike_its_beginning_is_not_measured_on(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """One short motion, whose last fifth the thresholds of the rest reject: said, with what to do about it."""
     path = written(small_log(trajectories=1, samples=200), tmp_path / "one.csv")
-    assert_refused(gpcorrect("fit", path, "--output", tmp_path / "m.gpc"), "one trajectory", "--holdout 0")
+    assert_refused(gpcorrect("fit", path, "--output", tmp_path / "m.gpc"), "rejects all 40", "--holdout 0")
     assert not (tmp_path / "m.gpc").exists()
     assert gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--holdout", 0, "--no-clean").code == 0
 
