@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpcorrect.calibration import coverage, error_table, spread
+from gpcorrect.calibration.metrics import coverage, error_table, spread
 
 
 def test_the_mean_is_of_absolute_values() -> None:
