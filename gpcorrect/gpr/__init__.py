@@ -4,7 +4,7 @@ from gpcorrect.gpr.exact import ExactGPR, conditioned
 from gpcorrect.gpr.features import FeatureMap
 from gpcorrect.gpr.inflation import INFLATIONS, LeftOut, learn_inflation
 from gpcorrect.gpr.intervals import IntervalCalibration, coverage_by_group, novelty_limit
-from gpcorrect.gpr.kernels import AdditiveMatern52, AdditiveRBF, Kernel
+from gpcorrect.gpr.kernels import AdditiveMatern52, AdditiveRBF, Kernel, WithLinear
 from gpcorrect.gpr.predictor import Predictor, SharedPredictor
 from gpcorrect.gpr.sparse import SparseGPR
 from gpcorrect.gpr.statistics import Statistics
@@ -22,6 +22,7 @@ __all__ = [
     "SharedPredictor",
     "SparseGPR",
     "Statistics",
+    "WithLinear",
     "conditioned",
     "coverage_by_group",
     "learn_inflation",

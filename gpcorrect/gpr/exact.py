@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from gpcorrect.gpr.estimator import GaussianProcess
-from gpcorrect.gpr.kernels import Kernel
+from gpcorrect.gpr.kernels import Kernel, WithLinear
 from gpcorrect.gpr.learning import KernelOption, Learned
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import SharedPredictor
@@ -18,14 +18,14 @@ __all__ = ["ExactGPR", "conditioned"]
 
 
 def conditioned(
-    kernel: Kernel, noise: float, X: FloatArray, Y: FloatArray, at: FloatArray
+    kernel: Kernel | WithLinear, noise: float, X: FloatArray, Y: FloatArray, at: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean and standard deviation of noisy observations, given others (Rasmussen and Williams 2006, Eq. 2.23).
 
     Parameters
     ----------
-    kernel : Kernel
-        Prior covariance, of unit variance.
+    kernel : Kernel or WithLinear
+        Prior covariance.
     noise : float
         Noise variance.
     X, Y : (n, d) and (n, m) arrays

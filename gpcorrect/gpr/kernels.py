@@ -26,6 +26,7 @@ __all__ = [
     "AdditiveRBF",
     "Kernel",
     "KernelTable",
+    "WithLinear",
     "component_masks",
     "kernel_named",
     "squared_distances",
@@ -195,6 +196,39 @@ class AdditiveMatern52(Kernel):
         r = np.sqrt(5.0 * squares)
         decay = np.exp(-r)
         return (1.0 + r + r * r / 3.0) * decay, 5.0 / 3.0 * (1.0 + r) * decay
+
+
+@dataclass(frozen=True, eq=False)
+class WithLinear:
+    """A kernel with a straight line beside it: `k(x, z) + 1 + sum_d w_d x_d z_d`.
+
+    The line runs on past the data, and so does its uncertainty, where a kernel alone falls back to zero and one.
+
+    Parameters
+    ----------
+    kernel : AdditiveRBF
+        What bends.
+    slopes : (d,) array
+        Prior variance of the line's slope along each feature.
+    """
+
+    kernel: AdditiveRBF
+    slopes: FloatArray
+
+    def __call__(self, A: FloatArray, B: FloatArray) -> FloatArray:
+        """Return the covariance matrix `(n, m)` of inputs `(n, d)` and `(m, d)`."""
+        covariance: FloatArray = 1.0 + (A * self.slopes) @ B.T + self.kernel(A, B)
+        return covariance
+
+    def diagonal(self, A: FloatArray) -> FloatArray:
+        """Return the variances `(n,)` of inputs `(n, d)`.
+
+        Parameters
+        ----------
+        A : (n, d) array
+            Inputs.
+        """
+        return 1.0 + A**2 @ self.slopes + self.kernel.diagonal(A)
 
 
 KERNELS: dict[str, type[Kernel]] = {kernel.name: kernel for kernel in (AdditiveRBF, AdditiveMatern52)}

@@ -72,11 +72,10 @@ def test_bad_requests_end_with_status_2(gpcorrect: CommandLine, joints: Path, tm
 
 
 def test_bad_recordings_are_refused_by_name(gpcorrect: CommandLine, tmp_path: Path) -> None:
-    """Missing efforts, a still joint, millimetres, limits exceeded, mixed sessions: status 2 and what to do."""
+    """Missing efforts, a still arm, millimetres, limits exceeded, mixed sessions: status 2 and what to do."""
     log = joint_log(1, trajectories=6)
     q, truth = np.array(log.measured_jp), np.array(log.external_jp)
-    still, up = q.copy(), np.array([0.0, 1.2, 0.0])
-    still[:, 1] = 1.0
+    still, up = np.ones(q.shape), np.array([0.0, 1.2, 0.0])
     arm = LogMeta(joint_types="RRP", robot="raven2", arm="raven2_left")
     cases = {
         "measured_jf": (replace(log, measured_jf=None), "--features", "position,effort"),

@@ -117,13 +117,15 @@ def test_a_disk_that_takes_nothing_changes_nothing(
 KILLED = """
 import os, sys
 from pathlib import Path
-from gpcorrect.calibration import ModelStore, model_store
+from gpcorrect.calibration import ModelStore
 step, folder = sys.argv[1], sys.argv[2]
 def die(*_): os._exit(9)
 if step == "before the write": Path.write_text = die
 if step == "before the sync": os.fsync = die
 if step == "before the rename": Path.replace = die
-if step == "after the rename": model_store._sync_folder = die
+if step == "after the rename":
+    rename = Path.replace
+    Path.replace = lambda *paths: (rename(*paths), die())
 store = ModelStore(folder)
 store.activate(store.find("tuesday"))
 """

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gpcorrect.calibration import joint_data
 from gpcorrect.errors import DataError
 from gpcorrect.types import Progress
 from gpcorrect_studies.peng2024 import Peng2024, PengScope, RavenStudy, reproduce_peng2024
@@ -72,7 +71,8 @@ def test_the_simulated_arm_errs_as_much_as_the_real_one() -> None:
     raw, offset = [], []
     for seed in (SEED, SEED + 1, SEED + 2):
         study = RavenStudy(seed)
-        train, test = (joint_data(log).error for log in (study.zigzags("J1-J2-J3", 2), study.random_run(5.0)))
+        logs = (study.zigzags("J1-J2-J3", 2), study.random_run(5.0))
+        train, test = (np.asarray(log.external_jp) - np.asarray(log.measured_jp) for log in logs)
         raw.append(test)
         offset.append(test - train.mean(axis=0))
     for name, errors in (("raw", raw), ("fixed_offset", offset)):
