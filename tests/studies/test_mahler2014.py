@@ -107,7 +107,11 @@ def test_knowing_more_leaves_less(figures: Any) -> None:
 
 
 def test_training_sizes_run_from_few_to_all(figures: Any) -> None:
-    """Both methods are timed, exact and sparse agree where all states are points, and the last fit takes all states."""
+    """Both methods are timed, and the last fit takes all states.
+
+    Where all states are points the two differ by what neighbours count for, which only the sparse one learns: by less
+    than a tenth.
+    """
     points = figures["fig5"]
     sparse = [p for p in points if p["method"] == "sparse"]
     assert {p["method"] for p in points} == {"exact", "sparse"}
@@ -115,7 +119,7 @@ def test_training_sizes_run_from_few_to_all(figures: Any) -> None:
     assert sparse[-1]["states"] == max(p["states"] for p in points)
     exact = [p for p in points if p["method"] == "exact"]
     assert exact[0]["states"] == sparse[0]["states"]
-    assert sparse[0]["position_mm"] == pytest.approx(exact[0]["position_mm"], rel=1e-6)
+    assert sparse[0]["position_mm"] == pytest.approx(exact[0]["position_mm"], rel=0.1)
 
 
 def test_the_page_is_whole_and_says_what_is_not_comparable(folder: Path, figures: Any) -> None:
