@@ -16,7 +16,7 @@ from correct_latency import as_log
 from residual_field import simulate_reaches
 from support import print_table, real_data, save_results
 
-from gpcorrect.calibration import COMPONENTS, FitSettings, evaluate, fit_corrector
+from gpcorrect.calibration import COMPONENTS, FitSettings, evaluate_model, fit_corrector
 from gpcorrect.logs import read_log
 from gpcorrect.sim import debridement_log
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
@@ -79,7 +79,7 @@ def real_few(count: int) -> Iterator[Run]:
 
 def coverage(log: CalibrationLog, held: BoolArray, settings: FitSettings) -> FloatArray:
     corrector = fit_corrector(log.select(~held), settings)
-    shares: FloatArray = 100 * evaluate(corrector, log.select(held)).clean.coverage95
+    shares: FloatArray = 100 * evaluate_model(corrector, log.select(held)).clean.coverage95
     return shares
 
 

@@ -53,7 +53,7 @@ def scores(log: CalibrationLog, settings: FitSettings) -> list[float]:
     experiment = run_experiment(log, settings, holdout=HOLDOUT)
     assert experiment.evaluation is not None
     clean = experiment.evaluation.clean
-    errors = experiment.evaluation.errors(clean)["corrected"]
+    errors = experiment.evaluation.clean_errors["corrected"]
     position, rotation = errors["position_mm"]["norm"]["rmse"], errors["rotation_deg"]["norm"]["rmse"]
     return [position, rotation, 100 * float(np.mean(clean.coverage95))]
 

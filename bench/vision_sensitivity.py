@@ -38,7 +38,15 @@ from gpcorrect.vision import (
 from gpcorrect.vision import single_ball as one_ball
 from gpcorrect.vision.opencv import cv2
 from gpcorrect.vision.settings import CalibrationSettings
-from gpcorrect_studies.rendering import Light, Stage, four_cameras, looking_at, marker_points, single_ball, wander
+from gpcorrect_studies.rendering import (
+    Light,
+    Stage,
+    four_cameras,
+    looking_at,
+    marker_points,
+    random_motion,
+    single_ball,
+)
 
 Pictures = Sequence[Sequence[Any]]
 BOARD = Chessboard(9, 6, 0.015)
@@ -46,8 +54,8 @@ BOARD = Chessboard(9, 6, 0.015)
 
 def recording(seed: int, frames: int, stage: Stage) -> tuple[Pictures, FloatArray]:
     """Return pictures and true poses, with what makes tracking hard in them."""
-    poses = wander(frames, RATE, np.random.default_rng(seed))
-    poses[frames // 2 :] = wander(frames, RATE, np.random.default_rng(seed + 1))[frames // 2 :]  # a jump
+    poses = random_motion(frames, RATE, np.random.default_rng(seed))
+    poses[frames // 2 :] = random_motion(frames, RATE, np.random.default_rng(seed + 1))[frames // 2 :]  # a jump
     third = range(frames // 3, 2 * frames // 3)
     hidden = {i: {2: [COVER]} for i in third} | {i: {k: [COVER] for k in range(4)} for i in (3, 4)}
     return [stage.frame(pose, hidden.get(i)) for i, pose in enumerate(poses)], poses
