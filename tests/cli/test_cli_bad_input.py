@@ -70,11 +70,15 @@ def test_rows_of_nan_are_dropped_and_counted(gpcorrect: CommandLine, tmp_path: P
 
 
 def test_an_end_unlike_its_beginning_is_not_measured_on(gpcorrect: CommandLine, tmp_path: Path) -> None:
-    """One short motion, whose last fifth the thresholds of the rest reject: said, with what to do about it."""
-    path = written(small_log(trajectories=1, samples=200), tmp_path / "one.csv")
+    """A tracker that was moved before the last fifth: nothing there can be measured, and it is said what to do."""
+    log = small_log(trajectories=1, samples=200)
+    assert log.tracker_cp is not None
+    positions = log.tracker_cp.position.copy()
+    positions[160:] += 0.3
+    path = written(moved(log, positions), tmp_path / "one.csv")
     assert_refused(gpcorrect("fit", path, "--output", tmp_path / "m.gpc"), "rejects all 40", "--holdout 0")
     assert not (tmp_path / "m.gpc").exists()
-    assert gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--holdout", 0, "--no-clean").code == 0
+    assert gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--holdout", 0).code == 0
 
 
 def test_collinear_positions_are_refused(gpcorrect: CommandLine, tmp_path: Path) -> None:
