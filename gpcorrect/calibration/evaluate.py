@@ -212,7 +212,7 @@ def evaluate_model(
         raise LogError(
             f"cleaning rejects all {held.sum()} samples to measure on ({reasons}): by the training's "
             "thresholds they are not of the same robot and frames, or the training is too short to tell.",
-            hint="See: gpcorrect clean LOG. Give more logs, or fit and measure nothing: --holdout 0",
+            hint="See: gpcorrect validate LOG. Give more logs, or fit and measure nothing: --holdout 0",
             path=log.name,
         )
     passed = np.zeros(len(log), dtype=bool)

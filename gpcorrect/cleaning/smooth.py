@@ -73,8 +73,8 @@ class _Hyper:
     """Hyperparameters of the field: length scale in spreads, noise over signal variance, weight of velocities.
 
     Beside the bend runs a line, as wide as it: in few trajectories the other folds do not surround a stretch, and a
-    field that fell back to zero there would condemn it (of 12 simulated reaches the line keeps 784 of 846 samples to
-    fit to, without it 605).
+    field that fell back to zero there would condemn it (of 10 simulated reaches the line keeps 709 of 846 samples,
+    without it 605).
     """
 
     length: float = 2.0

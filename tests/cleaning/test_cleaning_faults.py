@@ -23,6 +23,7 @@ from cleaning_synthetic import (
 )
 
 from gpcorrect.cleaning import CleaningReport, CleaningSettings, FittedCleaner, Reason, clean_with, fit_cleaner
+from gpcorrect.sim import debridement_log
 from gpcorrect.types import BoolArray, CalibrationLog, PoseSignal
 
 WORLD = World(reaches=30)
@@ -193,3 +194,12 @@ def late_log(rng: np.random.Generator, reaches: int = 40) -> CalibrationLog:
 def test_an_arm_that_only_follows_late_has_no_faults(seed: int) -> None:
     """A lag makes the error proportional to velocity: fast samples differ most from the rest, and are as good."""
     assert judged(late_log(np.random.default_rng(seed))).keep.mean() > 0.999
+
+
+def test_of_few_reaches_most_are_kept() -> None:
+    """Ten simulated reaches are too few to surround each other; they and the two after them are not condemned."""
+    log = debridement_log(reaches=12)
+    later = np.isin(log.trajectory, log.trajectory_ids[-2:])
+    cleaner, report = fit_cleaner(log.select(~later), rng=np.random.default_rng(0))
+    assert report.keep.mean() > 0.8
+    assert clean_with(cleaner, log.select(later)).keep.mean() > 0.8

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from sklearn.gaussian_process.kernels import RBF, Matern
 
 from gpcorrect.errors import DataError
-from gpcorrect.gpr import ExactGPR, Predictor, SparseGPR
+from gpcorrect.gpr import ExactGPR, Predictor, SparseGPR, WithLinear, conditioned
 from gpcorrect.gpr.kernels import KERNELS, AdditiveRBF, Kernel, component_masks, squared_distances
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.types import FloatArray
@@ -130,3 +130,16 @@ def test_squared_distances_of_far_away_twins_are_not_negative() -> None:
     """Rounding of large coordinates never makes a distance imaginary."""
     X = np.random.default_rng(2).normal(size=(20, 3)) * 1e-8 + 1e3
     assert squared_distances(X, X).min() >= 0.0
+
+
+def test_a_line_beside_a_kernel_runs_on_past_the_data_and_so_does_its_doubt() -> None:
+    """Seen on a line, a field goes on along it where the kernel alone falls back to zero, and its deviation grows."""
+    x, far = np.linspace(-1.0, 1.0, 20)[:, None], np.array([[3.0], [6.0]])
+    bend = AdditiveRBF(np.ones(1), np.ones((1, 1)))
+    kernel = WithLinear(bend, np.ones(1))
+    np.testing.assert_allclose(np.diag(kernel(x, x)), kernel.diagonal(x), rtol=1e-12)
+    mean, deviation = conditioned(kernel, 1e-2, x, 0.5 + 2.0 * x, far)
+    alone, _ = conditioned(bend, 1e-2, x, 0.5 + 2.0 * x, far)
+    assert (mean > 0.7 * (0.5 + 2.0 * far)).all()  # the bend explains a part of what was seen
+    assert abs(alone[1, 0]) < 0.1
+    assert deviation[1] > deviation[0] > conditioned(kernel, 1e-2, x, 2.0 * x, np.zeros((1, 1)))[1][0]
