@@ -22,6 +22,7 @@ NO_TRAJECTORY = -1  # in events: between trajectories
 POLL = 0.002  # s, chosen by hand
 NEAR = 1e-6  # chosen by hand: rad or m from a goal that count as there
 LONGEST_STEP = 0.08  # chosen by hand: s of a path between two commands
+LONGEST_LEAD = 0.2  # chosen by hand: s of a path from the robot's setpoint to a command; our arm refuses 0.3
 STALLED = 5.0  # chosen by hand: s of wall time without a state message after which a robot counts as gone
 
 
@@ -182,6 +183,10 @@ class Robot:
     def follow(self, times: FloatArray, q: FloatArray, trajectory: int = 0) -> None:
         """Go to the first joints of a path, then stream it on the robot's own clock.
 
+        States that wait while this process is held up (a busy machine, a garbage collection) come all at once after it.
+        A command for each would reach the robot as a jump, so none goes further from its latest setpoint than the path
+        goes in `LONGEST_LEAD`.
+
         Parameters
         ----------
         times : (n,) array
@@ -198,8 +203,16 @@ class Robot:
         """
         self.move_jp(q[0])
         self._mark(trajectory)
-        for since in self._paced(times):
-            self.servo_jp(np.array([np.interp(since, times, q[:, j]) for j in range(q.shape[1])]))
+        longest = LONGEST_LEAD * np.abs(np.diff(q, axis=0) / np.diff(times)[:, None]).max(axis=0, initial=0.0) + NEAR
+
+        def _joints(time: float) -> FloatArray:
+            return np.array([np.interp(time, times, q[:, j]) for j in range(q.shape[1])])
+
+        def _is_near(time: float) -> bool:
+            return bool((np.abs(_joints(time) - self.setpoint) <= longest).all())
+
+        for moment in self._paced(times, _is_near):
+            self.servo_jp(_joints(moment))
         # The last sample is streamed once more, to be there before the mark that ends the trajectory.
         self._until(lambda: bool(np.abs(self.setpoint - q[-1]).max() < NEAR), None, "reach the end of the path")
         self._mark(NO_TRAJECTORY)
@@ -223,18 +236,21 @@ class Robot:
         for since in self._paced(times):
             self.servo_cp(poses[max(0, int(np.searchsorted(times, since, side="right")) - 1)], frame)
 
-    def _paced(self, times: FloatArray) -> Iterator[float]:
-        """Yield moments of a path as the robot's clock goes, one a state message, none twice, and the end at last.
+    def _paced(self, times: FloatArray, may_go: Callable[[float], bool] = lambda _: True) -> Iterator[float]:
+        """Yield moments of a path as the robot's clock goes, one a state message, and the end at last.
 
-        A tool that its machine held up goes on where it was: the path takes longer, and nothing jumps.
+        A tool that its machine held up goes on where it was: the path takes longer, and nothing jumps. A moment that
+        the path may not go to yet is waited for, at the one before.
         """
-        clock, since, end = self.time, 0.0, float(times[-1] - times[0])
-        yield float(times[0])
-        while since < end:
+        clock, moment = self.time, float(times[0])
+        yield moment
+        while moment < times[-1]:
             self._await_fresh()
             passed, clock = self.time - clock, self.time
-            since = min(since + min(passed, LONGEST_STEP), end)
-            yield float(times[0]) + since
+            further = min(moment + min(passed, LONGEST_STEP), float(times[-1]))
+            if may_go(further):
+                moment = further
+            yield moment
 
     def _mark(self, trajectory: int) -> None:
         self._bus.publish("event", Event(self.time, trajectory))

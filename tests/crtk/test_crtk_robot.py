@@ -1,0 +1,59 @@
+"""What a tool commands, on a bus whose states the test makes."""
+
+import threading
+
+import numpy as np
+
+from gpcorrect_service.crtk import BusSettings, JointState
+from gpcorrect_service.crtk import robot as robot_module
+from gpcorrect_service.crtk.messages import OperatingState
+from gpcorrect_service.crtk.robot import Robot
+
+RATE_HZ = 30.0
+SPEED = 0.08  # rad/s
+
+
+class HeldUpBus:
+    """An arm of one joint that obeys at once, whose states 30 to 90 of a path are old: the setpoint stands in them."""
+
+    def __init__(self, settings, node):
+        self.settings = settings
+        self.inboxes = {}
+        self.stamp, self.setpoint, self.commanded, self.states = 1.0, 0.0, 0.0, 0
+        self.leads = []  # rad from the setpoint of the latest state to each command
+        self.stop = threading.Event()
+        self.thread = threading.Thread(target=self._publish_states)
+
+    def subscribe(self, name, inbox, refused=None):
+        self.inboxes[name] = inbox
+        if name == "error":
+            self.inboxes["operating_state"](OperatingState(1.0, "ENABLED", True, False))
+            self.inboxes["setpoint_js"](JointState(1.0, (0.0,)))
+            self.thread.start()
+
+    def publish(self, name, message):
+        if name == "servo_jp":
+            self.commanded = message.position[0]
+            self.leads.append(abs(self.commanded - self.setpoint))
+
+    def _publish_states(self):
+        while not self.stop.wait(0.001):
+            self.states += bool(self.leads)
+            if not 30 <= self.states < 90:
+                self.setpoint = self.commanded
+            self.stamp += 1.0 / RATE_HZ
+            self.inboxes["setpoint_js"](JointState(self.stamp, (self.setpoint,)))
+
+    def close(self):
+        self.stop.set()
+        self.thread.join()
+
+
+def test_old_states_that_come_all_at_once_make_no_jump(monkeypatch):
+    """Commands sent for states that piled up stay within 0.3 s of the path from the setpoint, and the path is ended."""
+    monkeypatch.setattr(robot_module, "Bus", HeldUpBus)
+    times = np.arange(0.0, 5.0, 1.0 / RATE_HZ)
+    with Robot(BusSettings("tcp/127.0.0.1:1")) as robot:
+        robot.follow(times, SPEED * times[:, None])
+        assert max(robot.bus.leads) < 0.3 * SPEED
+        assert robot.bus.commanded == SPEED * times[-1]
