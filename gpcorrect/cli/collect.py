@@ -155,7 +155,7 @@ def collect_zigzag(
             stack.enter_context(running("sim", "serve", *words, *more))
         robot = stack.enter_context(Robot(BusSettings(endpoint, arm, namespace, patience=PATIENCE), PATIENCE))
         robot.make_ready()
-        gc.freeze()  # what was imported; a collection that goes through it takes 0.15 s, commands of five ticks at 30 Hz
+        gc.freeze()  # what was imported: a collection that goes through it would stop the commands for 0.15 s
         progress = stack.enter_context(progress_bar(quiet=json))
         train = _recorded(robot, [timed(way, fastest, RATE_HZ) for way in corners], progress, "zig-zags")
         tested = _recorded(robot, [_sines(block, fastest, test, seed)], progress, "test run")
