@@ -19,6 +19,7 @@ CASES = {
     "gpcorrect --version": PROGRAM.format(["--version"]),
     "gpcorrect --help": PROGRAM.format(["--help"]),
     "gpcorrect fit --help": PROGRAM.format(["fit", "--help"]),
+    "gpcorrect discrepancy --help": PROGRAM.format(["discrepancy", "--help"]),
     "gpcorrect.read_log": "import gpcorrect; gpcorrect.read_log",
     "gpcorrect.fit_corrector": "import gpcorrect; gpcorrect.fit_corrector",
 }
@@ -33,10 +34,10 @@ def main() -> None:
         for name, code in CASES.items():
             times[name].append(processor_seconds(code))
     numpy = statistics.median(times["import numpy"])
-    print(f"{'':24} {'ms (user + system)':>18} {'of numpy':>9}")
+    print(f"{'':29} {'ms (user + system)':>18} {'of numpy':>9}")
     for name, seconds in times.items():
         median = statistics.median(seconds)
-        print(f"{name:24} {1e3 * median:18.0f} {median / numpy:9.2f}")
+        print(f"{name:29} {1e3 * median:18.0f} {median / numpy:9.2f}")
 
 
 def processor_seconds(code: str) -> float:

@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 __all__ = [
     "angle",
@@ -26,6 +30,7 @@ __all__ = [
     "invert",
     "left_jacobian_inverse",
     "log",
+    "matrix_from_euler",
     "matrix_from_quaternion",
     "matrix_from_rotvec",
     "mean",
@@ -57,7 +62,7 @@ def matrix_from_quaternion(quaternion: FloatArray) -> FloatArray:
     q = np.asarray(quaternion, dtype=np.float64)
     if (q == 0.0).all(axis=-1).any():
         raise DataError("a quaternion of zeros is no rotation.", hint="Mark missing samples with NaN.")
-    return _map_rows(q, (3, 3), lambda rows: Rotation.from_quat(rows, scalar_first=True).as_matrix(), axes=1)
+    return _map_rows(q, (3, 3), lambda rows: _rotations().from_quat(rows, scalar_first=True).as_matrix(), axes=1)
 
 
 def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
@@ -71,7 +76,7 @@ def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
     return _map_rows(
         rotation,
         (4,),
-        lambda rows: Rotation.from_matrix(rows).as_quat(canonical=True, scalar_first=True),
+        lambda rows: _rotations().from_matrix(rows).as_quat(canonical=True, scalar_first=True),
         axes=2,
     )
 
@@ -84,7 +89,20 @@ def matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:
     rotvec : (..., 3) array
         Rotation vectors, rad.
     """
-    return _map_rows(rotvec, (3, 3), lambda rows: Rotation.from_rotvec(rows).as_matrix(), axes=1)
+    return _map_rows(rotvec, (3, 3), lambda rows: _rotations().from_rotvec(rows).as_matrix(), axes=1)
+
+
+def matrix_from_euler(angles: FloatArray, order: str) -> FloatArray:
+    """Rotation matrices `(..., 3, 3)` of Euler angles `(..., 3)` in rad.
+
+    Parameters
+    ----------
+    angles : (..., 3) array
+        Each about the axes as the turns before left them, in the order of the turns, rad.
+    order : str
+        Axes of the turns: "ZYX" is R = Rz Ry Rx.
+    """
+    return _map_rows(angles, (3, 3), lambda rows: _rotations().from_euler(order, rows).as_matrix(), axes=1)
 
 
 def rotvec_from_matrix(rotation: FloatArray) -> FloatArray:
@@ -95,7 +113,16 @@ def rotvec_from_matrix(rotation: FloatArray) -> FloatArray:
     rotation : (..., 3, 3) array
         Rotation matrices.
     """
-    return _map_rows(rotation, (3,), lambda rows: Rotation.from_matrix(rows).as_rotvec(), axes=2)
+    return _map_rows(rotation, (3,), lambda rows: _rotations().from_matrix(rows).as_rotvec(), axes=2)
+
+
+@cache
+def _rotations() -> type[Rotation]:
+    """Return scipy's rotations, imported when first needed: they take three times as long as numpy."""
+    from scipy.spatial import transform
+
+    rotations: type[Rotation] = transform.Rotation
+    return rotations
 
 
 def _map_rows(
@@ -313,7 +340,7 @@ def rotation_mean(rotations: FloatArray, weights: FloatArray | None = None) -> F
     """
     if len(rotations) == 0:
         raise DataError("the mean of no rotations does not exist.", hint="Give at least one rotation.")
-    matrix: FloatArray = Rotation.from_matrix(rotations).mean(weights).as_matrix()
+    matrix: FloatArray = _rotations().from_matrix(rotations).mean(weights).as_matrix()
     return matrix
 
 

@@ -11,6 +11,7 @@ from gpcorrect.cli.options import SERVICE, ArmName, Config, Endpoint, Json, KeyR
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from gpcorrect.types import FloatArray
@@ -101,43 +102,39 @@ def query_correct(
     out.print(f"model    {origin.model_id} {origin.model_hash[:12]}, served by {origin.replica}")
 
 
-@query_app.command()
-def model(
-    endpoint: Endpoint = SERVICE,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    timeout: Timeout = 0.5,
-    config: Config = None,
-) -> None:
+def _question(show: Callable[[CorrectionClient], None]) -> Callable[[CorrectionClient], None]:
+    """Make a command, with the name and the docstring of `show`, that finds a service and prints what it says."""
+
+    @query_app.command(show.__name__, help=show.__doc__)
+    def _command(
+        endpoint: Endpoint = SERVICE,
+        arm: ArmName = "arm1",
+        namespace: KeyRoot = "gpcorrect",
+        timeout: Timeout = 0.5,
+        config: Config = None,
+    ) -> None:
+        with _client(endpoint, arm, namespace, timeout, config) as client:
+            show(client)
+
+    return show
+
+
+@_question
+def model(client: CorrectionClient) -> None:
     """Print which model is served: id, hash, frames, features, fit report (JSON)."""
-    with _client(endpoint, arm, namespace, timeout, config) as client:
-        print_json(_plain(client.model()))
+    print_json(_plain(client.model()))
 
 
-@query_app.command()
-def health(
-    endpoint: Endpoint = SERVICE,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    timeout: Timeout = 0.5,
-    config: Config = None,
-) -> None:
+@_question
+def health(client: CorrectionClient) -> None:
     """Print the state of the service (JSON)."""
-    with _client(endpoint, arm, namespace, timeout, config) as client:
-        print_json(_plain(client.health()))
+    print_json(_plain(client.health()))
 
 
-@query_app.command()
-def metrics(
-    endpoint: Endpoint = SERVICE,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    timeout: Timeout = 0.5,
-    config: Config = None,
-) -> None:
+@_question
+def metrics(client: CorrectionClient) -> None:
     """Print the numbers of the service (OpenMetrics text)."""
-    with _client(endpoint, arm, namespace, timeout, config) as client:
-        typer.echo(client.metrics(), nl=False)
+    typer.echo(client.metrics(), nl=False)
 
 
 def _client(

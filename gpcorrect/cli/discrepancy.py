@@ -6,7 +6,7 @@ import json as json_text
 from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -14,17 +14,9 @@ from rich.table import Table
 from gpcorrect.atomic import atomic_path, make_folder
 from gpcorrect.cli.console import err, out, print_json, progress_bar
 from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler, read_logs
-from gpcorrect.discrepancy.outcome.result import ChannelGap
-from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units, next_step, number, verdict_sentence
-from gpcorrect.discrepancy.protocol.generate import LABELS as SEALED
-from gpcorrect.discrepancy.protocol.generate import generate as generate_cases
-from gpcorrect.discrepancy.protocol.generate import label_of, read_spec, seal
-from gpcorrect.discrepancy.protocol.score_reports import read_labels, read_reports, score_reports, score_text
-from gpcorrect.discrepancy.run import find_discrepancy
-from gpcorrect.logs import write_log
-from gpcorrect.logs.reader import recording_digest
-from gpcorrect.parallel import workers
-from gpcorrect.sim import read_model, write_model
+
+if TYPE_CHECKING:
+    from gpcorrect.discrepancy.outcome.result import ChannelGap
 
 __all__ = ["discrepancy_app"]
 
@@ -65,7 +57,11 @@ def run(
 
     gpcorrect discrepancy run --model missing/model.toml --log friday.csv --output left/ --json
     """
+    from gpcorrect.discrepancy import find_discrepancy
+    from gpcorrect.discrepancy.outcome.words import next_step, verdict_sentence
+    from gpcorrect.parallel import workers
     from gpcorrect.report import write_discrepancy_report  # the report's libraries are an extra: say so before the work
+    from gpcorrect.sim import read_model, write_model
 
     make_folder(output)
     machine, recording = read_model(model), read_logs(log, columns)
@@ -88,6 +84,8 @@ def run(
 
 
 def _gap_table(gaps: Sequence[ChannelGap]) -> Table:
+    from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units, number
+
     table = Table(
         title="Measured - simulated on the test set, root mean square",
         title_justify="left",
@@ -133,6 +131,13 @@ def generate(
 
     gpcorrect discrepancy generate --spec spec.toml --output blind/
     """
+    from gpcorrect.discrepancy.protocol.generate import LABELS, label_of, read_spec, seal
+    from gpcorrect.discrepancy.protocol.generate import generate as generate_cases
+    from gpcorrect.logs import write_log
+    from gpcorrect.logs.reader import recording_digest
+    from gpcorrect.parallel import workers
+    from gpcorrect.sim import write_model
+
     make_folder(output)
     wanted = read_spec(spec)
     labels: dict[str, Any] = {}
@@ -144,9 +149,9 @@ def generate(
     write_model(wanted.model, output / "nominal.toml")
     digest = seal({"cases": labels}, output)
     if json:
-        print_json({"cases": sorted(labels), "labels": str(output / SEALED / "labels.json"), "sha256": digest})
+        print_json({"cases": sorted(labels), "labels": str(output / LABELS / "labels.json"), "sha256": digest})
     else:
-        out.print(f"{len(labels)} logs -> {output}; labels sealed in {output / SEALED} (SHA-256 {digest[:16]}...)")
+        out.print(f"{len(labels)} logs -> {output}; labels sealed in {output / LABELS} (SHA-256 {digest[:16]}...)")
 
 
 @discrepancy_app.command("score")
@@ -167,6 +172,8 @@ def score(
 
     gpcorrect discrepancy score --labels blind/sealed/labels.json --reports runs/
     """
+    from gpcorrect.discrepancy.protocol.score_reports import read_labels, read_reports, score_reports, score_text
+
     found = score_reports(read_labels(labels), read_reports(reports))
     if json:
         print_json(found.to_dict())

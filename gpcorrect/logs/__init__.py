@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from gpcorrect.logs.join import join_logs, with_tracker
-from gpcorrect.logs.reader import read_log
-from gpcorrect.logs.streams import Stream, combine, interpolate
-from gpcorrect.logs.sync import Clocks, TimeOffset, align, log_offset, match_clocks
-from gpcorrect.logs.validate import ValidationReport, refuse_misread, validate_log
-from gpcorrect.logs.writer import write_log
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gpcorrect.logs.join import join_logs, with_tracker
+    from gpcorrect.logs.reader import read_log
+    from gpcorrect.logs.streams import Stream, combine, interpolate
+    from gpcorrect.logs.sync import Clocks, TimeOffset, align, log_offset, match_clocks
+    from gpcorrect.logs.validate import ValidationReport, refuse_misread, validate_log
+    from gpcorrect.logs.writer import write_log
 
 __all__ = [
     "Clocks",
@@ -26,3 +30,28 @@ __all__ = [
     "with_tracker",
     "write_log",
 ]
+
+_PLACES = {
+    "Clocks": "sync",
+    "Stream": "streams",
+    "TimeOffset": "sync",
+    "ValidationReport": "validate",
+    "align": "sync",
+    "combine": "streams",
+    "interpolate": "streams",
+    "join_logs": "join",
+    "log_offset": "sync",
+    "match_clocks": "sync",
+    "read_log": "reader",
+    "refuse_misread": "validate",
+    "validate_log": "validate",
+    "with_tracker": "join",
+    "write_log": "writer",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first asked for: reading needs no statistics, filters or kinematics."""
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gpcorrect import se3
 from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray
@@ -44,7 +43,7 @@ def quaternion_from_euler(angles: FloatArray, order: str) -> FloatArray:
         Order of the turns: "ZYX" is R = Rz Ry Rx.
     """
     turns = ["XYZ".index(axis) for axis in order]
-    return _where_finite(lambda values: Rotation.from_euler(order, values[:, turns]).as_matrix(), angles)
+    return _where_finite(lambda values: se3.matrix_from_euler(values[:, turns], order), angles)
 
 
 def _where_finite(matrices: Callable[[FloatArray], FloatArray], values: FloatArray) -> FloatArray:

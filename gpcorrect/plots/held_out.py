@@ -40,19 +40,17 @@ def overview(measured: Measured, log: CalibrationLog) -> Figure:
     log : CalibrationLog
         The held-out recording.
     """
-    parts = _parts(measured)
-    figure, axes = new_figure(9.5, 3.4, 1, 1 + len(parts))
-    _, command, rows = _samples(measured, log, typical_trajectory(measured, log))
-    i, j = sorted(int(k) for k in np.argsort(-np.ptp(command, axis=0))[:2])
-    paths = [(command - measured.of(method)[rows, :3], COLOURS[method], LABELS[method], "-") for method in METHODS]
-    for path, colour, label, style in (*paths, (command, COLOURS["ink"], "what was commanded", "--")):
-        axes[0].plot(1e3 * path[:, i], 1e3 * path[:, j], style, color=colour, linewidth=1.5, label=label)
+    errors = _errors(measured)
+    figure, axes = new_figure(9.5, 3.4, 1, 1 + len(errors))
+    _, paths = _paths(measured, log, typical_trajectory(measured, log))
+    i, j = sorted(int(k) for k in np.argsort(-np.ptp(paths["what was commanded"][0], axis=0))[:2])
+    for label, (path, style) in paths.items():
+        axes[0].plot(path[:, i], path[:, j], label=label, **style)
     axes[0].set(xlabel=f"{'xyz'[i]} [mm]", ylabel=f"{'xyz'[j]} [mm]", aspect="equal", adjustable="datalim")
     _legend_above(axes[0], 2, fontsize=7)
-    for ax, (columns, scale, label) in zip(axes[1:], parts, strict=True):
-        sizes = [scale * np.linalg.norm(measured.of(method)[:, columns], axis=1) for method in METHODS]
-        means, most = [size.mean() for size in sizes], [np.percentile(size, 95) for size in sizes]
-        ax.bar(range(len(sizes)), means, color=[COLOURS[method] for method in METHODS], width=0.6)
+    for ax, (label, sizes) in zip(axes[1:], errors, strict=True):
+        means, most = zip(*((size.mean(), np.percentile(size, 95)) for size in sizes.values()), strict=True)
+        ax.bar(range(len(sizes)), means, color=[COLOURS[method] for method in sizes], width=0.6)
         for k, (mean, high) in enumerate(zip(means, most, strict=True)):
             place, shift = (k, max(mean, high)), (0, 4)
             ax.annotate(f"{mean:.2f}", place, shift, textcoords="offset points", ha="center", fontsize=8)
@@ -72,13 +70,12 @@ def error_distribution(measured: Measured) -> Figure:
     ----------
     measured : Measured
     """
-    parts = _parts(measured)
-    figure, axes = new_figure(9.0, 3.2, 1, len(parts))
-    for ax, (columns, scale, label) in zip(axes, parts, strict=True):
-        for method in METHODS:
-            size = np.sort(scale * np.linalg.norm(measured.of(method)[:, columns], axis=1))
+    errors = _errors(measured)
+    figure, axes = new_figure(9.0, 3.2, 1, len(errors))
+    for ax, (label, sizes) in zip(axes, errors, strict=True):
+        for method, size in sizes.items():
             below = 100 * (np.arange(size.size) + 1) / size.size
-            ax.plot(size, below, color=COLOURS[method], label=LABELS[method], linewidth=1.8)
+            ax.plot(np.sort(size), below, color=COLOURS[method], label=LABELS[method], linewidth=1.8)
         ax.set(xscale="log", xlabel=label, ylabel="fraction of samples below [%]", ylim=(0, 100))
     axes[0].legend(frameon=False, fontsize=8, loc="upper left")
     return figure
@@ -91,16 +88,15 @@ def error_by_speed(measured: Measured) -> Figure:
     ----------
     measured : Measured
     """
-    parts = _parts(measured)
-    figure, axes = new_figure(9.0, 3.0, 1, len(parts))
+    errors = _errors(measured)
+    figure, axes = new_figure(9.0, 3.0, 1, len(errors))
     speed = 100 * measured.speed
     edges = np.unique(np.quantile(speed, np.linspace(0, 1, SPEED_BINS + 1)))
     index = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, max(len(edges) - 2, 0))
     bins = [index == i for i in np.unique(index)]
     middle = np.array([np.median(speed[rows]) for rows in bins])
-    for ax, (columns, scale, label) in zip(axes, parts, strict=True):
-        for method in METHODS:
-            size = scale * np.linalg.norm(measured.of(method)[:, columns], axis=1)
+    for ax, (label, sizes) in zip(axes, errors, strict=True):
+        for method, size in sizes.items():
             half, most = np.array([np.percentile(size[rows], (50, 90)) for rows in bins]).T
             title = f"{LABELS[method]} (median; band to 90 %)"
             ax.plot(middle, half, color=COLOURS[method], marker="o", markersize=3.5, linewidth=1.6, label=title)
@@ -140,13 +136,11 @@ def trajectory_paths(measured: Measured, log: CalibrationLog, trajectory: int) -
     trajectory : int
         Its number.
     """
-    time, command, rows = _samples(measured, log, trajectory)
+    time, paths = _paths(measured, log, trajectory)
     figure, axes = new_figure(9.0, 5.2, 3, 1, share_x=True)
     for i, ax in enumerate(axes):
-        for method in METHODS:
-            given = 1e3 * (command[:, i] - measured.of(method)[rows, i])
-            ax.plot(time, given, color=COLOURS[method], linewidth=1.4, label=LABELS[method])
-        ax.plot(time, 1e3 * command[:, i], "--", color=COLOURS["ink"], linewidth=1.2, label="what was commanded")
+        for label, (path, style) in paths.items():
+            ax.plot(time, path[:, i], label=label, **style)
         ax.set_ylabel(f"{'xyz'[i]} [mm]")
     _legend_above(axes[0], 4)
     axes[-1].set_xlabel("time [s]")
@@ -165,7 +159,7 @@ def trajectory_errors(measured: Measured, log: CalibrationLog, trajectory: int) 
     trajectory : int
         Its number.
     """
-    time, _, rows = _samples(measured, log, trajectory)
+    time, rows = _samples(measured, log, trajectory)
     figure, axes = new_figure(9.0, 4.2, 3, 1, share_x=True)
     for i, ax in enumerate(axes):
         band, error = 1e3 * measured.interval95[rows, i], 1e3 * measured.corrected[rows, i]
@@ -257,18 +251,35 @@ def workspace_coverage(train: FloatArray, test: FloatArray, in_domain: BoolArray
     return figure
 
 
-def _parts(measured: Measured) -> list[tuple[slice, float, str]]:
-    """Columns, scale and name of the position error and, where rotations were measured, of the rotation error."""
-    parts = [(slice(0, 3), 1e3, "position error [mm]"), (slice(3, 6), 180 / np.pi, "rotation error [deg]")]
-    return parts if np.isfinite(measured.corrected[:, 3:]).any() else parts[:1]
+def _errors(measured: Measured) -> list[tuple[str, dict[str, FloatArray]]]:
+    """Name and size (n,), by method, of the position error (mm) and, where measured, of the rotation error (deg)."""
+    parts = [("position error [mm]", slice(0, 3), 1e3), ("rotation error [deg]", slice(3, 6), 180 / np.pi)]
+    parts = parts if np.isfinite(measured.corrected[:, 3:]).any() else parts[:1]
+    return [
+        (label, {method: scale * np.linalg.norm(measured.of(method)[:, columns], axis=1) for method in METHODS})
+        for label, columns, scale in parts
+    ]
 
 
-def _samples(measured: Measured, log: CalibrationLog, trajectory: int) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return times (s, from 0), commanded positions and rows of `measured` of one trajectory."""
+def _paths(
+    measured: Measured, log: CalibrationLog, trajectory: int
+) -> tuple[FloatArray, dict[str, tuple[FloatArray, dict[str, Any]]]]:
+    """Return times (s) of a trajectory; by label, positions (mm) of each method and the command, and their style."""
     assert log.setpoint_cp is not None
+    time, rows = _samples(measured, log, trajectory)
+    command = 1e3 * log.setpoint_cp.position[measured.rows[rows]]
+    paths: dict[str, tuple[FloatArray, dict[str, Any]]] = {
+        LABELS[m]: (command - 1e3 * measured.of(m)[rows, :3], {"color": COLOURS[m], "linewidth": 1.4}) for m in METHODS
+    }
+    paths["what was commanded"] = command, {"color": COLOURS["ink"], "linewidth": 1.2, "linestyle": "--"}
+    return time, paths
+
+
+def _samples(measured: Measured, log: CalibrationLog, trajectory: int) -> tuple[FloatArray, IntArray]:
+    """Return times (s, from 0) and rows of `measured` of one trajectory."""
     rows = np.flatnonzero(log.trajectory[measured.rows] == trajectory)
     time = log.time[measured.rows[rows]]
-    return time - time[0], log.setpoint_cp.position[measured.rows[rows]], rows
+    return time - time[0], rows
 
 
 def _legend_above(ax: Axes, columns: int, fontsize: int = 8, markerscale: float = 1.0) -> None:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import correlate
 
 from gpcorrect.logs.streams import default_max_gap
 from gpcorrect.logs.sync.motion import Motion, MotionPair
@@ -167,11 +167,9 @@ def _moments(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
 
 def _shifted(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
     """Sum over t of a(t) b(t + lag) for lags -reach..reach."""
-    full = correlate(b, a, mode="full", method="fft")
-    middle = len(a) - 1
-    padded = np.pad(full, reach)
-    part: FloatArray = padded[middle : middle + 2 * reach + 1]
-    return part
+    n = next_fast_len(max(len(a), len(b)) + reach, real=True)  # so long that no lag within reach wraps around
+    sums: FloatArray = irfft(rfft(b, n) * rfft(a, n).conj(), n)[np.arange(-reach, reach + 1)]
+    return sums
 
 
 def _coefficient(count: FloatArray, covariance: FloatArray, var_a: FloatArray, var_b: FloatArray) -> FloatArray:
