@@ -4,10 +4,13 @@
     python bench/discrepancy_blind.py --share 0.05        # a twentieth of every set
     python bench/discrepancy_blind.py --short             # minutes: 12 trajectories of 10 s, few cases
     python bench/discrepancy_blind.py --short --share 0.05
+    python bench/discrepancy_blind.py --truth mujoco      # recordings of MuJoCo: 280 cases
+    python bench/discrepancy_blind.py --truth both
 
-Truth comes from bench/truth, which shares no code with the simulator that the workflow uses. Seeds start at 930000:
-those from 900000 to 929999 were used, and what they showed was mended. Finished cases are stored line by line in
---results, so that a killed run goes on.
+Truth comes from bench/truth or, by MuJoCo, from bench/truth_mujoco; neither shares code with the simulator that the
+workflow uses. Seeds of the first start at 930000: those from 900000 to 929999 were used, and what they showed was
+mended. Seeds of the second start at 500000 for figures that are published, and 1 to 9999 are for development. Finished
+cases are stored line by line in --results, so that a killed run goes on.
 """
 
 from __future__ import annotations
@@ -16,46 +19,86 @@ import argparse
 import json
 import time
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+import truth as numpy_truth
 from discrepancy_baselines import BASELINES
 from discrepancy_cases import ADVISED, Job, outcome_of, solve
 from support import RESULTS, print_table
-from truth import SUITES, short, specs
 
+from gpcorrect.discrepancy.protocol.outcomes import CaseOutcome
 from gpcorrect.discrepancy.protocol.score_reports import Proportion, Score, score_cases, score_text
 from gpcorrect.discrepancy.settings import SETTINGS
 from gpcorrect.parallel import each_as_done, workers
 
-FIRST_SEED = 930_000
+TRUTHS = ("numpy", "mujoco")
+FIRST_SEED = {"numpy": 930_000, "mujoco": 500_000}
 NUMBERS = {
-    "null": 300,
-    "null_awkward": 300,
-    "one": 1000,
-    "zigzag": 200,
-    "pairs": 200,
-    "triples": 100,
-    "outside": 300,
-    "advised": 400,  # of which those that are ambiguous at first count
+    "numpy": {
+        "null": 300,
+        "null_awkward": 300,
+        "one": 1000,
+        "zigzag": 200,
+        "pairs": 200,
+        "triples": 100,
+        "outside": 300,
+        "advised": 400,  # of which those that are ambiguous at first count
+    },
+    "mujoco": {"null": 60, "one": 120, "ahead": 20, "pairs": 40, "outside": 40},
 }
-SHORT = {"null": 3, "null_awkward": 2, "one": 6, "zigzag": 2, "pairs": 1, "triples": 1, "outside": 3, "advised": 2}
+SHORT = {
+    "numpy": {
+        "null": 3,
+        "null_awkward": 2,
+        "one": 6,
+        "zigzag": 2,
+        "pairs": 1,
+        "triples": 1,
+        "outside": 3,
+        "advised": 2,
+    },
+    "mujoco": {"null": 3, "one": 8, "ahead": 1, "pairs": 1, "outside": 3},
+}
+
+
+def truth_named(name: str) -> ModuleType:
+    """Return the package that makes recordings; ends with the reason where MuJoCo is not installed."""
+    if name == "numpy":
+        return numpy_truth
+    try:
+        import truth_mujoco
+    except ImportError as error:
+        raise SystemExit(f"the MuJoCo truth needs the extra: pip install 'gpcorrect[mujoco]' ({error})") from error
+    return truth_mujoco
 
 
 def jobs_of(arguments: argparse.Namespace) -> Iterator[Job]:
-    """Yield the cases that are asked for: of each set evenly spread ones, so that every effect and size has its share.
+    """Yield the cases that are asked for, of one truth or both."""
+    names = TRUTHS if arguments.truth == "both" else (arguments.truth,)
+    asked = {suite for name in names for suite in arguments.suite or NUMBERS[name]}
+    if unknown := asked - {suite for name in names for suite in NUMBERS[name]}:
+        raise SystemExit(f"{', '.join(sorted(unknown))}: no set of --truth {arguments.truth}")
+    return chain.from_iterable(_jobs_of(name, arguments) for name in names)
+
+
+def _jobs_of(name: str, arguments: argparse.Namespace) -> Iterator[Job]:
+    """Yield the cases of one truth: of each set evenly spread ones, so that every effect and size has its share.
 
     Sets take turns, so that a run that is stopped has seen something of all.
     """
-    turns = []
-    for suite in arguments.suite or SUITES:
+    turns, numbers, module = [], NUMBERS[name], truth_named(name)
+    first = FIRST_SEED[name] if arguments.first_seed is None else arguments.first_seed
+    for suite in [s for s in arguments.suite or numbers if s in numbers]:
         few = arguments.short and arguments.share is None
-        number = SHORT[suite] if few else max(1, round((arguments.share or 1.0) * NUMBERS[suite]))
-        offsets = range(number) if few else (i * NUMBERS[suite] // number for i in range(number))
-        turns += [((i + 0.5) / number, suite, arguments.first_seed + o) for i, o in enumerate(offsets)]
+        number = SHORT[name][suite] if few else max(1, round((arguments.share or 1.0) * numbers[suite]))
+        offsets = range(number) if few else (i * numbers[suite] // number for i in range(number))
+        turns += [((i + 0.5) / number, suite, first + o) for i, o in enumerate(offsets)]
     for _, suite, seed in sorted(turns):
-        spec, _ = next(specs(suite, 1, seed))
-        yield Job(short(spec) if arguments.short else spec, seed, not arguments.no_baselines)
+        spec, _ = next(module.specs(suite, 1, seed))
+        yield Job(module.short(spec) if arguments.short else spec, seed, not arguments.no_baselines)
 
 
 def run(jobs: list[Job], results: Path) -> list[dict[str, Any]]:
@@ -87,10 +130,31 @@ def show(entries: list[dict[str, Any]]) -> Score:
     score = score_cases(outcomes)
     print(score_text(score))
     resolved_by_advice(entries)
+    by_effect(outcomes)
     if refused:
         print(f"\n{len(refused)} cases were refused and count as undecided, for example: {refused[0]['refused']}")
     compare(entries)
     return score
+
+
+def by_effect(outcomes: list[CaseOutcome]) -> None:
+    """Print for every effect alone, and every cause outside the catalogue, what became of it."""
+    rows = []
+    for group, right in (("single", "exact"), ("outside", "UNKNOWN")):
+        part = [o for o in outcomes if o.group == group]
+        for name in sorted({o.truth[0] for o in part}):
+            own = [o for o in part if o.truth[0] == name]
+            hits = [
+                [o.exact if group == "single" else o.unknown for o in own],
+                [o.right_or_set for o in own],
+                [o.wrong for o in own],
+            ]
+            rows.append(
+                [f"{name} ({right})", str(len(own)), *(_percent(Proportion(sum(hit), len(own))) for hit in hits)]
+            )
+    if rows:
+        print()
+        print_table(["each cause alone", "n", "right (95 %)", "right or in a set", "a wrong name"], rows)
 
 
 def resolved_by_advice(entries: list[dict[str, Any]]) -> None:
@@ -134,8 +198,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--short", action="store_true", help="small cases; a few of every set unless --share says more")
     parser.add_argument("--share", type=float, help="of the protocol's numbers")
-    parser.add_argument("--suite", action="append", choices=sorted(NUMBERS), help="only this set; repeatable")
-    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="published figures: 930000 and up")
+    parser.add_argument("--truth", choices=[*TRUTHS, "both"], default="numpy", help="which simulator records")
+    suites = sorted({suite for numbers in NUMBERS.values() for suite in numbers})
+    parser.add_argument("--suite", action="append", choices=suites, help="only this set; repeatable")
+    parser.add_argument("--first-seed", type=int, help="published figures: 930000 and up; of MuJoCo 500000 and up")
     parser.add_argument("--workers", type=int, default=-1, help="processes; all cores by default")
     parser.add_argument("--scheduler", help="address of a Dask scheduler whose workers have bench/ on PYTHONPATH")
     parser.add_argument("--no-baselines", action="store_true")
@@ -146,8 +212,11 @@ def main() -> None:
     jobs = list(jobs_of(arguments))
     with workers(arguments.workers, arguments.scheduler):
         entries = run(jobs, results)
-    score = show(entries)
-    results.with_suffix(".json").write_text(json.dumps(score.to_dict(), indent=2))
+    scores = {}
+    for name in dict.fromkeys(job.truth for job in jobs):
+        print(f"\nrecordings of the {name} truth")
+        scores[name] = show([e for e in entries if e.get("truth", "numpy") == name]).to_dict()
+    results.with_suffix(".json").write_text(json.dumps(scores, indent=2))
 
 
 if __name__ == "__main__":

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from discrepancy_baselines import BASELINES, library_of
 from threadpoolctl import threadpool_limits
 from truth import Spec, further_recording, joined, make_case, make_truth
+from truth.spec import Case
 
 from gpcorrect.discrepancy import DiscrepancyResult, Level, find_discrepancy
 from gpcorrect.discrepancy.protocol.outcomes import CaseOutcome, case_outcome
 from gpcorrect.errors import GpCorrectError
-from gpcorrect.sim import Model, model_from_dict
+from gpcorrect.sim import EFFECTS, Model, model_from_dict
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["ADVISED", "Job", "label_of", "outcome_of", "solve"]
+if TYPE_CHECKING:
+    from truth_mujoco import Spec as MujocoSpec
+
+__all__ = ["ADVISED", "Job", "case_of", "label_of", "outcome_of", "solve"]
 
 ADVISED = "advised"
+AHEAD = "ahead"  # causes that the catalogue is to learn
 GROUPS = {"null_awkward": "awkward_null", "one": "single", "pairs": "pair", "triples": "triple"}
 
 
@@ -27,35 +32,52 @@ GROUPS = {"null_awkward": "awkward_null", "one": "single", "pairs": "pair", "tri
 class Job:
     """One case to make and solve."""
 
-    spec: Spec
+    spec: Spec | MujocoSpec
     seed: int
     baselines: bool
 
     @property
     def key(self) -> str:
         """Name of the case."""
-        return f"{self.spec.suite}_{self.seed}_{self.spec.trajectories}x{self.spec.seconds:g}"
+        name = f"{self.spec.suite}_{self.seed}_{self.spec.trajectories}x{self.spec.seconds:g}"
+        return name if self.truth == "numpy" else f"{self.truth}_{name}"
+
+    @property
+    def truth(self) -> str:
+        """Which simulator makes it: "numpy" or "mujoco"."""
+        return "numpy" if isinstance(self.spec, Spec) else "mujoco"
+
+
+def case_of(job: Job) -> Case:
+    """Make the recording of a case by the simulator that its spec is for."""
+    if isinstance(job.spec, Spec):
+        return make_case(job.spec, job.seed)
+    from truth_mujoco import make_case as make_mujoco_case  # only where MuJoCo is asked for
+
+    return make_mujoco_case(job.spec, job.seed)
 
 
 def label_of(labels: dict[str, Any]) -> dict[str, Any]:
-    """Labels of the truth package as the scorer wants them."""
+    """Labels of the truth packages as the scorer wants them: what the product's catalogue lacks is unknown to it."""
     effects = [
-        {"name": e["name"], "joint": e["joint"], "known": labels["kind"] != "outside"} | e["params"]
-        for e in labels["effects"]
+        {"name": e["name"], "joint": e["joint"], "known": e["name"] in EFFECTS} | e["params"] for e in labels["effects"]
     ]
     ratios = [e["ratio"] for e in labels["effects"]]
+    suite = labels["suite"]
+    if suite == AHEAD:
+        suite = "one" if all(e["known"] for e in effects) else "outside"
     return {
-        "set": GROUPS.get(labels["suite"], labels["suite"]),
+        "set": GROUPS.get(suite, suite),
         "effects": effects,
         "effect_to_noise": min(ratios, default=None),
     }
 
 
-def solve(job: Job) -> dict[str, Any]:
-    """Make a case, let the workflow and the baselines loose on it, and score them."""
+def solve(job: Job, case: Case | None = None) -> dict[str, Any]:
+    """Make a case, unless it is at hand, let the workflow and the baselines loose on it, and score them."""
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        case = make_case(job.spec, job.seed)
+        case = case or case_of(job)
         label, model = label_of(dict(case.labels)), model_from_dict(case.nominal)
         try:
             found = find_discrepancy(model, case.log, seed=job.seed)
@@ -63,11 +85,15 @@ def solve(job: Job) -> dict[str, Any]:
                 return _advised(job, found, label, model)
             report = found.to_report()
         except GpCorrectError as error:
-            return {"key": job.key, "suite": job.spec.suite, "refused": str(error), "outcome": _refused(job, label)}
+            return _entry(job) | {"refused": str(error), "outcome": _refused(job, label)}
         outcome = asdict(case_outcome(job.key, label, report))
         others = _baselines(case.log, model, job.seed, label) if job.baselines else {}
         said = {"level": report["verdict"]["level"], "effects": [_brief(e) for e in report["verdict"]["effects"]]}
-        return {"key": job.key, "suite": job.spec.suite, "outcome": outcome, "said": said, "baselines": others}
+        return _entry(job) | {"outcome": outcome, "said": said, "baselines": others}
+
+
+def _entry(job: Job) -> dict[str, Any]:
+    return {"key": job.key, "truth": job.truth, "suite": job.spec.suite}
 
 
 def _advised(job: Job, found: DiscrepancyResult, label: dict[str, Any], model: Model) -> dict[str, Any]:
@@ -76,13 +102,14 @@ def _advised(job: Job, found: DiscrepancyResult, label: dict[str, Any], model: M
     A case that is not ambiguous, or in which no run is advised, has no outcome and is not counted; a run with other
     gains is left out too, for one model file holds one controller.
     """
-    entry: dict[str, Any] = {"key": job.key, "suite": job.spec.suite, "outcome": None, "first": str(found.level)}
+    entry = _entry(job) | {"outcome": None, "first": str(found.level)}
     advice = found.next_experiment
     if found.level not in (Level.CLASS, Level.SET) or advice is None:
         return entry
     entry["advice"] = found.to_report()["next_experiment"]
     if not found.advised_plans or any(gain != 1.0 for _, gain in found.advised_plans):
         return entry
+    assert isinstance(job.spec, Spec), "advised runs are made by the NumPy truth only"
     truth = make_truth(job.spec, job.seed)
     rng = np.random.default_rng([job.seed, 77])
     logs = [truth.case.log, *(further_recording(truth, plan, rng) for plan, _ in found.advised_plans)]

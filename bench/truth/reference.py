@@ -26,11 +26,12 @@ BLEND = 0.1  # s; width of each of the two windows that round a zig-zag's corner
 PAYLOADS = (0.0, 0.18, 0.0, 0.33)  # kg, in turn
 
 Motion = tuple[Array, Array, Array]
+Move = tuple[Array, float, float]  # where to, and seconds of the way and of the rest there
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Desired motion at the control rate `(m, 3)`, and what holds at each tick `(n,)`.
+    """Desired motion at the control rate `(m, k)`, and what holds at each tick `(n,)`.
 
     `time` is the log's clock, `session_time` counts from each session's first logged sample; `trajectory` is -1 where
     none is logged.
@@ -74,21 +75,40 @@ class Reference:
         return self.trajectory[nearest]
 
 
-def separating(rng: np.random.Generator, trajectories: int, seconds: float, sessions: int = 1) -> Reference:
-    """Speed ladder, amplitudes, holds, single joints, load swaps; every trajectory leaves and regains one pose."""
-    kinds: tuple[Callable[..., list[tuple[Array, float, float]]], ...] = (
+def separating(
+    rng: np.random.Generator,
+    trajectories: int,
+    seconds: float,
+    sessions: int = 1,
+    ranges: Array = RANGES,
+    payloads: tuple[float, ...] = PAYLOADS,
+) -> Reference:
+    """Speed ladder, amplitudes, holds, single joints, load swaps; every trajectory leaves and regains one pose.
+
+    `ranges` (k, 2) are the places, rad or m, that each joint goes to; `payloads`, kg, take turns.
+    """
+    kinds: tuple[Callable[..., list[Move]], ...] = (
         _ladder, _amplitudes, _wander, _single, _holds, _wander,
     )  # fmt: skip
-    home = RANGES.mean(axis=1) + 0.1 * np.ptp(RANGES, axis=1) * rng.uniform(-1, 1, 3)
-    parts = [_fill(kinds[k % len(kinds)](rng, home, k // len(kinds)), home, seconds) for k in range(trajectories)]
-    payload = [PAYLOADS[(k + k // len(kinds)) % len(PAYLOADS)] for k in range(trajectories)]
+    home = ranges.mean(axis=1) + 0.1 * np.ptp(ranges, axis=1) * rng.uniform(-1, 1, len(ranges))
+    parts = [
+        _fill(kinds[k % len(kinds)](rng, home, k // len(kinds), ranges), home, seconds) for k in range(trajectories)
+    ]
+    payload = [payloads[(k + k // len(kinds)) % len(payloads)] for k in range(trajectories)]
     return _session(parts, payload, sessions)
 
 
-def zigzag(rng: np.random.Generator, trajectories: int, seconds: float, sessions: int = 1) -> Reference:
+def zigzag(
+    rng: np.random.Generator,
+    trajectories: int,
+    seconds: float,
+    sessions: int = 1,
+    ranges: Array = RANGES,
+    typical: Array = ZIGZAG_SPEED,
+) -> Reference:
     """Every joint to and fro at its own constant speed, from new starting points."""
-    speeds = ZIGZAG_SPEED * rng.uniform(0.8, 1.2, 3)
-    parts = [_zigzag(rng, speeds, seconds) for _ in range(trajectories)]
+    speeds = typical * rng.uniform(0.8, 1.2, len(ranges))
+    parts = [_zigzag(rng, speeds, seconds, ranges) for _ in range(trajectories)]
     return _session(parts, [0.0] * trajectories, sessions)
 
 
@@ -105,7 +125,7 @@ def _quintic(here: Array, there: Array, seconds: float) -> Motion:
 
 def _rest(here: Array, seconds: float) -> Motion:
     n = round(seconds * CONTROL_HZ)
-    return np.tile(here, (n, 1)), np.zeros((n, 3)), np.zeros((n, 3))
+    return np.tile(here, (n, 1)), np.zeros((n, len(here))), np.zeros((n, len(here)))
 
 
 def _join(parts: list[Motion]) -> Motion:
@@ -113,7 +133,7 @@ def _join(parts: list[Motion]) -> Motion:
     return position, speed, acceleration
 
 
-def _fill(moves: list[tuple[Array, float, float]], home: Array, seconds: float) -> Motion:
+def _fill(moves: list[Move], home: Array, seconds: float) -> Motion:
     """As many of the moves (target, duration, rest) as fit, again and again, then home and rest."""
     here, left, parts, k = home, seconds - 0.4, [_rest(home, 0.4)], 0
     while True:
@@ -129,53 +149,53 @@ def _fill(moves: list[tuple[Array, float, float]], home: Array, seconds: float) 
     return _join([motion, _rest(home, missing)]) if missing > 0 else motion
 
 
-def _target(rng: np.random.Generator) -> Array:
-    return rng.uniform(RANGES[:, 0], RANGES[:, 1])
+def _target(rng: np.random.Generator, ranges: Array) -> Array:
+    return rng.uniform(ranges[:, 0], ranges[:, 1])
 
 
-def _ladder(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:
+def _ladder(rng: np.random.Generator, home: Array, turn: int, ranges: Array) -> list[Move]:
     """Return the same way out and back at durations on a logarithmic scale."""
-    away = _target(rng)
+    away = _target(rng, ranges)
     return [move for duration in (0.9, 1.4, 2.2, 3.4) for move in ((away, duration, 0.1), (home, duration, 0.1))]
 
 
-def _amplitudes(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:
+def _amplitudes(rng: np.random.Generator, home: Array, turn: int, ranges: Array) -> list[Move]:
     """To both sides by shrinking amounts: minor loops."""
-    reach = 0.45 * np.ptp(RANGES, axis=1) * rng.choice([-1.0, 1.0], 3)
-    middle = RANGES.mean(axis=1)
+    reach = 0.45 * np.ptp(ranges, axis=1) * rng.choice([-1.0, 1.0], len(ranges))
+    middle = ranges.mean(axis=1)
     return [(middle + sign * share * reach, 0.8 + share, 0.0) for share in (1.0, 0.6, 0.3, 0.1) for sign in (1, -1)]
 
 
-def _wander(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:
-    return [(_target(rng), float(np.exp(rng.uniform(0.0, 1.4))), 0.2 * (rng.random() < 0.3)) for _ in range(15)]
+def _wander(rng: np.random.Generator, home: Array, turn: int, ranges: Array) -> list[Move]:
+    return [(_target(rng, ranges), float(np.exp(rng.uniform(0.0, 1.4))), 0.2 * (rng.random() < 0.3)) for _ in range(15)]
 
 
-def _holds(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:
+def _holds(rng: np.random.Generator, home: Array, turn: int, ranges: Array) -> list[Move]:
     """Quick moves to far poses with long rests: load, hold, unload, recover."""
-    return [(_target(rng), 1.2, 2.8) for _ in range(8)]
+    return [(_target(rng, ranges), 1.2, 2.8) for _ in range(8)]
 
 
-def _single(rng: np.random.Generator, home: Array, turn: int) -> list[tuple[Array, float, float]]:
+def _single(rng: np.random.Generator, home: Array, turn: int, ranges: Array) -> list[Move]:
     """One joint moves while the others hold, at two poses of the others."""
-    moves: list[tuple[Array, float, float]] = []
-    joint = turn % 3
+    moves: list[Move] = []
+    joint = turn % len(ranges)
     for _ in range(4):
-        pose = _target(rng)
+        pose = _target(rng, ranges)
         moves.append((pose, 1.5, 0.2))
         for share in (0.05, 0.95, 0.4):
             pose = pose.copy()
-            pose[joint] = RANGES[joint, 0] + share * np.ptp(RANGES[joint])
+            pose[joint] = ranges[joint, 0] + share * np.ptp(ranges[joint])
             moves.append((pose, 1.4, 0.2))
     return moves
 
 
-def _zigzag(rng: np.random.Generator, speeds: Array, seconds: float) -> Motion:
+def _zigzag(rng: np.random.Generator, speeds: Array, seconds: float, ranges: Array) -> Motion:
     n = round(seconds * CONTROL_HZ)
     pad = CONTROL_HZ
     t = np.r_[np.zeros(pad // 2), np.arange(n + pad // 2) / CONTROL_HZ][:, None]
-    span = np.ptp(RANGES, axis=1) * 0.94
-    phase = (rng.uniform(0, 2, 3) * span + speeds * t) % (2 * span)
-    q = RANGES[:, 0] + 0.03 * np.ptp(RANGES, axis=1) + np.minimum(phase, 2 * span - phase)
+    span = np.ptp(ranges, axis=1) * 0.94
+    phase = (rng.uniform(0, 2, len(ranges)) * span + speeds * t) % (2 * span)
+    q = ranges[:, 0] + 0.03 * np.ptp(ranges, axis=1) + np.minimum(phase, 2 * span - phase)
     window = np.ones(round(BLEND * CONTROL_HZ)) / round(BLEND * CONTROL_HZ)
     for _ in range(2):
         q = np.column_stack([np.convolve(column, window, mode="same") for column in q.T])

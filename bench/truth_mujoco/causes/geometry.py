@@ -1,0 +1,118 @@
+"""Geometry: zeros, ratios, coupling, pulleys, registration, table errors; ratios act about the pose of homing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from truth.reference import Reference
+
+from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column, rms, sign
+from truth_mujoco.motion import Run
+from truth_mujoco.plant import PER_TICK, Plant, with_value
+
+__all__ = ["CAUSES"]
+
+ROW_TERMS = ("alpha", "a", "d", "theta")
+SIMILARITY = ("x", "y", "z", "rx", "ry", "rz", "scale")
+HOMING = 0.35  # of half the range about its middle, where an arm is homed
+
+
+def _home(rng: np.random.Generator, j: int, scene: Scene) -> float:
+    low, high = scene.arm.ranges[j]
+    return float(0.5 * (low + high) + HOMING * 0.5 * (high - low) * rng.uniform(-1, 1))
+
+
+def _draw_homing(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    offsets = [float(sign(rng) * rng.uniform(0.5, 1.5) * scene.noise[j]) for _ in range(scene.sessions)]
+    return {"offset": offsets if scene.sessions > 1 else offsets[0]}
+
+
+def _homing(params: Params, j: int, plant: Plant) -> Plant:
+    offsets = np.atleast_1d(params["offset"])
+
+    def more(reference: Reference, time: Array) -> Array:
+        session = np.repeat(reference.session, PER_TICK) if len(offsets) > 1 else np.zeros(len(time), dtype=np.int64)
+        return column(len(time), plant.arm.dof, j, offsets[session])
+
+    return plant.with_offset(more)
+
+
+def _draw_ratio(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    home = _home(rng, j, scene)
+    return {"error": sign(rng) * float(scene.noise[j]) / rms(scene.path(j) - home), "home": home}
+
+
+def _ratio(params: Params, j: int, plant: Plant) -> Plant:
+    """Return a plant that reports q + s (q - home)."""
+    mapping = np.array(plant.mapping)
+    mapping[j, j] += params["error"]
+    return replace(plant, mapping=mapping, home=with_value(plant.home, j, params["home"]))
+
+
+def _draw_coupling(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    k = scene.other(rng, j)
+    home = _home(rng, k, scene)
+    return {
+        "source": k + 1,
+        "coefficient": sign(rng) * float(scene.noise[j]) / rms(scene.path(k) - home),
+        "source_home": home,
+    }
+
+
+def _coupling(params: Params, j: int, plant: Plant) -> Plant:
+    """Return a plant that reports q_j + c (q_k - home_k)."""
+    mapping, k = np.array(plant.mapping), params["source"] - 1
+    mapping[j, k] += params["coefficient"]
+    return replace(plant, mapping=mapping, home=with_value(plant.home, k, params["source_home"]))
+
+
+def _draw_eccentricity(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    number = float(rng.uniform(*(5.0, 18.0) if scene.arm.types[j] == "R" else (80.0, 260.0)))
+    return {"amplitude": float(1.4 * scene.noise[j]), "waves": number, "phase": float(rng.uniform(-np.pi, np.pi))}
+
+
+def _eccentricity(params: Params, j: int, plant: Plant) -> Plant:
+    return replace(plant, waves=(*plant.waves, (j, params["amplitude"], params["waves"], params["phase"])))
+
+
+def _draw_registration(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    sizes = np.r_[np.full(3, 2e-4), np.full(3, 1e-3), 1e-3]
+    return dict(zip(SIMILARITY, (sizes * rng.standard_normal(7)).tolist(), strict=True))
+
+
+def _registration(params: Params, j: int, run: Run, T: Array) -> Array:
+    moved, values = np.array(T), np.array([params[name] for name in SIMILARITY])
+    R = Rotation.from_rotvec(values[3:6]).as_matrix()
+    moved[:, :3, :3] = R @ T[:, :3, :3]
+    moved[:, :3, 3] = (1.0 + values[6]) * T[:, :3, 3] @ R.T + values[:3]
+    return moved
+
+
+def _draw_table(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    """Return an angle or a length between two moving joints, which neither a zero nor the registration can take up."""
+    params: Params = dict.fromkeys(ROW_TERMS, 0.0)
+    if rng.random() < 0.5:
+        params["alpha"] = sign(rng) * 2e-3
+    else:
+        params["a"] = sign(rng) * 3e-4
+    return params
+
+
+def _table(params: Params, j: int, plant: Plant) -> Plant:
+    rows = np.array(plant.rows)
+    rows[j] += [params[name] for name in ROW_TERMS]
+    return replace(plant, rows=rows)
+
+
+CAUSES = {
+    "homing_offset": Cause(_draw_homing, grow=("offset",), build=_homing, bare=True),
+    "transmission_ratio": Cause(_draw_ratio, grow=("error",), build=_ratio, bare=True),
+    "cable_coupling": Cause(_draw_coupling, grow=("coefficient",), build=_coupling, bare=True),
+    "pulley_eccentricity": Cause(_draw_eccentricity, grow=("amplitude",), build=_eccentricity, bare=True),
+    "registration_error": Cause(
+        _draw_registration, where="base", grow=SIMILARITY, tip=_registration, tracker_only=True
+    ),
+    "dh_error": Cause(_draw_table, grow=ROW_TERMS, build=_table, tracker_only=True),
+}

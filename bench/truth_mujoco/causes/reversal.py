@@ -1,0 +1,151 @@
+"""Direction of motion: slack, hysteresis as several slacks, dry friction by MuJoCo's frictionloss."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+from truth.reference import Reference
+
+from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column
+from truth_mujoco.motion import Run
+from truth_mujoco.plant import Plant, State, with_value
+from truth_mujoco.stages import plays
+
+__all__ = ["CAUSES", "friction_hook"]
+
+LOOPS = np.array([0.15, 0.4, 1.0, 2.2])  # radii of the elements of a hysteresis, in parts of its width
+Level = Callable[[int, State], float]
+
+
+def friction_hook(
+    j: int, make: Callable[[mujoco.MjModel, mujoco.MjData, Reference, int], Level]
+) -> Callable[..., object]:
+    """Return a hook that sets the dry friction of column j anew at each control step."""
+
+    def hook(
+        model: mujoco.MjModel, data: mujoco.MjData, reference: Reference, plant: Plant
+    ) -> Callable[[int, int, State], None]:
+        joint = f"motor{j + 1}" if plant.elastic[j] else f"joint{j + 1}"
+        dof = int(model.joint(joint).dofadr[0])
+        level = make(model, data, reference, dof)
+
+        def step(i: int, t: int, state: State) -> None:
+            model.dof_frictionloss[dof] = level(i, state)
+
+        return step
+
+    return hook
+
+
+def _with(plant: Plant, hook: Callable[..., object]) -> Plant:
+    return replace(plant, hooks=(*plant.hooks, hook))  # type: ignore[arg-type]
+
+
+def _draw_backlash(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    return {"radius": float(1.1 * scene.noise[j])}
+
+
+def _backlash(params: Params, j: int, run: Run, q: Array) -> Array:
+    return column(len(q), q.shape[1], j, q[:, j] - plays(q[:, j], np.array([params["radius"]]))[:, 0])
+
+
+def _draw_hysteresis(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    depth = float(np.exp(rng.uniform(np.log(0.15), 0.0)))
+    shares = rng.dirichlet(np.full(len(LOOPS), 2.0))
+    return {"width": float(2.5 * scene.noise[j] / depth), "depth": depth, "shares": shares.tolist()}
+
+
+def _hysteresis(params: Params, j: int, run: Run, q: Array) -> Array:
+    """Maxwell slip: elements of different slack side by side, whose places add up by their shares."""
+    places = plays(q[:, j], params["width"] * LOOPS)
+    lag = (q[:, [j]] - places) @ (params["depth"] * np.array(params["shares"]))
+    return column(len(q), q.shape[1], j, lag)
+
+
+def _draw_coulomb(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    return {"torque": scene.torque(j), "side": "motor"}
+
+
+def _coulomb(params: Params, j: int, plant: Plant) -> Plant:
+    return replace(plant, coulomb=with_value(plant.coulomb, j, params["torque"]))
+
+
+def _draw_viscous(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    return {"damping": scene.torque(j) / scene.arm.unit(j, 0.15, 0.02), "side": "motor"}
+
+
+def _viscous(params: Params, j: int, plant: Plant) -> Plant:
+    return replace(plant, viscous=with_value(plant.viscous, j, params["damping"]))
+
+
+def _draw_stribeck(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    level = 0.8 * scene.torque(j)
+    speed = scene.arm.unit(j, 1.0, 0.12) * float(np.exp(rng.uniform(np.log(0.03), np.log(0.12))))
+    return {"torque": level, "static_torque": level * float(rng.uniform(2.0, 3.5)), "speed": speed, "side": "motor"}
+
+
+def _stribeck(params: Params, j: int, plant: Plant) -> Plant:
+    def make(model: mujoco.MjModel, data: mujoco.MjData, reference: Reference, dof: int) -> Level:
+        rise = params["static_torque"] - params["torque"]
+        return lambda i, state: params["torque"] + rise * float(np.exp(-((state.speed[j] / params["speed"]) ** 2)))
+
+    return _with(plant, friction_hook(j, make))
+
+
+def _draw_capstan(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    return {"wrap": scene.torque(j) / scene.load(j), "side": "motor"}
+
+
+def _capstan(params: Params, j: int, plant: Plant) -> Plant:
+    """More tension is lost when the load is lifted than when it is let down."""
+    lift, lower = float(np.expm1(params["wrap"])), float(-np.expm1(-params["wrap"]))
+    still = plant.arm.unit(j, 1e-3, 1e-4)
+
+    def make(model: mujoco.MjModel, data: mujoco.MjData, reference: Reference, dof: int) -> Level:
+        armature = plant.arm.motor_inertia[j]
+
+        def level(i: int, state: State) -> float:
+            load = data.qfrc_actuator[dof] + data.qfrc_constraint[dof] + data.qfrc_passive[dof]
+            load -= armature * data.qacc[dof]
+            speed = state.speed[j] if abs(state.speed[j]) > still else reference.speed[i, j]
+            return float(abs(load) * (lift if speed * load >= 0.0 else lower))
+
+        return level
+
+    return _with(plant, friction_hook(j, make))
+
+
+def _draw_wavy(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    torque = scene.torque(j)
+    return {
+        "torque": torque,
+        "swing": torque * float(rng.uniform(0.7, 0.98)),
+        "waves": scene.arm.unit(j, 1.0, 12.0) * float(rng.uniform(6.0, 14.0)),
+        "phase": float(rng.uniform(-np.pi, np.pi)),
+        "side": "motor",
+    }
+
+
+def _wavy(params: Params, j: int, plant: Plant) -> Plant:
+    def make(model: mujoco.MjModel, data: mujoco.MjData, reference: Reference, dof: int) -> Level:
+        def level(i: int, state: State) -> float:
+            wave = np.sin(params["waves"] * state.motor[j] + params["phase"])
+            return float(max(0.0, params["torque"] + params["swing"] * wave))
+
+        return level
+
+    return _with(plant, friction_hook(j, make))
+
+
+CAUSES = {
+    "backlash": Cause(_draw_backlash, grow=("radius",), path=_backlash, bare=True),
+    "coulomb_friction": Cause(_draw_coulomb, grow=("torque",), build=_coulomb),
+    "viscous_friction": Cause(_draw_viscous, grow=("damping",), build=_viscous),
+    "stribeck_friction": Cause(_draw_stribeck, grow=("torque", "static_torque"), build=_stribeck),
+    "capstan_friction": Cause(_draw_capstan, grow=("wrap",), build=_capstan),
+    "position_dependent_friction": Cause(_draw_wavy, grow=("torque", "swing"), build=_wavy),
+    "hysteresis": Cause(_draw_hysteresis, grow=("width",), path=_hysteresis, bare=True),
+}

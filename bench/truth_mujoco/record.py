@@ -1,0 +1,75 @@
+"""From what was true to what was written down."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from truth.history import Readings
+from truth.loop import CONTROL_HZ, TICK_HZ
+from truth.noise import NoiseLaw, noise_of
+from truth.reference import Reference
+
+from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
+from truth_mujoco.machine import Machine
+from truth_mujoco.spec import Spec
+
+__all__ = ["recorded"]
+
+Array = NDArray[np.float64]
+
+TRACKER_TURN = 8e-4  # rad, white on each axis
+
+
+def recorded(
+    spec: Spec,
+    machine: Machine,
+    reference: Reference,
+    readings: Readings,
+    noises: tuple[NoiseLaw, NoiseLaw],
+    rng: np.random.Generator,
+) -> CalibrationLog:
+    """Sample what was true at the log's rate, with the noise of joint sensors and tracker, encoder steps and holes.
+
+    Where only a tracker looks on, the motors are written down beside it.
+    """
+    arm, rows = machine.arm, reference.logged
+    trajectory = reference.trajectory[rows]
+    pace = np.abs(reference.speed[:: CONTROL_HZ // TICK_HZ][rows])
+    pace = (pace / np.maximum(pace.max(axis=0), 1e-12)).max(axis=1)
+    reported = np.round(readings.reported[rows] / arm.encoder_step) * arm.encoder_step
+    signals: dict[str, Any] = {
+        "setpoint_jp": reference.position[:: CONTROL_HZ // TICK_HZ][rows],
+        "measured_jp": reported,
+        "measured_jf": None if arm.bare else readings.effort[rows],
+    }
+    if spec.signals != "tracker":
+        noise = noise_of(noises[0], rng, trajectory, pace, readings.extra_noise[rows])
+        signals["external_jp"] = readings.outside[rows] + noise
+    if machine.tracked:
+        noise = noise_of(noises[1], rng, trajectory, pace, np.zeros((len(rows), 3)))
+        signals["tracker_cp"] = _tracked(machine.T_tracker_base, readings.tip[rows], noise, rng)
+    return CalibrationLog(
+        time=reference.time[rows],
+        trajectory=trajectory,
+        session=reference.session[rows],
+        payload=reference.payload[rows] if reference.payload.any() else None,
+        name="recording",
+        meta=LogMeta(
+            robot="test arm",
+            arm=arm.declared,
+            joint_types=arm.types,
+            tracker="camera" if machine.tracked else "",
+        ),
+        **signals,
+    )
+
+
+def _tracked(T_tracker_base: Array, T: Array, noise: Array, rng: np.random.Generator) -> PoseSignal:
+    seen = T_tracker_base @ T
+    turn = Rotation.from_rotvec(TRACKER_TURN * rng.standard_normal((len(T), 3)))
+    quaternion = (Rotation.from_matrix(seen[:, :3, :3]) * turn).as_quat()[:, [3, 0, 1, 2]]
+    quaternion[np.isnan(noise[:, 0])] = np.nan
+    return PoseSignal(seen[:, :3, 3] + noise, quaternion)
