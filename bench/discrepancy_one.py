@@ -16,9 +16,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from discrepancy_blind import FIRST_SEED, TRUTHS, truth_named
 from discrepancy_cases import Job, case_of, solve
-from truth import write_case
+from discrepancy_jobs import FIRST_SEED, TRUTHS, truth_named, write_files
 
 WIDTHS = (10, 6, 12, 8, 8, 48, 15, 8)
 HEAD = (
@@ -76,7 +75,7 @@ def main() -> None:
             continue
         case = case_of(job)
         if arguments.write:
-            write_case(case, arguments.write / job.key, arguments.write / job.key / "labels.json")
+            write_files(job, case, arguments.write / job.key)
             continue
         begun = time.process_time()
         entry = solve(job, case)

@@ -14,7 +14,7 @@ from truth_mujoco.arms import Arm
 if TYPE_CHECKING:
     from truth_mujoco.plant import Plant
 
-__all__ = ["PAYLOAD", "STEP", "SUBSTEPS", "compiled", "kinematics", "nominal_model", "tips"]
+__all__ = ["PAYLOAD", "STEP", "SUBSTEPS", "compiled", "kinematics", "nominal_model", "robot_xml", "tips"]
 
 Array = NDArray[np.float64]
 
@@ -61,6 +61,7 @@ def _weigh(body: mujoco.MjsBody, frame: Array, mass: float, centre: Array, momen
 def _skeleton(arm: Arm, rows: Array, gravity: Array, bends: Array | None = None) -> mujoco.MjSpec:
     """Return links, held joints and the place of the payload at the tip; no drives yet."""
     spec = mujoco.MjSpec()
+    spec.compiler.degree = False
     spec.option.timestep = STEP
     spec.option.gravity = gravity
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -87,10 +88,27 @@ def _skeleton(arm: Arm, rows: Array, gravity: Array, bends: Array | None = None)
 
 def nominal_model(arm: Arm, gravity: Array) -> mujoco.MjModel:
     """Return the arm as its controller knows it: the motors' inertia as armature, no friction."""
+    return _nominal(arm, gravity).compile()
+
+
+def robot_xml(arm: Arm, gravity: Array) -> str:
+    """Return the same as an MJCF file with joint limits, for models that are robot files; the tool is the body `tip`.
+
+    A joint may go half as far again as it does.
+    """
+    spec = _nominal(arm, gravity)
+    for j, (low, high) in enumerate(arm.ranges):
+        joint, more = spec.joint(f"joint{j + 1}"), 0.25 * (high - low)
+        joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, [low - more, high + more]
+    spec.compile()
+    return str(spec.to_xml())
+
+
+def _nominal(arm: Arm, gravity: Array) -> mujoco.MjSpec:
     spec = _skeleton(arm, arm.rows, gravity)
     for j in range(arm.dof):
         spec.joint(f"joint{j + 1}").armature = arm.motor_inertia[j]
-    return spec.compile()
+    return spec
 
 
 def kinematics(arm: Arm, rows: Array) -> mujoco.MjModel:
