@@ -144,7 +144,7 @@ def _columns(arm: Arm, name: str) -> list[int]:
     """Columns that a cause may sit on."""
     if name == "dh_error":  # between two moving joints, where no registration and no tool takes it up
         return [1, 2] if arm.modified else [0, 1]
-    if name in ("length_dependent_stiffness", "capstan_friction", "gravity_feedforward"):
+    if name in ("length_dependent_stiffness", "capstan_friction"):
         return [0, 1]  # joints that carry a load worth the name
     return list(range(arm.dof))
 

@@ -37,7 +37,7 @@ class Plant:
     kp, kd, feedforward : arrays, str
         Controller, in joint units.
     fed : (3, k) array
-        Share of gravity, inertia and velocity terms that the controller really holds; velocity with the desired speed.
+        Share of gravity torque, inertia torque and desired speed that the controller is really told.
     gains : (2, k) array
         Factors of kp and kd.
     torque_limit : array
@@ -222,7 +222,7 @@ def integrate(plant: Plant, reference: Reference, torques: Array) -> Recorded:
     qpos_of = np.array([model.joint(_motor(plant, j)).qposadr[0] for j in range(k)])
     dof_of = np.array([model.joint(_motor(plant, j)).dofadr[0] for j in range(k)])
     payload = model.body(PAYLOAD).id
-    feed = np.einsum("cj,cnj->nj", plant.fed, torques)
+    feed = plant.fed[0] * torques[0] + plant.fed[1] * torques[1] + torques[2]
     steps = len(reference.position)
     clock = np.repeat(reference.session_time, PER_TICK) + np.tile(np.arange(PER_TICK) / CONTROL_HZ, steps // PER_TICK)
     offset = np.zeros((1, k)) if plant.offset is None else plant.offset(reference, clock)

@@ -30,10 +30,8 @@ PHYSICAL: dict[str, dict[str, tuple[float, float]]] = {
     "transmission_ratio": {"error": (-0.2, 0.2)},
     "shaft_bending": {"rigidity": (0.2, 200.0)},
     "rcm_shift": {"stiffness": (300.0, 1e7)},
-    "gravity_feedforward": {"share": (-1.0, 1.0)},
-    "inertia_feedforward": {"share": (-1.0, 1.0)},
-    "velocity_feedforward": {"share": (-1.0, 1.0)},
-    "gain_error": {"error": (-0.6, 1.5)},
+    "feedforward_error": {"fraction": (-1.0, 1.0)},
+    "gain_error": {"proportional": (-0.6, 1.5), "derivative": (-0.6, 1.5)},
     "swaying_base": {"angle": (1e-4, 0.3)},
 }
 

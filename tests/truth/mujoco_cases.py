@@ -24,7 +24,7 @@ from gpcorrect.types import CalibrationLog
 @cache
 def setting(arm: str = "raven2_left", signals: str = "both", seed: int = 3, feedforward: str = "") -> Setting:
     """Return a machine at its motion, nothing hidden in it: 3 trajectories of 5 s."""
-    hidden = {"": (), "none": ("gain_error",), "rigid-body": ("gravity_feedforward",)}[feedforward]
+    hidden = {"": (), "none": ("gain_error",), "rigid-body": ("feedforward_error",)}[feedforward]
     spec = Spec("one", arm, hidden, signals=signals, trajectories=3, seconds=5.0)
     return prepared(spec, np.random.default_rng(seed))
 

@@ -92,7 +92,7 @@ def test_the_products_effect_does_the_same(name: str) -> None:
     ("name", "params", "source"),
     [
         ("transmission_ratio", {"error": 0.02, "home": 0.9}, 0),
-        ("cable_coupling", {"coefficient": 0.03, "source": 2, "source_home": 1.2}, 1),
+        ("cable_coupling", {"coefficient": 0.03, "source": 2, "home": 1.2}, 1),
     ],
 )
 def test_ratio_and_coupling_act_about_the_pose_of_homing(name: str, params: dict, source: int) -> None:
@@ -100,10 +100,9 @@ def test_ratio_and_coupling_act_about_the_pose_of_homing(name: str, params: dict
     where = setting()
     _, after = with_cause(where, name, 0, params)
     slope = params.get("error", params.get("coefficient"))
-    home = params.get("home", params.get("source_home"))
     rows = where.reference.logged
     error = (after.reported - after.outside)[rows, 0]
-    np.testing.assert_allclose(error, slope * (after.outside[rows, source] - home), atol=1e-9)
+    np.testing.assert_allclose(error, slope * (after.outside[rows, source] - params["home"]), atol=1e-9)
 
 
 def test_a_table_error_moves_the_tool_and_not_the_motors() -> None:
@@ -168,7 +167,7 @@ def test_a_missing_feedforward_term_leaves_its_own_error(term: str) -> None:
     """The motor lags by the missing torque over kp: against weight, acceleration or speed."""
     where = setting(feedforward="rigid-body")
     assert where.machine.plant.feedforward == "rigid-body"
-    run_with, after = with_cause(where, f"{term}_feedforward", 0, {"share": -0.5})
+    run_with, after = with_cause(where, "feedforward_error", 0, {"term": term, "fraction": -0.5})
     rows, plant = where.reference.logged, where.machine.plant
     moved = (after.reported - where.readings.reported)[rows, 0]
     missing = {
@@ -183,7 +182,7 @@ def test_a_missing_feedforward_term_leaves_its_own_error(term: str) -> None:
 def test_a_stiffer_loop_sags_less() -> None:
     """With more kp and nothing fed forward the arm hangs lower by less."""
     where = setting(feedforward="none")
-    _, after = with_cause(where, "gain_error", 1, {"gain": "kp", "error": 0.5})
+    _, after = with_cause(where, "gain_error", 1, {"proportional": 0.5, "derivative": 0.2})
     rest = where.reference.logged[:20]  # at rest before the first move
     wanted = where.reference.position[::2]
     before, now = ((r.reported - wanted)[rest, 1].mean() for r in (where.readings, after))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from truth.history import Readings
 
-from truth_mujoco.causes.cause import Cause, Draw, Params, Scene, rms, sign
+from truth_mujoco.causes.cause import Cause, Params, Scene, rms, sign
 from truth_mujoco.causes.temporal import with_value_column
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import Plant
@@ -33,31 +32,28 @@ def _needed(term: int, j: int, scene: Scene) -> float:
     return scene.torque(j) / max(torque, 1e-9)
 
 
-def _draw_term(term: int) -> Draw:
-    return lambda rng, j, scene: {"share": -min(MOST, _needed(term, j, scene))}
+def _draw_term(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    term = int(rng.integers(len(TERMS)))
+    return {"term": TERMS[term], "fraction": -min(MOST, _needed(term, j, scene))}
 
 
-def _term(term: int) -> Callable[[Params, int, Plant], Plant]:
-    """Leave a share of one term out: fed = 1 + share, a negative share is missing torque.
+def _term(params: Params, j: int, plant: Plant) -> Plant:
+    """Feed a further fraction of one term forward; a negative one is missing.
 
-    The velocity term holds centrifugal torques and the desired speed that the damping is told.
+    The velocity term is the desired speed that the damping is told.
     """
-
-    def build(params: Params, j: int, plant: Plant) -> Plant:
-        fed = np.array(plant.fed)
-        fed[term, j] += params["share"]
-        return replace(plant, fed=fed)
-
-    return build
+    fed = np.array(plant.fed)
+    fed[TERMS.index(params["term"]), j] += params["fraction"]
+    return replace(plant, fed=fed)
 
 
-def _draw_gain(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"gain": str(rng.choice(["kp", "kd"])), "error": sign(rng) * 0.15}
+def _draw_gains(rng: np.random.Generator, j: int, scene: Scene) -> Params:
+    return {"proportional": sign(rng) * 0.15, "derivative": sign(rng) * float(rng.uniform(0.0, 0.15))}
 
 
-def _gain(params: Params, j: int, plant: Plant) -> Plant:
+def _gains(params: Params, j: int, plant: Plant) -> Plant:
     gains = np.array(plant.gains)
-    gains[("kp", "kd").index(params["gain"]), j] *= 1.0 + params["error"]
+    gains[:, j] *= 1.0 + np.array([params["proportional"], params["derivative"]])
     return replace(plant, gains=gains)
 
 
@@ -72,14 +68,8 @@ def _speed_noise(params: Params, j: int, run: Run, readings: Readings) -> Readin
     return replace(readings, extra_noise=with_value_column(readings.extra_noise, j, extra))
 
 
-def _of(term: int) -> Cause:
-    return Cause(_draw_term(term), grow=("share",), build=_term(term), feedforward="rigid-body")
-
-
 CAUSES = {
-    "gravity_feedforward": _of(0),
-    "inertia_feedforward": _of(1),
-    "velocity_feedforward": _of(2),
-    "gain_error": Cause(_draw_gain, grow=("error",), build=_gain, feedforward="none"),
+    "feedforward_error": Cause(_draw_term, grow=("fraction",), build=_term, feedforward="rigid-body"),
+    "gain_error": Cause(_draw_gains, grow=("proportional", "derivative"), build=_gains, feedforward="none"),
     "speed_noise": Cause(_draw_speed_noise, grow=("seconds",), read=_speed_noise, bare=True, channel="noise"),
 }

@@ -57,7 +57,7 @@ def _draw_coupling(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     return {
         "source": k + 1,
         "coefficient": sign(rng) * float(scene.noise[j]) / rms(scene.path(k) - home),
-        "source_home": home,
+        "home": home,
     }
 
 
@@ -65,7 +65,7 @@ def _coupling(params: Params, j: int, plant: Plant) -> Plant:
     """Return a plant that reports q_j + c (q_k - home_k)."""
     mapping, k = np.array(plant.mapping), params["source"] - 1
     mapping[j, k] += params["coefficient"]
-    return replace(plant, mapping=mapping, home=with_value(plant.home, k, params["source_home"]))
+    return replace(plant, mapping=mapping, home=with_value(plant.home, k, params["home"]))
 
 
 def _draw_eccentricity(rng: np.random.Generator, j: int, scene: Scene) -> Params:
