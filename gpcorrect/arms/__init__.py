@@ -1,13 +1,17 @@
-"""Robot arms: kinematics, inverse kinematics, gravity and transmission of RAVEN-II and dVRK."""
+"""Robot arms: kinematics, gravity and transmission of RAVEN-II, dVRK, and any arm of a robot file."""
 
 from collections.abc import Callable
 from functools import partial
 
-from gpcorrect.arms.arm import Arm, Solutions, Transmission
+from gpcorrect.arms.arm import Arm, Transmission
 from gpcorrect.arms.chain import Chain, Joint
 from gpcorrect.arms.dvrk_psm import dvrk_psm
 from gpcorrect.arms.gravity import Link, gravity_torque, potential_energy
 from gpcorrect.arms.raven2 import DA_VINCI_TOOL, RAVEN_TOOL, Raven2Tool, raven2
+from gpcorrect.arms.remote_centre import RemoteCentreArm, Solutions
+from gpcorrect.arms.robot import JointDrives, Robot
+from gpcorrect.arms.robot_edit import RobotEdit
+from gpcorrect.arms.robot_file import is_robot_file, read_robot
 from gpcorrect.errors import DataError
 
 __all__ = [
@@ -16,25 +20,31 @@ __all__ = [
     "Arm",
     "Chain",
     "Joint",
+    "JointDrives",
     "Link",
     "Raven2Tool",
+    "RemoteCentreArm",
+    "Robot",
+    "RobotEdit",
     "Solutions",
     "Transmission",
     "arm_named",
     "dvrk_psm",
     "gravity_torque",
+    "is_robot_file",
     "potential_energy",
     "raven2",
+    "read_robot",
 ]
 
-_ARMS: dict[str, Callable[[], Arm]] = {
+_ARMS: dict[str, Callable[[], RemoteCentreArm]] = {
     "raven2_left": partial(raven2, "left"),
     "raven2_right": partial(raven2, "right"),
     "dvrk_psm": dvrk_psm,
 }
 
 
-def arm_named(name: str) -> Arm:
+def arm_named(name: str) -> RemoteCentreArm:
     """Return the arm of a name, as files and command lines give it.
 
     Parameters

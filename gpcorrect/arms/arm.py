@@ -1,9 +1,8 @@
-"""An arm: its chain, its closed-form inverse, its cable drive, and the numbers that come with the machine."""
+"""An arm: its chain, its numerical inverse, its cable drive, and the numbers that come with the machine."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from itertools import product
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,33 +10,10 @@ from numpy.typing import ArrayLike
 from gpcorrect.arms import gravity as _gravity
 from gpcorrect.arms.chain import Chain
 from gpcorrect.arms.gravity import Link
-from gpcorrect.arms.rcm import RcmInverse
 from gpcorrect.errors import DataError
-from gpcorrect.types import BoolArray, FloatArray, frozen_array
+from gpcorrect.types import FloatArray, frozen_array
 
-__all__ = ["Arm", "Solutions", "Transmission"]
-
-LIMIT_ROUNDING = 1e-9  # rad or m beyond a limit that count as on it: far above rounding, far below a micrometre
-
-
-@dataclass(frozen=True, eq=False)
-class Solutions:
-    """Closed-form inverse kinematics of one or many poses.
-
-    Parameters
-    ----------
-    q : (..., 8, dof) array
-        Joint values by branch, NaN where the branch does not exist; each angle is the turn nearest to the
-        middle of its limits.
-    exists : (..., 8) bool array
-        Whether the branch reaches the pose.
-    within_limits : (..., 8) bool array
-        Whether it also keeps every joint limit.
-    """
-
-    q: FloatArray
-    exists: BoolArray
-    within_limits: BoolArray
+__all__ = ["Arm", "Transmission"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,16 +91,14 @@ class Transmission:
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A surgical arm that pivots about a remote centre of motion.
+    """A serial arm.
 
     Parameters
     ----------
     name : str
-        Its name in :func:`gpcorrect.arms.arm_named`.
+        Its name in messages and logs.
     chain : Chain
-        Kinematics with limits, RRPRRR.
-    wrist_link : int
-        Link (from 1) whose frame sits in the wrist point, where the pitch axis crosses the shaft.
+        Kinematics with limits.
     home : (dof,) array
         Rest position, rad and m.
     gravity : (3,) array
@@ -139,23 +113,20 @@ class Arm:
     Raises
     ------
     DataError
-        The chain's axes do not meet in a remote centre, or an array does not fit the chain.
+        An array does not fit the chain.
     """
 
     name: str
     chain: Chain
-    wrist_link: int
     home: FloatArray
     gravity: FloatArray
     links: tuple[Link, ...] = ()
     velocity_limits: FloatArray | None = None
     transmission: Transmission | None = None
-    _inverse: RcmInverse = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "home", frozen_array(self.chain.joint_values(self.home)))
         object.__setattr__(self, "gravity", frozen_array(self.gravity))
-        object.__setattr__(self, "_inverse", RcmInverse.of(self.chain, self.wrist_link))
         if self.velocity_limits is not None:
             object.__setattr__(self, "velocity_limits", frozen_array(self.chain.joint_values(self.velocity_limits)))
 
@@ -184,16 +155,6 @@ class Arm:
         """
         return self.chain.forward(q)
 
-    def wrist(self, q: ArrayLike) -> FloatArray:
-        """Return the wrist points (..., 3), m; the first three joints alone move them.
-
-        Parameters
-        ----------
-        q : (..., dof) array
-            Joint values, rad and m.
-        """
-        return self.chain.frames(q)[..., self.wrist_link - 1, :3, 3]
-
     def gravity_torque(self, q: ArrayLike, gravity: ArrayLike | None = None, payload: ArrayLike = 0.0) -> FloatArray:
         """Torques and forces (..., dof) of gravity on the joints: :func:`gpcorrect.arms.gravity_torque`.
 
@@ -209,53 +170,11 @@ class Arm:
         pull = self.gravity if gravity is None else gravity
         return _gravity.gravity_torque(self.chain, self.links, q, pull, payload)
 
-    def solutions(self, T: ArrayLike) -> Solutions:
-        """Return all closed-form solutions for tip poses, in and out of limits.
-
-        Parameters
-        ----------
-        T : (..., 4, 4) array
-            Tip poses in the base frame.
-
-        Raises
-        ------
-        DataError
-            `T` does not hold poses.
-        """
-        poses = np.asarray(T, dtype=np.float64)
-        if poses.shape[-2:] != (4, 4):
-            raise DataError(f"poses must have shape (..., 4, 4), got {poses.shape}.")
-        q = self._nearest_turns(self._inverse.solve(poses), self.limits.mean(axis=1))
-        exists: BoolArray = np.asarray(np.isfinite(q).all(axis=-1))
-        return Solutions(q, exists, exists & self.chain.within_limits(q, LIMIT_ROUNDING))
-
-    def inverse(self, T: ArrayLike, within_limits: bool = True) -> FloatArray:
-        """Joint values (k, dof) that reach one tip pose `T` (4, 4); k is 0 when there are none.
-
-        Parameters
-        ----------
-        T : (4, 4) array
-            Tip pose in the base frame.
-        within_limits : bool
-            Return the solutions that keep every limit, with all full turns that do; otherwise every solution
-            once.
-
-        Raises
-        ------
-        DataError
-            `T` is not one pose.
-        """
-        pose = np.asarray(T, dtype=np.float64)
-        if pose.shape != (4, 4):
-            raise DataError(f"one pose (4, 4) is expected, got {pose.shape}; see solutions() for many.")
-        found = self.solutions(pose)
-        q = found.q[found.exists]
-        return self._all_turns(q) if within_limits else q
-
     def follow(self, T: ArrayLike, start: ArrayLike | None = None) -> FloatArray:
-        """Joint path (n, dof) within limits along tip poses `T` (n, 4, 4): always the nearest solution.
+        """Joint path (n, dof) within limits along tip poses `T` (n, 4, 4), near to where it starts.
 
-        Distances are measured in parts of each joint's range.
+        Found numerically, each pose from the posture before it; arms with a closed form choose the nearest of all
+        solutions.
 
         Parameters
         ----------
@@ -269,29 +188,12 @@ class Arm:
         DataError
             A pose cannot be reached within limits; the message names it.
         """
-        found = self.solutions(T)
         near = self.home if start is None else self.chain.joint_values(start)
-        path, spans = np.empty((len(found.q), self.dof)), np.ptp(self.limits, axis=1)
-        for i, branches in enumerate(found.q):
-            options = self._all_turns(branches[found.exists[i]])
-            if not len(options):
-                raise DataError(
-                    f"pose {i} cannot be reached within the limits of {self.name}.",
-                    hint="Move the path into the workspace.",
-                )
-            near = path[i] = options[np.argmin((((options - near) / spans) ** 2).sum(axis=1))]
+        poses = np.asarray(T, dtype=np.float64)
+        path = np.empty((len(poses), self.dof))
+        for i, pose in enumerate(poses):
+            try:
+                near = path[i] = self.chain.inverse(pose, near)
+            except DataError as error:
+                raise DataError(f"pose {i}: {error}", hint="Move the path into the workspace.") from error
         return path
-
-    def _nearest_turns(self, q: FloatArray, near: FloatArray) -> FloatArray:
-        """Angles moved by full turns to lie nearest to `near`; prismatic joints stay."""
-        turns = np.round((near - q) / (2 * np.pi))
-        moved: FloatArray = q + np.where(self.chain.revolute, 2 * np.pi * turns, 0.0)
-        return moved
-
-    def _all_turns(self, q: FloatArray) -> FloatArray:
-        """Every variant of `q` (k, dof) by one full turn of a revolute joint that keeps the limits."""
-        roomy = self.chain.revolute & (np.ptp(self.limits, axis=1) > 2 * np.pi)
-        choices = [(-1, 0, 1) if room else (0,) for room in roomy]
-        shifts = 2 * np.pi * np.array(list(product(*choices)))
-        variants = (q[:, None] + shifts).reshape(-1, self.dof)
-        return variants[self.chain.within_limits(variants, LIMIT_ROUNDING)]

@@ -1,4 +1,4 @@
-"""Serial chains described by Denavit-Hartenberg tables: forward map, Jacobian, numerical inverse."""
+"""Serial chains described by Denavit-Hartenberg rows or fixed motions: forward map, Jacobian, numerical inverse."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ __all__ = ["Chain", "Joint"]
 Convention = Literal["standard", "modified"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Joint:
-    """One row of a Denavit-Hartenberg table.
+    """One row of a Denavit-Hartenberg table, or a joint placed anywhere by a fixed motion before its row.
 
     Parameters
     ----------
@@ -32,11 +32,13 @@ class Joint:
         Table entries, rad and m; in the modified convention `alpha` and `a` are those of the link before.
     lower, upper : float
         Limits of the joint value, rad or m.
+    placement : (4, 4) array or None
+        Fixed motion before the row, as robot files give it: its z axis is the joint's. None in plain tables.
 
     Raises
     ------
     DataError
-        The kind is unknown, or the limits are not finite and ordered.
+        The kind is unknown, the limits are not finite and ordered, or the placement is no (4, 4).
     """
 
     kind: Literal["R", "P"]
@@ -46,12 +48,17 @@ class Joint:
     theta: float
     lower: float
     upper: float
+    placement: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("R", "P"):
             raise DataError(f"a joint is 'R' (revolute) or 'P' (prismatic), got {self.kind!r}.")
         if not -np.inf < self.lower < self.upper < np.inf:
             raise DataError(f"joint limits must be finite and ordered, got {self.lower} and {self.upper}.")
+        if self.placement is not None:
+            object.__setattr__(self, "placement", frozen_array(self.placement))
+            if np.shape(self.placement) != (4, 4):
+                raise DataError(f"a placement must be a pose (4, 4), got {np.shape(self.placement)}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +79,8 @@ class Chain:
     Raises
     ------
     DataError
-        There is no joint, the convention is unknown, or a transform is not (4, 4).
+        There is no joint, the convention is unknown, a transform is not (4, 4), or a placed joint is in a standard
+        table.
     """
 
     joints: tuple[Joint, ...]
@@ -85,6 +93,8 @@ class Chain:
             raise DataError("a chain needs at least one joint.")
         if self.convention not in ("standard", "modified"):
             raise DataError(f"the convention is 'standard' or 'modified', got {self.convention!r}.")
+        if self.convention == "standard" and any(joint.placement is not None for joint in self.joints):
+            raise DataError("placed joints need the modified convention, in which a joint moves about its own z axis.")
         for name in ("base", "tool"):
             value = frozen_array(getattr(self, name))
             if value.shape != (4, 4):
@@ -168,8 +178,16 @@ class Chain:
         values = self.joint_values(q)
         frames = np.empty((values.size // self.dof, last, 4, 4))
         modified = self.convention == "modified"
-        _walk(self._table, self.revolute, modified, self.base, values.reshape(-1, self.dof), frames)
+        rows = values.reshape(-1, self.dof)
+        _walk(self._table, self.placements, self.revolute, modified, self.base, rows, frames)
         return frames.reshape(*values.shape[:-1], last, 4, 4)
+
+    @cached_property
+    def placements(self) -> FloatArray:
+        """Fixed motions `(dof, 4, 4)` before the rows; `(0, 4, 4)` where there are none."""
+        if all(joint.placement is None for joint in self.joints):
+            return np.empty((0, 4, 4))
+        return np.array([np.eye(4) if j.placement is None else j.placement for j in self.joints])
 
     @cached_property
     def _table(self) -> FloatArray:
@@ -242,11 +260,18 @@ class Chain:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _walk(
-    table: FloatArray, turns: BoolArray, modified: bool, base: FloatArray, q: FloatArray, frames: FloatArray
+    table: FloatArray,
+    placements: FloatArray,
+    turns: BoolArray,
+    modified: bool,
+    base: FloatArray,
+    q: FloatArray,
+    frames: FloatArray,
 ) -> None:  # pragma: no cover - compiled
     """Write the frames of the last m links at joint values `(n, dof)` into `frames` `(n, m, 4, 4)`.
 
-    `table` holds alpha, a, d, theta `(dof, 4)`. Link transforms are Craig's Rx(alpha) Tx(a) Rz(theta) Tz(d) where
+    `table` holds alpha, a, d, theta `(dof, 4)`, `placements` what comes before each row, or nothing. Link
+    transforms are Craig's Rx(alpha) Tx(a) Rz(theta) Tz(d) where
     `modified`, else Rz(theta) Tz(d) Tx(a) Rx(alpha).
     """
     T = np.empty((4, 4))
@@ -256,6 +281,8 @@ def _walk(
         for i in range(q.shape[1]):
             theta = table[i, 3] + (q[k, i] if turns[i] else 0.0)
             d = table[i, 2] + (0.0 if turns[i] else q[k, i])
+            if len(placements):
+                _place(T, placements[i])
             if modified:
                 _turn(T, 1, 2, table[i, 0])
                 _shift(T, 0, table[i, 1])
@@ -266,6 +293,16 @@ def _walk(
                 _turn(T, 1, 2, table[i, 0])
             if i >= first:
                 frames[k, i - first] = T
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _place(T: FloatArray, by: FloatArray) -> None:  # pragma: no cover - compiled
+    """Multiply by a rigid motion, the last of the frame's moves."""
+    for row in range(3):
+        x, y, z = T[row, 0], T[row, 1], T[row, 2]
+        for column in range(4):
+            moved = x * by[0, column] + y * by[1, column] + z * by[2, column]
+            T[row, column] = moved + (T[row, 3] if column == 3 else 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

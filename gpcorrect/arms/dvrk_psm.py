@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.arms.arm import Arm
 from gpcorrect.arms.chain import Chain, Joint
 from gpcorrect.arms.gravity import STANDARD_GRAVITY
+from gpcorrect.arms.remote_centre import RemoteCentreArm
 
 __all__ = ["dvrk_psm"]
 
@@ -24,7 +24,7 @@ QUARTER_TURN = np.pi / 2  # rad
 GRAVITY_BASE = (0.0, 0.0, -STANDARD_GRAVITY)  # z of the base frame points up
 
 
-def dvrk_psm() -> Arm:
+def dvrk_psm() -> RemoteCentreArm:
     """Classic dVRK PSM: joints outer yaw, outer pitch, insertion, roll, wrist pitch, wrist yaw."""
     swing, tilt, roll, wrist = np.deg2rad([90.0, 60.0, 260.0, 80.0])
     joints = (
@@ -38,7 +38,7 @@ def dvrk_psm() -> Arm:
     about_x, about_z = (
         se3.pose(se3.matrix_from_rotvec(QUARTER_TURN * axis), np.zeros(3)) for axis in np.eye(3)[[0, 2]]
     )
-    return Arm(
+    return RemoteCentreArm(
         name="dvrk_psm",
         chain=Chain(joints, "standard", base=about_x, tool=about_z @ se3.invert(about_x)),
         wrist_link=3,

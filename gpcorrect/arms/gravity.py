@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +27,8 @@ class Link:
         kg.
     com : (3,) array
         Centre of mass in the link's own frame, m.
+    inertia : (3, 3) array
+        About the centre of mass, along the link frame's axes, kg m^2; none where it is not known.
 
     Raises
     ------
@@ -36,9 +38,11 @@ class Link:
 
     mass: float
     com: FloatArray
+    inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "com", frozen_array(self.com))
+        object.__setattr__(self, "inertia", frozen_array(self.inertia))
         if not self.mass >= 0 or self.com.shape != (3,) or not np.isfinite(self.com).all():
             raise DataError(f"a link is a mass >= 0 kg and a centre (3,) m, got {self.mass} and {self.com}.")
 

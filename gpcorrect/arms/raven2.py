@@ -14,9 +14,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpcorrect.arms.arm import Arm, Transmission
+from gpcorrect.arms.arm import Transmission
 from gpcorrect.arms.chain import Chain, Joint
 from gpcorrect.arms.gravity import STANDARD_GRAVITY, Link
+from gpcorrect.arms.remote_centre import RemoteCentreArm
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
@@ -89,7 +90,7 @@ RAVEN_TOOL = Raven2Tool(wrist_length=0.013, jaw_coupling=0.0, insertion_sign=1, 
 DA_VINCI_TOOL = Raven2Tool(wrist_length=0.009, jaw_coupling=0.5, insertion_sign=-1, opposed_jaws=False)
 
 
-def raven2(side: Side, instrument: Raven2Tool = RAVEN_TOOL, tool: ArrayLike | None = None) -> Arm:
+def raven2(side: Side, instrument: Raven2Tool = RAVEN_TOOL, tool: ArrayLike | None = None) -> RemoteCentreArm:
     """RAVEN-II arm: joints shoulder, elbow, insertion, roll, wrist pitch, wrist yaw (mean of the jaws).
 
     Parameters
@@ -108,7 +109,7 @@ def raven2(side: Side, instrument: Raven2Tool = RAVEN_TOOL, tool: ArrayLike | No
     """
     if side not in ("left", "right"):
         raise DataError(f"a RAVEN-II arm is 'left' or 'right', got {side!r}.")
-    return Arm(
+    return RemoteCentreArm(
         name=f"raven2_{side}",
         chain=_chain(side, instrument, np.eye(4) if tool is None else np.asarray(tool, dtype=np.float64)),
         wrist_link=4,
@@ -128,7 +129,7 @@ def _chain(side: Side, instrument: Raven2Tool, tool: FloatArray) -> Chain:
     thetas = np.deg2rad(THETA_OFFSET_DEG[side])
     lower, upper = (_radians(bounds) for bounds in zip(*LIMITS_DEG, strict=True))
     rows = zip("RRPRRR", alphas, lengths, shifts, thetas, lower, upper, strict=True)
-    joints = tuple(Joint("P" if kind == "P" else "R", *map(float, numbers)) for kind, *numbers in rows)
+    joints = tuple(Joint("P" if kind == "P" else "R", *numbers) for kind, *numbers in rows)
     return Chain(joints, "modified", tool=tool)
 
 

@@ -29,7 +29,10 @@ discrepancy_app = typer.Typer(
 
 @discrepancy_app.command("run")
 def run(
-    model: Annotated[Path, typer.Option(help="What is known of the machine (TOML).", show_default=False)],
+    model: Annotated[
+        Path,
+        typer.Option(help="What is known of the machine (TOML), or a robot file (MJCF, URDF).", show_default=False),
+    ],
     log: Annotated[
         list[Path], typer.Option(help="Recording; repeat it for several sessions of one machine.", show_default=False)
     ],
@@ -46,7 +49,9 @@ def run(
     """Name what is missing in a model, or say that nothing is, or that these data cannot tell.
 
     Writes report.json, report.html (needs no other file) and model.toml: the model with the named effects, ready for
-    --model and for `gpcorrect simulate`. Ends with status 0 whatever the verdict, 2 for input that cannot be used.
+    --model and for `gpcorrect simulate`. With a robot file, model.xml is that file with the effects for which it has
+    words (friction, damping, force limits, ranges, payload, link geometry), and model.toml names it and holds the
+    others. Ends with status 0 whatever the verdict, 2 for input that cannot be used.
 
     Finished stages stay in OUTPUT/stages. The same command, killed and given again, goes on from there; other data,
     another model or another seed start anew. The same inputs and seed give the same verdict.
@@ -56,12 +61,15 @@ def run(
     gpcorrect discrepancy run --model nominal.toml --log monday.csv --log tuesday.csv --output missing/
 
     gpcorrect discrepancy run --model missing/model.toml --log friday.csv --output left/ --json
+
+    gpcorrect discrepancy run --model robot.xml --log monday.csv --output missing/
     """
     from gpcorrect.discrepancy import find_discrepancy
     from gpcorrect.discrepancy.outcome.words import next_step, verdict_sentence
     from gpcorrect.parallel import workers
     from gpcorrect.report import write_discrepancy_report  # the report's libraries are an extra: say so before the work
-    from gpcorrect.sim import read_model, write_model
+    from gpcorrect.sim import read_model
+    from gpcorrect.sim.robot_output import write_completed
 
     make_folder(output)
     machine, recording = read_model(model), read_logs(log, columns)
@@ -70,7 +78,7 @@ def run(
     report = result.to_report()
     with atomic_path(output / "report.json") as path:
         path.write_text(json_text.dumps(report, indent=2), encoding="utf-8")
-    write_model(result.model, output / "model.toml")
+    written = write_completed(result.model, output / "model.toml")
     write_discrepancy_report(result, output / "report.html")
     if result.read_back:
         err.print(f"[yellow]note:[/] {output} already held this run, finished; only its files were written anew")
@@ -80,7 +88,8 @@ def run(
     out.print(f"[bold]{verdict_sentence(result)}[/]")
     out.print(_gap_table(result.gap))
     out.print(f"next: {next_step(result)}")
-    out.print(f"page: {output / 'report.html'}   model: {output / 'model.toml'}")
+    robot = "" if written.robot is None else f"   robot: {written.robot}"
+    out.print(f"page: {output / 'report.html'}   model: {written.model}{robot}")
 
 
 def _gap_table(gaps: Sequence[ChannelGap]) -> Table:

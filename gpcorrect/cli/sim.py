@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+import tomllib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,12 +16,18 @@ from gpcorrect.cli.options import ROBOT, ArmName, KeyRoot, LogOutput, Remote
 from gpcorrect.cli.processes import stop_signal
 from gpcorrect.errors import DataError
 
+if TYPE_CHECKING:
+    from gpcorrect.sim import Effect, Model
+
 __all__ = ["RosDomain", "sim_app", "simulate"]
 
 sim_app = typer.Typer(no_args_is_help=True, help="Simulated arms that run live.")
 
 Machine = Annotated[
-    Path | None, typer.Option(help="Machine to simulate (TOML); a packaged one without it.", show_default=False)
+    Path | None,
+    typer.Option(
+        help="Machine to simulate (TOML), or a robot file (MJCF, URDF); a packaged one without it.", show_default=False
+    ),
 ]
 RosDomain = Annotated[
     int | None, typer.Option(help="Speak on rmw_zenoh's keys too, in this ROS_DOMAIN_ID.", show_default=False)
@@ -46,6 +54,14 @@ def simulate(
     payload: Annotated[
         list[float] | None, typer.Option(help="Payload in kg, in turn for reaches and joints. Repeatable.")
     ] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(help="Further effect: its name, joint and numbers (docs/simulator.md). Repeatable."),
+    ] = None,
+    noise: Annotated[
+        float | None,
+        typer.Option(help="Noise of outside joint sensors, rad and m; the model's own without it.", min=0),
+    ] = None,
     clean: Annotated[bool, typer.Option("--clean", help="A tracker without occlusions and outliers.")] = False,
     position_only: Annotated[bool, typer.Option("--position-only", help="A tracker that sees positions only.")] = False,
     seed: Annotated[int, typer.Option(help="Seed of motion, noise and faults.", min=0)] = 0,
@@ -59,12 +75,16 @@ def simulate(
     gpcorrect simulate reaches --arm dvrk_psm --reaches 60 --output psm.parquet
 
     gpcorrect simulate joints --model model.toml --seed 3 --output joints.csv
+
+    gpcorrect simulate joints --model robot.xml --effect "backlash joint=2 radius=0.004" --noise 1e-4
     """
     from gpcorrect.logs import write_log
     from gpcorrect.sim import debridement_log, joint_motion_log, random_reaches_log, read_model
 
     require_folder(output)
-    machine = None if model is None else read_model(model)
+    machine = None if model is None else _altered(read_model(model), effect or (), noise)
+    if machine is None and (effect or noise is not None):
+        raise DataError("effects and noise are added to a model.", hint="Give it: --model model.toml")
     chosen = task or ("debridement" if machine is None else "joints")
     if chosen not in COUNTS:
         raise DataError(f"a task is one of {', '.join(COUNTS)}; got {chosen!r}.")
@@ -88,6 +108,31 @@ def simulate(
         log = joint_motion_log(machine, count, seconds, seed, sessions=sessions, payloads=payload or ())
     write_log(log, output)
     out.print(f"{len(log)} samples, {len(log.trajectory_ids)} trajectories: {', '.join(log.signals)} -> {output}")
+
+
+def _altered(model: Model, effects: Sequence[str], noise: float | None) -> Model:
+    """Return a model with further effects, and with this noise on outside joint sensors."""
+    from gpcorrect.sim.settings import Noise
+
+    if noise is not None:
+        sensors = (model.noise or Noise()).model_copy(update={"external_jp_white": (noise,) * len(model.joints)})
+        model = model.model_copy(update={"noise": sensors})
+    return model.with_effects(*model.effects, *map(_effect, effects))
+
+
+def _effect(text: str) -> Effect:
+    """Return the effect of a text as "backlash joint=2 radius=0.004"."""
+    from gpcorrect.sim import effect_from_dict
+
+    name, *fields = text.split()
+    try:
+        values = tomllib.loads("\n".join(fields))
+    except tomllib.TOMLDecodeError as error:
+        raise DataError(
+            f"an effect is a name and fields with numbers, got {text!r}.",
+            hint='For example: --effect "backlash joint=2 radius=0.004"',
+        ) from error
+    return effect_from_dict({"name": name} | values)
 
 
 @sim_app.command()

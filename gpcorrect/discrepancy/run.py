@@ -30,7 +30,7 @@ from gpcorrect.discrepancy.search.state import Search, start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.logs.join import join_logs
 from gpcorrect.sim.effects import in_order
-from gpcorrect.sim.model import Model
+from gpcorrect.sim.model import Model, model_key
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
 __all__ = ["find_discrepancy"]
@@ -78,7 +78,7 @@ def find_discrepancy(
     log = logs if isinstance(logs, CalibrationLog) else join_logs(logs)
     store = None
     if stages is not None:
-        key = inputs_key(log.digest, len(log), model.model_dump_json(), seed, tolerance, version("gpcorrect"))
+        key = inputs_key(log.digest, len(log), model_key(model), seed, tolerance, version("gpcorrect"))
         store = StageStore(stages, key)
         if (finished := store.load_result()) is not None:
             return finished

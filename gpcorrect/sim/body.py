@@ -24,18 +24,23 @@ class Links:
     com : (k, 3) array
         Centres of mass, m.
     inertia_diagonal : (k, 3) array
-        Principal moments about the centre of mass, along the link frame's axes, kg m^2.
+        Moments about the centre of mass, along the link frame's axes, kg m^2.
     payload : (N,) array
         Point mass at the tip in each run, kg.
+    inertia_products : (k, 3) array or None
+        Entries xy, xz and yz of the same inertia matrix; None where the link frame's axes are principal.
     """
 
     mass: FloatArray
     com: FloatArray
     inertia_diagonal: FloatArray
     payload: FloatArray
+    inertia_products: FloatArray | None = None
 
     def __post_init__(self) -> None:
         k = len(self.mass)
+        if self.inertia_products is not None and self.inertia_products.shape != (k, 3):
+            raise DataError(f"{k} link masses need ({k}, 3) inertia products, got {self.inertia_products.shape}.")
         if self.com.shape != (k, 3) or self.inertia_diagonal.shape != (k, 3):
             raise DataError(
                 f"{k} link masses need centres and inertias of shape ({k}, 3), got {self.com.shape} and "
@@ -68,6 +73,8 @@ class Body:
         Masses.
     gravity : (3,) array
         m/s^2, base frame.
+    springs : (2, k) array or None
+        Stiffness of a spring at each moving joint, N m/rad or N/m, and the joint value at which it is at rest.
     """
 
     joints: tuple[int, ...]
@@ -76,6 +83,7 @@ class Body:
     held: FloatArray
     links: Links
     gravity: FloatArray
+    springs: FloatArray | None = None
 
     @property
     def columns(self) -> list[int]:

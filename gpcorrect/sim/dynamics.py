@@ -31,12 +31,15 @@ class Posture:
         All joints.
     shape : tuple of int
         Of the moving joints' array `(..., k)`, whose leading axes are m postures.
+    springs : (m, k) array or None
+        Torques or forces that hold the joints against their springs, which count as gravity's do.
     """
 
     tables: Tables
     payload: FloatArray
     values: FloatArray
     shape: tuple[int, ...]
+    springs: FloatArray | None = None
 
     def loads(self, velocity: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the torques or forces `(..., k)` that hold the arm up, and those that make it follow joint rates.
@@ -55,6 +58,8 @@ class Posture:
             rigid_loads(first, last, self.tables, self.payload, self.values, rates[0], rates[1], out)
 
         in_parts(len(self.values), len(self.values) * STEPS, part)
+        if self.springs is not None:
+            out[0] += self.springs
         return out[0].reshape(self.shape), out[1].reshape(self.shape)
 
     def gravity_load(self) -> FloatArray:
@@ -84,7 +89,9 @@ def posture_at(body: Body, q: FloatArray) -> Posture | None:
         return None
     payload = np.broadcast_to(links.payload, q.shape[:-1]).reshape(-1)
     values = body.all_joints(q).reshape(-1, body.chain.dof)
-    return Posture(_tables(body), np.ascontiguousarray(payload), values, q.shape)
+    moving = q.reshape(-1, q.shape[-1])
+    springs = None if body.springs is None else body.springs[0] * (moving - body.springs[1])
+    return Posture(_tables(body), np.ascontiguousarray(payload), values, q.shape, springs)
 
 
 @lru_cache(maxsize=8)
@@ -93,12 +100,15 @@ def _tables(body: Body) -> Tables:
     assert body.chain is not None
     chain, links = body.chain, body.links
     dof, k = chain.dof, len(links.mass)
-    mass, com, moments = np.zeros(dof), np.zeros((dof, 3)), np.zeros((dof, 3))
-    mass[:k], com[:k], moments[:k] = links.mass, links.com, links.inertia_diagonal
+    mass, com, moments = np.zeros(dof), np.zeros((dof, 3)), np.zeros((dof, 6))
+    mass[:k], com[:k], moments[:k, :3] = links.mass, links.com, links.inertia_diagonal
+    if links.inertia_products is not None:
+        moments[:k, 3:] = links.inertia_products
     column = np.full(dof, -1, dtype=np.int64)
     column[body.columns] = np.arange(len(body.joints))
     return Tables(
         dh=np.array([(np.cos(j.alpha), np.sin(j.alpha), j.a, j.d, j.theta) for j in chain.joints]),
+        placements=chain.placements,
         prismatic=~chain.revolute,
         modified=chain.convention == "modified",
         column=column,

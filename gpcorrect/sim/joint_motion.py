@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gpcorrect.arms import arm_named
+from gpcorrect.arms import RemoteCentreArm
 from gpcorrect.errors import DataError
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.plan import Plan, Segment, minimum_jerk, plan_of
 from gpcorrect.sim.record import simulate
-from gpcorrect.sim.resolve import BARE_JOINTS, machine_of, rehomed
+from gpcorrect.sim.resolve import arm_of, machine_of, rehomed
 from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["joint_motion_log", "joint_motion_plan", "joint_ranges"]
@@ -120,13 +120,16 @@ def joint_ranges(model: Model) -> FloatArray:
     model : Model
         The machine.
     """
-    if model.arm == BARE_JOINTS:
-        reach = np.array([BARE_RANGE[kind] for kind in model.joint_types or "R" * len(model.joints)])
-        return np.stack([-reach, reach], axis=1)
-    arm = arm_named(model.arm)
+    arm = arm_of(model)
+    types = (model.joint_types or "R" * len(model.joints)) if arm is None else arm.joint_types
+    bare = np.array([BARE_RANGE[kind] for kind in types])
+    if arm is None:
+        return np.stack([-bare, bare], axis=1)
     columns = [number - 1 for number in model.joints]
     limits, home = arm.limits[columns], arm.home[columns]
     reach = REACH * np.ptp(limits, axis=1)
+    if not isinstance(arm, RemoteCentreArm):  # wide limits: whole turns at these paces would take any motor's torque
+        reach = np.minimum(reach, bare[columns])
     return np.stack([np.maximum(home - reach, limits[:, 0]), np.minimum(home + reach, limits[:, 1])], axis=1)
 
 

@@ -10,13 +10,12 @@ from typing import Literal
 
 import numpy as np
 
-from gpcorrect.arms import Arm, arm_named
+from gpcorrect.arms import Arm, RemoteCentreArm
 from gpcorrect.errors import DataError
 from gpcorrect.sim.live import LiveArm
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.plan import minimum_jerk
 from gpcorrect.sim.reaching import Pace, tour, working_posture
-from gpcorrect.sim.resolve import BARE_JOINTS
 from gpcorrect.sim.sensors import Sensors
 from gpcorrect.types import FloatArray
 
@@ -74,9 +73,9 @@ class LiveRobot:
     """
 
     def __init__(self, machine: Machine, rng: np.random.Generator, *, start: float = 0.0, block: int = 5) -> None:
-        self._arm: Arm | None = None if machine.arm == BARE_JOINTS else arm_named(machine.arm)
+        self._arm: Arm | None = machine.description
         self._columns = [number - 1 for number in machine.body.joints]
-        q = np.zeros(len(self._columns)) if self._arm is None else working_posture(self._arm)[self._columns]
+        q = np.zeros(len(self._columns)) if self._arm is None else _start(self._arm)[self._columns]
         self.machine = machine
         self._live = LiveArm(machine, q, start=start, block=block)
         self._sensors = Sensors(machine, rng)
@@ -318,6 +317,8 @@ class LiveRobot:
         """Joint path of tool poses `(n, 4, 4)` that goes on from where the arm is."""
         if self._arm is None or len(self._columns) != self._arm.dof:
             raise DataError("this machine does not move all joints of an arm: it takes joints, not poses.")
+        if not isinstance(self._arm, RemoteCentreArm):
+            return self._arm.follow(T, self._setpoint)
         found = self._arm.solutions(T)
         apart = np.abs(found.q[0] - self._setpoint).max(axis=-1)
         usable = np.flatnonzero(found.within_limits.all(axis=0))
@@ -333,3 +334,8 @@ class LiveRobot:
         speed = UNRATED * np.ptp(self._arm.limits, axis=1) if published is None else np.array(published)
         chosen: FloatArray = speed[self._columns]
         return chosen
+
+
+def _start(arm: Arm) -> FloatArray:
+    """Joints `(dof,)` in which an arm comes up."""
+    return working_posture(arm) if isinstance(arm, RemoteCentreArm) else arm.home

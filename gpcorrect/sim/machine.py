@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from gpcorrect.arms import Arm
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
 from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, in_order, of_kind
@@ -34,6 +35,11 @@ class Drive:
     feedforward : "none", "gravity" or "rigid-body"
         Torque added at the commanded motion from the nominal masses: nothing, what holds the arm, or also what
         accelerates it and its motors.
+    kv : (dof,) array or None
+        Gains on the motor's own velocity, which a controller without a velocity command brakes by; none when None.
+    friction, damping, limit : (dof,) arrays or None
+        Dry friction, viscous damping and largest torque that the drives are known to have, as a robot file gives them;
+        none where it is silent.
     """
 
     kp: FloatArray
@@ -41,6 +47,10 @@ class Drive:
     motor_inertia: FloatArray
     rate_hz: float = 1000.0
     feedforward: Feedforward = "none"
+    kv: FloatArray | None = None
+    friction: FloatArray | None = None
+    damping: FloatArray | None = None
+    limit: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if not len(self.kp) == len(self.kd) == len(self.motor_inertia):
@@ -48,8 +58,8 @@ class Drive:
                 f"kp, kd and motor_inertia must have one number a joint, got {len(self.kp)}, {len(self.kd)} and "
                 f"{len(self.motor_inertia)}."
             )
-        if not ((self.kp > 0).all() and (self.kd >= 0).all() and (self.motor_inertia > 0).all()):
-            raise DataError("kp and motor_inertia must be above 0, kd at least 0.")
+        if not ((self.kp > 0).all() and (self.kd >= 0).all() and (self.motor_inertia >= 0).all()):
+            raise DataError("kp must be above 0, kd and motor_inertia at least 0.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +84,8 @@ class Machine:
         What goes wrong with the tracker now and then.
     T_tracker_base, T_tip_marker : (4, 4) arrays
         Base in the tracker's frame, and tracked marker in the tip frame.
+    description : Arm or None
+        The arm's own numbers: limits, rest position, speeds; None for bare joints.
     """
 
     arm: str
@@ -85,6 +97,7 @@ class Machine:
     faults: TrackerFaults = field(default_factory=TrackerFaults)
     T_tracker_base: FloatArray = field(default_factory=lambda: np.eye(4))
     T_tip_marker: FloatArray = field(default_factory=lambda: np.eye(4))
+    description: Arm | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", in_order(self.effects))

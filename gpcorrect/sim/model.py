@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import resources
@@ -11,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializeAsAny, ValidationError, field_serializer, field_validator
 
+from gpcorrect.arms import is_robot_file, read_robot
 from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Effect, effect_from_dict, in_order
@@ -23,6 +25,7 @@ __all__ = [
     "Pose",
     "TransmissionTable",
     "model_from_dict",
+    "model_key",
     "preset",
     "preset_names",
     "read_model",
@@ -73,9 +76,15 @@ class Model(Settings):
     Parameters
     ----------
     arm : str
-        "raven2_left", "raven2_right", "dvrk_psm", or "joints" for a bare joint chain with no kinematics.
+        "raven2_left", "raven2_right", "dvrk_psm", or "joints" for a bare joint chain with no kinematics; with a robot
+        file only a name for logs.
     joints : tuple of int
-        Numbers of the joints that the logs speak of.
+        Numbers of the joints that the logs speak of, from the base on.
+    robot : str
+        Robot file, MJCF or URDF; in a model file relative to it, and `joints` may there be names, or absent for all.
+    tool, base : str
+        Of the robot file: body or site whose frame is the tip, and body whose frame is the base; see
+        :func:`gpcorrect.arms.read_robot`.
     joint_types : str
         "R" or "P" for each of them; only for bare joints, "R" throughout when absent.
     wrist : tuple of float
@@ -98,6 +107,9 @@ class Model(Settings):
 
     arm: str
     joints: Annotated[tuple[JointNumber, ...], Field(min_length=1)]
+    robot: str | None = None
+    tool: str | None = None
+    base: str | None = None
     joint_types: Annotated[str, Field(pattern="^[RP]+$")] | None = None
     wrist: tuple[Number, ...] | None = None
     theta_offset_deg: tuple[Number, ...] | None = None
@@ -127,7 +139,7 @@ class Model(Settings):
         return self.model_copy(update={"effects": in_order(effects)})
 
 
-def model_from_dict(values: Mapping[str, Any], source: str = "model") -> Model:
+def model_from_dict(values: Mapping[str, Any], source: str = "model", folder: Path | None = None) -> Model:
     """Check plain values and return the model.
 
     Parameters
@@ -136,21 +148,43 @@ def model_from_dict(values: Mapping[str, Any], source: str = "model") -> Model:
         Keys of a model file.
     source : str
         What the message of an error begins with.
+    folder : Path, optional
+        What the path of a robot file is relative to.
 
     Raises
     ------
     DataError
-        A key is unknown or missing, or a value has the wrong type or range; the message names every one.
+        A key is unknown or missing, or a value has the wrong type or range; the message names every one. Or the robot
+        file holds no such arm.
     """
+    plain = dict(values)
+    if isinstance(plain.get("robot"), str):
+        plain |= _of_robot(plain, Path() if folder is None else folder)
+    elif "tool" in plain or "base" in plain:
+        raise DataError(f"{source}: tool and base are of a robot file.", hint='Name it: robot = "robot.xml".')
     try:
-        return Model.model_validate(dict(values))
+        return Model.model_validate(plain)
     except ValidationError as error:
         problems = "; ".join(_problem(e["loc"], e["type"], e["msg"]) for e in error.errors())
         raise DataError(f"{source}: {problems}.", hint="See docs/simulator.md for the keys of a model file.") from error
 
 
+def _of_robot(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return path, joint numbers, tool and name of a model with a robot file."""
+    joints = values.get("joints", ())
+    names = [joint for joint in joints if isinstance(joint, str)] if isinstance(joints, Sequence) else []
+    path = (folder / values["robot"]).absolute()
+    robot = read_robot(path, names or None, values.get("tool"), values.get("base"))
+    found: dict[str, Any] = {"robot": str(path), "tool": robot.tool, "arm": values.get("arm", robot.arm.name)}
+    if not joints:
+        found["joints"] = tuple(range(1, robot.arm.dof + 1))
+    elif names:
+        found["joints"] = tuple(robot.joints.index(j) + 1 if isinstance(j, str) else j for j in joints)
+    return found
+
+
 def read_model(path: str | Path) -> Model:
-    """Read a model file.
+    """Read a model file, or a robot file (MJCF, URDF) as a model of all its joints.
 
     Parameters
     ----------
@@ -162,15 +196,30 @@ def read_model(path: str | Path) -> Model:
     DataError
         The file cannot be read, is no TOML, or :func:`model_from_dict` refuses it.
     """
+    file = Path(path)
+    if is_robot_file(file):
+        return model_from_dict({"robot": file.name}, source=str(path), folder=file.parent)
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"cannot read the model file {path}: {error}.") from error
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise DataError(f"{path} is no TOML: {error}.") from error
-    return model_from_dict(values, source=str(path))
+    return model_from_dict(values, source=str(path), folder=file.parent)
+
+
+def model_key(model: Model) -> str:
+    """Return a text that changes when the model, or what its robot file says of the arm, changes.
+
+    Parameters
+    ----------
+    model : Model
+        Any model.
+    """
+    digest = "" if model.robot is None else read_robot(model.robot, tool=model.tool, base=model.base).digest
+    return model.model_dump_json() + digest
 
 
 def model_text(model: Model) -> str:
@@ -192,8 +241,10 @@ def write_model(model: Model, path: str | Path) -> None:
     model : Model
         Any model.
     path : str or Path
-        Of the file.
+        Of the file; a robot file is named relative to it.
     """
+    if model.robot is not None:
+        model = model.model_copy(update={"robot": Path(os.path.relpath(model.robot, Path(path).parent)).as_posix()})
     with atomic_path(path) as temporary:
         temporary.write_text(model_text(model), encoding="utf-8")
 

@@ -26,6 +26,9 @@ from gpcorrect.types import FloatArray
 __all__ = ["PASSES", "Command", "Driven", "Outcome", "feedforward", "follow_command", "joint_path", "run", "tip_path"]
 
 PASSES = 2  # after the first guess; each shrinks an error of the load to a few per cent of it (load stiffness / kp)
+LAGGING_PASSES = (
+    3  # where `kv` lets the motors lag behind the guess: on a UR5e 5e-7 rad from the limit (2 passes: 2e-5)
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +70,7 @@ class Driven:
     q: FloatArray
 
 
-def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
+def run(machine: Machine, plan: Plan, passes: int | None = None) -> Outcome:
     """Let the machine follow a plan.
 
     Parameters
@@ -76,8 +79,8 @@ def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
         Arm, drives and effects.
     plan : Plan
         Desired paths.
-    passes : int
-        Times that motion and load are computed from each other.
+    passes : int, optional
+        Times that motion and load are computed from each other; as many as the drives need when None.
 
     Returns
     -------
@@ -90,7 +93,7 @@ def run(machine: Machine, plan: Plan, passes: int = PASSES) -> Outcome:
     return Outcome(motion, driven.torque, seen, tip)
 
 
-def follow_command(machine: Machine, command: Command, passes: int = PASSES) -> Driven:
+def follow_command(machine: Machine, command: Command, passes: int | None = None) -> Driven:
     """Let the motors follow a command, with the effects on the way from the drive to the link.
 
     Parameters
@@ -99,7 +102,7 @@ def follow_command(machine: Machine, command: Command, passes: int = PASSES) -> 
         Arm, drives and effects.
     command : Command
         Made once for this arm, drive and plan; the effects may be others each time.
-    passes : int
+    passes : int, optional
         As for :func:`run`.
 
     Returns
@@ -110,7 +113,7 @@ def follow_command(machine: Machine, command: Command, passes: int = PASSES) -> 
     body = machine.actual_body(machine.payload(plan))
     mass = command.mass if machine.has_nominal_body else mean_inertia(body, plan.q)
     path, load = _first_guess(machine, body, command)
-    for number in range(passes):
+    for number in range(passes or (PASSES if machine.drive.kv is None else LAGGING_PASSES)):
         load = link_load(body, path) if number or load is None else load
         reference = command.reference(load.total, mass * path.acceleration, machine.drive.motor_inertia + mass)
         servo = follow(machine.drive, reference, clock, body.joints, machine.effects)

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.arms import Arm, arm_named
+from gpcorrect.arms import RemoteCentreArm
 from gpcorrect.errors import DataError
+from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model, preset
 from gpcorrect.sim.plan import Plan, Segment, plan_of
 from gpcorrect.sim.reaching import Pace, Workspace, joint_tour, tour, upright, working_posture
@@ -70,16 +71,16 @@ def debridement_log(
     machine = machine_of(preset(DEBRIDEMENT_PRESET) if model is None else model)
     if not faults:
         machine = replace(machine, faults=TrackerFaults())
-    plan = debridement_plan(arm_named(machine.arm), reaches, machine.log_rate_hz, np.random.default_rng([seed, 1]))
+    plan = debridement_plan(_reaching(machine), reaches, machine.log_rate_hz, np.random.default_rng([seed, 1]))
     return simulate(machine, plan, seed, position_only=position_only)
 
 
-def debridement_plan(arm: Arm, reaches: int, rate_hz: float, rng: np.random.Generator) -> Plan:
+def debridement_plan(arm: RemoteCentreArm, reaches: int, rate_hz: float, rng: np.random.Generator) -> Plan:
     """Plan reaches from home to a fragment and on from fragment to fragment, in runs of 25, one after the other.
 
     Parameters
     ----------
-    arm : Arm
+    arm : RemoteCentreArm
         That reaches.
     reaches : int
         How many.
@@ -146,7 +147,7 @@ def random_reaches_log(
     machine = machine_of(rehomed(preset(arm) if model is None else model, sessions, rng))
     if not faults:
         machine = replace(machine, faults=TrackerFaults())
-    body = arm_named(machine.arm)
+    body = _reaching(machine)
     workspace = _workspace(body, SIZE, TILT, 1.0)
     segments: list[Segment] = []
     for session, numbers in enumerate(np.array_split(np.arange(n_trajectories), sessions)):
@@ -166,7 +167,16 @@ def random_reaches_log(
     return simulate(machine, plan_of(segments, machine.log_rate_hz), seed, position_only=position_only)
 
 
-def _workspace(arm: Arm, size: FloatArray, tilt: float, crowding: float) -> Workspace:
+def _reaching(machine: Machine) -> RemoteCentreArm:
+    if not isinstance(machine.description, RemoteCentreArm):
+        raise DataError(
+            f"reaches are planned for arms with a remote centre, {machine.arm} is none.",
+            hint="Simulate joint motion: gpcorrect simulate joints.",
+        )
+    return machine.description
+
+
+def _workspace(arm: RemoteCentreArm, size: FloatArray, tilt: float, crowding: float) -> Workspace:
     """Box of a size (m, the last one vertical) around the tool in the arm's working posture."""
     T = arm.forward(working_posture(arm))
     return Workspace(se3.pose(upright(arm.gravity), T[:3, 3]), size, T[:3, :3], tilt, crowding)

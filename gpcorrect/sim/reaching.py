@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.arms import Arm
+from gpcorrect.arms import RemoteCentreArm
 from gpcorrect.errors import DataError
 from gpcorrect.sim.plan import minimum_jerk, trapezoid
 from gpcorrect.types import FloatArray, IntArray
@@ -84,12 +84,12 @@ class Workspace:
     tilt: float
     crowding: float = 1.0
 
-    def sample(self, arm: Arm, count: int, rng: np.random.Generator) -> FloatArray:
+    def sample(self, arm: RemoteCentreArm, count: int, rng: np.random.Generator) -> FloatArray:
         """Return random tool poses `(count, 4, 4)` that the arm reaches within its limits.
 
         Parameters
         ----------
-        arm : Arm
+        arm : RemoteCentreArm
             That must reach the poses.
         count : int
             How many.
@@ -159,12 +159,12 @@ def tour(stops: FloatArray, numbers: Sequence[int], paces: Sequence[Pace], rate_
     return Tour(np.concatenate(poses), np.concatenate(labels))
 
 
-def joint_tour(arm: Arm, path: Tour) -> FloatArray:
+def joint_tour(arm: RemoteCentreArm, path: Tour) -> FloatArray:
     """Return the joint path `(n, dof)` of a tour, all on one branch of the inverse kinematics: the one nearest to home.
 
     Parameters
     ----------
-    arm : Arm
+    arm : RemoteCentreArm
         That follows.
     path : Tour
         Of its tool.
@@ -185,12 +185,12 @@ def joint_tour(arm: Arm, path: Tour) -> FloatArray:
     return chosen
 
 
-def working_posture(arm: Arm) -> FloatArray:
+def working_posture(arm: RemoteCentreArm) -> FloatArray:
     """Return joint values `(dof,)` of the arm at home, but with its wrist well inside: 13 cm from the remote centre.
 
     Parameters
     ----------
-    arm : Arm
+    arm : RemoteCentreArm
         With a remote centre.
     """
     depths = np.linspace(arm.limits[2, 0], arm.limits[2, 1], DEPTH_GRID)

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.arms import Arm, Chain, arm_named
+from gpcorrect.arms import Arm, Chain, Robot, arm_named, read_robot
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body, Links
+from gpcorrect.sim.dynamics import mean_inertia
 from gpcorrect.sim.effects import ChainEffect, LoadEffect, TipEffect
 from gpcorrect.sim.effects.homing_offset import HomingOffset
 from gpcorrect.sim.machine import Drive, Machine
@@ -17,7 +18,7 @@ from gpcorrect.sim.model import Controller, Model, Pose
 from gpcorrect.sim.settings import Noise, TrackerFaults
 from gpcorrect.types import FloatArray
 
-__all__ = ["BARE_JOINTS", "machine_of", "rehomed"]
+__all__ = ["BARE_JOINTS", "arm_of", "has_controller", "machine_of", "rehomed", "robot_of"]
 
 BARE_JOINTS = "joints"  # the `arm` of a model without kinematics
 
@@ -27,6 +28,49 @@ DAMPING_RATIO = 1.0  # critical: the fastest loop that does not overshoot
 ROTOR_RE40 = 1.42e-5  # kg m^2, catalogue of maxon motors, RE 40 (joints 1 to 3 of RAVEN-II)
 ROTOR_RE30 = 3.35e-6  # kg m^2, the same, RE 30 (its tool joints)
 TYPICAL = {"R": 0.05, "P": 5.0}  # kg m^2 and kg; chosen by hand where no motor is published, as of a surgical arm
+
+
+def robot_of(model: Model) -> Robot | None:
+    """Return the robot of a model's robot file; None where it names none.
+
+    Parameters
+    ----------
+    model : Model
+        As read from a file.
+    """
+    return None if model.robot is None else read_robot(model.robot, tool=model.tool, base=model.base)
+
+
+def arm_of(model: Model) -> Arm | None:
+    """Return the arm that a model names or whose robot file it names; None for bare joints.
+
+    Parameters
+    ----------
+    model : Model
+        As read from a file, or packaged.
+
+    Raises
+    ------
+    DataError
+        No arm has the name.
+    """
+    robot = robot_of(model)
+    if robot is not None:
+        return robot.arm
+    return None if model.arm == BARE_JOINTS else arm_named(model.arm)
+
+
+def has_controller(model: Model) -> bool:
+    """Return whether the gains of the servo loop are known: from the model, or its robot file's position servos.
+
+    Parameters
+    ----------
+    model : Model
+        As read from a file, or packaged.
+    """
+    robot = robot_of(model)
+    known = robot is not None and robot.drives.servo[[number - 1 for number in model.joints]].all()
+    return model.controller is not None or bool(known)
 
 
 def machine_of(model: Model) -> Machine:
@@ -42,7 +86,8 @@ def machine_of(model: Model) -> Machine:
     DataError
         A list has not one number a joint, or a name is unknown.
     """
-    body = _bare_body(model) if model.arm == BARE_JOINTS else _arm_body(model, arm_named(model.arm))
+    arm, robot = arm_of(model), robot_of(model)
+    body = _bare_body(model) if arm is None else _arm_body(model, arm, robot)
     noise = model.noise or Noise()
     for name in ("external_jp_white", "external_jp_ar_std", "encoder_step"):
         if getattr(noise, name):
@@ -56,13 +101,14 @@ def machine_of(model: Model) -> Machine:
     return Machine(
         arm=model.arm,
         body=body,
-        drive=_drive(model, body),
+        drive=_drive(model, body) if robot is None else _robot_drive(model, body, robot),
         log_rate_hz=model.log_rate_hz,
         effects=model.effects,
         noise=noise,
         faults=model.faults or TrackerFaults(),
         T_tracker_base=_matrix(model.T_tracker_base),
         T_tip_marker=_matrix(model.T_tip_marker),
+        description=arm,
     )
 
 
@@ -108,6 +154,34 @@ def _drive(model: Model, body: Body) -> Drive:
     )
 
 
+def _robot_drive(model: Model, body: Body, robot: Robot) -> Drive:
+    """Drive of a robot file; what the model file says counts more."""
+    known, columns, dof = robot.drives, body.columns, len(body.joints)
+    inertia, kv = known.armature[columns], None
+    if model.transmission is not None:
+        inertia = _check_length("transmission.motor_inertia", model.transmission.motor_inertia, dof)
+    if model.controller is not None:
+        kp = _check_length("controller.kp", model.controller.kp, dof)
+        kd = _check_length("controller.kd", model.controller.kd, dof)
+    else:
+        omega, servo = 2 * np.pi * BANDWIDTH_HZ, known.servo[columns]
+        moved = inertia + mean_inertia(body, robot.arm.home[columns][None, None])
+        kp = np.where(servo, known.kp[columns], moved * omega**2)
+        kd = np.where(servo, 0.0, 2 * DAMPING_RATIO * omega * moved)
+        kv = np.where(servo, known.kv[columns], 0.0)
+    return Drive(
+        kp=kp,
+        kd=kd,
+        motor_inertia=inertia,
+        rate_hz=1.0 / robot.step if model.controller is None else model.controller.rate_hz,
+        feedforward="none" if model.controller is None else model.controller.feedforward,
+        kv=kv,
+        friction=known.friction[columns],
+        damping=known.damping[columns],
+        limit=known.limit[columns],
+    )
+
+
 def _motor_inertia(arm: str, body: Body) -> FloatArray:
     """Rotor inertia reflected to each moving joint `(dof,)`, kg m^2 or kg."""
     if not arm.startswith("raven2"):
@@ -125,7 +199,7 @@ def _bare_body(model: Model) -> Body:
     return Body(model.joints, types, None, np.zeros(0), Links.none(), np.zeros(3))
 
 
-def _arm_body(model: Model, arm: Arm) -> Body:
+def _arm_body(model: Model, arm: Arm, robot: Robot | None) -> Body:
     if max(model.joints) > arm.dof or len(set(model.joints)) != len(model.joints):
         raise DataError(f"joints must be different numbers from 1 to {arm.dof}, got {list(model.joints)}.")
     others = [i for i in range(arm.dof) if i + 1 not in model.joints]
@@ -136,7 +210,10 @@ def _arm_body(model: Model, arm: Arm) -> Body:
     if model.joint_types not in (None, types):
         raise DataError(f"joint_types {model.joint_types} contradicts {model.arm}, whose joints are {types}.")
     gravity = arm.gravity if model.gravity is None else np.array(model.gravity)
-    return Body(model.joints, types, _chain(model, arm), held, _links(model, arm), gravity)
+    columns = [number - 1 for number in model.joints]
+    springs = None if robot is None else np.stack([robot.drives.stiffness[columns], robot.drives.rest[columns]])
+    springs = None if springs is None or not springs[0].any() else springs
+    return Body(model.joints, types, _chain(model, arm), held, _links(model, arm), gravity, springs)
 
 
 def _chain(model: Model, arm: Arm) -> Chain:
@@ -152,7 +229,10 @@ def _links(model: Model, arm: Arm) -> Links:
     table, payload = model.links, np.array([model.payload])
     if table is None:
         com = np.array([link.com for link in arm.links]).reshape(-1, 3)
-        return Links(np.array([link.mass for link in arm.links]), com, np.zeros(com.shape), payload)
+        inertia = np.array([link.inertia for link in arm.links]).reshape(-1, 3, 3)
+        products = inertia[:, [0, 0, 1], [1, 2, 2]]
+        moments = np.diagonal(inertia, axis1=1, axis2=2)
+        return Links(np.array([link.mass for link in arm.links]), com, moments, payload, products)
     if len(table.mass) > arm.dof:
         raise DataError(f"links.mass has {len(table.mass)} numbers, the arm has {arm.dof} links.")
     com = np.array(table.com).reshape(-1, 3)

@@ -19,9 +19,11 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 __all__ = ["Tables", "rigid_inertias", "rigid_loads"]
 
 Vector = tuple[float, float, float]
+Moments = tuple[float, float, float, float, float, float]  # xx, yy, zz, xy, xz, yz
 Frame = tuple[Vector, Vector, Vector, Vector]  # x, y and z axis, origin
 Twist = tuple[Vector, Vector, Vector, Vector]  # omega, v, alpha, a of what rides on a link, at the base origin
 GRAVITY, INERTIAL = 0, 1
+POINT = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # moments of a point mass
 
 
 class Tables(NamedTuple):
@@ -31,6 +33,8 @@ class Tables(NamedTuple):
     ----------
     dh : (dof, 5) array
         cos(alpha), sin(alpha), a, d, theta.
+    placements : (dof, 4, 4) or (0, 4, 4) array
+        Fixed motion before each row, or none at all.
     prismatic : (dof,) bool array
         Whether the joint value adds to d, not theta.
     modified : bool
@@ -41,13 +45,16 @@ class Tables(NamedTuple):
         As in the chain.
     mass : (dof,) array
         kg.
-    com, moments : (dof, 3) arrays
-        m and kg m^2, link frames.
+    com : (dof, 3) array
+        m, link frames.
+    moments : (dof, 6) array
+        Inertia about the centre of mass, link frames: xx, yy, zz, xy, xz, yz, kg m^2.
     gravity : (3,) array
         m/s^2.
     """
 
     dh: FloatArray
+    placements: FloatArray
     prismatic: BoolArray
     modified: bool
     column: IntArray
@@ -113,10 +120,9 @@ def rigid_inertias(first: int, last: int, tables: Tables, payload: FloatArray, q
                 w, v = _screw(axis, tables.prismatic[i])
                 _keep(screws, tables.column[i], w, v)
             if tables.mass[i] > 0.0:
-                moments = (tables.moments[i, 0], tables.moments[i, 1], tables.moments[i, 2])
-                _move(tables, i, tables.mass[i], moments, _centre(tables, i, frame), frame, screws, out, r)
+                _move(tables, i, tables.mass[i], _moments(tables, i), _centre(tables, i, frame), frame, screws, out, r)
         if payload[r] > 0.0:
-            _move(tables, q.shape[1] - 1, payload[r], (0.0, 0.0, 0.0), _tip(tables, frame), frame, screws, out, r)
+            _move(tables, q.shape[1] - 1, payload[r], POINT, _tip(tables, frame), frame, screws, out, r)
 
 
 @njit(cache=True)
@@ -143,10 +149,9 @@ def _outward(
         for c in range(12):
             wrenches[i, c] = 0.0
         if tables.mass[i] > 0.0:
-            moments = (tables.moments[i, 0], tables.moments[i, 1], tables.moments[i, 2])
-            _carry(tables, tables.mass[i], moments, _centre(tables, i, frame), frame, twist, wrenches, i)
+            _carry(tables, tables.mass[i], _moments(tables, i), _centre(tables, i, frame), frame, twist, wrenches, i)
     if payload[r] > 0.0:
-        _carry(tables, payload[r], rest, _tip(tables, frame), frame, twist, wrenches, q.shape[1] - 1)
+        _carry(tables, payload[r], POINT, _tip(tables, frame), frame, twist, wrenches, q.shape[1] - 1)
 
 
 @njit(cache=True)
@@ -173,6 +178,12 @@ def _base(tables: Tables) -> Frame:
 @njit(cache=True)
 def _centre(tables: Tables, i: int, frame: Frame) -> Vector:
     return _at(frame, tables.com[i, 0], tables.com[i, 1], tables.com[i, 2])
+
+
+@njit(cache=True)
+def _moments(tables: Tables, i: int) -> Moments:
+    m = tables.moments
+    return m[i, 0], m[i, 1], m[i, 2], m[i, 3], m[i, 4], m[i, 5]
 
 
 @njit(cache=True)
@@ -206,6 +217,8 @@ def _link(tables: Tables, i: int, value: float, frame: Frame) -> tuple[Frame, Fr
         d += value
     else:
         theta += value
+    if len(tables.placements):
+        frame = _placed(frame, tables.placements[i])
     if tables.modified:
         moved = _screw_z(_screw_x(frame, cosine, sine, a), theta, d)
         return moved, moved
@@ -233,7 +246,7 @@ def _ridden(twist: Twist, w: Vector, v: Vector, rate: float, change: float) -> T
 def _carry(
     tables: Tables,
     mass: float,
-    moments: Vector,
+    moments: Moments,
     centre: Vector,
     frame: Frame,
     twist: Twist,
@@ -259,7 +272,7 @@ def _move(
     tables: Tables,
     link: int,
     mass: float,
-    moments: Vector,
+    moments: Moments,
     centre: Vector,
     frame: Frame,
     screws: FloatArray,
@@ -277,11 +290,13 @@ def _move(
 
 
 @njit(cache=True)
-def _times(frame: Frame, moments: Vector, vector: Vector) -> Vector:
-    """Inertia, principal along the frame's axes, times a vector in base axes."""
+def _times(frame: Frame, moments: Moments, vector: Vector) -> Vector:
+    """Inertia in a frame's axes, times a vector in base axes."""
     x, y, z, _ = frame
-    along = _scaled(moments[0] * _dot(x, vector), x)
-    return _add(along, _add(_scaled(moments[1] * _dot(y, vector), y), _scaled(moments[2] * _dot(z, vector), z)))
+    a, b, c = _dot(x, vector), _dot(y, vector), _dot(z, vector)
+    xx, yy, zz, xy, xz, yz = moments
+    along = _scaled(xx * a + xy * b + xz * c, x)
+    return _add(along, _add(_scaled(xy * a + yy * b + yz * c, y), _scaled(xz * a + yz * b + zz * c, z)))
 
 
 @njit(cache=True)
@@ -306,6 +321,19 @@ def _dot(a: Vector, b: Vector) -> float:
 def _cross(a: Vector, b: Vector) -> Vector:
     """Vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True)
+def _placed(frame: Frame, by: FloatArray) -> Frame:
+    """Frame moved by a rigid motion in its own axes."""
+    x, y, z = _turned(frame, by, 0), _turned(frame, by, 1), _turned(frame, by, 2)
+    return x, y, z, _add(frame[3], _turned(frame, by, 3))
+
+
+@njit(cache=True)
+def _turned(frame: Frame, by: FloatArray, k: int) -> Vector:
+    """Column of a matrix, given in a frame's axes, in base axes."""
+    return _add(_scaled(by[0, k], frame[0]), _add(_scaled(by[1, k], frame[1]), _scaled(by[2, k], frame[2])))
 
 
 @njit(cache=True)

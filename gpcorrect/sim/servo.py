@@ -103,16 +103,19 @@ class Loop:
     """
 
     def __init__(self, drive: Drive, joints: tuple[int, ...], effects: Sequence[Effect]) -> None:
-        frictions = sorted(of_kind(effects, FrictionEffect), key=lambda e: e.column(joints))
-        torques = sorted(of_kind(effects, TorqueEffect), key=lambda e: e.column(joints))
+        frictions = [(e.column(joints), SIDES.index(e.side), e.law()) for e in of_kind(effects, FrictionEffect)]
+        torques = [(e.column(joints), e.law()) for e in of_kind(effects, TorqueEffect)]
+        own_frictions, own_torques = _own_laws(drive)
+        frictions = sorted([*own_frictions, *frictions], key=lambda law: law[0])
+        torques = sorted([*own_torques, *torques], key=lambda law: law[0])
         columns = np.arange(len(joints) + 1)
         self._drive = drive
         self._laws = _Laws(
-            friction=np.array([e.law() for e in frictions]).reshape(-1, len(FrictionLaw._fields)),
-            friction_of=np.searchsorted([e.column(joints) for e in frictions], columns),
-            friction_side=np.array([SIDES.index(e.side) for e in frictions], dtype=np.int64),
-            torque=np.array([e.law() for e in torques]).reshape(-1, len(TorqueLaw._fields)),
-            torque_of=np.searchsorted([e.column(joints) for e in torques], columns),
+            friction=np.array([law for _, _, law in frictions]).reshape(-1, len(FrictionLaw._fields)),
+            friction_of=np.searchsorted([column for column, _, _ in frictions], columns),
+            friction_side=np.array([side for _, side, _ in frictions], dtype=np.int64),
+            torque=np.array([law for _, law in torques]).reshape(-1, len(TorqueLaw._fields)),
+            torque_of=np.searchsorted([column for column, _ in torques], columns),
         )
 
     def check_stable(self, inertia: FloatArray, step: float) -> None:
@@ -201,6 +204,7 @@ class _Given(NamedTuple):
 
     kp: FloatArray
     kd: FloatArray
+    kv: FloatArray
     gain: FloatArray
     step: float
     stride: int
@@ -225,14 +229,29 @@ class _Laws(NamedTuple):
     torque_of: IntArray
 
 
+def _own_laws(drive: Drive) -> tuple[list[tuple[int, int, FrictionLaw]], list[tuple[int, TorqueLaw]]]:
+    """Friction and limits that the drives are known to have, each with its column (and side)."""
+    still = np.zeros(len(drive.kp))
+    dry = still if drive.friction is None else drive.friction
+    viscous = still if drive.damping is None else drive.damping
+    frictions = [
+        (j, MOTOR, FrictionLaw(torque=float(dry[j]), damping=float(viscous[j])))
+        for j in range(len(dry))
+        if dry[j] > 0 or viscous[j] > 0
+    ]
+    limits = [] if drive.limit is None else [(j, TorqueLaw(limit=float(limit))) for j, limit in enumerate(drive.limit)]
+    return frictions, [law for law in limits if np.isfinite(law[1].limit)]
+
+
 def _given(drive: Drive, reference: Reference, clock: Clock) -> _Given:
     gain = clock.step / reference.inertia
-    kp, kd, gain = (np.asarray(a, dtype=np.float64) for a in (drive.kp, drive.kd, gain))
+    brakes = np.zeros(len(gain)) if drive.kv is None else drive.kv
+    kp, kd, kv, gain = (np.asarray(a, dtype=np.float64) for a in (drive.kp, drive.kd, brakes, gain))
     carried = reference.load if reference.carried is None else reference.carried
     position, velocity = (np.ascontiguousarray(p) for p in (reference.position, reference.velocity))
     sampled = (reference.feedforward, reference.load, carried)
     feedforward, load, carried = (np.ascontiguousarray(p.swapaxes(0, 1)) for p in sampled)
-    return _Given(kp, kd, gain, clock.step, clock.stride, position, velocity, feedforward, load, carried)
+    return _Given(kp, kd, kv, gain, clock.step, clock.stride, position, velocity, feedforward, load, carried)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -256,8 +275,10 @@ def _advance(
                 torque = given.kp[j] * (wanted[i, j] - q) + given.kd[j] * (pace[i, j] - v)
                 torque += _between(fed, k, after, part, j)
                 load, felt = _between(loads, k, after, part, j), _between(loads_felt, k, after, part, j)
-                delivered, pressed = _delivered(laws, j, torque, q)
                 frictions = _frictions(laws, j, q, v, felt)
+                if given.kv[j] > 0.0:
+                    torque = _with_brake(torque, given.kv[j], v, given.gain[j], load, frictions, laws, j, q)
+                delivered, pressed = _delivered(laws, j, torque, q)
                 speed, behind = _braked(v, given.gain[j], delivered - pressed - load, frictions)
                 position[r, j], velocity[r, j] = q + given.step * speed, speed
                 if beyond == 0:
@@ -283,6 +304,28 @@ def _delivered(laws: _Laws, j: int, torque: float, q: float) -> tuple[float, flo
         torque = min(max(torque, -laws.torque[a, 0]), laws.torque[a, 0])
         pressed += contact(laws.torque, a, q)
     return torque, pressed
+
+
+@njit(cache=True, error_model="numpy")
+def _with_brake(
+    torque: float,
+    kv: float,
+    v: float,
+    gain: float,
+    load: float,
+    frictions: tuple[Sides, Sides, Sides],
+    laws: _Laws,
+    j: int,
+    q: float,
+) -> float:
+    """Torque less `kv` times the speed at the end of the step.
+
+    Implicit, since a gain on the motor's own speed is often so high that the loop is unstable if it acts a step late.
+    """
+    pressed = _delivered(laws, j, torque, q)[1]
+    forward, backward, damping = frictions
+    braking = (forward, backward, (damping[MOTOR] + kv, damping[JOINT]))
+    return torque - kv * _braked(v, gain, torque - pressed - load, braking)[0]
 
 
 @njit(cache=True, error_model="numpy")

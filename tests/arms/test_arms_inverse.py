@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gpcorrect import se3
-from gpcorrect.arms import DA_VINCI_TOOL, Arm, Chain, Joint, arm_named, dvrk_psm, raven2
+from gpcorrect.arms import DA_VINCI_TOOL, Chain, Joint, RemoteCentreArm, arm_named, dvrk_psm, raven2
 from gpcorrect.errors import DataError
 
 TOOL = se3.exp(np.array([0.004, -0.002, 0.015, 0.3, -0.8, 0.5]))
@@ -18,7 +18,7 @@ ARMS = {
 
 
 @pytest.fixture(params=ARMS)
-def arm(request) -> Arm:
+def arm(request) -> RemoteCentreArm:
     return ARMS[request.param]()
 
 
@@ -152,7 +152,8 @@ def test_arms_without_a_remote_centre_are_refused_with_the_broken_law():
         joints = list(psm.chain.joints)
         old = joints[row]
         joints[row] = Joint(**{**{k: getattr(old, k) for k in old.__dataclass_fields__}, **values})
-        return Arm("odd", Chain(tuple(joints), "standard", psm.chain.base), 3, psm.home, psm.gravity)
+        chain = Chain(tuple(joints), "standard", psm.chain.base)
+        return RemoteCentreArm("odd", chain, psm.home, psm.gravity, wrist_link=3)
 
     with pytest.raises(DataError, match="axes 1 and 2 meet"):
         changed(0, a=0.05)

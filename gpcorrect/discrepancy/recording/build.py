@@ -27,7 +27,7 @@ from gpcorrect.discrepancy.recording.tolerance import (
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan, Segment, plan_of
-from gpcorrect.sim.resolve import machine_of
+from gpcorrect.sim.resolve import has_controller, machine_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
 __all__ = ["RUN_OUT", "build_scene", "commanded_plan"]
@@ -118,7 +118,7 @@ def _loop_remarks(log: CalibrationLog, model: Model, label: IntArray, source: st
     """Whether the closed loop can be run, and what to say of it."""
     remarks = [f"motor side taken from {source}"]
     why = ""
-    if model.controller is None:
+    if not has_controller(model):
         why = "the model has no controller: effects inside the servo loop leave no trace and cannot be named"
     elif log.setpoint_jp is None:
         why = "the closed loop needs setpoint_jp: effects inside it cannot be named"

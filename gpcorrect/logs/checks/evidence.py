@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from gpcorrect import se3
-from gpcorrect.arms import Arm, arm_named
+from gpcorrect.arms import RemoteCentreArm, arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.logs.sync import REFERENCES, TimeOffset, log_offset
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
@@ -80,7 +80,7 @@ class Evidence:
         self.log = log
 
     @cached_property
-    def arm(self) -> Arm | None:
+    def arm(self) -> RemoteCentreArm | None:
         """The arm that the log's meta data name, None when they name none that is known."""
         return _arm_of(self.log.meta)
 
@@ -212,7 +212,7 @@ def check(ask: Check) -> Check:
     return ask
 
 
-def _arm_of(meta: LogMeta) -> Arm | None:
+def _arm_of(meta: LogMeta) -> RemoteCentreArm | None:
     """Return the arm that robot and arm name together, such as RAVEN-II and left; None when none is known."""
     words = set(re.findall(r"[a-z]+", f"{meta.robot} {meta.arm}".lower()))
     side = words & {"left", "right"}

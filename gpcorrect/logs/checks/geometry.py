@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.arms import Arm, arm_named
+from gpcorrect.arms import RemoteCentreArm, arm_named
 from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, mirrored, rigid_misfit, spread
 from gpcorrect.logs.sync import TimeOffset
 from gpcorrect.types import QUATERNION_TOLERANCE, BoolArray, FloatArray
@@ -130,7 +130,7 @@ def _kinematics(evidence: Evidence) -> Iterator[Finding]:
                 yield Finding("error", "swapped_arm", pose, what, hint)
 
 
-def _tip(arm: Arm) -> Callable[[FloatArray], FloatArray]:
+def _tip(arm: RemoteCentreArm) -> Callable[[FloatArray], FloatArray]:
     return lambda q: arm.forward(q)[:, :3, 3]
 
 

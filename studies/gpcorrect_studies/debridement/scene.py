@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.arms import Arm, arm_named
+from gpcorrect.arms import RemoteCentreArm, arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Machine, machine_of, preset
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
@@ -128,7 +128,7 @@ class Station:
     side: float
 
     @property
-    def arm(self) -> Arm:
+    def arm(self) -> RemoteCentreArm:
         """Nominal kinematics."""
         return arm_named(self.machine.arm)
 
@@ -263,7 +263,7 @@ def _station(number: int, T_tracker_box: FloatArray, *, alone: bool) -> Station:
     return Station(f"arm{number + 1}", machine, frozen_array(nominal), frozen_array(R_tool), side)
 
 
-def _box(arm: Arm, yaw: float) -> FloatArray:
+def _box(arm: RemoteCentreArm, yaw: float) -> FloatArray:
     """Box around the tool of an arm at work, base frame; its first axis points to the remote centre, turned by yaw."""
     T = arm.forward(working_posture(arm))
     axes = upright(arm.gravity)

@@ -1,0 +1,186 @@
+"""A robot file changed in its own words, by MuJoCo's editable description, and written as MJCF."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.arms.robot_file import mujoco_library, parse, read_robot, strip
+from gpcorrect.arms.robot_path import joint_frame
+from gpcorrect.atomic import atomic_path
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray
+
+__all__ = ["RobotEdit"]
+
+STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # MuJoCo's hardest; its default lets a stuck joint creep by 20 mrad/s
+POINT_INERTIA = 1e-9  # kg m^2: MuJoCo asks for some, of a body that is a point
+PAYLOAD = "gpcorrect_payload"
+
+
+class RobotEdit:
+    """One serial arm of a robot file, to be changed and written.
+
+    Parameters
+    ----------
+    path : str or Path
+        MJCF or URDF; it is not touched.
+    tool, base : str, optional
+        As of :func:`gpcorrect.arms.read_robot`.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read.
+    """
+
+    def __init__(self, path: str | Path, tool: str | None = None, base: str | None = None) -> None:
+        self._path = Path(path).absolute()
+        self.robot = read_robot(path, tool=tool, base=base)
+        self._spec = parse(path)
+        if not self._has_meshes():  # MuJoCo compiles what was changed, and for that reads the meshes
+            strip(self._spec)
+
+    def add_friction(self, joint: int, torque: float) -> None:
+        """Add dry friction to a joint, and let it stick as dry friction does.
+
+        Parameters
+        ----------
+        joint : int
+            Number on the arm, from 1.
+        torque : float
+            N m or N.
+        """
+        found = self._joint(joint)
+        found.frictionloss += torque
+        found.solimp_friction = STICKING
+
+    def add_damping(self, joint: int, damping: float) -> None:
+        """Add viscous damping to a joint.
+
+        Parameters
+        ----------
+        joint : int
+            Number on the arm, from 1.
+        damping : float
+            N m s/rad or N s/m.
+        """
+        found = self._joint(joint)
+        found.damping = np.array(found.damping) + np.array([damping, 0.0, 0.0])
+
+    def limit_torque(self, joint: int, limit: float) -> bool:
+        """Limit the force of a joint's position servo; return whether it has one.
+
+        Parameters
+        ----------
+        joint : int
+            Number on the arm, from 1.
+        limit : float
+            N m or N.
+        """
+        servos = [a for a in self._spec.actuators if a.target == self.robot.joints[joint - 1]]
+        for servo in servos:
+            servo.forcelimited = True
+            servo.forcerange = np.array([-limit, limit]) / abs(servo.gear[0])
+        return bool(servos)
+
+    def add_payload(self, mass: float) -> None:
+        """Hang a point mass at the tip.
+
+        Parameters
+        ----------
+        mass : float
+            kg.
+        """
+        site = self._spec.site(self.robot.tool)
+        carrier = self._spec.body(self.robot.tool) if site is None else site.parent
+        name = PAYLOAD
+        while self._spec.body(name) is not None:
+            name += "_"
+        place = {} if site is None else {"pos": site.pos}
+        body = carrier.add_body(name=name, **place)
+        body.mass, body.ipos, body.inertia = mass, np.zeros(3), np.full(3, POINT_INERTIA)
+        body.explicitinertial = True
+
+    def move_joint(self, joint: int, motion: FloatArray) -> bool:
+        """Move a joint with all behind it; return whether the file can say so: its body has no other joint.
+
+        Parameters
+        ----------
+        joint : int
+            Number on the arm, from 1.
+        motion : (4, 4) array
+            In the joint's own frame, whose z axis is the joint's.
+        """
+        found = self._joint(joint)
+        body = found.parent
+        if len(body.joints) != 1 or body.frame is not None:
+            return False
+        quaternion, how, compiler = body.quat, mujoco_library().mjtOrientation.mjORIENTATION_QUAT, self._spec.compiler
+        if body.alt.type != how:
+            quaternion = self._spec.resolve_orientation(compiler.degree, compiler.eulerseq, body.alt)
+        frame = joint_frame(found.pos, found.axis)
+        moved = se3.from_parts(np.array(body.pos), np.array(quaternion)) @ frame @ motion @ se3.invert(frame)
+        body.alt.type = how
+        body.pos, body.quat = se3.to_parts(moved)
+        return True
+
+    def limit_range(self, joint: int, end: str, limit: float) -> None:
+        """Move one end of a joint's range.
+
+        Parameters
+        ----------
+        joint : int
+            Number on the arm, from 1.
+        end : str
+            "upper" or "lower".
+        limit : float
+            Joint value, rad or m.
+        """
+        found = self._joint(joint)
+        lower, upper = self.robot.arm.limits[joint - 1]
+        ends = (lower, min(limit, upper)) if end == "upper" else (max(limit, lower), upper)
+        degrees = self._spec.compiler.degree and found.type == mujoco_library().mjtJoint.mjJNT_HINGE
+        found.limited, found.range = True, np.rad2deg(ends) if degrees else np.array(ends)
+
+    def write(self, path: str | Path) -> None:
+        """Write the file as MJCF, whole or not at all.
+
+        Meshes are named relative to it. Where one is missing, shapes and sensors are left out, and the motion stays.
+
+        Parameters
+        ----------
+        path : str or Path
+            Of the new file.
+
+        Raises
+        ------
+        DataError
+            It is the file that was read.
+        """
+        target = Path(path).absolute()
+        if target == self._path:
+            raise DataError(f"{path} is the robot file that was read.", hint="Give another output folder.")
+        root = ElementTree.fromstring(self._spec.to_xml())
+        compiler = root.find("compiler")
+        if compiler is not None and root.find("asset") is not None:
+            for folder in ("meshdir", "texturedir"):
+                old = self._path.parent / compiler.get(folder, "")
+                compiler.set(folder, Path(os.path.relpath(old, target.parent)).as_posix())
+        with atomic_path(target) as temporary:
+            ElementTree.ElementTree(root).write(temporary, encoding="utf-8")
+
+    def _has_meshes(self) -> bool:
+        """Whether every mesh and texture of the file is there."""
+        compiler = self._spec.compiler
+        files = [Path(compiler.meshdir) / mesh.file for mesh in self._spec.meshes if mesh.file]
+        files += [Path(compiler.texturedir) / texture.file for texture in self._spec.textures if texture.file]
+        return all((self._path.parent / file).is_file() for file in files)
+
+    def _joint(self, joint: int) -> Any:
+        return self._spec.joint(self.robot.joints[joint - 1])

@@ -1,0 +1,316 @@
+"""Robot files, MJCF and URDF, read by MuJoCo: one serial arm of the file, without its shapes.
+
+MuJoCo is an extra, and is imported when a file is read.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.arms.arm import Arm
+from gpcorrect.arms.chain import Chain, Joint
+from gpcorrect.arms.gravity import Link
+from gpcorrect.arms.robot import JointDrives, Robot
+from gpcorrect.arms.robot_path import ArmPath, arm_path, joint_frame, pose_of
+from gpcorrect.errors import DataError, MissingExtraError
+from gpcorrect.types import FloatArray
+
+__all__ = ["is_robot_file", "mujoco_library", "parse", "read_robot", "strip"]
+
+SUFFIXES = (".xml", ".mjcf", ".urdf")
+HOME = "home"  # key frame of the rest position, as MuJoCo's own models call it
+TURN = np.pi  # rad to either side of its zero that a joint without limits may turn
+COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+FIRST_ELEMENT = re.compile(r"<\s*([A-Za-z_][\w:.-]*)")
+NO_MASS = "mass and inertia of moving bodies"  # how MuJoCo's message begins
+
+
+def is_robot_file(path: str | Path) -> bool:
+    """Return whether a file's name is that of a robot file: .xml, .mjcf or .urdf.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the file.
+    """
+    return Path(path).suffix.lower() in SUFFIXES
+
+
+def read_robot(
+    path: str | Path, joints: Sequence[str] | None = None, tool: str | None = None, base: str | None = None
+) -> Robot:
+    """Return one serial arm of a robot file.
+
+    Parameters
+    ----------
+    path : str or Path
+        MJCF or URDF.
+    joints : sequence of str, optional
+        Names of joints on the arm; the arm then ends at the last of them. Needed where the file branches, unless
+        `tool` says the same.
+    tool : str, optional
+        Body or site whose frame is the tip; the body behind the last joint when None.
+    base : str, optional
+        Body whose frame is the arm's base; the world when None.
+
+    Returns
+    -------
+    Robot
+        The same object while the file stays the same.
+
+    Raises
+    ------
+    MissingExtraError
+        MuJoCo is not installed.
+    DataError
+        The file is no robot file, cannot be compiled, or holds no such serial arm; the message says why.
+    """
+    file = Path(path)
+    try:
+        stamp = file.stat()
+    except OSError as error:
+        raise DataError(f"cannot read the robot file {path}: {error.strerror}.") from error
+    names = None if joints is None else tuple(joints)
+    return _read(str(file), (stamp.st_mtime_ns, stamp.st_size), names, tool, base)
+
+
+@lru_cache(maxsize=32)
+def _read(
+    path: str, stamp: tuple[int, int], joints: tuple[str, ...] | None, tool: str | None, base: str | None
+) -> Robot:
+    model = _compiled(parse(path), path)
+    found = arm_path(model, Path(path).name, joints, tool, base)
+    drives, remarks = _drives(model, found)
+    arm = Arm(
+        name=Path(path).stem,
+        chain=_chain(model, found),
+        home=_home(model, found),
+        gravity=pose_of(model, found.base)[:3, :3].T @ model.opt.gravity,
+        links=_links(model, found),
+    )
+    return Robot(arm, found.names, found.tool, drives, float(model.opt.timestep), (*found.remarks, *remarks))
+
+
+def mujoco_library() -> Any:
+    """Return the module.
+
+    Raises
+    ------
+    MissingExtraError
+        It is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise MissingExtraError("mujoco", extra="robot", purpose="Reading a robot file (MJCF or URDF)") from error
+    return mujoco
+
+
+def parse(path: str | Path) -> Any:
+    """Return the file as MuJoCo's editable description (`MjSpec`), a URDF without its shapes.
+
+    Parameters
+    ----------
+    path : str or Path
+        MJCF or URDF.
+
+    Raises
+    ------
+    DataError
+        The file is no XML, neither MJCF nor URDF, or MuJoCo refuses it.
+    """
+    library = mujoco_library()
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"cannot read the robot file {path}: {error}.") from error
+    root = FIRST_ELEMENT.search(COMMENT.sub("", text))
+    if root is None or root[1] not in ("mujoco", "robot"):
+        came = "no XML" if root is None else f"<{root[1]}>"
+        raise DataError(
+            f"{path} begins with {came}, expected <mujoco> (MJCF) or <robot> (URDF).", hint="Expand xacro files first."
+        )
+    try:
+        spec = library.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise _refused(path, error) from error
+    if root[1] == "robot":
+        _delete(spec, [geom for body in spec.bodies for geom in body.geoms], spec.meshes)
+        spec.compiler.fusestatic = False  # or a tool frame without mass is gone
+    return spec
+
+
+def strip(spec: Any) -> None:
+    """Delete from a description what has no part in the motion: shapes that give no mass, sensors, contacts, tendons.
+
+    Parameters
+    ----------
+    spec : mujoco.MjSpec
+        Changed in place.
+    """
+    library, always = mujoco_library(), spec.compiler.inertiafromgeom == 1
+    weighed = [body for body in spec.bodies if (body.explicitinertial and not always) or body.name == "world"]
+    _delete(spec, [geom for body in weighed for geom in body.geoms])
+    _delete(spec, [a for a in spec.actuators if a.trntype == library.mjtTrn.mjTRN_TENDON])
+    _delete(spec, [e for e in spec.equalities if e.type == library.mjtEq.mjEQ_TENDON])
+    _delete(spec, spec.sensors, spec.pairs, spec.excludes, spec.skins, spec.tendons)
+    shapes = {geom.meshname for geom in spec.geoms}
+    for geom in spec.geoms:
+        geom.material = ""
+    _delete(spec, spec.materials, spec.textures, [mesh for mesh in spec.meshes if mesh.name not in shapes])
+
+
+def _compiled(spec: Any, path: str) -> Any:
+    bare = spec.copy()
+    strip(bare)
+    try:
+        return bare.compile()
+    except ValueError as error:
+        raise _refused(path, error) from error
+
+
+def _delete(spec: Any, *groups: Iterable[Any]) -> None:
+    for element in [element for group in groups for element in group]:
+        spec.delete(element)
+
+
+def _refused(path: str | Path, error: ValueError) -> DataError:
+    message = " ".join(str(error).split()).removeprefix("Error: ").removeprefix("XML Error: ")
+    if NO_MASS in message:
+        return DataError(
+            f"{path}: a moving body has no inertia: {message}.",
+            hint="Give every moving link an <inertial> with mass and inertia (or, in MJCF, shapes to take it from).",
+        )
+    if "opening file" in message:
+        return DataError(
+            f"{path}: {message}: a body without <inertial> takes its mass from that mesh.",
+            hint="Put the mesh where the file says, or give the body an <inertial>.",
+        )
+    if "multiple parents" in message:
+        return DataError(f"{path}: {message}: a closed loop.", hint="Only serial arms are read: cut the loop open.")
+    return DataError(f"MuJoCo cannot read {path}: {message}.", hint="Correct the file; MuJoCo must load it.")
+
+
+def _chain(model: Any, found: ArmPath) -> Chain:
+    """Return the chain whose joint frames have the axis as z and sit on the joint's anchor."""
+    joints, before = [], pose_of(model, found.base)
+    for j in found.joint_ids:
+        anchor = _anchor(model, j)
+        T_world_joint = pose_of(model, model.jnt_bodyid[j]) @ anchor
+        placement = se3.invert(before) @ T_world_joint
+        turning = _turns(model, j)
+        zero = -float(model.qpos0[model.jnt_qposadr[j]])
+        lower, upper = _limits(model, j)
+        theta, d = (zero, 0.0) if turning else (0.0, zero)
+        joints.append(Joint("R" if turning else "P", 0.0, 0.0, d, theta, lower, upper, placement))
+        before = T_world_joint
+    return Chain(tuple(joints), "modified", tool=se3.invert(before) @ found.T_world_tool)
+
+
+def _turns(model: Any, j: int) -> bool:
+    return bool(model.jnt_type[j] == mujoco_library().mjtJoint.mjJNT_HINGE)
+
+
+def _anchor(model: Any, j: int) -> FloatArray:
+    return joint_frame(model.jnt_pos[j], model.jnt_axis[j])
+
+
+def _limits(model: Any, j: int) -> tuple[float, float]:
+    if model.jnt_limited[j]:
+        lower, upper = model.jnt_range[j]
+        return float(lower), float(upper)
+    if not _turns(model, j):
+        raise DataError(
+            f"the sliding joint {model.joint(j).name!r} has no range.", hint="Give it a range in the robot file."
+        )
+    middle = float(model.qpos0[model.jnt_qposadr[j]])
+    return middle - TURN, middle + TURN
+
+
+def _home(model: Any, found: ArmPath) -> FloatArray:
+    keys = [model.key(k).name for k in range(model.nkey)]
+    rest = model.key_qpos[keys.index(HOME)] if HOME in keys else model.qpos0
+    limits = np.array([_limits(model, j) for j in found.joint_ids])
+    q: FloatArray = np.clip(rest[model.jnt_qposadr[list(found.joint_ids)]], *limits.T)
+    return q
+
+
+def _links(model: Any, found: ArmPath) -> tuple[Link, ...]:
+    """Masses in the joints' frames; what hangs beside the arm rides on the link that carries it, its joints at rest."""
+    links = []
+    for number, j in enumerate(found.joint_ids, start=1):
+        T_link_world = se3.invert(pose_of(model, model.jnt_bodyid[j]) @ _anchor(model, j))
+        bodies = [b for b in range(model.nbody) if found.link_of[b] == number]
+        frames = [T_link_world @ pose_of(model, b) @ _principal(model, b) for b in bodies]
+        masses = model.body_mass[bodies]
+        mass = float(masses.sum())
+        com = sum((m * T[:3, 3] for m, T in zip(masses, frames, strict=True)), np.zeros(3)) / max(mass, 1e-300)
+        inertia = np.zeros((3, 3))
+        for b, m, T in zip(bodies, masses, frames, strict=True):
+            r = T[:3, 3] - com
+            inertia += T[:3, :3] @ np.diag(model.body_inertia[b]) @ T[:3, :3].T + m * (
+                r @ r * np.eye(3) - np.outer(r, r)
+            )
+        links.append(Link(mass, com, inertia))
+    return tuple(links)
+
+
+def _principal(model: Any, body: int) -> FloatArray:
+    """Frame of a body's principal axes, in its own frame."""
+    return se3.from_parts(model.body_ipos[body], model.body_iquat[body])
+
+
+def _drives(model: Any, found: ArmPath) -> tuple[JointDrives, list[str]]:
+    ids = list(found.joint_ids)
+    dofs = model.jnt_dofadr[ids]
+    nothing = np.full(len(ids), np.nan)
+    limit = np.where(model.jnt_actfrclimited[ids], np.abs(model.jnt_actfrcrange[ids]).min(axis=1), np.inf)
+    drives = JointDrives(
+        armature=model.dof_armature[dofs].copy(),
+        damping=model.dof_damping[dofs].copy(),
+        friction=model.dof_frictionloss[dofs].copy(),
+        stiffness=model.jnt_stiffness[ids].copy(),
+        rest=model.qpos_spring[model.jnt_qposadr[ids]].copy(),
+        kp=nothing.copy(),
+        kv=nothing.copy(),
+        limit=limit,
+    )
+    remarks = []
+    for a in range(model.nu):
+        if _drives_joint(model, a) and model.actuator_trnid[a, 0] in ids:
+            remarks += _add_actuator(model, a, drives, ids.index(model.actuator_trnid[a, 0]))
+    return drives, remarks
+
+
+def _drives_joint(model: Any, a: int) -> bool:
+    transmissions = mujoco_library().mjtTrn
+    return int(model.actuator_trntype[a]) in (transmissions.mjTRN_JOINT, transmissions.mjTRN_JOINTINPARENT)
+
+
+def _add_actuator(model: Any, a: int, drives: JointDrives, column: int) -> list[str]:
+    """Add an actuator's numbers to its joint's, and return what of it is not simulated."""
+    library = mujoco_library()
+    gear, name = float(model.actuator_gear[a, 0]), model.actuator(a).name
+    drives.armature[column] += gear**2 * model.actuator_armature[a]
+    drives.damping[column] += gear**2 * model.actuator_damping[a]
+    if model.actuator_forcelimited[a]:
+        force = abs(gear) * float(np.abs(model.actuator_forcerange[a]).min())
+        drives.limit[column] = min(drives.limit[column], force)
+    gain, bias = float(model.actuator_gainprm[a, 0]), model.actuator_biasprm[a]
+    fixed = model.actuator_gaintype[a] == library.mjtGain.mjGAIN_FIXED
+    plain = model.actuator_dyntype[a] == library.mjtDyn.mjDYN_NONE
+    if fixed and plain and model.actuator_biastype[a] == library.mjtBias.mjBIAS_NONE:
+        return []  # a motor: it has no law of its own
+    affine = model.actuator_biastype[a] == library.mjtBias.mjBIAS_AFFINE
+    servo = fixed and plain and affine and gain > 0.0 and bias[0] == 0.0 and np.isclose(gain, -bias[1])
+    if not servo or np.isfinite(drives.kp[column]):
+        return [f"actuator {name!r} is no motor and no position servo (or its joint has two): not simulated"]
+    drives.kp[column], drives.kv[column] = gear**2 * gain, -(gear**2) * float(bias[2])
+    return []

@@ -1,0 +1,261 @@
+"""Which joints of a robot file make one serial arm, and why a file holds none. Works on MuJoCo's compiled model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray
+
+__all__ = ["ArmPath", "arm_path", "joint_frame", "pose_of"]
+
+WORLD = 0  # MuJoCo's number of the world's body
+FREE, BALL = 0, 1  # MuJoCo's numbers of joint types that are no axis
+CONNECT, WELD, COUPLED = 0, 1, 2  # MuJoCo's numbers of equality constraints: two bodies, two bodies, two joints
+SITE = 6  # MuJoCo's number of the object type
+
+
+@dataclass(frozen=True, eq=False)
+class ArmPath:
+    """The joints between a base and a tool.
+
+    Parameters
+    ----------
+    base : int
+        Body.
+    joint_ids : tuple of int
+        Joints from the base on, MuJoCo's numbers.
+    names : tuple of str
+        Their names.
+    tool : str
+        Body or site of the tip.
+    T_world_tool : (4, 4) array
+        Its pose with all joints at their reference.
+    link_of : tuple of int
+        For every body the number of the arm's link that it rides on, from 1; 0 for what does not move with the arm.
+    remarks : tuple of str
+        What the file says of this arm that is not simulated.
+    """
+
+    base: int
+    joint_ids: tuple[int, ...]
+    names: tuple[str, ...]
+    tool: str
+    T_world_tool: FloatArray
+    link_of: tuple[int, ...]
+    remarks: tuple[str, ...]
+
+
+def arm_path(
+    model: Any, file: str, joints: Sequence[str] | None = None, tool: str | None = None, base: str | None = None
+) -> ArmPath:
+    """Find the serial arm of a model.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        Compiled.
+    file : str
+        What an error's message begins with.
+    joints : sequence of str, optional
+        Names of joints on the arm.
+    tool, base : str, optional
+        Where it ends (body or site) and begins (body).
+
+    Raises
+    ------
+    DataError
+        A name is unknown, the file branches, or what lies between base and tool is no serial arm.
+    """
+    start = WORLD if base is None else _body(model, file, base, "base")
+    names = _named_joints(model, file, joints)
+    body, T_tool, tool = _end(model, file, start, names, tool)
+    bodies = _bodies_between(model, file, start, body)
+    ids = tuple(j for b in bodies for j in _joints_of(model, b))
+    _check_joints(model, file, ids)
+    absent = [name for name in names if name not in {_name(model, j) for j in ids}]
+    if absent:
+        raise DataError(
+            f"{file}: joint {', '.join(absent)} is not between {base or 'the world'} and {tool}: "
+            f"{', '.join(_name(model, j) for j in ids)}.",
+            hint="Name joints of one arm, and a tool behind all of them.",
+        )
+    link_of = _links(model, ids)
+    _check_loops(model, file, ids, link_of)
+    all_names = tuple(_name(model, j) for j in ids)
+    return ArmPath(start, ids, all_names, tool, T_tool, link_of, tuple(_remarks(model, ids, link_of)))
+
+
+def pose_of(model: Any, body: int) -> FloatArray:
+    """Return the pose `(4, 4)` of a body in the world, all joints at their reference.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        Compiled.
+    body : int
+        Its number.
+    """
+    T = np.eye(4)
+    while body != WORLD:
+        T = se3.from_parts(model.body_pos[body], model.body_quat[body]) @ T
+        body = model.body_parentid[body]
+    return T
+
+
+def joint_frame(anchor: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return the frame `(4, 4)` of a joint in its body's frame: the least turn that brings z onto the axis.
+
+    Parameters
+    ----------
+    anchor, axis : (3,) arrays
+        Point on the axis and its direction, in the body's frame.
+    """
+    x, y, z = axis / np.linalg.norm(axis)
+    sine = np.hypot(x, y)
+    half_turn = np.array([np.pi * (z < 0.0), 0.0, 0.0])  # about x, where the axis is -z
+    turn = np.array([-y, x, 0.0]) / sine * np.arctan2(sine, z) if sine > 0.0 else half_turn
+    return se3.pose(se3.matrix_from_rotvec(turn), np.array(anchor))
+
+
+def _named_joints(model: Any, file: str, joints: Sequence[str] | None) -> list[str]:
+    known = [_name(model, j) for j in range(model.njnt)]
+    unknown = [name for name in joints or () if name not in known]
+    if unknown:
+        raise DataError(
+            f"{file} has no joint {', '.join(map(repr, unknown))}.", hint=f"Its joints: {', '.join(known) or 'none'}."
+        )
+    return list(joints or ())
+
+
+def _end(model: Any, file: str, start: int, names: list[str], tool: str | None) -> tuple[int, FloatArray, str]:
+    """Body at which the arm ends, pose of the tip, and its name."""
+    sites = [model.site(s).name for s in range(model.nsite)]
+    if tool in sites:
+        site = sites.index(tool)
+        body = int(model.site_bodyid[site])
+        return body, pose_of(model, body) @ se3.from_parts(model.site_pos[site], model.site_quat[site]), str(tool)
+    if tool is not None:
+        body = _body(model, file, tool, "tool")
+    elif names:
+        body = max((int(model.joint(name).bodyid[0]) for name in names), key=lambda b: len(_ancestors(model, b)))
+    else:
+        body = _only_end(model, file, start)
+    return body, pose_of(model, body), model.body(body).name
+
+
+def _only_end(model: Any, file: str, start: int) -> int:
+    """Last moving body, where the file has only one end."""
+    moving = [b for b in range(model.nbody) if _hinges(model, b) and (start == WORLD or start in _ancestors(model, b))]
+    ends = [b for b in moving if not any(b in _ancestors(model, other) for other in moving)]
+    if not ends:
+        raise DataError(f"{file} has no joint that turns or slides.", hint="Give a robot file with an arm in it.")
+    if len(ends) > 1:
+        branches = [
+            [_name(model, j) for a in (*_ancestors(model, b)[::-1], b) for j in _hinges(model, a)] for b in ends
+        ]
+        lines = "; ".join(f"({i}) {', '.join(branch)}" for i, branch in enumerate(branches, start=1))
+        raise DataError(
+            f"{file} has {len(ends)} branches, expected one serial arm: {lines}.",
+            hint="Choose one in a model file: robot, and joints = [names] or tool = a body or site.",
+        )
+    return ends[0]
+
+
+def _bodies_between(model: Any, file: str, start: int, end: int) -> list[int]:
+    """Bodies behind `start` up to `end`."""
+    line = [*_ancestors(model, end)[::-1], end]
+    if start not in line:
+        raise DataError(
+            f"{file}: the base {model.body(start).name!r} does not carry the tool {model.body(end).name!r}.",
+            hint="Name a base nearer to the world, or leave it out.",
+        )
+    return line[line.index(start) + 1 :]
+
+
+def _check_joints(model: Any, file: str, ids: Sequence[int]) -> None:
+    free = [_name(model, j) for j in ids if model.jnt_type[j] in (FREE, BALL)]
+    if free:
+        raise DataError(
+            f"{file}: {', '.join(free)} is a free or ball joint; an arm has joints that turn or slide.",
+            hint="Name a base behind it (base = a body), or fix it in the file.",
+        )
+    if not ids:
+        raise DataError(
+            f"{file}: no joint lies between base and tool.", hint="Name a base before it and a tool behind."
+        )
+
+
+def _check_loops(model: Any, file: str, ids: Sequence[int], link_of: Sequence[int]) -> None:
+    """Refuse constraints that tie one link of the arm to another or to the world."""
+    for e in range(model.neq):
+        first, second = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
+        if not model.eq_active0[e]:
+            continue
+        if model.eq_type[e] in (CONNECT, WELD):
+            if model.eq_objtype[e] == SITE:
+                first, second = int(model.site_bodyid[first]), int(model.site_bodyid[second])
+            closed = link_of[first] != link_of[second]
+        else:
+            closed = model.eq_type[e] == COUPLED and first in ids and (second < 0 or second in ids)
+        if closed:
+            raise DataError(
+                f"{file}: the equality constraint {model.equality(e).name or e} closes a loop on the arm.",
+                hint='Only serial arms are read: remove it, or set active="false" in a copy of the file.',
+            )
+
+
+def _remarks(model: Any, ids: Sequence[int], link_of: Sequence[int]) -> list[str]:
+    lifted = [model.body(b).name for b in range(model.nbody) if link_of[b] and model.body_gravcomp[b]]
+    found = [f"gravity compensation of {', '.join(lifted)} is not simulated"] if lifted else []
+    dofs = model.jnt_dofadr[list(ids)]
+    if model.jnt_stiffnesspoly[list(ids)].any() or model.dof_dampingpoly[dofs].any():
+        found.append("of springs and damping only the linear part is simulated")
+    return found
+
+
+def _links(model: Any, ids: Sequence[int]) -> tuple[int, ...]:
+    """Arm's link that each body rides on."""
+    last = {int(model.jnt_bodyid[j]): number for number, j in enumerate(ids, start=1)}
+    links = [0] * model.nbody
+    for b in range(1, model.nbody):  # a body comes behind its parent
+        links[b] = last.get(b, links[model.body_parentid[b]])
+    return tuple(links)
+
+
+def _body(model: Any, file: str, name: str, role: str) -> int:
+    known = [model.body(b).name for b in range(model.nbody)]
+    if name not in known:
+        sites = [model.site(s).name for s in range(model.nsite)] if role == "tool" else []
+        raise DataError(
+            f"{file} has no {role} {name!r}.",
+            hint=f"Its bodies{' and sites' if sites else ''}: {', '.join(known + sites)}.",
+        )
+    return known.index(name)
+
+
+def _ancestors(model: Any, body: int) -> list[int]:
+    """Bodies that carry a body, the nearest first, the world last."""
+    found = []
+    while body != WORLD:
+        body = int(model.body_parentid[body])
+        found.append(body)
+    return found
+
+
+def _joints_of(model: Any, body: int) -> list[int]:
+    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    return list(range(first, first + count)) if count else []
+
+
+def _hinges(model: Any, body: int) -> list[int]:
+    return [j for j in _joints_of(model, body) if model.jnt_type[j] not in (FREE, BALL)]
+
+
+def _name(model: Any, j: int) -> str:
+    return model.joint(j).name or f"joint {j}"

@@ -1,0 +1,210 @@
+import tomllib
+
+import numpy as np
+import pytest
+from robot_files import write_mjcf, write_urdf
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim import effect_from_dict, joint_motion_log, machine_of, model_from_dict, read_model, write_model
+from gpcorrect.sim.dynamics import posture_at
+from gpcorrect.sim.joint_motion import joint_motion_plan, joint_ranges
+from gpcorrect.sim.live_robot import LiveRobot
+from gpcorrect.sim.model import model_key
+from gpcorrect.sim.plant import run
+from gpcorrect.sim.robot_output import write_completed
+
+mujoco = pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[robot]'")
+
+JOINTS = ("pan", "lift", "slide", "roll")
+GEAR = np.array([1.0, 1.0, 4.0, 1.0])  # of the small arm's servos: a command to one is in its own length
+
+
+def small(folder, **keys):
+    """Model of the small arm up to its tip."""
+    return model_from_dict({"robot": write_mjcf(folder).name, "tool": "tip", **keys}, folder=folder)
+
+
+def mujoco_model(path):
+    """MuJoCo's own model of a file without shapes, the finger held."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    for element in [*(g for b in spec.bodies for g in b.geoms if g.meshname), *spec.meshes, spec.joint("grip")]:
+        spec.delete(element)
+    for actuator in [a for a in spec.actuators if a.target == "grip"]:
+        spec.delete(actuator)
+    return spec.compile()
+
+
+def followed(path, plan, start):
+    """Joints `(n, 4)` of MuJoCo's arm under the servo commands of a plan's first run, from rest at `start` (4,)."""
+    model = mujoco_model(path)
+    data, step = mujoco.MjData(model), model.opt.timestep
+    data.qpos[:] = start
+    spline, stride, path = plan.spline(), round(1.0 / (plan.rate_hz * step)), []
+    for i in range(len(plan.q)):
+        path.append(data.qpos.copy())
+        for part in range(stride):
+            data.ctrl[:] = GEAR * spline(i / plan.rate_hz + part * step)[0]
+            mujoco.mj_step(model, data)
+    return np.array(path)
+
+
+def plan_for(model, seconds=8.0, seed=0):
+    return joint_motion_plan(joint_ranges(model), 1, seconds, 100.0, np.random.default_rng(seed))
+
+
+def test_inverse_dynamics_are_mujocos(tmp_path):
+    """Gravity, inertia with products, velocity terms and springs of random states agree with mj_inverse to 1e-9."""
+    machine, model = machine_of(small(tmp_path)), mujoco_model(tmp_path / "small.xml")
+    flags = mujoco.mjtDisableBit
+    model.opt.disableflags |= flags.mjDSBL_FRICTIONLOSS | flags.mjDSBL_LIMIT | flags.mjDSBL_DAMPER
+    data, rng = mujoco.MjData(model), np.random.default_rng(1)
+    for q, velocity, acceleration in rng.uniform(-1, 1, (20, 3, 4)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, velocity, acceleration
+        mujoco.mj_inverse(model, data)
+        still, moving = posture_at(machine.body, q[None, None]).loads(velocity[None, None], acceleration[None, None])
+        torque = (still + moving)[0, 0] + machine.drive.motor_inertia * acceleration
+        np.testing.assert_allclose(torque, data.qfrc_inverse, atol=1e-9)
+
+
+def test_the_simulator_moves_as_mujoco_does(tmp_path):
+    """Without dry friction both follow the same commands within 2e-6 rad and m, though the servos lag and sag."""
+    path = write_mjcf(tmp_path, (' frictionloss="0.2"', ""))
+    model = model_from_dict({"robot": path.name, "tool": "tip"}, folder=tmp_path)
+    plan = plan_for(model)
+    ours = run(machine_of(model), plan).q[:, 0]
+    theirs = followed(path, plan, ours[0])
+    assert np.abs(theirs - plan.q[:, 0]).max() > 0.05
+    np.testing.assert_allclose(ours, theirs, atol=2e-6)
+
+
+def test_saturated_servos_move_as_mujocos_do(tmp_path):
+    """A force range cuts a servo's whole torque, its damping too: within 1e-3 rad of MuJoCo, of a lag of 0.06."""
+    limited = ('joint="pan" kp="900" kv="60"', 'joint="pan" kp="900" kv="60" forcerange="-4 4"')
+    path = write_mjcf(tmp_path, (' frictionloss="0.2"', ""), limited)
+    model = model_from_dict({"robot": path.name, "tool": "tip"}, folder=tmp_path)
+    plan = plan_for(model)
+    ours = run(machine_of(model), plan)
+    assert np.abs(ours.torque[:, 0, 0]).max() > 4.2
+    np.testing.assert_allclose(ours.q[:, 0], followed(path, plan, ours.q[0, 0]), atol=1e-3)
+
+
+FOUND = [
+    {"name": "coulomb_friction", "joint": 1, "torque": 5.0},
+    {"name": "coulomb_friction", "joint": 4, "torque": 0.2, "side": "joint"},
+    {"name": "viscous_friction", "joint": 2, "damping": 6.0},
+    {"name": "payload", "joint": "all", "mass": 0.4},
+    {"name": "dh_error", "joint": 2, "a": 0.01, "alpha": 0.02, "d": -0.01, "theta": 0.03},
+    {"name": "backlash", "joint": 1, "radius": 0.003},
+]
+
+
+def test_effects_are_written_in_the_files_own_words_and_both_simulators_agree(tmp_path):
+    """What was found is in the new robot file, the rest beside it; MuJoCo moves that file within 5e-4 rad of ours.
+
+    The effects move the arm by ten times that. MuJoCo's dry friction is a soft constraint: the two differ as joints
+    begin to slip.
+    """
+    nominal = small(tmp_path)
+    model = nominal.with_effects(*map(effect_from_dict, FOUND))
+    (tmp_path / "study").mkdir()
+    written = write_completed(model, tmp_path / "study" / "model.toml")
+    again, document = read_model(written.model), tomllib.loads(written.model.read_text())
+    assert document["robot"] == "model.xml"
+    assert [e["name"] for e in document["effects"]] == ["backlash"]
+    plan = plan_for(again)
+    before, ours = (run(machine_of(m.with_effects()), plan).q[:, 0] for m in (nominal, again))
+    assert np.abs(ours - before).max() > 5e-3
+    np.testing.assert_allclose(ours, followed(written.robot, plan, ours[0]), atol=5e-4)
+    without = model.with_effects(*(e for e in model.effects if e.about.name != "backlash"))
+    np.testing.assert_allclose(run(machine_of(without), plan).q[:, 0], ours, atol=2e-5)  # six digits in the file
+
+
+def test_friction_behind_a_soft_transmission_stays_beside_the_file(tmp_path):
+    """A robot file has no friction behind a cable: on the far side of one that stretches, friction stays an effect."""
+    effects = [
+        {"name": "coulomb_friction", "joint": 1, "torque": 2.0, "side": "joint"},
+        {"name": "coulomb_friction", "joint": 2, "torque": 2.0, "side": "motor"},
+        {"name": "cable_stretch", "joint": 1, "stiffness": 200.0},
+        {"name": "cable_stretch", "joint": 2, "stiffness": 200.0},
+    ]
+    model = small(tmp_path).with_effects(*map(effect_from_dict, effects))
+    (tmp_path / "study").mkdir()
+    again = read_model(write_completed(model, tmp_path / "study" / "model.toml").model)
+    assert [(e.about.name, e.joint) for e in again.effects] == [
+        ("coulomb_friction", 1),
+        ("cable_stretch", 1),
+        ("cable_stretch", 2),
+    ]
+
+
+def test_a_urdf_runs_with_the_controller_of_a_model_file(tmp_path):
+    """A URDF has no servo: gains come from the model file, or are those of a fast loop around its inertia."""
+    write_urdf(tmp_path)
+    bare = read_model(tmp_path / "plain.urdf")
+    assert len(joint_motion_log(bare, 2, 4.0)) == 800
+    gains = {"kp": [2000.0, 2000.0, 5000.0], "kd": [200.0, 200.0, 500.0]}
+    known = model_from_dict({"robot": "plain.urdf", "controller": gains}, folder=tmp_path)
+    np.testing.assert_allclose(machine_of(known).drive.kp, gains["kp"])
+    np.testing.assert_allclose(machine_of(known).drive.friction, 0.3)
+
+
+def test_joints_are_names_or_numbers(tmp_path):
+    """Names become numbers from the base on; the others are held at rest."""
+    by_name = small(tmp_path, joints=["lift", "roll"])
+    assert by_name.joints == (2, 4)
+    assert small(tmp_path, joints=[2, 4]).joints == (2, 4)
+    assert small(tmp_path).joints == (1, 2, 3, 4)
+    assert machine_of(by_name).body.types == "RR"
+
+
+def test_a_model_file_names_its_robot_file_relative_to_itself(tmp_path):
+    """Written anywhere, it reads back as the same model."""
+    model = small(tmp_path, payload=0.2)
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    write_model(model, tmp_path / "a" / "b" / "model.toml")
+    assert tomllib.loads((tmp_path / "a" / "b" / "model.toml").read_text())["robot"] == "../../small.xml"
+    assert model_key(read_model(tmp_path / "a" / "b" / "model.toml")).endswith(model_key(model)[-64:])
+
+
+def test_the_key_of_a_model_changes_with_its_robot_file(tmp_path):
+    """Another mass in the same file is another model."""
+    before = model_key(small(tmp_path))
+    write_mjcf(tmp_path, ('mass="1.5"', 'mass="1.6"'))
+    after = model_key(model_from_dict({"robot": "small.xml", "tool": "tip"}, folder=tmp_path))
+    assert before != after
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"joints": ["lift", "wave"]}, "no joint 'wave'"),
+        ({"joints": [2, 7]}, "numbers from 1 to 4"),
+        ({"robot": "absent.xml"}, "cannot read the robot file .*absent.xml"),
+    ],
+)
+def test_bad_robot_keys_are_refused(tmp_path, keys, message):
+    """An unknown name or number and a missing file are named."""
+    with pytest.raises(DataError, match=message):
+        machine_of(small(tmp_path, **keys))
+
+
+def test_a_tool_without_a_robot_file_is_refused():
+    """Tool and base are of a robot file."""
+    with pytest.raises(DataError, match="of a robot file"):
+        model_from_dict({"arm": "dvrk_psm", "joints": [1], "tool": "tip"})
+
+
+def test_a_live_robot_of_a_robot_file_goes_to_joints_and_poses(tmp_path):
+    """The simulated controller takes the file's limits, and reaches poses by the numerical inverse."""
+    path = write_mjcf(tmp_path, (' type="slide" axis="1 0 0.2" range="-0.1 0.2"', ' axis="1 0 0.2" range="-1 1"'))
+    robot = LiveRobot(
+        machine_of(model_from_dict({"robot": path.name, "tool": "tip"}, folder=tmp_path)), np.random.default_rng(0)
+    )
+    robot.operate("enable")
+    robot.operate("home")
+    goal = robot.setpoint + 0.05
+    robot.move_jp(goal)
+    robot.advance(6.0)
+    np.testing.assert_allclose(robot.setpoint, goal)
+    with pytest.raises(DataError, match="beyond its limits"):
+        robot.move_jp(np.full(4, 9.0))
