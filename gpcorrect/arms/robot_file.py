@@ -109,7 +109,7 @@ def mujoco_library() -> Any:
     try:
         import mujoco
     except ImportError as error:
-        raise MissingExtraError("mujoco", extra="robot", purpose="Reading a robot file (MJCF or URDF)") from error
+        raise MissingExtraError("mujoco", extra="mujoco", purpose="Reading a robot file (MJCF or URDF)") from error
     return mujoco
 
 

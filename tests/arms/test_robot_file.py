@@ -8,7 +8,7 @@ from robot_files import URDF, write_mjcf, write_urdf
 from gpcorrect.arms import RobotEdit, is_robot_file, read_robot
 from gpcorrect.errors import DataError, MissingExtraError
 
-mujoco = pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[robot]'")
+mujoco = pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[mujoco]'")
 
 TIP = {"tool": "tip"}
 
@@ -167,7 +167,7 @@ def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):
     """The error says which extra to install."""
     path = write_mjcf(tmp_path)
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(MissingExtraError, match=r"gpcorrect\[robot\]"):
+    with pytest.raises(MissingExtraError, match=r"gpcorrect\[mujoco\]"):
         read_robot(path, tool="tip")
 
 

@@ -13,7 +13,7 @@ from gpcorrect.sim.model import model_key
 from gpcorrect.sim.plant import run
 from gpcorrect.sim.robot_output import write_completed
 
-mujoco = pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[robot]'")
+mujoco = pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[mujoco]'")
 
 JOINTS = ("pan", "lift", "slide", "roll")
 GEAR = np.array([1.0, 1.0, 4.0, 1.0])  # of the small arm's servos: a command to one is in its own length
