@@ -18,6 +18,7 @@ from gpcorrect.discrepancy.search.needs import Lack, lacks_of_traces, limits_of
 from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.settings import NAMING
+from gpcorrect.sim.resolve import robot_of
 from gpcorrect.types import CalibrationLog
 
 __all__ = ["provenance_of"]
@@ -89,8 +90,11 @@ def _noise_remark(state: Search) -> str:
 
 
 def _model_remarks(scene: Scene) -> list[str]:
+    robot = robot_of(scene.model)
+    said = [] if robot is None else [f"robot file: {remark}" for remark in robot.remarks]
     parts = ("controller", "transmission", "links", "T_tracker_base")
     absent = [name for name in parts if getattr(scene.model, name) is None]
-    if not absent:
-        return []
-    return [f"absent from the model file, taken from the arm's description or from the data: {', '.join(absent)}"]
+    if absent:
+        names = ", ".join(absent)
+        said.append(f"absent from the model file, taken from the arm's description or from the data: {names}")
+    return said

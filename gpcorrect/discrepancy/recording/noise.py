@@ -192,7 +192,7 @@ def _tail(z: FloatArray) -> float:
         return float("inf")
     low, high = np.quantile(np.abs(z), [0.5, 0.98])
     ratios = [student.ppf(0.99, nu) / student.ppf(0.75, nu) for nu in TAILS]
-    return TAILS[int(np.argmin(np.abs(np.log(ratios) - np.log(high / max(low, 1e-300)))))]
+    return TAILS[int(np.argmin(np.abs(np.log(ratios) - np.log(max(high, 1e-300) / max(low, 1e-300)))))]
 
 
 def whiten(noise: ChannelNoise, time: FloatArray, block: IntArray, values: FloatArray) -> FloatArray:

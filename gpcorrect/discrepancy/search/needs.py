@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from gpcorrect.arms import RemoteCentreArm
 from gpcorrect.discrepancy.recording.scene import LOOP_STAGES, Scene
 from gpcorrect.discrepancy.recording.stated_noise import samples_are_dense
 from gpcorrect.discrepancy.search.candidates import Candidate
@@ -92,6 +93,8 @@ def _lacking(kind: type[Effect], scene: Scene, log: CalibrationLog, *, placed: b
         return f"the log lacks {' and '.join(missing)}"
     if scene.machine.body.chain is None and issubclass(kind, ChainEffect | LoadEffect | TipEffect):
         return "the model has bare joints: name the arm, for its kinematics and masses"
+    if kind.about.remote_centre and not isinstance(scene.machine.description, RemoteCentreArm):
+        return "the arm has no remote centre of motion"
     if kind.about.family == Family.NOISE:
         return "" if samples_are_dense(scene) else f"samples come slower than {1.0 / NOISE.dense:.0f} Hz"
     if kind.stage in LOOP_STAGES and not issubclass(kind, ChainEffect | LoadEffect) and scene.plan is None:

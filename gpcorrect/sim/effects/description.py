@@ -201,6 +201,8 @@ class Description:
         Where it may sit; empty leaves that to whoever puts it there, and a search leaves it out.
     choices : tuple of (field, values)
         Fields that are no numbers, and what they may be.
+    remote_centre : bool
+        Whether only an arm that pivots about a remote centre of motion can have it.
     """
 
     name: str
@@ -215,3 +217,4 @@ class Description:
     separating_runs: tuple[Run, ...]
     sites: tuple[Site, ...] = ()
     choices: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    remote_centre: bool = False

@@ -49,6 +49,7 @@ class RcmShift(TipEffect):
             ),
         ),
         needs=("tracker_cp", "payload"),
+        remote_centre=True,
         neighbours=(
             Neighbour("shaft_bending", "two insertions: the shift knows no length, and turns nothing"),
             Neighbour("registration_error", "change the load at one pose"),

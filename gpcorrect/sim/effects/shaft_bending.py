@@ -49,6 +49,7 @@ class ShaftBending(TipEffect):
             ),
         ),
         needs=("tracker_cp", "payload"),
+        remote_centre=True,
         neighbours=(
             Neighbour("cable_stretch", "joint encoders behind the cable see nothing of a bent shaft"),
             Neighbour("rcm_shift", "two insertions: bending grows with the cube of the length"),

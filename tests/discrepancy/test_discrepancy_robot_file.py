@@ -1,0 +1,50 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robot_files import write_mjcf
+
+from gpcorrect.discrepancy import find_discrepancy
+from gpcorrect.discrepancy.recording.build import build_scene
+from gpcorrect.discrepancy.search.candidates import all_candidates
+from gpcorrect.discrepancy.search.needs import split_by_needs
+from gpcorrect.sim import effect_from_dict, joint_motion_log, model_from_dict
+from gpcorrect.sim.settings import Noise
+
+pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[mujoco]'")
+
+KEYS = {"robot": "small.xml", "tool": "tip", "joints": ["pan", "lift"]}
+
+
+@pytest.fixture
+def nominal(tmp_path):
+    write_mjcf(tmp_path)
+    return model_from_dict(KEYS, folder=tmp_path)
+
+
+def recorded(model, *effects, payloads=()):
+    """Record the model with further effects, by encoders with 0.1 mrad of noise."""
+    noisy = model.model_copy(update={"noise": Noise(external_jp_white=(1e-4, 1e-4))})
+    true = noisy.with_effects(*map(effect_from_dict, effects))
+    return joint_motion_log(true, 6, 5.0, seed=1, payloads=payloads)
+
+
+@pytest.mark.slow
+def test_friction_that_a_robot_file_lacks_is_named(nominal):
+    """With the servo gains of the file the loop is simulated, and dry friction of one joint is found in it."""
+    log = recorded(nominal, {"name": "coulomb_friction", "joint": 1, "torque": 2.0})
+    result = find_discrepancy(nominal, log)
+    (effect,) = result.effects
+    assert (effect.name, effect.joint) == ("coulomb_friction", 1)
+    assert effect.parameters["torque"].value == pytest.approx(2.0, rel=0.05)
+
+
+def test_an_arm_without_a_remote_centre_has_none_of_its_effects(nominal):
+    """Bending shaft and giving remote centre are no candidates, and the report says why."""
+    log = recorded(nominal, payloads=(0.2, 0.5))
+    log = replace(log, external_jp=None)
+    scene = build_scene(log, nominal, np.ones(len(log), dtype=np.bool_))
+    candidates, lacks = split_by_needs(all_candidates(scene), scene, log)
+    names = {"shaft_bending", "rcm_shift"}
+    assert not names & {c.name for c in candidates}
+    assert {lack.why for lack in lacks if lack.effect in names} == {"the arm has no remote centre of motion"}
