@@ -13,14 +13,14 @@ import numpy as np
 from gpcorrect.discrepancy.advice.next_experiment import advise
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises, whitener_on
 from gpcorrect.discrepancy.naming.intervals import half_widths
-from gpcorrect.discrepancy.naming.posterior import Named
+from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.selection import name_effects
 from gpcorrect.discrepancy.naming.sensor_noise import noise_effects
 from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
 from gpcorrect.discrepancy.outcome.provenance import provenance_of
 from gpcorrect.discrepancy.outcome.result import DiscrepancyResult, NamedEffect, UnnamedEffect, Verdict
 from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key, load_or_name, load_or_search
-from gpcorrect.discrepancy.outcome.verdict import verdict_level
+from gpcorrect.discrepancy.outcome.verdict import headline, place_verdicts, verdict_level
 from gpcorrect.discrepancy.recording.stated_noise import samples_a_row
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates, describe
 from gpcorrect.discrepancy.search.linearisation import refine
@@ -104,7 +104,12 @@ def _find(
     state, named, dropped = _search(prepared, candidates if before.worth_a_search else [], progress, store)
     progress.step("numbers", 0.0)
     fitted = _refit(state, [n.fit for n in named], train)
-    found = _with_numbers(state, named, fitted, train)
+    found, unsure = _with_numbers(state, named, fitted, train)
+    while unsure:  # the rest is estimated again without them
+        dropped = (*dropped, *unsure)
+        kept = [i for i, n in enumerate(named) if not any(n.fit.candidate.key == u.fit.candidate.key for u in unsure)]
+        named, fitted = tuple(named[i] for i in kept), _refit(state, [fitted[i] for i in kept], train)
+        found, unsure = _with_numbers(state, named, fitted, train)
     progress.step("numbers", 1.0)
     noises = estimate_noises(dataset, state.residual(fitted), train)
     level = np.array([n.std for n in noises]) * np.sqrt(samples_a_row(dataset.group))
@@ -117,7 +122,9 @@ def _find(
     progress.step("test set", 0.0)
     gap = gaps_of(prepared, fitted, noises, rng)
     progress.step("test set", 1.0)
-    verdict = Verdict(verdict_level(prepared, state, before, found, fitted, dropped), tuple(found))
+    places = place_verdicts(found, gap, remainder or before)
+    level = headline(verdict_level(prepared, state, before, found, fitted, dropped), found, places)
+    verdict = Verdict(level, tuple(found), places)
     progress.step("next experiment", 0.0)
     experiment, plans = advise(dataset.scene, fitted, [*named, *dropped], noises)
     progress.step("next experiment", 1.0)
@@ -177,14 +184,21 @@ def _groups(state: Search, fitted: Sequence[FittedEffect]) -> list[list[int]]:
 
 def _with_numbers(
     state: Search, named: Sequence[Named], fitted: Sequence[FittedEffect], rows: BoolArray
-) -> list[NamedEffect]:
-    """Return named effects with their estimates, the strongest first."""
+) -> tuple[list[NamedEffect], tuple[Named, ...]]:
+    """Return named effects with their estimates, the strongest first, and those whose size may be zero after all."""
     if not fitted:
-        return []
-    residual = state.residual(fitted)
-    whitener = whitener_on(state.dataset, residual, rows, estimate_noises(state.dataset, residual, rows))
-    found = []
+        return [], ()
+    residual, nominal = state.residual(fitted), state.dataset.predict()
+    noises = estimate_noises(state.dataset, residual, rows)
+    whitener = whitener_on(state.dataset, residual, rows, noises)
+    found, unsure = [], []
     for i, (name, fit) in enumerate(zip(named, fitted, strict=True)):
         widths = half_widths(state, whitener, fitted, i)
-        found.append(NamedEffect.of(replace(name, fit=fit), describe(fit, widths)))
-    return sorted(found, key=lambda e: -e.nats)
+        coordinates = fit.candidate.coordinates
+        if all(abs(fit.u[k] - coordinates[k].identity) <= widths[k] for k in fit.candidate.sizes):
+            unsure.append(replace(name, level=Level.INCONCLUSIVE, reasons=(*name.reasons, "its size may be zero")))
+            continue
+        change = np.sqrt(np.mean((state.dataset.predict([fit.effect]) - nominal) ** 2, axis=0))
+        size = float((change / [n.std for n in noises]).max())
+        found.append(NamedEffect.of(replace(name, fit=fit), describe(fit, widths), size))
+    return sorted(found, key=lambda e: -e.nats), tuple(unsure)

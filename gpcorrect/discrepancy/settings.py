@@ -78,15 +78,19 @@ class NoiseSettings:
     table_angle: float = 1e-4
     # m; the same of its lengths. Chosen by hand on development cases.
     table_length: float = 2e-5
+    # rad RMS between measured and simulated orientations, once the marker is turned on the tip: beyond, what is tracked
+    # is no body fixed to the tool. Half a radian is ten times what any effect of the catalogue turns a tool.
+    most_turned: float = 0.5
+    # m between a marker's fiducials at most: an orientation is no better than the position's noise over it.
+    marker_size: float = 0.1
 
 
 @dataclass(frozen=True)
 class TestSettings:
     """Small tests of the residual."""
 
-    # Bootstrap samples of the null law: its 99 % quantile rests on three of them. Chosen by hand on development
-    # cases.
-    draws: int = 300
+    # Bootstrap samples of the null law, whose moments give its quantile.
+    draws: int = 60
     # Quantile of the largest of all tests in noise that a finding must beat. Asked for by the design of the method.
     level: float = 0.99
     # Of a cell's mean, in root mean squares of the residual: hardly any shrinkage. Chosen by hand on development
@@ -184,8 +188,12 @@ class NamingSettings:
     positive_fraction: float = 0.6
     # Trajectories in which it acts: fewer may be odd for a reason of their own. Chosen by hand on development cases.
     few: int = 3
-    # Of a signature by the others: not nameable. Asked for by the design of the method.
+    # Of a signature by the others: not nameable, where the rest is less than an error in our own signatures could make
+    # of the others (`shape_error`), or brings fewer nats than `strong`. Asked for by the design of the method.
     explained: float = 0.95
+    # Of its range, that the 95 % interval of a shape's number may be wide: a uniform prior cut to a third has brought
+    # at least one nat, and a wave's number is known to a factor of four.
+    determined: float = 1.0 / 3.0
 
 
 @dataclass(frozen=True)
@@ -222,6 +230,9 @@ class VerdictSettings:
 
     # Noise levels of a part of the recording: above, something rare happens. Chosen by hand on development cases.
     burst: float = 3.0
+    # Of the noise: a systematic part larger than the noise itself, left at one joint, is the headline whatever is named
+    # at another. A definition.
+    rest: float = 1.0
     # Of the noise: more of it put down to tolerances may hide what is missing. Chosen by hand on development cases.
     most_tolerated: float = 0.5
     # Thresholds of the tests: a finding above them is beyond doubt. Chosen by hand on development cases.

@@ -98,7 +98,8 @@ class LiveArm:
         self.step = 1.0 / machine.drive.rate_hz  # s
         payload = machine.body.links.payload
         self._actual, self._nominal = machine.actual_body(payload), machine.nominal_body(payload)
-        self._loop = Loop(machine.drive, machine.body.joints, machine.effects)
+        self._drive = machine.actual_drive
+        self._loop = Loop(self._drive, machine.body.joints, machine.effects)
         self._block, self._time = block, start
         # Desired, motors' and joints' positions and rates, (1, 1, dof) each.
         self._desired = np.array(q, dtype=np.float64)[None, None]
@@ -107,7 +108,7 @@ class LiveArm:
         self._rate, self._velocity, self._acceleration = still, still, still
         for _ in range(SETTLING):
             self._settle()
-        self._loop.check_stable(machine.drive.motor_inertia + self._mass, self.step)
+        self._loop.check_stable(self._drive.motor_inertia + self._mass, self.step)
 
     def advance(self, desired: FloatArray) -> Moment:
         """Follow desired joints and return where the arm is after them.
@@ -126,7 +127,7 @@ class LiveArm:
         """Let the motors stand where their controllers and the load balance, and forget the past."""
         still = np.zeros(self._desired.shape)
         balance = self._fed(JointPath(self._desired, still, still)) - self._load().total
-        self._position = self._desired + balance / self.machine.drive.kp
+        self._position = self._desired + balance / self._drive.kp
         effects = of_kind(self.machine.effects, PathEffect)
         self._mechanical = [e.operator() for e in effects if e.stage != Stage.CLOCK]
         self._clock = [e.operator() for e in effects if e.stage == Stage.CLOCK]
@@ -139,7 +140,7 @@ class LiveArm:
         last, carried = rate[None, -1:], self._carried.total
         fed = self._fed(JointPath(path[None, -1:], last, (last - self._rate) / (m * self.step)))
         beyond = carried - self._mass * self._acceleration
-        inertia = self.machine.drive.motor_inertia + self._mass
+        inertia = self._drive.motor_inertia + self._mass
         reference = Reference(path[None, 1:], rate[None], fed * flat, beyond * flat, inertia, carried * flat)
         position, velocity = self._position[0].copy(), self._velocity[0].copy()
         servo = self._loop.run(reference, Clock(self.step, 1), position, velocity)
@@ -154,9 +155,9 @@ class LiveArm:
 
     def _fed(self, desired: JointPath) -> FloatArray:
         """Torque `(1, 1, dof)` that the controller feeds forward."""
-        if self.machine.drive.feedforward == "none":
+        if not self._drive.feeds:
             return np.zeros(desired.q.shape)
-        return feedforward(self.machine.drive, desired, link_load(self._nominal, desired))
+        return feedforward(self._drive, desired, link_load(self._nominal, desired))
 
     def _look(self, torque: FloatArray, joint_friction: FloatArray) -> Moment:
         """Bring what lies behind the motors up to date."""

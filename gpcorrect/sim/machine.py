@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect.arms import Arm
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
-from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, in_order, of_kind
+from gpcorrect.sim.effects import ChainEffect, DriveEffect, Effect, LoadEffect, in_order, of_kind
 from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.settings import Noise, TrackerFaults
 from gpcorrect.types import FloatArray
@@ -40,6 +40,9 @@ class Drive:
     friction, damping, limit : (dof,) arrays or None
         Dry friction, viscous damping and largest torque that the drives are known to have, as a robot file gives them;
         none where it is silent.
+    beyond : (3, dof) array
+        Fractions of gravity's torque, of the inertia's, and of kd times the commanded velocity that are fed forward
+        beyond that.
     """
 
     kp: FloatArray
@@ -51,6 +54,12 @@ class Drive:
     friction: FloatArray | None = None
     damping: FloatArray | None = None
     limit: FloatArray | None = None
+    beyond: FloatArray = field(default_factory=lambda: np.zeros((3, 1)))
+
+    @property
+    def feeds(self) -> bool:
+        """Whether anything is fed forward."""
+        return self.feedforward != "none" or bool(self.beyond.any())
 
     def __post_init__(self) -> None:
         if not len(self.kp) == len(self.kd) == len(self.motor_inertia):
@@ -147,6 +156,14 @@ class Machine:
         for change in of_kind(self.effects, ChainEffect):
             chain = chain if chain is None else change.act(chain)
         return replace(self.body, links=links, chain=chain).compact()
+
+    @property
+    def actual_drive(self) -> Drive:
+        """Controller as it really is."""
+        drive = self.drive
+        for effect in of_kind(self.effects, DriveEffect):
+            drive = effect.act(drive, self.body.joints)
+        return drive
 
     @property
     def has_nominal_body(self) -> bool:

@@ -110,29 +110,32 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     Driven
     """
     plan, clock = command.plan, command.clock
-    body = machine.actual_body(machine.payload(plan))
+    body, drive = machine.actual_body(machine.payload(plan)), machine.actual_drive
+    fed = command.feedforward if drive is machine.drive else feedforward(drive, command.desired, command.nominal_load)
     mass = command.mass if machine.has_nominal_body else mean_inertia(body, plan.q)
-    path, load = _first_guess(machine, body, command)
-    for number in range(passes or (PASSES if machine.drive.kv is None else LAGGING_PASSES)):
+    path, load = _first_guess(machine, body, command, drive, fed)
+    for number in range(passes or (PASSES if drive.kv is None else LAGGING_PASSES)):
         load = link_load(body, path) if number or load is None else load
-        reference = command.reference(load.total, mass * path.acceleration, machine.drive.motor_inertia + mass)
-        servo = follow(machine.drive, reference, clock, body.joints, machine.effects)
+        reference = command.reference(fed, load.total, mass * path.acceleration, drive.motor_inertia + mass)
+        servo = follow(drive, reference, clock, body.joints, machine.effects)
         motion = _motion(body, plan, servo, load)
         q = joint_path(_mechanical(machine), motion)
         path = JointPath(q, servo.velocity, np.gradient(servo.velocity, 1.0 / plan.rate_hz, axis=0))
     return Driven(motion, servo.torque, q)
 
 
-def _first_guess(machine: Machine, body: Body, command: Command) -> tuple[JointPath, LinkLoad | None]:
+def _first_guess(
+    machine: Machine, body: Body, command: Command, drive: Drive, fed: FloatArray
+) -> tuple[JointPath, LinkLoad | None]:
     """Path of motors that follow without delay and friction, pushed aside by the load that nothing feeds forward.
 
     With the load along it, where that is known already: effects in the drive do not change it.
     """
-    if machine.has_nominal_body and not of_kind(_mechanical(machine), PathEffect):
+    if machine.has_nominal_body and drive is machine.drive and not of_kind(_mechanical(machine), PathEffect):
         return command.guess, command.guess_load
     desired = command.desired
     load = command.nominal_load if machine.has_nominal_body else link_load(body, desired)
-    position = _pushed_aside(machine.drive, desired, load, command.feedforward)
+    position = _pushed_aside(drive, desired, load, fed)
     servo = ServoPath(position, desired.velocity, load.total, np.zeros(position.shape))
     q = joint_path(_mechanical(machine), _motion(body, command.plan, servo, load))
     return JointPath(q, desired.velocity, desired.acceleration), None
@@ -262,11 +265,13 @@ class Command:
         """Load of the nominal arm there."""
         return link_load(self.body, self.guess)
 
-    def reference(self, carried: FloatArray, of_inertia: FloatArray, inertia: FloatArray) -> Reference:
+    def reference(self, fed: FloatArray, carried: FloatArray, of_inertia: FloatArray, inertia: FloatArray) -> Reference:
         """Return what the servo loop is given.
 
         Parameters
         ----------
+        fed : (n, N, dof) array
+            Torque that the controller adds.
         carried : (n, N, dof) array
             Load along the path.
         of_inertia : (n, N, dof) array
@@ -274,7 +279,7 @@ class Command:
         inertia : (dof,) array
             That the loop accelerates.
         """
-        return Reference(self.position, self.velocity, self.feedforward, carried - of_inertia, inertia, carried)
+        return Reference(self.position, self.velocity, fed, carried - of_inertia, inertia, carried)
 
 
 def _pushed_aside(drive: Drive, desired: JointPath, load: LinkLoad, feedforward: FloatArray) -> FloatArray:
@@ -297,10 +302,9 @@ def feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> Flo
     nominal_load : LinkLoad
         Of the nominal arm along it.
     """
-    match drive.feedforward:
-        case "none":
-            return np.zeros(desired.q.shape)
-        case "gravity":
-            return nominal_load.gravity
-        case "rigid-body":
-            return nominal_load.total + drive.motor_inertia * desired.acceleration
+    gravity, inertia, velocity = drive.beyond
+    gravity = gravity + (drive.feedforward != "none")
+    inertia = inertia + (drive.feedforward == "rigid-body")
+    of_inertia = nominal_load.total - nominal_load.gravity + drive.motor_inertia * desired.acceleration
+    fed: FloatArray = gravity * nominal_load.gravity + inertia * of_inertia + velocity * drive.kd * desired.velocity
+    return fed

@@ -23,7 +23,7 @@ from gpcorrect.sim.effects.backlash import Backlash
 class LooseScrew(JointEffect):
     radius: float
     stage = Stage.JOINT
-    about = replace(Backlash.about, name="loose_screw", number=30)
+    about = replace(Backlash.about, name="loose_screw", number=99)
 
     def _behind(self, q, j, motion, memory):
         return q[..., j] + self.radius

@@ -197,7 +197,12 @@ def _changed(model: Model, gain: float) -> Model:
 def _same_signals(log: CalibrationLog, scene: Scene) -> CalibrationLog:
     """Log without the signals that the present recording lacks."""
     seen = {c.signal for c in scene.channels}
-    log = replace(log, external_jp=None) if "external_jp" not in seen else replace(log, tracker_cp=None)
+    if "external_jp" not in seen:
+        log = replace(log, external_jp=None)
+    if "tracker_cp" not in seen:
+        log = replace(log, tracker_cp=None)
+    elif "tracker_rotation" not in seen and log.tracker_cp is not None:
+        log = replace(log, tracker_cp=replace(log.tracker_cp, quaternion=None))
     return log if "measured_jp" in seen else replace(log, measured_jp=None, measured_jv=None, measured_jf=None)
 
 

@@ -159,7 +159,7 @@ def localise(
     if not results:
         return Localisation((), 0.0, 0.0, ())
     null = np.max([r.null for r in results], axis=0)
-    threshold = max(0.0, float(np.quantile(null, level)))
+    threshold = max(0.0, _quantile_of_largest(null, level))
     findings = sorted((f for r in results for f in r.findings if f.nats > threshold), key=_rank)
     largest = max(r.largest for r in results)
     bounds = []
@@ -167,6 +167,16 @@ def localise(
         std = r.data.noise.std
         bounds.append(Equivalence(r.data.channel, r.systematic / std, max(TESTS.equivalence, tolerance / std)))
     return Localisation(tuple(findings), threshold, largest, tuple(bounds))
+
+
+def _quantile_of_largest(null: FloatArray, level: float) -> float:
+    """Return a quantile of a maximum of many: of the Gumbel law with the draws' mean and standard deviation.
+
+    Its 99 % quantile from 60 draws is as sure (half a standard deviation) as the third largest of 300 (Gumbel 1958,
+    Statistics of Extremes, Sec. 6.2).
+    """
+    scale = float(np.std(null)) * np.sqrt(6.0) / np.pi
+    return float(np.mean(null) - scale * (np.euler_gamma + np.log(-np.log(level))))
 
 
 def _rank(finding: Finding) -> tuple[bool, float]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.settings import TESTS
+from gpcorrect.sim.effects import lag, play
 from gpcorrect.types import FloatArray, IntArray
 
 __all__ = [
@@ -26,6 +27,8 @@ __all__ = [
 ]
 
 BINS = {1: 8, 2: 5}
+PLAYS = (0.01, 0.04, 0.16)  # half widths over a joint's travel: what Preisach's weights are sampled at
+LAGS = (0.1, 1.0, 10.0)  # s
 
 
 class Quantity(StrEnum):
@@ -68,11 +71,15 @@ class Covariates:
         Those that are tested together with every other one.
     units : dict of Variable to str
         SI units; empty for pure numbers.
+    memory : tuple of (n,) arrays
+        What plays of a few half widths and lags of a few time constants leave of the motors' path and load: what has a
+        memory, of whatever kind, is a function of such states (Preisach's operator is an integral over plays).
     """
 
     values: dict[Variable, FloatArray]
     primary: tuple[Variable, ...]
     units: dict[Variable, str]
+    memory: tuple[FloatArray, ...] = ()
 
 
 def travel_direction(path: FloatArray, run: IntArray) -> FloatArray:
@@ -147,7 +154,20 @@ def covariates_of(scene: Scene, joint_index: int | None) -> Covariates:
     values |= _times(scene)
     varying = {variable: v for variable, v in values.items() if np.nanstd(v) > 0}
     units = {variable: _unit(variable, scene) for variable in varying}
-    return Covariates(varying, tuple(p for p in primary if p in varying), units)
+    memory = [state for j in columns for state in _memories(scene, j)]
+    return Covariates(
+        varying, tuple(p for p in primary if p in varying), units, tuple(m for m in memory if np.nanstd(m) > 0)
+    )
+
+
+def _memories(scene: Scene, j: int) -> list[FloatArray]:
+    """States of plays and lags of a joint's motors, at the log's rows."""
+    motion = scene.motion
+    path, load = motion.position[..., j], scene.layout.spread(scene.load()[:, j])
+    span = float(np.ptp(scene.motor_path()[:, j]))
+    states = [path - play(path, radius * span) for radius in PLAYS]
+    states += [x - lag(x, motion.time, seconds, motion.session) for x in (path, load) for seconds in LAGS]
+    return [scene.layout.gather(state, len(scene)) for state in states]
 
 
 def _unit(variable: Variable, scene: Scene) -> str:

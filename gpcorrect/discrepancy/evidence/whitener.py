@@ -142,8 +142,11 @@ def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> 
     own = [chosen_noise(o, s, count * step) for o, s in zip(own, stated, strict=True)]
     channels = dataset.scene.channels
     outside = {c.joint: n.std for c, n in zip(channels, own, strict=True) if c.signal == "external_jp"}
+    position = max((n.std for c, n in zip(channels, own, strict=True) if c.signal == "tracker_cp"), default=0.0)
     floors = [
-        0.0 if c.signal != "measured_jp" else NOISE.motor_fraction * outside.get(c.joint, NOISE.motor_floor)
+        NOISE.motor_fraction * outside.get(c.joint, NOISE.motor_floor)
+        if c.signal == "measured_jp"
+        else position / NOISE.marker_size * (c.signal == "tracker_rotation")
         for c in channels
     ]
     # Encoders have hardly any noise: a servo model that is wrong by less than the outside sensors see is not missing.

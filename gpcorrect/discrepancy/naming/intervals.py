@@ -17,7 +17,7 @@ from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["away_from_nothing", "explained_by_others", "half_widths"]
+__all__ = ["away_from_nothing", "explained_by_others", "half_widths", "undetermined"]
 
 TANGENT_ERROR = NAMING.shape_error / 2  # the part of it that a change of a single number could make
 
@@ -55,6 +55,37 @@ def half_widths(
         if coordinate.parameter.change_point:  # no slope says how well an instant is known
             widths[i] = instant_half_width(whitener, others, fitted[index])
     return widths
+
+
+def undetermined(
+    search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], index: int
+) -> tuple[str, ...]:
+    """Return the names of an effect's shape parameters whose 95 % interval is no narrower than a part of their range.
+
+    A shape that may be anything is a smooth curve under the effect's name: it says nothing of the machine.
+
+    Parameters
+    ----------
+    search : Search
+        Data, signatures and the fitted effects.
+    whitener : DatasetWhitener
+        Data, and the rows and noise to use.
+    fitted : sequence of FittedEffect
+        The set.
+    index : int
+        Which one of the set.
+    """
+    candidate = fitted[index].candidate
+    shapes = [
+        i
+        for i, c in enumerate(candidate.coordinates)
+        if i not in candidate.sizes and not c.parameter.change_point and np.isfinite(c.width)
+    ]
+    if not shapes:
+        return ()
+    widths = half_widths(search, whitener, fitted, index)
+    open_ones = [i for i in shapes if 2.0 * widths[i] > NAMING.determined * candidate.coordinates[i].width]
+    return tuple(candidate.coordinates[i].parameter.name for i in open_ones)
 
 
 def _energy(search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], own: FittedEffect) -> float:

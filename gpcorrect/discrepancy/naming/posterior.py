@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others
+from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others, undetermined
 from gpcorrect.discrepancy.naming.weigh import View, Weighed, smooth_nats, weigh
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, penalty
@@ -202,9 +202,10 @@ def _unknown_nats(weighed: Weighed, cost: float) -> float:
 
 
 def fraction_closed(search: Search, fit: FittedEffect) -> float:
-    """Return the fraction of the mean square above noise that the set closes in an effect's channels, the best of them.
+    """Return the fraction of the mean square above noise that the set closes in an effect's channels.
 
-    On discovery and confirmation, sample by sample. 1 where what is left may be noise.
+    On discovery and confirmation, sample by sample; every channel counts by what the effect changes there beside its
+    noise. 1 where what is left may be noise.
 
     Parameters
     ----------
@@ -220,12 +221,11 @@ def fraction_closed(search: Search, fit: FittedEffect) -> float:
     touched = search.touched(fit.candidate) & (change > 0.0)
     if not touched.any():
         return 1.0
-    strongest = int(np.argmax(np.where(touched, change / noise, -1.0)))
-    if after[strongest] <= NAMING.plain_rest**2 * noise[strongest]:
-        return 1.0
     worth = touched & (before > noise)
-    closed = 1.0 - (after - noise)[worth] / (before - noise)[worth]
-    return float(np.max(closed, initial=0.0))
+    closed = np.where(after <= NAMING.plain_rest**2 * noise, 1.0, 0.0)
+    closed[worth] = np.maximum(closed, 1.0 - (after - noise) / np.where(worth, before - noise, 1.0))[worth]
+    weight = np.where(touched, change / noise, 0.0)
+    return float(weight @ closed / weight.sum())
 
 
 def _mean_square(values: FloatArray, rows: BoolArray) -> FloatArray:
@@ -286,7 +286,7 @@ def _doubts(view: View, fit: FittedEffect, weighed: Weighed, cost: float) -> lis
         doubts.append(f"acts in only {len(gains)} of the trajectories")
     elif (fraction := float((gains > 0).mean())) < NAMING.positive_fraction:
         doubts.append(f"helps in only {100 * fraction:.0f} % of the trajectories in which it acts")
-    return doubts + _doubts_of_numbers(view, fit)
+    return doubts + _doubts_of_numbers(view, fit, weighed)
 
 
 def _partial(view: View, fit: FittedEffect, weighed: Weighed, cost: float) -> list[str]:
@@ -301,7 +301,7 @@ def _partial(view: View, fit: FittedEffect, weighed: Weighed, cost: float) -> li
     return signs
 
 
-def _doubts_of_numbers(view: View, fit: FittedEffect) -> list[str]:
+def _doubts_of_numbers(view: View, fit: FittedEffect, weighed: Weighed) -> list[str]:
     search = view.search
     fixed, near = search.parted(search.fitted, fit.candidate)
     fitted = [*fixed, *near]
@@ -309,8 +309,12 @@ def _doubts_of_numbers(view: View, fit: FittedEffect) -> list[str]:
     doubts = [f"{name} is at the edge of its physical range" for name in fit.at_edge]
     if not away_from_nothing(search, search.whitener, fitted, index):
         doubts.append("its size cannot be distinguished from zero")
+    doubts += [
+        f"these data do not determine its {name}" for name in undetermined(search, search.whitener, fitted, index)
+    ]
     explained = explained_by_others(search, fitted, index)
-    if explained > NAMING.explained:
+    weak = weighed.nats < NAMING.strong * weighed.overdispersion or 1.0 - explained < NAMING.shape_error**2
+    if explained > NAMING.explained and weak:
         doubts.append(
             f"{100 * explained:.1f} % of its signature is explained by the others: not nameable from these data"
         )

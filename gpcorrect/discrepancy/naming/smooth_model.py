@@ -56,7 +56,7 @@ def smooth_columns(
 ) -> FloatArray:
     """Columns `(m, c, k)` of the smooth model of these channels.
 
-    All single variables, and the pairs that explain most of a residual.
+    All single variables, states with a memory, and the pairs that explain most of a residual.
 
     Parameters
     ----------
@@ -79,10 +79,17 @@ def smooth_columns(
         chosen = [pairs[k].variables for k in np.argsort(strength)[::-1][: NAMING.smooth_pairs]]
         for variables in (*((name,) for name in inputs[i].values), *chosen):
             basis = _basis([inputs[i].values[v] for v in variables])
-            columns = np.zeros((m, c, basis.shape[1]))
-            columns[:, i] = basis
-            parts.append(columns)
+            parts.append(_in_channel(basis, i, c))
+        if inputs[i].memory:
+            states = np.stack(inputs[i].memory, axis=1)
+            parts.append(_in_channel(states / states.std(axis=0), i, c))
     return np.concatenate(parts, axis=2) if parts else np.zeros((m, c, 0))
+
+
+def _in_channel(basis: FloatArray, channel: int, n_channels: int) -> FloatArray:
+    columns = np.zeros((len(basis), n_channels, basis.shape[1]))
+    columns[:, channel] = basis
+    return columns
 
 
 def _basis(values: Sequence[FloatArray]) -> FloatArray:

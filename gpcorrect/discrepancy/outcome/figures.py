@@ -18,7 +18,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 __all__ = ["black_box", "closed_gap", "evidence_of", "exchanged", "gap_figures", "gaps_of", "permutation_control"]
 
 DRAWS = 1000  # of the bootstrap: its 2.5 % ends then rest on 25 draws each
-BLACK_BOX_ROWS = 400  # of the exact process, for time: its cost grows with their cube
+BLACK_BOX_ROWS = 250  # of the exact process, for time: its cost grows with their cube
 RIDGE = 1e-6  # of the signatures' energy: only keeps alike signatures solvable
 
 
@@ -101,7 +101,7 @@ def black_box(inputs: FloatArray, residual: FloatArray, train: BoolArray, rng: n
 
     Notes
     -----
-    The package's own exact process: squared-exponential kernel with one length scale an input, on at most 400 rows.
+    The package's own exact process: squared-exponential kernel with one length scale an input, on at most 250 rows.
     """
     rows = np.flatnonzero(train & np.isfinite(residual))
     if len(rows) > BLACK_BOX_ROWS:

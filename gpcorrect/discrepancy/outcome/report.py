@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.localise import Finding
 from gpcorrect.discrepancy.naming.posterior import Alternative
-from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, Provenance
+from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, PlaceVerdict, Provenance
 from gpcorrect.discrepancy.outcome.words import noise_source_words, region_words
 from gpcorrect.discrepancy.recording.channels import Channel
 
@@ -26,7 +26,12 @@ def report_of(result: DiscrepancyResult) -> dict[str, Any]:
     """
     experiment, remainder = result.next_experiment, result.remainder
     report: dict[str, Any] = {
-        "verdict": {"level": str(result.level), "effects": [_effect(e) for e in result.effects]},
+        "version": 2,
+        "verdict": {
+            "level": str(result.level),
+            "effects": [_effect(e) for e in result.effects],
+            "places": [_place(v) for v in result.verdict.places],
+        },
         "localisation": [_finding(f) for f in result.localisation.findings],
         "gap": {g.channel.name: _gap(g) for g in result.gap},
         "next_experiment": None
@@ -71,6 +76,22 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "rivals": [_alternative(a) for a in effect.rivals],
         "alternatives": [_alternative(a) for a in effect.alternatives],
         "nats": effect.nats,
+        "size_over_noise": effect.size,
+        "minor": effect.is_minor,
+    }
+
+
+def _place(verdict: PlaceVerdict) -> dict[str, Any]:
+    return {
+        "place": verdict.place,
+        "level": str(verdict.level),
+        "channel": verdict.channel.name,
+        "before": verdict.before,
+        "after": verdict.after,
+        "noise": verdict.noise,
+        "unit": verdict.channel.unit,
+        "remaining_over_noise": verdict.remaining,
+        "effects": verdict.effects,
     }
 
 

@@ -13,6 +13,7 @@ from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.discrepancy.search.needs import Lack
 from gpcorrect.discrepancy.search.state import Step
+from gpcorrect.discrepancy.settings import TESTS
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.plan import Plan
 from gpcorrect.types import BoolArray, FloatArray
@@ -27,6 +28,7 @@ __all__ = [
     "Experiment",
     "GapFigures",
     "NamedEffect",
+    "PlaceVerdict",
     "Provenance",
     "UnnamedEffect",
     "Verdict",
@@ -55,6 +57,8 @@ class NamedEffect:
         What could stand in its place, itself, nothing and the unknown among them, most probable first.
     rivals : tuple of Alternative
         Those other effects that cannot be ruled out.
+    size : float
+        Root mean square of what it changes over the noise, in the channel where that is largest.
     """
 
     name: str
@@ -66,9 +70,15 @@ class NamedEffect:
     parameters: Mapping[str, Estimate]
     alternatives: tuple[Alternative, ...]
     rivals: tuple[Alternative, ...]
+    size: float = float("inf")
+
+    @property
+    def is_minor(self) -> bool:
+        """Whether it is too small to matter, however sure: it does not lead a headline."""
+        return self.size < TESTS.equivalence
 
     @classmethod
-    def of(cls, named: Named, numbers: Mapping[str, Estimate]) -> NamedEffect:
+    def of(cls, named: Named, numbers: Mapping[str, Estimate], size: float = float("inf")) -> NamedEffect:
         """Take over what was named.
 
         Parameters
@@ -77,6 +87,8 @@ class NamedEffect:
             The effect.
         numbers : mapping of str to Estimate
             Of its parameters.
+        size : float
+            Over the noise; infinite where it changes no mean.
         """
         candidate = named.fit.candidate
         fixed = {k: Estimate(v, None, "") for k, v in candidate.fixed}
@@ -90,6 +102,7 @@ class NamedEffect:
             {**numbers, **fixed},
             named.alternatives,
             named.rivals,
+            size,
         )
 
 
@@ -105,11 +118,42 @@ class UnnamedEffect:
 
 
 @dataclass(frozen=True)
+class PlaceVerdict:
+    """What a run comes to at one joint, or at the tool.
+
+    Parameters
+    ----------
+    place : int or str
+        Number of the joint; "tool" for what a tracker alone sees.
+    level : Level
+        There.
+    channel : Channel
+        In which the gap was largest over its noise.
+    before, after, noise : float
+        Root mean squares of the test set in it, without and with the named effects, and of noise alone.
+    remaining : float
+        Largest systematic part that is left, over the noise of its channel.
+    effects : tuple of str
+        Names of the effects there.
+    """
+
+    place: int | str
+    level: Level
+    channel: Channel
+    before: float
+    after: float
+    noise: float
+    remaining: float
+    effects: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Verdict:
-    """The level of the whole, and the effects that are named."""
+    """The level of the whole, the effects that are named, and the level of each place."""
 
     level: Level
     effects: tuple[NamedEffect, ...] = ()
+    places: tuple[PlaceVerdict, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.weigh import smooth_nats, view_of
-from gpcorrect.discrepancy.outcome.result import Burst, NamedEffect
+from gpcorrect.discrepancy.outcome.result import Burst, ChannelGap, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
@@ -18,7 +18,7 @@ from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.settings import VERDICT
 
-__all__ = ["bursts_of", "is_plain", "verdict_level"]
+__all__ = ["bursts_of", "headline", "is_plain", "place_verdicts", "verdict_level"]
 
 SURENESS = (Level.EXACT, Level.CLASS, Level.SET)
 
@@ -114,6 +114,71 @@ def is_plain(before: Localisation, channels: Set[Channel], dropped: Sequence[Nam
     found = [f.nats for f in before.findings if f.counts and f.channel in channels & matters]
     explained = max((n.nats for n in dropped if n.level != Level.UNKNOWN), default=0.0)
     return max(found, default=0.0) > max(VERDICT.plain * before.threshold, explained / VERDICT.explained)
+
+
+def place_verdicts(
+    effects: Sequence[NamedEffect], gaps: Sequence[ChannelGap], left: Localisation
+) -> tuple[PlaceVerdict, ...]:
+    """Return what a run comes to at each joint, and at the tool where a tracker sees it; the largest rest first.
+
+    Parameters
+    ----------
+    effects : sequence of NamedEffect
+        Of the verdict.
+    gaps : sequence of ChannelGap
+        Of every channel.
+    left : Localisation
+        Of the residual that the named effects leave.
+    """
+    every = {g.channel.joint or "tool" for g in gaps} | {e.joint for e in effects if isinstance(e.joint, int)}
+    found = [_place_verdict(place, effects, gaps, left) for place in sorted(every, key=str)]
+    return tuple(sorted(found, key=lambda v: (-v.remaining, str(v.place))))
+
+
+def _place_verdict(
+    place: int | str, effects: Sequence[NamedEffect], gaps: Sequence[ChannelGap], left: Localisation
+) -> PlaceVerdict:
+    own = [g for g in gaps if (g.channel.joint or "tool") == place]
+    seen = own or [g for g in gaps if not g.channel.joint]  # joints that a tracker alone sees
+    worst = max(seen, key=lambda g: (np.nan_to_num(g.before) / g.noise, g.channel.signal != "measured_jp"))
+    here = [e for e in effects if place in (e.joint, "tool" if e.joint == "base" else e.joint) or e.joint == "all"]
+    channels = {g.channel for g in own}
+    findings = [f.nats for f in left.findings if f.counts and f.channel in channels]
+    rests = [np.sqrt(max(np.nan_to_num(g.after) ** 2 / g.noise**2 - 1.0, 0.0)) for g in own]
+    remaining = float(max(rests, default=0.0))
+    if findings and (remaining > VERDICT.rest or (not here and max(findings) > VERDICT.plain * left.threshold)):
+        level = Level.UNKNOWN
+    elif here:
+        level = _least_sure(here)
+    else:
+        shown = not findings and all(e.shown for e in left.equivalence if e.channel in channels)
+        level = Level.NONE if shown else Level.INCONCLUSIVE
+    names = tuple(e.name for e in here)
+    return PlaceVerdict(place, level, worst.channel, worst.before, worst.after, worst.noise, remaining, names)
+
+
+def headline(level: Level, effects: Sequence[NamedEffect], places: Sequence[PlaceVerdict]) -> Level:
+    """Return the level of the whole, led by what matters most.
+
+    A name is no headline while more than the noise is left without one elsewhere, nor are effects too small to matter
+    while anything larger is undecided.
+
+    Parameters
+    ----------
+    level : Level
+        By the named effects alone.
+    effects : sequence of NamedEffect
+        Of the verdict.
+    places : sequence of PlaceVerdict
+        Of every place.
+    """
+    if level not in SURENESS:
+        return level
+    unknown = [v for v in places if v.level == Level.UNKNOWN]
+    large = [e for e in effects if not e.is_minor]
+    if any(v.remaining > VERDICT.rest for v in unknown) or (unknown and not large):
+        return Level.UNKNOWN
+    return _least_sure(large or effects)
 
 
 def _least_sure(effects: Sequence[NamedEffect]) -> Level:

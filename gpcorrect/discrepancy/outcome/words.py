@@ -159,7 +159,11 @@ def channel_words(channel: Channel) -> str:
     channel : Channel
         Of a recording.
     """
-    signals = {"external_jp": "outside sensor of joint", "measured_jp": "motor encoder of joint"}
+    signals = {
+        "external_jp": "outside sensor of joint",
+        "measured_jp": "motor encoder of joint",
+        "tracker_rotation": "tracker's turn about",
+    }
     kind = signals.get(channel.signal, "tracker")
     return f"{kind} {channel.joint or 'xyz'[channel.index]}"
 

@@ -53,7 +53,8 @@ def noise_of(model: Model, scene: Scene) -> FloatArray:
     zeros = (0.0,) * len(model.joints)
     joint = np.hypot(noise.external_jp_white or zeros, noise.external_jp_ar_std or zeros)
     tracker = float(np.hypot(noise.tracker_white, noise.tracker_ar_std))
-    by_channel = {"external_jp": joint.tolist(), "tracker_cp": [tracker] * 3}
+    turn = float(np.hypot(noise.tracker_rotation_white, noise.tracker_rotation_ar_std)) or np.nan  # not stated: unused
+    by_channel = {"external_jp": joint.tolist(), "tracker_cp": [tracker] * 3, "tracker_rotation": [turn] * 3}
     std = np.array([by_channel[c.signal][c.index] if c.signal in by_channel else np.nan for c in scene.channels])
     if not (std[np.isfinite(std)] > 0).all():
         raise DataError(

@@ -13,17 +13,13 @@ from gpcorrect.discrepancy.recording.channels import (
     joint_columns,
     motor_side,
     sampling_is_even,
+    tracker_channels,
 )
 from gpcorrect.discrepancy.recording.layout import Layout, layout_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.recording.tolerance import (
-    Slack,
-    rotation_onto,
-    slack_of,
-    table_slopes,
-    without_registration,
-)
+from gpcorrect.discrepancy.recording.tolerance import Slack, slack_of, table_slopes
+from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan, Segment, plan_of
@@ -85,33 +81,38 @@ def build_scene(
         trajectory=log.trajectory,
         session=session,
         effort=None if log.measured_jf is None else joint_columns(log, "measured_jf", joints),
-        registered_on=registered_on,
         measured=source == "measured_jp",
         remarks=tuple(remarks),
     )
-    return replace(scene, slack=_slack(scene, noises)) if scene.tracked else scene
+    if log.tracker_cp is None or machine.body.chain is None:
+        return scene
+    given = model.T_tracker_base is not None, model.T_tip_marker is not None
+    tracker = Tracker.of(log.tracker_cp, registered_on, base_known=given[0], marker_known=given[1])
+    tracker, why = tracker.about(scene.marker_poses())
+    scene = replace(
+        scene,
+        tracker=tracker,
+        channels=channels + tracker_channels(tracker.observed.shape[1]),
+        observed=np.concatenate([observed, tracker.observed], axis=1),
+        remarks=(*scene.remarks, why) if why else scene.remarks,
+    )
+    return replace(scene, slack=_slack(scene, tracker, noises))
 
 
-def _slack(scene: Scene, noises: tuple[ChannelNoise, ...] | None) -> Slack:
+def _slack(scene: Scene, tracker: Tracker, noises: tuple[ChannelNoise, ...] | None) -> Slack:
     """Tolerance of table and registration, against the noise given or that the residual shows over short lags."""
-    body, predicted = scene.machine.body, scene.predict()
+    body = scene.machine.body
     assert body.chain is not None
     chain = replace(body.chain, tool=se3.compose(body.chain.tool, scene.machine.T_tip_marker))
-    q = body.all_joints(scene.motor_path())
-    seen = np.array([c.signal == "tracker_cp" for c in scene.channels])
-    rows = (scene.registered_on & np.isfinite(scene.observed).all(axis=1))[:, None] & seen
-    tip = chain.forward(q)[:, :3, 3]
-    axes = rotation_onto(tip, predicted[:, seen])
-    slopes = table_slopes(chain, q, axes)
-    if scene.model.T_tracker_base is None:
-        slopes = without_registration(slopes, tip @ axes.T, rows[:, seen].all(axis=1))
-    spread = np.zeros((*predicted.shape, slopes.shape[2]))
-    spread[:, seen] = slopes
-    label, still = scene.run_of_row(), np.zeros(len(scene), dtype=np.bool_)
+    n_axes = tracker.observed.shape[1]
+    slopes = table_slopes(chain, body.all_joints(scene.motor_path()), scene.machine.T_tracker_base, tracker)
+    rows = np.repeat((tracker.rows & np.isfinite(tracker.observed).all(axis=1))[:, None], n_axes, axis=1)
     if noises is None:
-        noises = tuple(estimate_noise(scene.time, r, label, still) for r in (scene.observed - predicted).T)
+        label, still = scene.run_of_row(), np.zeros(len(scene), dtype=np.bool_)
+        residual = scene.residual()[:, -n_axes:]
+        noises = tuple(estimate_noise(scene.time, r, label, still) for r in residual.T)
     steps = np.diff(scene.time)
-    return slack_of(spread, rows, noises, float(np.median(steps[steps > 0])))
+    return slack_of(slopes, rows, noises[-n_axes:], float(np.median(steps[steps > 0])))
 
 
 def _loop_remarks(log: CalibrationLog, model: Model, label: IntArray, source: str) -> tuple[bool, list[str]]:

@@ -14,10 +14,10 @@ __all__ = [
     "Channel",
     "compared_channels",
     "continuous_runs",
-    "external_signal",
     "joint_columns",
     "motor_side",
     "sampling_is_even",
+    "tracker_channels",
 ]
 
 EVEN = 0.02  # relative spread of the time steps of a clock that a servo loop can be run on
@@ -32,7 +32,7 @@ class Channel:
     name : str
         Signal and joint or axis, such as "external_jp_2".
     signal : str
-        Log signal.
+        Log signal; the tracker's orientation counts as one of its own, "tracker_rotation".
     index : int
         Column among the model's joints, or axis of the tracker.
     joint : int
@@ -100,34 +100,6 @@ def motor_side(log: CalibrationLog) -> str:
     )
 
 
-def external_signal(log: CalibrationLog, *, kinematics: bool) -> str:
-    """Return the name of the signal that sees the arm from outside.
-
-    Parameters
-    ----------
-    log : CalibrationLog
-        The recording.
-    kinematics : bool
-        Whether the arm's kinematics are known.
-
-    Raises
-    ------
-    DataError
-        There is none that can be used.
-    """
-    if log.external_jp is not None:
-        return "external_jp"
-    if log.tracker_cp is not None and kinematics:
-        return "tracker_cp"
-    raise DataError(
-        "the log has no external_jp"
-        + ("" if kinematics else ", and a bare joint chain has no kinematics to use tracker_cp with")
-        + ("" if log.tracker_cp is not None or not kinematics else " and no tracker_cp")
-        + ": nothing says where the arm really was.",
-        hint="Log external_jp, or tracker_cp with an arm that has kinematics.",
-    )
-
-
 def continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
     """Return the label `(n,)` of the continuous motion each row belongs to.
 
@@ -175,7 +147,7 @@ def sampling_is_even(time: FloatArray, run: IntArray) -> bool:
 def compared_channels(
     log: CalibrationLog, body: Body, source: str, *, loop: bool
 ) -> tuple[tuple[Channel, ...], FloatArray]:
-    """Channels that a log lets us compare, and what was measured in them `(n, c)`.
+    """Return the joint channels that a log lets us compare, and what was measured in them `(n, c)`.
 
     Parameters
     ----------
@@ -193,19 +165,34 @@ def compared_channels(
     DataError
         Nothing sees the arm from outside.
     """
-    joints, types = body.joints, body.types
+    kinematics = body.chain is not None
+    if log.external_jp is None and (log.tracker_cp is None or not kinematics):
+        raise DataError(
+            "the log has no external_jp"
+            + ("" if kinematics else ", and a bare joint chain has no kinematics to use tracker_cp with")
+            + ("" if log.tracker_cp is not None or not kinematics else " and no tracker_cp")
+            + ": nothing says where the arm really was.",
+            hint="Log external_jp, or tracker_cp with an arm that has kinematics.",
+        )
     channels: list[Channel] = []
     columns: list[FloatArray] = []
-    outside = external_signal(log, kinematics=body.chain is not None)
-    signals = ([source] if loop and source == "measured_jp" else []) + ([outside] if outside == "external_jp" else [])
-    for signal in signals:
-        values = joint_columns(log, signal, joints)
-        for i, (joint, kind) in enumerate(zip(joints, types, strict=True)):
+    outside = [] if log.external_jp is None else ["external_jp"]
+    for signal in ([source] if loop and source == "measured_jp" else []) + outside:
+        values = joint_columns(log, signal, body.joints)
+        for i, (joint, kind) in enumerate(zip(body.joints, body.types, strict=True)):
             channels.append(Channel(f"{signal}_{joint}", signal, i, joint, "m" if kind == "P" else "rad"))
             columns.append(values[:, i])
-    if outside == "tracker_cp":
-        assert log.tracker_cp is not None
-        for i, axis in enumerate("xyz"):
-            channels.append(Channel(f"tracker_cp_{axis}", "tracker_cp", i, 0, "m"))
-            columns.append(log.tracker_cp.position[:, i])
-    return tuple(channels), np.stack(columns, axis=1)
+    return tuple(channels), np.stack(columns, axis=1) if columns else np.zeros((len(log), 0))
+
+
+def tracker_channels(n_axes: int) -> tuple[Channel, ...]:
+    """Return the channels of a tracker: three positions, and three turns where it has six axes.
+
+    Parameters
+    ----------
+    n_axes : int
+        3 or 6.
+    """
+    kinds = (("tracker_cp", "m"), ("tracker_rotation", "rad"))
+    every = [Channel(f"{signal}_{axis}", signal, i, 0, unit) for signal, unit in kinds for i, axis in enumerate("xyz")]
+    return tuple(every[:n_axes])

@@ -18,16 +18,17 @@ from gpcorrect import se3
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.layout import Layout
 from gpcorrect.discrepancy.recording.replay_memory import ReplayMemory
-from gpcorrect.discrepancy.recording.tolerance import Slack, rotation_onto
+from gpcorrect.discrepancy.recording.tolerance import Slack
+from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.sim.body import Body
 from gpcorrect.sim.dynamics import posture_at
 from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, Stage, in_order, of_kind
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
-from gpcorrect.sim.motion import Motion, Readings
+from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.plant import Driven, tip_path
-from gpcorrect.types import BoolArray, FloatArray, IntArray
+from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["LOOP_STAGES", "Scene", "Signal"]
 
@@ -67,8 +68,8 @@ class Scene:
         Of the log's rows; sessions numbered from 0.
     effort : (n, k) array or None
         Reported efforts.
-    registered_on : (n,) bool array
-        Rows on which the tracker's frame is registered, when the model does not give it.
+    tracker : Tracker or None
+        Where one saw the arm: its channels stand last.
     measured : bool
         Whether the motors are measured; else their path is what the closed loop makes of the commands, where it runs.
     slack : Slack or None
@@ -89,7 +90,7 @@ class Scene:
     trajectory: IntArray
     session: IntArray
     effort: FloatArray | None
-    registered_on: BoolArray
+    tracker: Tracker | None = None
     measured: bool = True
     slack: Slack | None = None
     remarks: tuple[str, ...] = ()
@@ -161,49 +162,59 @@ class Scene:
             An effect does not fit the machine.
         """
         machine = self._machine(effects)
-        if self.tracked:
-            return self._signals_together(machine)
         inside = _inside(machine)
         loop, columns = (
             self._loop(machine),
             self.memory.paths.joint_columns(machine.effects, self._replay(machine), inside),
         )
         measured = self.motion.position if loop is None else loop.motion.position
-        return [
+        joints = [
             Signal((c.name, columns[c.index].number), self._rows_of(columns[c.index].path))
             if c.signal == "external_jp"
             else Signal((c.name, inside), self._rows_of(measured[..., c.index]))
             for c in self.channels
+            if c.joint
         ]
+        return joints + self._tracked_signals(effects, machine)
 
     def _rows_of(self, grid: FloatArray) -> Callable[[], FloatArray]:
         return lambda: self.layout.gather(grid, len(self))
 
-    def _signals_together(self, machine: Machine) -> list[Signal]:
-        """Signals where each depends on every effect."""
+    def _tracked_signals(self, effects: Sequence[Effect], machine: Machine) -> list[Signal]:
+        """Signals of the tracker, each of which depends on every effect."""
+        if self.tracker is None:
+            return []
 
         @cache
         def together() -> FloatArray:
-            return self._all_rows(machine)
+            return self._tracked_rows(effects)
 
         def one(i: int) -> Callable[[], FloatArray]:
             return lambda: together()[:, i]
 
-        return [Signal((c.name, machine.effects), one(i)) for i, c in enumerate(self.channels)]
+        first = len(self.channels) - self.tracker.observed.shape[1]
+        return [Signal((c.name, machine.effects), one(i)) for i, c in enumerate(self.channels[first:])]
 
-    def _all_rows(self, machine: Machine) -> FloatArray:
-        """Return what the sensors say `(n, c)`."""
-        readings = self._readings(machine)
-        grids = {
-            "measured_jp": readings.measured_jp,
-            "external_jp": readings.external_jp,
-            "tracker_cp": None if readings.T_tracker_marker is None else readings.T_tracker_marker[..., :3, 3],
-        }
-        columns = {name: self.layout.gather(g, len(self)) for name, g in grids.items() if g is not None}
-        if "tracker_cp" in columns and self.model.T_tracker_base is None:
-            columns["tracker_cp"] = self._registered(columns["tracker_cp"])
-        predicted = np.stack([columns[c.signal][:, c.index] for c in self.channels], axis=1)
-        return predicted if self.slack is None else predicted + self.slack.part(self.observed - predicted)
+    def _tracked_rows(self, effects: Sequence[Effect]) -> FloatArray:
+        """Return what the tracker says `(n, a)`."""
+        assert self.tracker is not None
+        predicted = self.tracker.predicted(self.marker_poses(effects))
+        return predicted if self.slack is None else predicted + self.slack.part(self.tracker.observed - predicted)
+
+    def marker_poses(self, effects: Sequence[Effect] = ()) -> FloatArray:
+        """Return the marker's poses `(n, 4, 4)` in the tracker's frame as far as the model states it.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            Beyond the model's own, on an arm whose kinematics are known.
+        """
+        machine = self._machine(effects)
+        replay = self._replay(machine)
+        q = self.memory.paths.joint_path(machine.effects, replay, _inside(machine))
+        tip = tip_path(machine.effects, self._body(machine).forward(q), replay)
+        assert tip is not None
+        return self.layout.gather(se3.compose(machine.T_tracker_base, tip, machine.T_tip_marker), len(self))
 
     def strict(self) -> Scene:
         """Return the scene with all of the residual in account, also what is within the tolerance of the table."""
@@ -221,20 +232,6 @@ class Scene:
 
     def _machine(self, effects: Sequence[Effect]) -> Machine:
         return self.machine.with_effects(*in_order((*self.model.effects, *effects)))
-
-    def _readings(self, machine: Machine) -> Readings:
-        replay = self._replay(machine)
-        loop = self._loop(machine)
-        before = _inside(machine)
-        q = self.memory.paths.joint_path(machine.effects, replay, before)
-        marker = None
-        if self._sees("tracker_cp"):
-            tip = tip_path(machine.effects, self._body(machine).forward(q), replay)
-            marker = None if tip is None else se3.compose(machine.T_tracker_base, tip, machine.T_tip_marker)
-        measured = replay.position if loop is None else loop.motion.position
-        velocity = replay.velocity if loop is None else loop.motion.velocity
-        torque = replay.load if loop is None else loop.torque
-        return Readings(measured, velocity, torque, q, marker)  # effects on readings are noise: they change no mean
 
     def _replay(self, machine: Machine) -> Motion:
         loop = self._loop(machine)
@@ -266,18 +263,7 @@ class Scene:
     @property
     def tracked(self) -> bool:
         """Whether the arm is seen by a tracker."""
-        return self._sees("tracker_cp")
-
-    def _sees(self, signal: str) -> bool:
-        return any(c.signal == signal for c in self.channels)
-
-    def _registered(self, position: FloatArray) -> FloatArray:
-        """Positions `(n, 3)` moved rigidly onto the tracker's: least squares on the rows for it (Arun 1987)."""
-        seen = np.stack([self.observed[:, i] for i, c in enumerate(self.channels) if c.signal == "tracker_cp"], axis=1)
-        rows = self.registered_on & np.isfinite(seen).all(axis=1) & np.isfinite(position).all(axis=1)
-        a, b = position[rows], seen[rows]
-        moved: FloatArray = (position - a.mean(axis=0)) @ rotation_onto(a, b).T + b.mean(axis=0)
-        return moved
+        return self.tracker is not None
 
 
 def _inside(machine: Machine) -> tuple[Effect, ...]:

@@ -83,6 +83,8 @@ def _parts(noise: Noise, channel: Channel) -> tuple[float, float, float]:
     """White and slow standard deviation, and the slow part's correlation from sample to sample."""
     if channel.signal == "tracker_cp":
         return noise.tracker_white, noise.tracker_ar_std, noise.tracker_ar_phi
+    if channel.signal == "tracker_rotation":
+        return noise.tracker_rotation_white, noise.tracker_rotation_ar_std, noise.tracker_ar_phi
     rounded = _number(noise.encoder_step, channel.index) / UNIFORM
     if channel.signal == "measured_jp":
         return rounded, 0.0, 0.0

@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gpcorrect import se3
 from gpcorrect.arms import Chain
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["Slack", "rotation_onto", "slack_of", "table_slopes", "without_registration"]
+__all__ = ["Slack", "slack_of", "table_slopes"]
 
 STEP = 1e-5  # rad or m, for slopes
 ROW_TERMS = {
@@ -81,65 +83,31 @@ def slack_of(slopes: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ..
     return Slack(slopes, (Vt.T * shrunk) @ (U / scale).T, rows)
 
 
-def rotation_onto(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the rotation `(3, 3)` that best turns points onto others, both about their means (Arun 1987).
-
-    Parameters
-    ----------
-    a : (n, 3) array
-        Points to turn.
-    b : (n, 3) array
-        Where they should be.
-    """
-    good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-    a, b = a[good], b[good]
-    u, _, vt = np.linalg.svd((b - b.mean(axis=0)).T @ (a - a.mean(axis=0)))
-    turn: FloatArray = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return turn
-
-
-def table_slopes(chain: Chain, q: FloatArray, axes: FloatArray) -> FloatArray:
-    """Change of tracked tips `(n, 3, r)` for a standard deviation of every table entry and of the registration.
+def table_slopes(chain: Chain, q: FloatArray, T_tracker_base: FloatArray, tracker: Tracker) -> FloatArray:
+    """Change of what a tracker says `(n, a, r)` for a standard deviation of every table entry and of the registration.
 
     Parameters
     ----------
     chain : Chain
-        Nominal arm.
+        Nominal arm, up to the marker.
     q : (n, dof) array
         All its joints.
-    axes : (3, 3) array
-        Turns vectors of the base into the tracker's frame.
+    T_tracker_base : (4, 4) array
+        As the model states it, or the identity.
+    tracker : Tracker
+        That sees a of its axes: what its own registration takes up is no change.
     """
-    tip = chain.forward(q)[:, :3, 3]
-    columns = [
-        (changed.forward(q)[:, :3, 3] - tip) @ axes.T * (size / STEP)
-        for i in range(chain.dof)
+    arms = [
+        (replace(chain, joints=(*chain.joints[:i], moved, *chain.joints[i + 1 :])), size)
+        for i, joint in enumerate(chain.joints)
         for name, size in ROW_TERMS.items()
-        for joint in [chain.joints[i]]
         for moved in [replace(joint, **{name: getattr(joint, name) + STEP})]
-        for changed in [replace(chain, joints=(*chain.joints[:i], moved, *chain.joints[i + 1 :]))]
     ]
-    columns += [np.broadcast_to(NOISE.table_length * axes[:, k], tip.shape) for k in range(3)]
-    columns += [NOISE.table_angle * np.cross(np.eye(3)[k], tip) @ axes.T for k in range(3)]
+    tip = chain.forward(q)
+    nominal = tracker.predicted(T_tracker_base @ tip)
+    columns = [(tracker.predicted(T_tracker_base @ arm.forward(q)) - nominal) * (size / STEP) for arm, size in arms]
+    if tracker.base_known:
+        for k, size in enumerate([NOISE.table_length] * 3 + [NOISE.table_angle] * 3):
+            moved_base = T_tracker_base @ se3.exp(STEP * np.eye(6)[k])
+            columns.append((tracker.predicted(moved_base @ tip) - nominal) * (size / STEP))
     return np.stack(columns, axis=2)
-
-
-def without_registration(slopes: FloatArray, tip: FloatArray, rows: BoolArray) -> FloatArray:
-    """Return slopes less the rigid motion of the tips that a registration on these rows takes up.
-
-    Parameters
-    ----------
-    slopes : (n, 3, r) array
-        Change of the tips.
-    tip : (n, 3) array
-        Tips, m.
-    rows : (n,) bool array
-        Those registered on.
-    """
-    centred = tip - tip[rows].mean(axis=0)
-    rigid = [np.broadcast_to(axis, tip.shape) for axis in np.eye(3)] + [np.cross(a, centred) for a in np.eye(3)]
-    basis = np.stack(rigid, axis=2)
-    k = basis.shape[2]
-    fit, *_ = np.linalg.lstsq(basis[rows].reshape(-1, k), slopes[rows].reshape(-1, slopes.shape[2]), rcond=None)
-    left: FloatArray = slopes - basis @ fit
-    return left

@@ -196,9 +196,13 @@ class FittedEffect:
 
     @property
     def at_edge(self) -> tuple[str, ...]:
-        """Sizes at the edge of their physical range: there the effect stands in for something that it is not."""
+        """Numbers at the edge of their range: there the effect stands in for something that it is not.
+
+        Sizes at the edge of their physical range, and shapes at that of the narrower one of this recording.
+        """
         names = []
-        for i in self.candidate.sizes:
+        narrowed = [i for i, c in enumerate(self.candidate.coordinates) if c.narrowed]
+        for i in (*self.candidate.sizes, *narrowed):
             low, high = self.candidate.coordinates[i].bounds
             if not low + SEARCH.edge * abs(low) + 1e-9 < self.u[i] < high - SEARCH.edge * abs(high):
                 names.append(self.candidate.coordinates[i].parameter.name)
@@ -240,7 +244,8 @@ def _of_shape(shape: Shape, scene: Scene) -> Iterator[Candidate]:
         fixed = tuple(place.items()) + (() if session is None else (("session", session),))
         within = _watched(coordinates, *watched(scene, session or 0))
         if within is not None and all(
-            c.bounds[0] <= u <= c.bounds[1] for u, c in zip(start, within, strict=True) if c.parameter.change_point
+            c.bounds[0] < c.bounds[1] and (c.bounds[0] <= u <= c.bounds[1] or not c.parameter.change_point)
+            for u, c in zip(start, within, strict=True)
         ):  # the rest was clipped to its bounds
             yield Candidate(shape.kind, joint, fixed, within, counts, start, amplitudes)
 
@@ -271,6 +276,10 @@ def _coordinates(
             continue
         count = n_sessions if parameter.per_session else 1
         coordinate = coordinate_of(parameter, shape.joint_type, amplitude=rung is None)
+        if parameter.name in shape.bounds:
+            lowest, highest = shape.bounds[parameter.name]
+            narrowed = max(coordinate.low, lowest), min(coordinate.high, highest)
+            coordinate = replace(coordinate, low=narrowed[0], high=narrowed[1], narrowed=True)
         low, high = coordinate.bounds
         at = coordinate.coordinate(coordinate.typical if rung is None else rung)
         if rung is None:

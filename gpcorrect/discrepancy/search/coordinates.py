@@ -31,6 +31,8 @@ class Coordinate:
         Of the parameter.
     amplitude : bool
         Whether the effect grows with it.
+    narrowed : bool
+        Whether this recording bounds it more narrowly than the parameter's physical range.
     """
 
     parameter: Parameter
@@ -40,6 +42,14 @@ class Coordinate:
     high: float
     unit: str
     amplitude: bool
+    narrowed: bool = False
+
+    @property
+    def width(self) -> float:
+        """Width of what it may be, of a period at most."""
+        low, high = self.bounds
+        period = self.parameter.period
+        return high - low if period is None else min(high - low, period / self.typical)
 
     @property
     def identity(self) -> float:

@@ -77,7 +77,7 @@ def limits_of(scene: Scene) -> tuple[str, ...]:
     limits = []
     if scene.tracked and scene.model.T_tracker_base is None:
         limits.append("of a registration error only the scale can show: the tracker is registered from this recording")
-    if scene.tracked:
+    if scene.tracked and not any(c.signal == "tracker_rotation" for c in scene.channels):
         limits.append(
             "of the tracker, positions are compared, not orientations: a joint that does not move the tip is unseen"
         )

@@ -136,4 +136,5 @@ def _condensed(dataset: Dataset, covariates: Covariates) -> Covariates:
     middle = used[(first + last) // 2]
     values = {name: v[middle] for name, v in covariates.values.items()}
     varying = {name: v for name, v in values.items() if np.std(v) > 0}
-    return Covariates(varying, tuple(p for p in covariates.primary if p in varying), covariates.units)
+    primary = tuple(p for p in covariates.primary if p in varying)
+    return Covariates(varying, primary, covariates.units, tuple(m[middle] for m in covariates.memory))

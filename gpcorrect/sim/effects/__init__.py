@@ -5,6 +5,7 @@ Every effect's class can be imported from here by its name; code that is type-ch
 
 from gpcorrect.sim.effects.base import (
     ChainEffect,
+    DriveEffect,
     Effect,
     FrictionEffect,
     JointEffect,
@@ -27,6 +28,7 @@ __all__ = [
     "Candidate",
     "ChainEffect",
     "Description",
+    "DriveEffect",
     "Effect",
     "Family",
     "FrictionEffect",

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import partial
 from math import isnan
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -27,9 +27,13 @@ from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.types import FloatArray
 
+if TYPE_CHECKING:
+    from gpcorrect.sim.machine import Drive  # it holds effects
+
 __all__ = [
     "SIDES",
     "ChainEffect",
+    "DriveEffect",
     "Effect",
     "FrictionEffect",
     "JointEffect",
@@ -198,6 +202,24 @@ class TorqueEffect(Effect):
     @abstractmethod
     def law(self) -> TorqueLaw:
         """Return what becomes of the commanded torque."""
+
+
+class DriveEffect(Effect):
+    """Changes the controller: its gains, or what it feeds forward."""
+
+    stage = Stage.TORQUE
+
+    @abstractmethod
+    def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
+        """Return the drives as they are.
+
+        Parameters
+        ----------
+        drive : Drive
+            As the model has them.
+        joints : tuple of int
+            Joint numbers of their columns.
+        """
 
 
 @dataclass(frozen=True)

@@ -33,12 +33,15 @@ class CableCoupling(JointEffect):
         d, the same for each unit of k's motion since its last reversal.
     drag_radius : float
         r, motion of k after which the drag has reached its whole size, from one side to the middle, rad or m.
+    home : float
+        q_k0, where the source stood when the joint was homed, rad or m.
     """
 
     source: int
     coefficient: float
     drag: float = 0.0
     drag_radius: float = 0.0
+    home: float = 0.0
 
     stage = Stage.TRANSMISSION
     about = Description(
@@ -46,7 +49,7 @@ class CableCoupling(JointEffect):
         number=3,
         slot="T",
         family=Family.GEOMETRY,
-        equation="q_j_reported = q_j + c q_k + d (q_k - play(q_k, r))",
+        equation="q_j_reported = q_j + c (q_k - q_k0) + d (q_k - play(q_k, r))",
         source="RAVEN-II control software, motor-to-joint map q = C^-1 m / N; play as in backlash",
         parameters=(
             Parameter(
@@ -69,7 +72,14 @@ class CableCoupling(JointEffect):
                 "half the source's motion over which the drag turns round",
                 revolute=Range("rad or m of source", 0.0, 1.0, 0.05),
                 positive=True,
-                ladder=Ladder(Per.RANGE, (0.0, 0.02, 0.06, 0.15)),
+                ladder=Ladder(Per.RANGE, (0.02, 0.06, 0.15), absent=True),
+            ),
+            Parameter(
+                "home",
+                "where the source stood when the joint was homed",
+                revolute=Range("rad or m of source", -6.5, 6.5, 1.0),
+                positive=False,
+                ladder=Ladder(Per.PLACE, (0.5,), absent=True),
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
@@ -96,7 +106,7 @@ class CableCoupling(JointEffect):
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         k = self.column(motion.joints, self.source)
-        wound = self.coefficient * q[..., k]
+        wound = self.coefficient * (q[..., k] - self.home)
         if self.drag:
             wound = wound + self.drag * (q[..., k] - play(q[..., k], self.drag_radius, memory))
         return q[..., j] - wound

@@ -82,6 +82,8 @@ class Candidate:
         shape says all.
     joint_type : str
         "R" or "P": which of a parameter's ranges holds.
+    bounds : mapping
+        Of the parameters that this recording bounds more narrowly than their physical range.
     """
 
     kind: type[Effect]
@@ -89,6 +91,7 @@ class Candidate:
     shape: Mapping[str, float]
     amplitudes: tuple[Parameter, ...]
     joint_type: str
+    bounds: Mapping[str, tuple[float, float]]
 
     def effect(self, **amplitudes: float) -> Effect:
         """Return the effect with these amplitudes, the others at what does nothing.
@@ -144,31 +147,52 @@ def _shapes(kind: type[Effect], place: dict[str, Any], scope: Scope) -> Iterator
     """Candidates at every combination of the ladders' rungs; amplitudes that a shape makes void are left out."""
     shaped = [p for p in kind.about.parameters if p.ladder is not None]
     absent = {f.name: f.default for f in fields(kind) if f.default is not MISSING}
-    for values in product(*(dict.fromkeys(_rungs(p, place, scope)) for p in shaped)):
+    for values in product(*(dict.fromkeys(_rungs(p, place, scope, absent.get(p.name))) for p in shaped)):
         shape = dict(zip((p.name for p in shaped), values, strict=True))
         void = {name for name, value in shape.items() if value == absent.get(name)}
+        if sum(p.ladder is not None and p.ladder.absent and p.name not in void for p in shaped) > 1:
+            continue
         amplitudes = tuple(p for p in kind.about.parameters if p.ladder is None and p.shaped_by not in void)
-        yield Candidate(kind, place, shape, amplitudes, scope.type_of(place["joint"]))
+        bounds = {p.name: b for p in shaped if (b := _bounds(p, place, scope)) is not None}
+        yield Candidate(kind, place, shape, amplitudes, scope.type_of(place["joint"]), bounds)
 
 
-def _rungs(parameter: Parameter, place: Mapping[str, Any], scope: Scope) -> list[float]:
+def _bounds(parameter: Parameter, place: Mapping[str, Any], scope: Scope) -> tuple[float, float] | None:
+    assert parameter.ladder is not None
+    if parameter.ladder.within is None:
+        return None
+    start, scale = _count(parameter, place, scope)
+    low, high = sorted(start + scale * end for end in parameter.ladder.within)
+    return low, high
+
+
+def _rungs(parameter: Parameter, place: Mapping[str, Any], scope: Scope, default: float | None) -> list[float]:
+    assert parameter.ladder is not None
+    start, scale = _count(parameter, place, scope)
+    without = [default] if parameter.ladder.absent and default is not None else []
+    return without + [float(start + scale * rung) for rung in parameter.ladder.rungs]
+
+
+def _count(parameter: Parameter, place: Mapping[str, Any], scope: Scope) -> tuple[float, float]:
+    """Where a ladder's count is zero, and one of it, in the parameter's unit."""
     assert parameter.ladder is not None
     joint = place["joint"]
-    low, high = scope.range_of(place.get("source", joint))
+    low, high = map(float, scope.range_of(place.get("source", joint)))
     match parameter.ladder.per:
         case Per.VALUE:
-            return list(parameter.ladder.rungs)
+            return 0.0, 1.0
         case Per.PRIOR:
-            scale, start = parameter.range(scope.type_of(joint)).typical, 0.0
+            return 0.0, parameter.range(scope.type_of(joint)).typical
         case Per.RANGE:
-            scale, start = high - low, 0.0
+            return 0.0, high - low
         case Per.PLACE:
-            scale, start = high - low, low
+            return low, high - low
+        case Per.END:
+            return (high, low - high) if place["end"] == "upper" else (low, high - low)
         case Per.SWEEP:
-            scale, start = 1.0 / max(high - low, 1e-9), 0.0
+            return 0.0, 1.0 / max(high - low, 1e-9)
         case Per.SESSION:
-            scale, start = scope.session_seconds, 0.0
+            return 0.0, scope.session_seconds
         case Per.TORQUE:
             typical = parameter.range(scope.type_of(joint)).typical
-            scale, start = typical if scope.torques is None else scope.torques[scope.joints.index(joint)], 0.0
-    return [float(start + scale * rung) for rung in parameter.ladder.rungs]
+            return 0.0, typical if scope.torques is None else float(scope.torques[scope.joints.index(joint)])

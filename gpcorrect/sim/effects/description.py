@@ -59,6 +59,7 @@ class Per(StrEnum):
     PRIOR = "the prior's typical value"
     RANGE = "the joint's range"
     PLACE = "the joint's range, from its lower end"
+    END = "the joint's range, back from the end that the effect is at"
     SWEEP = "rad of phase over the joint's range"
     SESSION = "the session's duration"
     TORQUE = "the largest torque that the joint's controller asks for"
@@ -74,10 +75,18 @@ class Ladder:
         What the rungs are counted in.
     rungs : tuple of float
         Values.
+    absent : bool
+        Whether the effect is also tried without the parameter: at its field's default. Shapes with two such parameters
+        at once are left out.
+    within : pair of float
+        Bounds in the same count, narrower than the parameter's physical range: outside, the effect could stand in for
+        something else. An estimate at such a bound is none.
     """
 
     per: Per
     rungs: tuple[float, ...]
+    absent: bool = False
+    within: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -127,6 +136,8 @@ class Parameter:
         Name of the parameter without which this one does nothing; empty when there is none.
     change_point : bool
         Whether it is an instant at which something happens: the trace does not change smoothly with it.
+    period : float or None
+        After which it means the same again.
     """
 
     name: str
@@ -140,6 +151,7 @@ class Parameter:
     ladder: Ladder | None = None
     shaped_by: str = ""
     change_point: bool = False
+    period: float | None = None
 
     def range(self, joint_type: str) -> Range:
         """Return the range on a joint of a type.

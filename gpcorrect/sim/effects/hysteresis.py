@@ -4,32 +4,41 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
-from gpcorrect.sim.effects.operators import Memory, bouc_wen
+from gpcorrect.sim.effects.operators import Memory, bouc_wen, plays
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
 __all__ = ["Hysteresis"]
 
+LAWS = ("bouc_wen", "plays")
+PLAYS = 8  # in the sum: with twice as many the path changes by less than a hundredth of the radius
+
 
 @dataclass(frozen=True)
 class Hysteresis(JointEffect):
-    """The joint lags behind the motor by the state of a Bouc-Wen element with A = 1 and beta = gamma.
+    """The joint lags behind the motor by the state of an element with memory.
 
     Parameters
     ----------
     joint : int
         Number of the joint.
     radius : float
-        Largest lag, rad or m.
+        Largest lag r, rad or m.
     sharpness : float
-        Exponent n: 1 is a long soft curve, a large one a play with a corner.
+        n: 1 is a long soft curve, a large one a play with a corner.
+    law : str
+        Member of the family: "bouc_wen", the Bouc-Wen element with A = 1 and beta = gamma, or "plays", a
+        Prandtl-Ishlinskii sum of plays.
     """
 
     radius: float
     sharpness: float
+    law: str = "bouc_wen"
 
     stage = Stage.TRANSMISSION
     about = Description(
@@ -37,8 +46,9 @@ class Hysteresis(JointEffect):
         number=20,
         slot="T",
         family=Family.REVERSAL,
-        equation="q = m - z, dz = (1 - |z / r|^n (1 + sign(z dm)) / 2) dm",
-        source="Bouc 1967; Wen 1976; Ismail, Ikhouane, Rodellar 2009, Arch. Comput. Methods Eng. 16",
+        equation="q = m - z, dz = (1 - |z / r|^n (1 + sign(z dm)) / 2) dm; or q = mean of play(m, r_i), r_i mean r",
+        source="Bouc 1967; Wen 1976; Ismail, Ikhouane, Rodellar 2009, Arch. Comput. Methods Eng. 16; "
+        "Brokate and Sprekels 1996, Hysteresis and Phase Transitions, Sec. 2.4",
         parameters=(
             Parameter(
                 "radius",
@@ -64,12 +74,19 @@ class Hysteresis(JointEffect):
         ),
         separating_runs=(Run.AMPLITUDES, Run.LOAD_SWAP, Run.GAIN_CHANGE),
         sites=(Site.JOINT,),
+        choices=(("law", LAWS),),
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.sharpness > 0:
             raise DataError(f"effect hysteresis: sharpness must be > 0, got {self.sharpness!r}.")
+        if self.law not in LAWS:
+            raise DataError(f"effect hysteresis: law must be {' or '.join(LAWS)}, got {self.law!r}.")
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
-        return q[..., j] - bouc_wen(q[..., j], self.radius, self.sharpness, memory)
+        if self.law == "bouc_wen":
+            return q[..., j] - bouc_wen(q[..., j], self.radius, self.sharpness, memory)
+        spread = ((np.arange(PLAYS) + 0.5) / PLAYS) ** (1.0 / self.sharpness)
+        radii = self.radius * spread / spread.mean()
+        return plays(q[..., j], radii, memory)

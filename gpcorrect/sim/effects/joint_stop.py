@@ -60,7 +60,7 @@ class JointStop(TorqueEffect):
                 revolute=Range("rad", -6.5, 6.5, 1.0),
                 prismatic=Range("m", -1.0, 1.0, 0.2),
                 positive=False,
-                ladder=Ladder(Per.PLACE, (0.1, 0.3, 0.7, 0.9)),
+                ladder=Ladder(Per.END, (0.1, 0.3), within=(0.0, 0.4)),  # beyond, most of the travel would lie on it
             ),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),

@@ -17,7 +17,7 @@ from numba import njit
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["Memory", "bouc_wen", "lag", "play", "ring"]
+__all__ = ["Memory", "bouc_wen", "lag", "play", "plays", "ring"]
 
 Memory = dict[str, FloatArray]
 """What an effect remembers from one stretch of a motion to the next: empty at the start."""
@@ -60,6 +60,27 @@ def play(path: FloatArray, radius: float, memory: Memory | None = None) -> Float
         raise DataError(f"the half width of a play must be >= 0, got {radius}.")
     columns = _columns(path)
     return _play(columns, radius, _state(memory, 1, columns)).reshape(path.shape)
+
+
+def plays(path: FloatArray, radii: FloatArray, memory: Memory | None = None) -> FloatArray:
+    """Mean of plays of several half widths: a Prandtl-Ishlinskii operator (Brokate and Sprekels 1996, Sec. 2.4).
+
+    Parameters
+    ----------
+    path : (n, ...) array
+        Input, each column on its own.
+    radii : (k,) array
+        Half widths >= 0, in the unit of the path.
+    memory : dict, optional
+        Moved on; see the module.
+
+    Returns
+    -------
+    (n, ...) array
+        Output.
+    """
+    columns = _columns(path)
+    return _plays(columns, np.asarray(radii, dtype=np.float64), _state(memory, len(radii), columns)).reshape(path.shape)
 
 
 def bouc_wen(path: FloatArray, width: float, sharpness: float, memory: Memory | None = None) -> FloatArray:
@@ -210,6 +231,24 @@ def _play(path: FloatArray, radius: float, state: FloatArray) -> FloatArray:
             w = u if isnan(w) else min(max(w, u - radius), u + radius)
             output[i, j] = w
         state[0, j] = w
+    return output
+
+
+@njit(cache=True)
+def _plays(path: FloatArray, radii: FloatArray, state: FloatArray) -> FloatArray:
+    output = path.copy()
+    for j in range(path.shape[1]):
+        for i in range(len(path)):
+            u = path[i, j]
+            if isnan(u):
+                continue
+            total = 0.0
+            for k in range(len(radii)):
+                w = state[k, j]
+                w = u if isnan(w) else min(max(w, u - radii[k]), u + radii[k])
+                state[k, j] = w
+                total += w
+            output[i, j] = total / len(radii)
     return output
 
 

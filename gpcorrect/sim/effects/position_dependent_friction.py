@@ -66,7 +66,7 @@ class PositionDependentFriction(FrictionEffect):
                 revolute=Range("1", 0.1, 300.0, 6.0),
                 prismatic=Range("rad/m", 1.0, 5000.0, 60.0),
                 positive=True,
-                ladder=Ladder(Per.SWEEP, (np.pi, 2 * np.pi, 4 * np.pi)),
+                ladder=Ladder(Per.SWEEP, (1.5 * np.pi, 2 * np.pi, 4 * np.pi), within=(np.pi, 1e9)),
             ),
             Parameter(
                 "phase",
@@ -74,6 +74,7 @@ class PositionDependentFriction(FrictionEffect):
                 revolute=Range("rad", -np.pi, np.pi, 1.0),
                 positive=False,
                 ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
+                period=2 * np.pi,
             ),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),

@@ -58,7 +58,8 @@ class PulleyEccentricity(JointEffect):
                 prismatic=Range("rad/m", 1.0, 500.0, 150.0),
                 positive=True,
                 factor=2.0,
-                ladder=Ladder(Per.SWEEP, tuple(np.pi * k for k in range(1, 15))),  # half a wave apart: none is missed
+                # Half a wave apart: none is missed. Three quarters of a wave at least, or any bend would be one.
+                ladder=Ladder(Per.SWEEP, tuple(np.pi * k for k in range(2, 15)), within=(1.5 * np.pi, 1e9)),
             ),
             Parameter(
                 "phase",
@@ -66,6 +67,7 @@ class PulleyEccentricity(JointEffect):
                 revolute=Range("rad", -2 * np.pi, 2 * np.pi, 1.0),  # twice round: no wall where it may want to pass
                 positive=False,
                 ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
+                period=2 * np.pi,
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -15,7 +15,7 @@ __all__ = ["TransmissionRatio"]
 
 @dataclass(frozen=True)
 class TransmissionRatio(JointEffect):
-    """The reported position is the true one times `1 + error`.
+    """The motion since homing is reported `1 + error` times as large as it is.
 
     Parameters
     ----------
@@ -23,9 +23,12 @@ class TransmissionRatio(JointEffect):
         Number of the joint.
     error : float
         Relative error s of the ratio.
+    home : float
+        q0, where the joint stood when it was homed: there the reported position is the true one, rad or m.
     """
 
     error: float
+    home: float = 0.0
 
     stage = Stage.TRANSMISSION
     about = Description(
@@ -33,10 +36,18 @@ class TransmissionRatio(JointEffect):
         number=2,
         slot="T",
         family=Family.GEOMETRY,
-        equation="q_reported = (1 + s) q",
+        equation="q_reported = q + s (q - q0)",
         source="RAVEN-II control software, motor-to-joint map q = C^-1 m / N",
         parameters=(
             Parameter("error", "relative error of the ratio", revolute=Range("1", -0.2, 0.2, 0.02), positive=False),
+            Parameter(
+                "home",
+                "where the joint was homed",
+                revolute=Range("rad", -6.5, 6.5, 1.0),
+                prismatic=Range("m", -1.0, 1.0, 0.2),
+                positive=False,
+                ladder=Ladder(Per.PLACE, (0.5,), absent=True),
+            ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
         neighbours=(Neighbour("gravity_sag", "the same joint value at another pose of the outer joints; payload"),),
@@ -45,4 +56,4 @@ class TransmissionRatio(JointEffect):
     )
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
-        return q[..., j] / (1.0 + self.error)
+        return (q[..., j] + self.error * self.home) / (1.0 + self.error)
