@@ -54,6 +54,7 @@ def write_discrepancy_report(result: DiscrepancyResult, path: Path) -> None:
         The folder cannot be written.
     """
     sections = [
+        _glance(result),
         _where(result),
         _what(result),
         _how_much(result),
@@ -78,6 +79,22 @@ def _facts(result: DiscrepancyResult) -> list[tuple[str, str]]:
         *(("recording", words) for words in data),
         ("run", f"{source.seconds:.0f} s, seed {source.seed}"),
     ]
+
+
+def _glance(result: DiscrepancyResult) -> Section | None:
+    """Every joint, and the tool: what was missing, what is left, what it is called; the largest rest first."""
+    rows = []
+    for v in result.verdict.places:
+        scale, symbol = in_reader_units(1.0, v.channel.unit)
+        sizes = [_size(scale * value, symbol) for value in (v.before, v.after, v.noise)]
+        names = ", ".join(name.replace("_", " ") for name in v.effects) or "–"
+        left = f"{v.remaining:.2g} times the noise" if v.remaining else "none"
+        rows.append([place(v.place), str(v.level), *sizes, left, names])
+    if not rows:
+        return None
+    head = ["where", "verdict", "before", "after", "noise", "left unexplained", "named there"]
+    note = "Root mean squares of the test set, in the channel that was farthest off."
+    return Section("At a glance", (), (TableData(head, rows, note, (1, 6)),))
 
 
 def _where(result: DiscrepancyResult) -> Section:
@@ -182,11 +199,16 @@ def _effect_table(effects: Sequence[NamedEffect]) -> TableData:
             ", ".join(f"{name} {estimate_words(p)}" for name, p in e.parameters.items()),
             ", ".join(f"{r.name.replace('_', ' ')} ({place(r.joint)})" for r in e.rivals) or "none",
             f"{e.nats:.0f}",
+            f"{e.size:.2g}{', minor' if e.is_minor else ''}" if np.isfinite(e.size) else "–",
         ]
         for e in effects
     ]
-    head = ["effect", "class", "level", "probability", "numbers (95 % interval)", "rivals", "nats"]
-    return TableData(head, rows, "Nats: log Bayes factor on held-out trajectories.", (1, 2, 4, 5))
+    head = ["effect", "class", "level", "probability", "numbers (95 % interval)", "rivals", "nats", "over the noise"]
+    note = (
+        "Nats: log Bayes factor on held-out trajectories. Over the noise: root mean square of what it changes; below "
+        f"{TESTS.equivalence:g} an effect is minor."
+    )
+    return TableData(head, rows, note, (1, 2, 4, 5))
 
 
 def _how_much(result: DiscrepancyResult) -> Section:

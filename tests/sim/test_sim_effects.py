@@ -21,6 +21,8 @@ from gpcorrect.sim.effects import (
     Drift,
     EncoderQuantisation,
     Family,
+    FeedforwardError,
+    GainError,
     GravitySag,
     HomingOffset,
     Hysteresis,
@@ -66,6 +68,7 @@ NEUTRAL = (
     CapstanFriction(1, wrap=0.0),
     PositionDependentFriction(1, torque=0.0, swing=0.0, waves=5.0, phase=0.0),
     Hysteresis(3, 0.0, 2.0),
+    Hysteresis(3, 0.0, 2.0, law="plays"),
     Creep(2, 0.0, 5.0),
     Drift(1, 0.0),
     Delay("all", 0.0),
@@ -75,6 +78,8 @@ NEUTRAL = (
     Resonance(1, INFINITE, 0.1),
     EncoderQuantisation(1, 0.0, lost=0.5),
     NoiseChange(1, 0.0, tail=3.0),
+    FeedforwardError(2, 0.0, "gravity"),
+    GainError(2, 0.0, 0.0),
 )
 ACTIVE = (
     HomingOffset(1, 0.02),
@@ -106,6 +111,8 @@ ACTIVE = (
     Resonance(1, 6.0, 0.1),
     EncoderQuantisation(1, 0.005, lost=0.02),
     NoiseChange(1, 0.01, tail=3.0),
+    FeedforwardError(2, 0.3, "gravity"),
+    GainError(2, 0.2, -0.1),
 )
 # From the catalogue's table: slot and class of each name.
 TABLE = {
@@ -138,6 +145,8 @@ TABLE = {
     "resonance": ("M", Family.DYNAMICS),
     "encoder_quantisation": ("S", Family.NOISE),
     "noise_change": ("S", Family.NOISE),
+    "feedforward_error": ("M", Family.DYNAMICS),
+    "gain_error": ("M", Family.DYNAMICS),
 }
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]

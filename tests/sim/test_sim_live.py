@@ -27,7 +27,12 @@ from gpcorrect.sim.reaches import debridement_plan
 from gpcorrect.sim.servo import Clock, Loop, Reference
 
 # Effects that hold no matter when the arm is looked at: they change the machine itself, before it moves.
-OF_THE_MACHINE = {"payload": "masses of the body", "dh_error": "geometry of the body"}
+OF_THE_MACHINE = {
+    "payload": "masses of the body",
+    "dh_error": "geometry of the body",
+    "feedforward_error": "what the controller adds",
+    "gain_error": "gains of the controller",
+}
 # Where live and recorded differ, and why.
 EXCEPTIONS = (
     (Delay("all", 0.005), "below one sample the slope of its curve is taken from the past alone"),

@@ -293,14 +293,17 @@ def verdict_sentence(result: DiscrepancyResult) -> str:
 def _by_place(result: DiscrepancyResult) -> str:
     """Effects one place after the other, the one with the largest gap over its noise first."""
     groups: dict[int | str, list[NamedEffect]] = {}
-    for effect in result.effects:
+    large = [e for e in result.effects if not e.is_minor]
+    for effect in large or result.effects:
         groups.setdefault(effect.joint, []).append(effect)
     sizes = {where: closed_by(result.gap, where) for where in groups}
     excess = {where: 0.0 if size is None else size.excess for where, size in sizes.items()}
     order = sorted(groups, key=lambda where: -excess[where])
     words = [_group_words(groups[where], sizes[where]) for where in order[:SHOWN]]
     others = sum(len(groups[where]) for where in order[SHOWN:])
-    return "; ".join(words) + (f"; and {others} smaller elsewhere" if others else "")
+    minor = len(result.effects) - len(large) if large else 0
+    less = f"; {minor} below {_percent(TESTS.equivalence)} of the noise, listed as minor" if minor else ""
+    return "; ".join(words) + (f"; and {others} smaller elsewhere" if others else "") + less
 
 
 def _group_words(effects: Sequence[NamedEffect], closed: Closed | None) -> str:
@@ -395,7 +398,9 @@ def _burst_words(burst: Burst) -> str:
 
 def _where(result: DiscrepancyResult) -> str:
     left = () if result.remainder is None else result.remainder.findings
-    for finding in (left or result.localisation.findings)[:1]:
+    unknown = [v.place for v in result.verdict.places if v.level == Level.UNKNOWN]
+    there = [f for f in left if (f.channel.joint or "tool") in unknown[:1]]
+    for finding in (there or left or result.localisation.findings)[:1]:
         return f": {channel_words(finding.channel)}, most at {region_words(finding.region)}"
     return ""
 

@@ -1,0 +1,81 @@
+"""Effects on the controller: what is missing in it, and what that costs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim import Model, Plan, machine_of, model_from_dict, run
+from gpcorrect.sim.effects.feedforward_error import TERMS, FeedforwardError
+from gpcorrect.sim.effects.gain_error import GainError
+from gpcorrect.sim.effects.hysteresis import Hysteresis
+from gpcorrect.sim.effects.operators import play, plays
+from gpcorrect.sim.effects.transmission_ratio import TransmissionRatio
+from gpcorrect.sim.plan import Segment, plan_of
+
+KP = 400.0
+
+
+def model(feedforward: str) -> Model:
+    controller = {"kp": [KP, KP, 4000.0], "kd": [20.0, 20.0, 200.0], "feedforward": feedforward}
+    return model_from_dict({"arm": "raven2_left", "joints": [1, 2, 3], "controller": controller})
+
+
+def plan() -> Plan:
+    t = np.arange(300)[:, None] / 100.0
+    path = np.array([0.3, 1.4, -0.38]) + np.array([0.3, 0.3, 0.03]) * np.sin(2 * t + np.array([0.0, 1.0, 2.0]))
+    return plan_of([Segment(path, np.zeros(len(path), dtype=np.int64), 0, 0.0, 0.2)], 100.0)
+
+
+def motors(feedforward: str, *effects: object) -> np.ndarray:
+    return run(machine_of(model(feedforward)).with_effects(*effects), plan()).motion.position
+
+
+def test_what_is_missing_is_what_another_model_has() -> None:
+    """A controller that should feed gravity forward and lacks it is a controller that feeds nothing forward."""
+    lacking = motors("gravity", *(FeedforwardError(j, -1.0, "gravity") for j in (1, 2, 3)))
+    np.testing.assert_allclose(lacking, motors("none"), atol=1e-12)
+    whole = [FeedforwardError(j, 1.0, term) for j in (1, 2, 3) for term in ("gravity", "inertia")]
+    np.testing.assert_allclose(motors("none", *whole), motors("rigid-body"), atol=1e-9)
+
+
+def test_gains_of_the_effect_are_gains_of_the_controller() -> None:
+    twice = replace(machine_of(model("gravity")).drive, kp=np.array([KP, 2 * KP, 4000.0]))
+    other = replace(machine_of(model("gravity")), drive=twice)
+    np.testing.assert_allclose(motors("gravity", GainError(2, 1.0)), run(other, plan()).motion.position, atol=1e-12)
+
+
+@pytest.mark.parametrize("term", TERMS)
+def test_a_term_acts_on_its_joint_alone(term: str) -> None:
+    """Motors of the others move only by what the arm's dynamics carry over."""
+    moved = np.abs(motors("gravity", FeedforwardError(2, 0.5, term)) - motors("gravity")).max(axis=(0, 1))
+    assert moved[1] > 5 * max(moved[0], 10 * moved[2])
+
+
+def test_a_ratio_holds_at_home() -> None:
+    """Where the joint was homed nothing is off; a unit of motion later it is off by the error."""
+    q = np.array([[[0.7, 0.0]], [[1.7, 0.0]]])
+    made = machine_of(model("none"))
+    motion = replace(run(made, plan()).motion, position=q, joints=(1, 2))
+    true = TransmissionRatio(1, 0.1, home=0.7).act(q, motion)
+    np.testing.assert_allclose(true[:, 0, 0], [0.7, 0.7 + 1.0 / 1.1])
+
+
+def test_a_sum_of_one_play_is_a_play() -> None:
+    """Plays of one width are that play, and a very sharp sum of plays tends to it."""
+    path = np.cumsum(np.random.default_rng(0).standard_normal((400, 2)), axis=0)
+    np.testing.assert_allclose(plays(path, np.full(3, 1.5)), play(path, 1.5), rtol=1e-14)
+    motion = replace(run(machine_of(model("none")), plan()).motion, joints=(1,))
+    sharp = Hysteresis(1, 1.5, 500.0, law="plays").act(path[..., None], motion)[..., 0]
+    np.testing.assert_allclose(sharp, play(path, 1.5), atol=0.02)
+
+
+@pytest.mark.parametrize(
+    "bad", [lambda: FeedforwardError(1, 0.1, "friction"), lambda: Hysteresis(1, 1, 1, law="lugre")]
+)
+def test_what_is_no_member_is_refused(bad) -> None:
+    with pytest.raises(DataError, match="must be"):
+        bad()
