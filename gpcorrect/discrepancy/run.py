@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -105,26 +105,33 @@ def _find(
     progress.step("numbers", 0.0)
     fitted = _refit(state, [n.fit for n in named], train)
     found, unsure = _with_numbers(state, named, fitted, train)
-    while unsure:  # the rest is estimated again without them
-        dropped = (*dropped, *unsure)
-        kept = [i for i, n in enumerate(named) if not any(n.fit.candidate.key == u.fit.candidate.key for u in unsure)]
+    minor: list[NamedEffect] = []
+    while gone := {*unsure, *_minor_beside_larger(found)}:  # the rest is estimated again without them
+        why = "its 95 % interval holds zero"
+        doubtful = [
+            replace(n, level=Level.INCONCLUSIVE, reasons=(*n.reasons, why)) for n in map(named.__getitem__, unsure)
+        ]
+        dropped = (*dropped, *doubtful)
+        minor += [e for i, e in found.items() if i in gone]
+        kept = [i for i in range(len(named)) if i not in gone]
         named, fitted = tuple(named[i] for i in kept), _refit(state, [fitted[i] for i in kept], train)
         found, unsure = _with_numbers(state, named, fitted, train)
     progress.step("numbers", 1.0)
     noises = estimate_noises(dataset, state.residual(fitted), train)
     level = np.array([n.std for n in noises]) * np.sqrt(samples_a_row(dataset.group))
     on_noise = noise_effects(dataset, [f.effect for f in fitted], level)
-    found += [NamedEffect.of(e.named, e.parameters) for e in on_noise if e.named.may_be_named]
+    effects = sorted(found.values(), key=lambda e: -e.nats)
+    effects += [NamedEffect.of(e.named, e.parameters) for e in on_noise if e.named.may_be_named]
     added = [*fitted, *(e.named.fit for e in on_noise if e.named.may_be_named)]
-    doubtful = [e.named for e in on_noise if not e.named.may_be_named]
+    doubtful_noise = [e.named for e in on_noise if not e.named.may_be_named]
     remainder = localise_residual(prepared, fitted, noises, tolerance, rng) if before.worth_a_search else None
     progress.step("what is left", 1.0)
     progress.step("test set", 0.0)
     gap = gaps_of(prepared, fitted, noises, rng)
     progress.step("test set", 1.0)
-    places = place_verdicts(found, gap, remainder or before)
-    level = headline(verdict_level(prepared, state, before, found, fitted, dropped), found, places)
-    verdict = Verdict(level, tuple(found), places)
+    places = place_verdicts(effects, gap, remainder or before)
+    level = headline(verdict_level(prepared, state, before, effects, fitted, dropped), effects, places)
+    verdict = Verdict(level, tuple(effects), places, tuple(minor))
     progress.step("next experiment", 0.0)
     experiment, plans = advise(dataset.scene, fitted, [*named, *dropped], noises)
     progress.step("next experiment", 1.0)
@@ -132,7 +139,7 @@ def _find(
         verdict=verdict,
         not_named=tuple(
             UnnamedEffect(n.fit.candidate.label, n.level, n.probability, n.nats, n.reasons)
-            for n in (*dropped, *doubtful)
+            for n in (*dropped, *doubtful_noise)
         ),
         localisation=before,
         remainder=remainder,
@@ -184,21 +191,27 @@ def _groups(state: Search, fitted: Sequence[FittedEffect]) -> list[list[int]]:
 
 def _with_numbers(
     state: Search, named: Sequence[Named], fitted: Sequence[FittedEffect], rows: BoolArray
-) -> tuple[list[NamedEffect], tuple[Named, ...]]:
-    """Return named effects with their estimates, the strongest first, and those whose size may be zero after all."""
+) -> tuple[dict[int, NamedEffect], set[int]]:
+    """Return named effects with their estimates, by their place in the set, and those whose size may be zero."""
     if not fitted:
-        return [], ()
+        return {}, set()
     residual, nominal = state.residual(fitted), state.dataset.predict()
     noises = estimate_noises(state.dataset, residual, rows)
     whitener = whitener_on(state.dataset, residual, rows, noises)
-    found, unsure = [], []
+    found, unsure = {}, set()
     for i, (name, fit) in enumerate(zip(named, fitted, strict=True)):
         widths = half_widths(state, whitener, fitted, i)
         coordinates = fit.candidate.coordinates
         if all(abs(fit.u[k] - coordinates[k].identity) <= widths[k] for k in fit.candidate.sizes):
-            unsure.append(replace(name, level=Level.INCONCLUSIVE, reasons=(*name.reasons, "its size may be zero")))
+            unsure.add(i)
             continue
         change = np.sqrt(np.mean((state.dataset.predict([fit.effect]) - nominal) ** 2, axis=0))
         size = float((change / [n.std for n in noises]).max())
-        found.append(NamedEffect.of(replace(name, fit=fit), describe(fit, widths), size))
-    return sorted(found, key=lambda e: -e.nats), tuple(unsure)
+        found[i] = NamedEffect.of(replace(name, fit=fit), describe(fit, widths), size)
+    return found, unsure
+
+
+def _minor_beside_larger(found: Mapping[int, NamedEffect]) -> list[int]:
+    """Return effects too small to matter, where larger ones are named: those may well be a part of theirs."""
+    small = [i for i, e in found.items() if e.is_minor]
+    return small if len(small) < len(found) else []

@@ -166,7 +166,7 @@ def _worst(result: DiscrepancyResult) -> list[tuple[int, Channel]]:
 
 
 def _what(result: DiscrepancyResult) -> Section | None:
-    effects, unnamed = result.effects, result.not_named
+    effects, unnamed, minor = result.effects, result.not_named, result.verdict.minor
     if not effects and not unnamed:
         return None
     words = [
@@ -174,6 +174,8 @@ def _what(result: DiscrepancyResult) -> Section | None:
         '"nothing" and "unknown", a smooth part outside the catalogue, always compete.'
     ]
     tables = [_effect_table(effects)] if effects else []
+    if minor:
+        words.append(f"Minor, and not in the model: {', '.join(map(_title, minor))}.")
     if unnamed:
         rows = [[u.label, str(u.level), f"{u.nats:.0f}", "; ".join(u.reasons) or "–"] for u in unnamed]
         tables.append(TableData(["helped in the search, but is not named", "level", "nats", "why"], rows, text=(1, 3)))

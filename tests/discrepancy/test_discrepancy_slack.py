@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from gpcorrect import se3
 from gpcorrect.arms import raven2
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.tolerance import rotation_onto, slack_of, table_slopes, without_registration
+from gpcorrect.discrepancy.recording.tolerance import slack_of, table_slopes
+from gpcorrect.discrepancy.recording.tracker import Tracker, rotation_onto
+from gpcorrect.types import PoseSignal
 
 
 def test_noise_and_tolerance_together_become_white() -> None:
@@ -37,12 +40,20 @@ def test_slopes_agree_with_a_tracker_that_is_turned() -> None:
     chain = raven2("left").chain
     rng = np.random.default_rng(2)
     q = rng.uniform(chain.limits[:, 0], chain.limits[:, 1], (50, 6))
-    tip = chain.forward(q)[:, :3, 3]
+    tip = chain.forward(q)
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
-    np.testing.assert_allclose(rotation_onto(tip, tip @ turn.T + 1.0), turn, atol=1e-12)
-    plain, seen = table_slopes(chain, q, np.eye(3)), table_slopes(chain, q, turn)
-    np.testing.assert_allclose(seen, np.einsum("ij,njr->nir", turn, plain), atol=1e-15)
-    left = without_registration(plain, tip, np.ones(50, dtype=np.bool_))
-    assert np.abs(left[..., -6:]).max() < 1e-12
-    assert np.abs(left[..., 4 * 2]).max() > 1e-6  # an angle between axes is no rigid motion
+    np.testing.assert_allclose(rotation_onto(tip[:, :3, 3], tip[:, :3, 3] @ turn.T + 1.0), turn, atol=1e-12)
+    T = se3.pose(turn, np.zeros(3))
+    plain, seen = (table_slopes(chain, q, S, tracker_of(S @ tip, base_known=True)) for S in (np.eye(4), T))
+    rows = plain.shape[2] - 6  # the last six are the registration's own errors
+    np.testing.assert_allclose(seen[:, :3], np.einsum("ij,njr->nir", turn, plain[:, :3]), atol=1e-9)
+    free = table_slopes(chain, q, np.eye(4), tracker_of(tip, base_known=False))
+    assert free.shape[2] == rows
+    assert np.abs(free[..., 4 * 2]).max() > 1e-6  # an angle between axes is no rigid motion
+
+
+def tracker_of(T: np.ndarray, *, base_known: bool) -> Tracker:
+    position, quaternion = se3.to_parts(T)
+    signal = PoseSignal(position, quaternion)
+    return Tracker.of(signal, np.ones(len(T), dtype=np.bool_), base_known=base_known, marker_known=base_known)

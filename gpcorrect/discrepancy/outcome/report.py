@@ -30,6 +30,7 @@ def report_of(result: DiscrepancyResult) -> dict[str, Any]:
         "verdict": {
             "level": str(result.level),
             "effects": [_effect(e) for e in result.effects],
+            "minor": [_effect(e) for e in result.verdict.minor],
             "places": [_place(v) for v in result.verdict.places],
         },
         "localisation": [_finding(f) for f in result.localisation.findings],

@@ -149,11 +149,24 @@ class PlaceVerdict:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The level of the whole, the effects that are named, and the level of each place."""
+    """The level of the whole, the effects that are named, and the level of each place.
+
+    Parameters
+    ----------
+    level : Level
+        Of the whole.
+    effects : tuple of NamedEffect
+        Named, and in the model.
+    places : tuple of PlaceVerdict
+        Of each joint, and of the tool.
+    minor : tuple of NamedEffect
+        Sure, but too small to matter beside those, and not in the model.
+    """
 
     level: Level
     effects: tuple[NamedEffect, ...] = ()
     places: tuple[PlaceVerdict, ...] = ()
+    minor: tuple[NamedEffect, ...] = ()
 
 
 @dataclass(frozen=True)

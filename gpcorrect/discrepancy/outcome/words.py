@@ -293,15 +293,14 @@ def verdict_sentence(result: DiscrepancyResult) -> str:
 def _by_place(result: DiscrepancyResult) -> str:
     """Effects one place after the other, the one with the largest gap over its noise first."""
     groups: dict[int | str, list[NamedEffect]] = {}
-    large = [e for e in result.effects if not e.is_minor]
-    for effect in large or result.effects:
+    for effect in result.effects:
         groups.setdefault(effect.joint, []).append(effect)
     sizes = {where: closed_by(result.gap, where) for where in groups}
     excess = {where: 0.0 if size is None else size.excess for where, size in sizes.items()}
     order = sorted(groups, key=lambda where: -excess[where])
     words = [_group_words(groups[where], sizes[where]) for where in order[:SHOWN]]
     others = sum(len(groups[where]) for where in order[SHOWN:])
-    minor = len(result.effects) - len(large) if large else 0
+    minor = len(result.verdict.minor)
     less = f"; {minor} below {_percent(TESTS.equivalence)} of the noise, listed as minor" if minor else ""
     return "; ".join(words) + (f"; and {others} smaller elsewhere" if others else "") + less
 

@@ -1,0 +1,88 @@
+"""A tracker beside the simulator: open frames are registered, turns are small and exact, nonsense is left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gpcorrect import se3
+from gpcorrect.discrepancy.recording.build import build_scene
+from gpcorrect.discrepancy.recording.tracker import Tracker
+from gpcorrect.sim import machine_of, model_from_dict, simulate
+from gpcorrect.sim.effects.gravity_sag import GravitySag
+from gpcorrect.sim.plan import Segment, plan_of
+from gpcorrect.types import CalibrationLog, PoseSignal
+
+
+def poses(seed: int = 0, n: int = 60) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return se3.exp(rng.uniform(-0.4, 0.4, (n, 6)))
+
+
+def seen(T: np.ndarray, *, base_known: bool = False, marker_known: bool = False) -> Tracker:
+    """Return the tracker that saw these poses."""
+    return Tracker.of(
+        PoseSignal(*se3.to_parts(T)), np.ones(len(T), dtype=np.bool_), base_known=base_known, marker_known=marker_known
+    )
+
+
+def test_a_rigid_frame_and_a_turned_marker_are_no_discrepancy() -> None:
+    """Wherever the tracker stands and however the marker is turned on the tip, what is left is nothing."""
+    T, frame, marker = poses(), se3.exp(np.array([0.3, -1, 2, 0.5, 1.0, -2.0])), se3.exp(np.array([0, 0, 0, 1.0, 2, 0]))
+    tracker, why = seen(frame @ T @ marker).about(T)
+    assert why == ""
+    np.testing.assert_allclose(tracker.observed, tracker.predicted(T), atol=1e-12)
+
+
+def test_the_difference_is_the_turn() -> None:
+    """A tool turned by a small vector leaves just that vector, whatever turned it from the nominal before."""
+    T = poses()
+    turned = T.copy()
+    turned[:, :3, :3] = se3.matrix_from_rotvec(np.tile([0.01, -0.02, 0.005], (len(T), 1))) @ T[:, :3, :3]
+    tracker, _ = seen(turned, base_known=True, marker_known=True).about(T)
+    left = tracker.observed - tracker.predicted(T)
+    np.testing.assert_allclose(left[:, 3:], np.tile([0.01, -0.02, 0.005], (len(T), 1)), atol=1e-12)
+    np.testing.assert_allclose(tracker.predicted(turned), tracker.observed, atol=1e-12)
+
+
+@pytest.mark.parametrize("quaternion", [None, "fixed", "missing"])
+def test_orientations_that_are_none_are_left_out(quaternion: str | None) -> None:
+    """Without orientations, with one that never follows the arm, or all missing: positions alone, and it is said."""
+    T = poses(1)
+    T[:, :3, :3] = se3.matrix_from_rotvec(np.random.default_rng(2).uniform(-2, 2, (len(T), 3)))
+    given = {"fixed": np.tile([1.0, 0, 0, 0], (len(T), 1)), "missing": np.full((len(T), 4), np.nan)}
+    signal = PoseSignal(T[:, :3, 3], None if quaternion is None else given[quaternion])
+    rows = np.ones(len(T), dtype=np.bool_)
+    tracker, why = Tracker.of(signal, rows, base_known=False, marker_known=False).about(T)
+    assert tracker.observed.shape == (len(T), 3)
+    assert "positions alone" in why
+
+
+def recording(*effects: object) -> CalibrationLog:
+    t = np.arange(400)[:, None] / 100.0
+    path = np.array([0.3, 1.4, -0.38]) + np.array([0.3, 0.3, 0.03]) * np.sin(2 * t + np.array([0.0, 1.0, 2.0]))
+    plan = plan_of([Segment(path, np.zeros(len(path), dtype=np.int64), 0, 0.0, 0.2)], 100.0)
+    return simulate(machine_of(MODEL).with_effects(*effects), plan)
+
+
+MODEL = model_from_dict(
+    {"arm": "raven2_left", "joints": [1, 2, 3], "controller": {"kp": [400.0, 400.0, 4000.0], "kd": [20.0, 20.0, 200.0]}}
+)
+
+
+def test_every_outside_signal_is_compared() -> None:
+    """Encoders and tracker stand beside each other in one scene, and each shows an effect behind both."""
+    log, sag = recording(GravitySag(2, 50.0)), GravitySag(2, 50.0)
+    scene = build_scene(log, MODEL, np.ones(len(log), dtype=np.bool_)).strict()
+    assert [c.name for c in scene.channels if c.signal != "measured_jp"] == [
+        *(f"external_jp_{j}" for j in (1, 2, 3)),
+        *(f"tracker_{kind}_{axis}" for kind in ("cp", "rotation") for axis in "xyz"),
+    ]
+    before, after = (np.sqrt(np.nanmean(scene.residual(e) ** 2, axis=0)) for e in ((), (sag,)))
+    explained = {c.name: a < 0.1 * b for c, b, a in zip(scene.channels, before, after, strict=True) if b > 1e-4}
+    assert {"external_jp_2", "tracker_cp_x"} <= set(explained)
+    assert all(explained.values())
+    alone = build_scene(replace(log, external_jp=None), MODEL, np.ones(len(log), dtype=np.bool_))
+    assert {c.signal for c in alone.channels} == {"measured_jp", "tracker_cp", "tracker_rotation"}
