@@ -69,9 +69,10 @@ class NoiseSettings:
     longest_spike: int = 2
     # rad or m; finer residuals are rounding of what logs write down. Chosen by hand on development cases.
     floor: float = 1e-6
-    # Of the outside sensor's noise: an error of the motors below it does not matter. A definition.
+    # Of the outside sensor's noise (a tracker's over the joint's lever): an error of the motors below it does not
+    # matter. A definition.
     motor_fraction: float = 1.0
-    # rad or m, the same where no joint is seen from outside. Chosen by hand on development cases.
+    # rad or m, the same where nothing outside sees what a joint moves. Chosen by hand on development cases.
     motor_floor: float = 2e-4
     # rad; standard deviation of the angles of a calibrated table and registration. Chosen by hand on development
     # cases.

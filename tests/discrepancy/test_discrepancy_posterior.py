@@ -26,7 +26,7 @@ def catalogue() -> dict[str, Candidate]:
     )
     model = model_from_dict({"arm": "joints", "joints": [1], "joint_types": "R"})
     scene = build_scene(log, model, np.ones(50, dtype=np.bool_))
-    return {c.name: c for c in all_candidates(scene)}
+    return {c.name: c for c in reversed(all_candidates(scene))}  # the plainest of each name
 
 
 def _weighed(own: float, rival: Candidate, nats: float, *, beside: float = 0.0, instead: float = 0.0) -> Weighed:

@@ -143,8 +143,10 @@ def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> 
     channels = dataset.scene.channels
     outside = {c.joint: n.std for c, n in zip(channels, own, strict=True) if c.signal == "external_jp"}
     position = max((n.std for c, n in zip(channels, own, strict=True) if c.signal == "tracker_cp"), default=0.0)
+    levers = dict(zip(dataset.scene.joints, dataset.levers, strict=True))
+    felt = {joint: position / lever if position and lever else NOISE.motor_floor for joint, lever in levers.items()}
     floors = [
-        NOISE.motor_fraction * outside.get(c.joint, NOISE.motor_floor)
+        NOISE.motor_fraction * outside.get(c.joint, felt[c.joint])
         if c.signal == "measured_jp"
         else position / NOISE.marker_size * (c.signal == "tracker_rotation")
         for c in channels

@@ -21,6 +21,7 @@ __all__ = ["Dataset", "build_dataset"]
 
 REMEMBERED_BYTES = 150_000_000  # of condensed channels: memory only, no result depends on it
 REMEMBERED_SETS = 20_000  # keys, which are small
+LEVER_ROWS, LEVER_STEP = 200, 1e-5  # rows that levers are taken from, and a small move, rad or m
 STILL = 1e-4  # of a joint's travel between samples: slower is standing still
 
 
@@ -172,6 +173,22 @@ class Dataset(Parts):
         """Step `(c,)` in which each channel is written down; 0 where it is too fine to be seen."""
         counts = [quantisation_of(column) for column in self.scene.observed.T]
         return np.array([c.step if c is not None else 0.0 for c in counts])
+
+    @cached_property
+    def levers(self) -> FloatArray:
+        """(k,) root mean square of how far the tip moves for each unit of a joint, m; 0 where that is not known."""
+        scene = self.scene
+        chain = scene.machine.body.chain
+        if chain is None:
+            return np.zeros(len(scene.joints))
+        motor = scene.motor_path()[:: max(1, len(scene) // LEVER_ROWS)]
+        tip = chain.forward(scene.machine.body.all_joints(motor))[:, :3, 3]
+        moved = [
+            chain.forward(scene.machine.body.all_joints(motor + LEVER_STEP * unit))[:, :3, 3] - tip
+            for unit in np.eye(len(scene.joints))
+        ]
+        levers: FloatArray = np.sqrt(np.mean(np.sum(np.square(moved), axis=2), axis=1)) / LEVER_STEP
+        return levers
 
     @property
     def training(self) -> BoolArray:
