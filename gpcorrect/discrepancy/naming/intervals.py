@@ -19,6 +19,7 @@ from gpcorrect.types import FloatArray, IntArray
 
 __all__ = ["away_from_nothing", "explained_by_others", "half_widths", "undetermined"]
 
+FEW_BLOCKS = 3  # trajectories a size: there Hotelling's limit is about twice that of known covariances
 TANGENT_ERROR = NAMING.shape_error / 2  # the part of it that a change of a single number could make
 
 
@@ -115,7 +116,8 @@ def away_from_nothing(search: Search, whitener: DatasetWhitener, fitted: Sequenc
 
     Notes
     -----
-    Hotelling's T-squared of the sizes, with either covariance.
+    Hotelling's T-squared of the sizes, with either covariance. With fewer than three trajectories a size it is almost
+    without power (its limit is in the thousands), and Student's t of the sizes' present mixture is taken.
     """
     fit, own = fitted[index], _own(fitted, index)
     sizes = list(fit.candidate.sizes)
@@ -128,6 +130,10 @@ def away_from_nothing(search: Search, whitener: DatasetWhitener, fitted: Sequenc
     if not np.isfinite(distance).all():  # a size that only its logarithm measures has no nothing
         return True
     covariances = [v[np.ix_(places, places)] for v in (sandwich, plain)]
+    if FEW_BLOCKS * len(sizes) > freedom:  # too few trajectories to know how all sizes scatter: their mixture alone
+        along = np.linalg.pinv(covariances[1], hermitian=True) @ distance
+        squares = [float(along @ distance) ** 2 / max(float(along @ v @ along), 1e-300) for v in covariances]
+        return bool(min(squares) > fisher.ppf(0.95, 1, freedom))
     return bool(min(distance @ np.linalg.pinv(v, hermitian=True) @ distance for v in covariances) > limit)
 
 
