@@ -132,7 +132,7 @@ def _fading(rest: np.ndarray, time_constant: float) -> np.ndarray:
 
 
 def test_the_catalogues_are_the_same() -> None:
-    """The hidden causes of the catalogue are the product's effects, name by name; MuJoCo's truth has the controller's."""
+    """The hidden causes are the product's effects by name, but for the controller's: those MuJoCo's truth has."""
     assert set(CATALOGUE) == set(EFFECTS) - {"feedforward_error", "gain_error"}
 
 
