@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from importlib.resources import files
+
+import jsonschema
 import numpy as np
 import pytest
 from discrepancy.discrepancy_core import joint_log, motors
@@ -10,6 +14,8 @@ from discrepancy.discrepancy_support import nominal
 from gpcorrect.discrepancy import DiscrepancyResult, Level, find_discrepancy
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Backlash, CableCoupling, Effect, HomingOffset, TransmissionRatio
+
+SCHEMA = json.loads(files("gpcorrect.discrepancy.outcome").joinpath("report.schema.json").read_text())
 
 
 def names(found: DiscrepancyResult) -> set[tuple[str, int | str]]:
@@ -61,6 +67,24 @@ def test_the_same_seed_gives_the_same_report() -> None:
     for report in (first, second):
         report["provenance"].pop("seconds")
     assert first == second
+    jsonschema.validate(json.loads(json.dumps(first | {"provenance": {**first["provenance"], "seconds": 1.0}})), SCHEMA)
+    assert [(v["place"], v["level"]) for v in first["verdict"]["places"]] == [(1, "EXACT"), (2, "NONE")]
+
+
+def test_the_schema_refuses_what_is_no_report() -> None:
+    """A field that is not there, or one that nobody knows, is an error of the report."""
+    report = find_discrepancy(nominal(), joint_log(5), seed=7).to_report()
+    for wrong in ({k: v for k, v in report.items() if k != "gap"}, report | {"surprise": 1}, report | {"version": 1}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(json.loads(json.dumps(wrong)), SCHEMA)
+
+
+def test_what_is_small_beside_something_large_is_minor() -> None:
+    """A ratio of a fifth of the noise beside a large offset is listed, and neither named nor in the model."""
+    found = find_discrepancy(nominal(), joint_log(8, HomingOffset(1, 0.02), TransmissionRatio(2, 0.0004)))
+    assert names(found) == {("homing_offset", 1)}
+    assert all(e.size < 0.25 for e in found.verdict.minor)
+    assert {e.about.name for e in found.model.effects} == {"homing_offset"}
 
 
 def test_the_written_model_leaves_nothing_to_find() -> None:
