@@ -210,6 +210,8 @@ def _arm_body(model: Model, arm: Arm, robot: Robot | None) -> Body:
     if model.joint_types not in (None, types):
         raise DataError(f"joint_types {model.joint_types} contradicts {model.arm}, whose joints are {types}.")
     gravity = arm.gravity if model.gravity is None else np.array(model.gravity)
+    if robot is not None and model.theta_offset_deg is not None:
+        raise DataError("theta_offset_deg is of Denavit-Hartenberg tables.", hint="Change ref in the robot file.")
     columns = [number - 1 for number in model.joints]
     springs = None if robot is None else np.stack([robot.drives.stiffness[columns], robot.drives.rest[columns]])
     springs = None if springs is None or not springs[0].any() else springs

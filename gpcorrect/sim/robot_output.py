@@ -56,33 +56,38 @@ def write_completed(model: Model, path: Path) -> Written:
         write_model(model, path)
         return Written(path)
     edit, robot = RobotEdit(model.robot, model.tool, model.base), path.with_suffix(".xml")
-    left = [effect for effect in model.effects if not _in_own_words(edit, effect, model.effects)]
+    left = [effect for effect in model.effects if not _in_own_words(edit, effect, model)]
     edit.write(robot)
     write_model(model.with_effects(*left).model_copy(update={"robot": str(robot.absolute())}), path)
     return Written(path, robot, tuple(effect for effect in model.effects if effect not in left))
 
 
-def _in_own_words(edit: RobotEdit, effect: Effect, others: tuple[Effect, ...]) -> bool:
+def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
     """Put an effect into a robot file; return whether the file says all of it."""
     joint = effect.joint
     match effect:
-        case Payload(mass=mass):
-            edit.add_payload(mass)
-            return True
-        case CoulombFriction(torque=torque) if isinstance(joint, int) and not _felt_behind(effect, others):
+        case CoulombFriction(torque=torque) if isinstance(joint, int) and not _felt_behind(effect, model.effects):
             edit.add_friction(joint, torque)
             return True
-        case ViscousFriction(damping=damping) if isinstance(joint, int) and not _felt_behind(effect, others):
+        case ViscousFriction(damping=damping) if isinstance(joint, int) and not _felt_behind(effect, model.effects):
             edit.add_damping(joint, damping)
             return True
         case TorqueSaturation(limit=limit) if isinstance(joint, int):
             return edit.limit_torque(joint, limit)
-        case DhError(alpha=alpha, a=a, d=d, theta=theta) if isinstance(joint, int):
+        case Payload(mass=mass) if not _fed_forward(model) and model.links is None:
+            edit.add_payload(mass)
+            return True
+        case DhError(alpha=alpha, a=a, d=d, theta=theta) if isinstance(joint, int) and not _fed_forward(model):
             row = Joint("R", alpha, a, d, theta, -1.0, 1.0)
             return edit.move_joint(joint, Chain((row,), "modified").forward([0.0]))
         case JointStop(limit=limit, end=end) if isinstance(joint, int):
             edit.limit_range(joint, end, limit)
     return False  # of a stop the file has the place, but no stiffness in N m/rad
+
+
+def _fed_forward(model: Model) -> bool:
+    """Whether the controller computes torques from the file's masses and geometry: it must not know what was found."""
+    return model.controller is not None and model.controller.feedforward != "none"
 
 
 def _felt_behind(effect: CoulombFriction | ViscousFriction, others: tuple[Effect, ...]) -> bool:

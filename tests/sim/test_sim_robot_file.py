@@ -137,6 +137,25 @@ def test_friction_behind_a_soft_transmission_stays_beside_the_file(tmp_path):
     ]
 
 
+def test_what_a_controller_would_feed_forward_stays_beside_the_file(tmp_path):
+    """A payload in the robot file would be known to a controller that computes torques from it, as it was not."""
+    gains = {"kp": [900.0, 800.0, 4000.0, 60.0], "kd": [60.0, 60.0, 320.0, 4.0], "feedforward": "rigid-body"}
+    model = small(tmp_path, controller=gains).with_effects(effect_from_dict(FOUND[3]), effect_from_dict(FOUND[4]))
+    (tmp_path / "study").mkdir()
+    again = read_model(write_completed(model, tmp_path / "study" / "model.toml").model)
+    assert again.effects == model.effects
+
+
+def test_a_stop_moves_the_range_and_keeps_its_stiffness(tmp_path):
+    """The range of the file ends where the stop was found; the stop stays an effect."""
+    stop = {"name": "joint_stop", "joint": 1, "stiffness": 300.0, "limit": 0.8, "end": "upper"}
+    model = small(tmp_path).with_effects(effect_from_dict(stop))
+    (tmp_path / "study").mkdir()
+    again = read_model(write_completed(model, tmp_path / "study" / "model.toml").model)
+    assert again.effects == model.effects
+    np.testing.assert_allclose(machine_of(again).description.limits[0], [-2.5, 0.8])
+
+
 def test_a_urdf_runs_with_the_controller_of_a_model_file(tmp_path):
     """A URDF has no servo: gains come from the model file, or are those of a fast loop around its inertia."""
     write_urdf(tmp_path)
@@ -179,6 +198,7 @@ def test_the_key_of_a_model_changes_with_its_robot_file(tmp_path):
     [
         ({"joints": ["lift", "wave"]}, "no joint 'wave'"),
         ({"joints": [2, 7]}, "numbers from 1 to 4"),
+        ({"theta_offset_deg": [0.0, 0.0, 0.0, 0.0]}, "Denavit-Hartenberg tables"),
         ({"robot": "absent.xml"}, "cannot read the robot file .*absent.xml"),
     ],
 )
