@@ -13,7 +13,7 @@ from discrepancy.discrepancy_support import nominal
 
 from gpcorrect.discrepancy import DiscrepancyResult, Level, find_discrepancy
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects import Backlash, CableCoupling, Effect, HomingOffset, TransmissionRatio
+from gpcorrect.sim.effects import Backlash, CableCoupling, Effect, HomingOffset, TransmissionRatio, play
 
 SCHEMA = json.loads(files("gpcorrect.discrepancy.outcome").joinpath("report.schema.json").read_text())
 
@@ -38,6 +38,8 @@ def test_noise_gets_no_name(tail: float, sessions: int, seed: int) -> None:
         TransmissionRatio(1, 0.013),
         CableCoupling(2, source=1, coefficient=-0.011),
         Backlash(1, 0.0037),
+        TransmissionRatio(1, 0.013, home=0.5),
+        CableCoupling(2, source=1, coefficient=-0.011, home=-0.7),
     ],
 )
 def test_the_hidden_effect_is_named_with_its_number(hidden: Effect) -> None:
@@ -48,6 +50,16 @@ def test_the_hidden_effect_is_named_with_its_number(hidden: Effect) -> None:
     value = found.effects[0].parameters[parameter].value
     assert value == pytest.approx(getattr(hidden, parameter), rel=0.15)
     assert found.gap[int(hidden.joint) - 1].closed > 0.8
+
+
+def test_a_hysteresis_of_another_kind_is_no_play() -> None:
+    """A sum of plays of far apart widths is never one play, by that name alone."""
+    _, q = motors(np.random.default_rng(9))
+    more = np.zeros(q.shape)
+    more[..., 0] = 0.06 * (0.75 * play(q[..., 0], 0.02) + 0.25 * play(q[..., 0], 0.3) - q[..., 0])
+    found = find_discrepancy(nominal(), joint_log(9, more=more))
+    assert not [e for e in found.effects if e.name == "backlash" and e.level == Level.EXACT]
+    assert found.level != Level.NONE
 
 
 def test_what_the_catalogue_lacks_gets_no_exact_name() -> None:

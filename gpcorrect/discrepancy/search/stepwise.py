@@ -36,7 +36,11 @@ class Ranked:
 
 
 def rank(
-    search: Search, linearised: Linearisation, without: Sequence[Candidate] = (), channels: BoolArray | None = None
+    search: Search,
+    linearised: Linearisation,
+    without: Sequence[Candidate] = (),
+    channels: BoolArray | None = None,
+    beyond: Sequence[Candidate] | None = None,
 ) -> list[Ranked]:
     """Linear held-out gain of every candidate beyond a set, the best variant of each, largest first.
 
@@ -50,7 +54,10 @@ def rank(
         Not to be looked at, whatever their numbers.
     channels : (c,) bool array, optional
         Only candidates that show in one of these.
+    beyond : sequence of Candidate, optional
+        Only shapes of these that have more numbers than they have.
     """
+    least = None if beyond is None else {c.key: c.extra for c in beyond}
     taken = {m.candidate.key for m in linearised.fitted} | {c.key for c in without}
     whitener = search.whitener
     base = whitener.grams(linearised.slopes, linearised.z)
@@ -61,6 +68,8 @@ def rank(
     for trace in search.traces:
         candidate = trace.candidate
         if candidate.key in taken or (channels is not None and not (trace.touched & channels).any()):
+            continue
+        if least is not None and candidate.extra <= least.get(candidate.key, candidate.extra):
             continue
         sums = bordered(base, linearised.slopes, whitener.whiten_columns(trace.change), linearised.z, whitener.block)
         factors = solve(sums.gram.sum(axis=0), sums.moment.sum(axis=0))[p:]
@@ -197,10 +206,10 @@ def _merged(state: Search, threshold: float) -> Search:
         bare = state.linearise_near(rest, a.candidate)
         both = state.touched(a.candidate) & state.touched(b.candidate)
         pair = gain_over(state, bare, state.fitted, b, both)
-        ranked = rank(state, bare, [a.candidate, b.candidate], state.touched(a.candidate))[:1]
-        for leader in ranked:
-            if leader.nats < 0.8 * pair:
-                continue
+        touched = state.touched(a.candidate)
+        others = rank(state, bare, [a.candidate, b.candidate], touched)[:1]
+        fuller = rank(state, bare, channels=touched, beyond=[a.candidate, b.candidate])  # such as one that has a home
+        for leader in [*(r for r in others if r.nats > 0.8 * pair), *fuller]:
             fitted = state.refit((*rest, leader.fit), leader.candidate)
             one = gain_over(state, bare, fitted, leader.fit, both)
             if not fitted[-1].at_edge and one > pair - threshold:
