@@ -33,7 +33,7 @@ demo: $(VENV)/.all
 	$(BIN)/python examples/demo.py --output demo_output
 
 test: $(VENV)/.dev
-	$(ONE_THREAD) $(BIN)/python -m pytest --numprocesses auto --dist loadfile
+	$(ONE_THREAD) $(BIN)/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff format --check .

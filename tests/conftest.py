@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from support import Once, small_log
+from support import Fitted, Once, small_log
 from threadpoolctl import threadpool_limits
 
-from gpcorrect.calibration import CommandCorrector, fit_corrector, save
+from gpcorrect.calibration import CommandCorrector, load
+from gpcorrect.logs import write_log
 
 # How long an example takes says more of the machine's other work than of the code.
 settings.register_profile("any machine", deadline=None)
@@ -24,6 +27,12 @@ def pytest_configure() -> None:
     threadpool_limits(1)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests come first, so that no worker is left alone with one of them at the end."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(scope="session")
 def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
     """Return the maker of what several worker processes need."""
@@ -32,12 +41,28 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
 
 
 @pytest.fixture(scope="session")
-def small_corrector(once: Once) -> CommandCorrector:
-    """Return a corrector fitted to the small recording with the known miss."""
-    return once.value("small_corrector", lambda: fit_corrector(small_log()))
+def fitted(once: Once) -> Fitted:
+    """Return what `gpcorrect fit` makes of the small recording with the known miss; no test may write to it."""
+    return Fitted(once.file("fitted", _fit))
 
 
 @pytest.fixture(scope="session")
-def small_model(once: Once, small_corrector: CommandCorrector) -> Path:
-    """Return the model file of the small corrector; no test may write to it."""
-    return once.file("small.gpc", lambda path: save(small_corrector, path))
+def small_model(fitted: Fitted) -> Path:
+    """Return its model file; no test may write to it."""
+    return fitted.model
+
+
+@pytest.fixture(scope="session")
+def small_corrector(small_model: Path) -> CommandCorrector:
+    """Return its corrector."""
+    corrector: CommandCorrector = load(small_model)
+    return corrector
+
+
+def _fit(folder: Path) -> None:
+    folder.mkdir()
+    log = folder / "log.csv"
+    write_log(small_log(), log)
+    words = ["fit", log, "--output", folder / "model.gpc", "--time-offset", "none", "--json"]
+    done = subprocess.run([sys.executable, "-m", "gpcorrect", *words], check=True, capture_output=True)
+    (folder / "fit.json").write_bytes(done.stdout)

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
 
 from gpcorrect import se3
+from gpcorrect.calibration.learners import gp
+from gpcorrect.gpr import SparseGPR
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 T = TypeVar("T")
@@ -44,6 +49,25 @@ class Once:
         return value
 
 
+@dataclass(frozen=True)
+class Fitted:
+    """A recording, the model file that `gpcorrect fit` wrote, and its JSON; no test may write to the files."""
+
+    folder: Path
+
+    @property
+    def log(self) -> Path:
+        return self.folder / "log.csv"
+
+    @property
+    def model(self) -> Path:
+        return self.folder / "model.gpc"
+
+    @property
+    def json(self) -> Any:
+        return json.loads((self.folder / "fit.json").read_text())
+
+
 def data_folder() -> Path:
     """Return the folder of real recordings: $GPCORRECT_DATA, or `shared/data` beside the checkout."""
     return Path(os.environ.get("GPCORRECT_DATA", ROOT.parent / "shared" / "data"))
@@ -55,6 +79,14 @@ def real_data(name: str) -> Path:
     if not path.exists():
         pytest.skip(f"real recording {name} is not at hand: set GPCORRECT_DATA to the folder that holds it")
     return path
+
+
+@contextmanager
+def short_search(samples: int = 150) -> Iterator[None]:
+    """Learn hyperparameters from so many samples (usually 500): their search takes most of a fit."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gp, "SparseGPR", partial(SparseGPR, n_learn=samples))
+        yield
 
 
 def small_log(seed: int = 0, trajectories: int = 16, samples: int = 60, *, noise: float = 1e-4) -> CalibrationLog:

@@ -86,6 +86,7 @@ class CommandCorrector(Corrector):
     @classmethod
     def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
         """See :class:`Corrector`."""
+        _features(log, settings)
         observed, commanded = pose_pair(log)
         if not (observed.finite & commanded.finite).any():
             raise LogError(
@@ -341,13 +342,12 @@ class CommandCorrector(Corrector):
         cls, log: CalibrationLog, keep: BoolArray, cleaner: FittedCleaner, settings: FitSettings, learn_law: LearnLaw
     ) -> Outcome:
         """See :class:`Corrector`."""
-        kinds = settings.features or (("pose",) if log.static else ("pose", "velocity"))
+        kinds, features = _features(log, settings)
         step = stencil_step(log) if settings.velocity_step == "auto" else settings.velocity_step
         pairs = PosePairs.of(log, keep, step)
         registration = pairs.register(log, settings)
         reference = registration.model.apply(pairs.observed)
         moved = reference_twists(registration.model, rotations_of(pairs.observed), pairs.twist)
-        features = FeatureMap(tuple(kind for kind in kinds if kind != MEMORY))
         features = features.fit(reference.position, rotations_of(reference), moved)
         samples = samples_of_poses(pairs, log, registration.model, features, None)
         law, left_out = learn_law(samples, pose_layout(features, None))
@@ -379,6 +379,12 @@ class CommandCorrector(Corrector):
             "training_region": {"position_min": low.tolist(), "position_max": high.tolist()},
         }
         return Outcome(corrector, samples, left_out, report, tuple(remarks), registration)
+
+
+def _features(log: CalibrationLog, settings: FitSettings) -> tuple[tuple[str, ...], FeatureMap]:
+    """Return the kinds of features, memory among them, and the map of the others; unknown ones are refused."""
+    kinds = settings.features or (("pose",) if log.static else ("pose", "velocity"))
+    return kinds, FeatureMap(tuple(kind for kind in kinds if kind != MEMORY))
 
 
 def _predict_one(law: Law, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:

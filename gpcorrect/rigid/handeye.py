@@ -229,26 +229,18 @@ def _smallest_turn(R: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 def _robust_left(R_obs: FloatArray, R_cmd: FloatArray, R_right: FloatArray) -> FloatArray:
+    """Return the rotation R_left of least `sum w ||R_left R_obs R_right - R_cmd||_F^2` over `(n, 3, 3)` stacks."""
     w = np.ones(len(R_obs))
     for _ in range(MEAN_ROUNDS):
-        R_left = _left_rotation(R_obs, R_cmd, R_right, w)
+        R_left = se3.nearest_rotation(np.einsum("n,nab,ncb->ac", w, R_cmd, R_obs @ R_right))
         away = se3.angle(R_left @ R_obs @ R_right @ np.swapaxes(R_cmd, -1, -2))
         w = cauchy_weights(away, component_scale(away))
     return R_left
 
 
-def _cube_rotations() -> FloatArray:
-    """Return the 24 rotations of a cube: no rotation is further than 63 degrees from one of them."""
-    signed = [np.eye(3)[list(p)] * s for p in permutations(range(3)) for s in product((1.0, -1.0), repeat=3)]
-    return np.array([m for m in signed if np.linalg.det(m) > 0.0])
-
-
-CUBE = _cube_rotations()
-
-
-def _left_rotation(R_obs: FloatArray, R_cmd: FloatArray, R_right: FloatArray, w: FloatArray) -> FloatArray:
-    """Rotation R_left of least `sum w ||R_left R_obs R_right - R_cmd||_F^2` over `(n, 3, 3)` stacks."""
-    return se3.nearest_rotation(np.einsum("n,nab,ncb->ac", w, R_cmd, R_obs @ R_right))
+# The 24 rotations of a cube: no rotation is further than 63 degrees from one of them.
+SIGNED = [np.eye(3)[list(p)] * s for p in permutations(range(3)) for s in product((1.0, -1.0), repeat=3)]
+CUBE = np.array([m for m in SIGNED if np.linalg.det(m) > 0.0])
 
 
 def two_sided_rotations(R_obs: FloatArray, R_cmd: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -105,7 +105,8 @@ def rotation_observability(observed: PoseSignal, command: PoseSignal) -> Observa
         return None
     R_obs = se3.matrix_from_quaternion(observed.quaternion)
     if command.quaternion is None:
-        return _observability(_trimmed(R_obs))
+        away = se3.angle(R_obs @ se3.rotation_mean(R_obs).T)
+        return _observability(R_obs[away <= np.quantile(away, 1.0 - TRIM)])
     seen = _observability(R_obs)
     asked = _observability(se3.matrix_from_quaternion(command.quaternion))
     return Observability(np.minimum(seen.gains, asked.gains), seen.axes)
@@ -114,9 +115,3 @@ def rotation_observability(observed: PoseSignal, command: PoseSignal) -> Observa
 def _observability(rotations: FloatArray) -> Observability:
     _, s, vt = np.linalg.svd(rotations.mean(axis=0))
     return Observability(np.sqrt(np.clip(1.0 - s**2, 0.0, 1.0)), vt)
-
-
-def _trimmed(rotations: FloatArray) -> FloatArray:
-    away = se3.angle(rotations @ se3.rotation_mean(rotations).T)
-    kept: FloatArray = rotations[away <= np.quantile(away, 1.0 - TRIM)]
-    return kept

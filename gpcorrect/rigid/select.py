@@ -204,17 +204,13 @@ def _robust_pose(observed: PoseSignal, command: PoseSignal) -> RigidModel:
     return model
 
 
-def _robust_position(observed: PoseSignal, command: PoseSignal) -> RigidModel:
-    return fit_robustly(fit_position, observed, command)
-
-
 def _fits(observed: PoseSignal, command: PoseSignal, marker: MarkerOption) -> Mapping[RigidKind, Fit]:
     """Return the kinds to compare, simplest first; the last is what "none" and "solve" ask for."""
     has_orientation = observed.quaternion is not None and command.quaternion is not None
     plain: RigidKind = "pose" if has_orientation else "position"
     if marker == "none":
         return {"identity": _identity, plain: fit_pose}
-    robust = _robust_pose if has_orientation else _robust_position
+    robust = _robust_pose if has_orientation else partial(fit_robustly, fit_position)
     fits: dict[RigidKind, Fit] = {"identity": _identity, plain: robust}
     if observed.quaternion is not None:
         fits["marker"] = fit_marker

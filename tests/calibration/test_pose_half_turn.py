@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support import small_log
+from support import short_search, small_log
 
 from gpcorrect import se3
 from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector
@@ -30,7 +30,8 @@ def turned(log: CalibrationLog, R: FloatArray) -> CalibrationLog:
 def around_half_a_turn(request: pytest.FixtureRequest) -> tuple[CommandCorrector, FloatArray]:
     """Return a corrector learned around half a turn, and the turn."""
     R = se3.matrix_from_rotvec(np.array(HALF_TURNS[request.param]))
-    return fit_corrector(turned(small_log(), R), FitSettings(marker="none", inducing=300)), R
+    with short_search():
+        return fit_corrector(turned(small_log(), R), FitSettings(marker="none", inducing=300)), R
 
 
 @pytest.mark.parametrize("axis", range(3))

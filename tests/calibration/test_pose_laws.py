@@ -70,7 +70,7 @@ def test_the_frame_of_the_tracker_does_not_matter() -> None:
 
     from gpcorrect.types import PoseSignal
 
-    log = small_log()
+    log = small_log(trajectories=8, samples=40)
     assert log.tracker_cp is not None
     assert log.tracker_cp.quaternion is not None
     T = se3.exp(np.array([0.3, -0.2, 0.5, 1.0, -2.0, 0.7]))
@@ -150,5 +150,5 @@ def test_the_summary_is_plain_data() -> None:
     """What a fit says of itself survives JSON."""
     import json
 
-    result = fit_model(small_log())
+    result = fit_model(small_log(trajectories=6, samples=40), FitSettings(marker="none"))
     assert json.loads(json.dumps(result.corrector.summary))["fit"]["n_train"] == result.n_train

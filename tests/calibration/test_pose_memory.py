@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import real_data, small_log
+from support import real_data, short_search, small_log
 
 from gpcorrect import se3
 from gpcorrect.calibration import (
@@ -46,7 +46,8 @@ def sticky_log(seed: int) -> CalibrationLog:
 
 @pytest.fixture(scope="module")
 def sticky() -> FitResult:
-    return fit_model(sticky_log(0), SETTINGS)
+    with short_search():
+        return fit_model(sticky_log(0), SETTINGS)
 
 
 def rmse(corrector: CommandCorrector, log: CalibrationLog) -> float:

@@ -94,22 +94,3 @@ def written(log: CalibrationLog, path: Path) -> Path:
     """Write the log and return the path."""
     write_log(log, path)
     return path
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """A recording, the model file that `gpcorrect fit` wrote, and its JSON; no test may write to the files."""
-
-    folder: Path
-
-    @property
-    def log(self) -> Path:
-        return self.folder / "log.csv"
-
-    @property
-    def model(self) -> Path:
-        return self.folder / "model.gpc"
-
-    @property
-    def json(self) -> Any:
-        return json.loads((self.folder / "fit.json").read_text())

@@ -65,7 +65,7 @@ def test_rows_of_nan_are_dropped_and_counted(gpcorrect: CommandLine, tmp_path: P
     positions = log.tracker_cp.position.copy()
     positions[100:110] = np.nan
     path = written(moved(log, positions), tmp_path / "holes.csv")
-    result = gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--json").json
+    result = gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--marker", "none", "--json").json
     assert result["dropped"]["invalid"] == 10
 
 
@@ -76,9 +76,10 @@ def test_an_end_unlike_its_beginning_is_not_measured_on(gpcorrect: CommandLine, 
     positions = log.tracker_cp.position.copy()
     positions[160:] += 0.3
     path = written(moved(log, positions), tmp_path / "one.csv")
-    assert_refused(gpcorrect("fit", path, "--output", tmp_path / "m.gpc"), "rejects all 40", "--holdout 0")
+    words = ("fit", path, "--output", tmp_path / "m.gpc", "--marker", "none")
+    assert_refused(gpcorrect(*words), "rejects all 40", "--holdout 0")
     assert not (tmp_path / "m.gpc").exists()
-    assert gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--holdout", 0).code == 0
+    assert gpcorrect(*words, "--holdout", 0).code == 0
 
 
 def test_collinear_positions_are_refused(gpcorrect: CommandLine, tmp_path: Path) -> None:
@@ -140,7 +141,7 @@ def test_no_model_is_learned_from_a_recording_that_was_misread(
 def test_a_recording_can_be_taken_as_it_is(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Whoever knows better than the guess of a unit can say so."""
     path = written(scaled(small_log(trajectories=6, samples=40), [1, 1, -1]), tmp_path / "mirrored.csv")
-    assert gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--as-is").code == 0
+    assert gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--marker", "none", "--as-is").code == 0
 
 
 def test_a_file_of_five_gigabytes_is_refused_before_it_is_read(gpcorrect: CommandLine, tmp_path: Path) -> None:

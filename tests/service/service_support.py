@@ -34,7 +34,8 @@ REGION = {"position_min": [-0.1, -0.1, -0.2], "position_max": [0.1, 0.1, 0.0]}
 
 # Children come from a process that has read the libraries and opened nothing: zenoh bears no fork after a session.
 spawn = multiprocessing.get_context("forkserver")
-spawn.set_forkserver_preload(["service_support"])
+# Only what is installed: this file is not on that process's path, and what it cannot import it leaves out in silence.
+spawn.set_forkserver_preload(["gpcorrect_service.server.service", "gpcorrect.calibration.model_file"])
 
 
 class ShiftCorrector:

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support import short_search
 
 from gpcorrect.cli import main
 from gpcorrect.errors import DataError
-from gpcorrect_studies.mahler2014 import Scope
+from gpcorrect_studies.mahler2014 import Scope, study
 from gpcorrect_studies.mahler2014.closed_loop import Reached
 from gpcorrect_studies.mahler2014.table1 import COMPONENTS, FULL, MEMORY, METHODS, NORMS
 
@@ -38,6 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = replace(Scope().settings, marker="none", inducing=60)
     small = Scope(30, places=3, repetitions=2, fractions=(0.02, 1.0), settings=settings)
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "table_one", short_search()(study.table_one))
         patch.setattr(Scope, "quick", classmethod(lambda _: small))
         assert _run("--quick", "--seed", SEED, "--output", output) == 0
     return output

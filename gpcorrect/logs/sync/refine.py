@@ -291,7 +291,9 @@ class Timing:
         valid = sampled.valid
         y, elapsed = self.target[valid], self.elapsed[valid]
         x = np.column_stack([sampled.values[valid], np.ones(len(y))])
-        fit = _projector(x, weight)
+        # Least squares by normal equations: columns are of unit spread, and thousands of rows make all else slow.
+        weighted = x.T * weight
+        fit = np.linalg.pinv(weighted @ x, rcond=RANK, hermitian=True) @ weighted
         coefficient = fit @ y
         residual = y - x @ coefficient
         if scale is None:
@@ -343,16 +345,6 @@ def _size(residual: FloatArray, scale: FloatArray) -> FloatArray:
     """Root mean square of each row `(n,)` in standard deviations."""
     size: FloatArray = np.sqrt(np.mean((residual / scale) ** 2, axis=1))
     return size
-
-
-def _projector(x: FloatArray, weight: FloatArray) -> FloatArray:
-    """Weighted least squares on `(n, m)` as the matrix `(m, n)` that maps data to coefficients.
-
-    By normal equations: columns are of unit spread, and thousands of rows make anything else slow.
-    """
-    weighted = x.T * weight
-    projector: FloatArray = np.linalg.pinv(weighted @ x, rcond=RANK, hermitian=True) @ weighted
-    return projector
 
 
 def _normal_rows(linear: _Linear) -> tuple[FloatArray, FloatArray]:
