@@ -2,9 +2,10 @@
 
 Each fault is planted in simulated reaches whose arm misses smoothly (10 mm, 8 degrees), drags with velocity, has play
 and noise. "labelled by training" learns on the first 70 % of the trajectories, without faults, and labels the others,
-with them.
+with them. "simulated faults" are those of `gpcorrect simulate debridement`, in few reaches.
 
     python bench/cleaning_faults.py --seeds 3
+    python bench/cleaning_faults.py --seeds 10 --only simulated
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from support import ROOT, print_table, save_results
 
 from gpcorrect.cleaning import clean_with, fit_cleaner
+from gpcorrect.sim import debridement_log
 from gpcorrect.types import BoolArray, CalibrationLog
 
 # The tests' own worlds.
@@ -72,6 +75,17 @@ def labelled_by_training(plant: Plant, world: World, seed: int) -> tuple[float, 
     return shares(clean_with(cleaner, held_out).keep, faulty)
 
 
+def simulated(reaches: int, seed: int) -> tuple[float, float]:
+    """Clean a simulated debridement recording; faulty is what differs from the same recording without faults."""
+    log, whole = (debridement_log(seed, reaches=reaches, faults=faults) for faults in (True, False))
+    assert log.tracker_cp is not None
+    assert log.tracker_cp.quaternion is not None
+    assert whole.tracker_cp is not None
+    same = np.isclose(log.tracker_cp.position, whole.tracker_cp.position, rtol=0, atol=1e-9).all(axis=1)
+    same &= np.isclose(log.tracker_cp.quaternion, whole.tracker_cp.quaternion, rtol=0, atol=1e-9).all(axis=1)
+    return shares(fit_cleaner(log, rng=np.random.default_rng(CLEANING_SEED))[1].keep, ~same)
+
+
 def measured(run: Callable[[int], tuple[float, float]], seeds: int) -> dict[str, float]:
     """Medians and worst cases over the seeds."""
     recall, false = np.array([run(seed) for seed in range(seeds)]).T
@@ -86,7 +100,9 @@ def measured(run: Callable[[int], tuple[float, float]], seeds: int) -> dict[str,
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5, help="worlds a fault")
-    seeds = parser.parse_args().seeds
+    parser.add_argument("--only", default="", help="rows whose name holds this")
+    arguments = parser.parse_args()
+    seeds = arguments.seeds
     rough = World(field_m=0.02, field_rad=float(np.radians(20)))
     seen = World(position_only=True)
     runs: dict[str, Callable[[int], tuple[float, float]]] = {
@@ -105,7 +121,9 @@ def main() -> None:
         runs[f"{name}, labelled by training"] = lambda seed, plant=FAULTS[name]: labelled_by_training(
             plant, World(), seed
         )
-    results = {name: measured(run, seeds) for name, run in runs.items()}
+    for reaches in (8, 12, 20):
+        runs[f"simulated faults, {reaches} reaches"] = partial(simulated, reaches)
+    results = {name: measured(run, seeds) for name, run in runs.items() if arguments.only in name}
     print_table(HEAD, [[name, *result.values()] for name, result in results.items()])
     known = {name: {k: v for k, v in row.items() if np.isfinite(v)} for name, row in results.items()}
     save_results("cleaning_faults", {"seeds": seeds, "results": known})
