@@ -20,6 +20,7 @@ from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.tolerance import Slack, slack_of, table_slopes
 from gpcorrect.discrepancy.recording.tracker import Tracker
+from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan, Segment, plan_of
@@ -111,8 +112,11 @@ def _slack(scene: Scene, tracker: Tracker, noises: tuple[ChannelNoise, ...] | No
         label, still = scene.run_of_row(), np.zeros(len(scene), dtype=np.bool_)
         residual = scene.residual()[:, -n_axes:]
         noises = tuple(estimate_noise(scene.time, r, label, still) for r in residual.T)
+    own = noises[-n_axes:]
+    least = max(n.std for n in own[:3]) / NOISE.marker_size  # of turns, as everywhere
+    own = (*own[:3], *(replace(n, white=max(n.white, least)) for n in own[3:]))
     steps = np.diff(scene.time)
-    return slack_of(slopes, rows, noises[-n_axes:], float(np.median(steps[steps > 0])))
+    return slack_of(slopes, rows, own, float(np.median(steps[steps > 0])))
 
 
 def _loop_remarks(log: CalibrationLog, model: Model, label: IntArray, source: str) -> tuple[bool, list[str]]:
