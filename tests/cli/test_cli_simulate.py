@@ -8,7 +8,7 @@ from gpcorrect.logs import read_log
 from gpcorrect.sim import EFFECTS, model_from_dict, write_model
 from gpcorrect.sim.effects import Scope, candidates
 
-RANGES = np.array([[0.3, 1.2], [0.9, 2.0], [0.25, 0.45]])
+RANGES = np.array([[-0.2, 0.2], [0.9, 2.0], [0.25, 0.45]])  # of joint 1 less than these reaches go: they meet a stop
 SCOPE = Scope((1, 2, 3), "RRP", RANGES, 10.0, torques=np.array([0.3, 0.3, 3.0]))  # less than these reaches ask for
 TYPICAL = {c.kind.about.name: c.typical() for c in reversed(tuple(candidates(SCOPE)))}
 
