@@ -1,0 +1,67 @@
+"""An attack on the running system: every scenario with what is promised and what was seen, which must be zero.
+
+`--only WORD` runs the scenarios with that word in their name or group; `--list` names them. Exit status 1 where
+anything promised was broken.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from importlib import import_module
+from pathlib import Path
+
+from attacks import GROUPS
+from attacks.lab import Lab, Scenario, Seen
+from support import print_table, save_results
+
+HEAD = ("scenario", "must not happen", "promised", "seen", "of", "s")
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--model", type=Path, help="model file of poses; a small one is fitted without it")
+    options.add_argument("--only", default="", help="word in the name or group of a scenario")
+    options.add_argument("--list", action="store_true", help="name the scenarios")
+    given = options.parse_args()
+    chosen = [(group, s) for group, s in _scenarios() if given.only in group or given.only in s.name]
+    if given.list:
+        print_table(("scenario", "group", "must not happen"), [[s.name, group, s.promised] for group, s in chosen])
+        return
+    rows, notes = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        lab = Lab(Path(folder), given.model)
+        for _, scenario in chosen:
+            began = time.monotonic()
+            seen = _tried(lab, scenario)
+            seconds = time.monotonic() - began
+            rows.append([scenario.name, scenario.promised, "0", str(seen.broken), str(seen.tried), f"{seconds:.0f}"])
+            notes.append(f"{scenario.name}: {seen.note}")
+            print(f"{'ok    ' if not _broken(seen) else 'BROKEN'} {notes[-1]}", flush=True)
+    print(f"\nload of the machine (1 minute): {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
+    print_table(HEAD, rows)
+    save_results("attack", {"rows": rows, "notes": notes})
+    sys.exit(any(row[3] != "0" or row[4] == "0" for row in rows))
+
+
+def _scenarios() -> list[tuple[str, Scenario]]:
+    return [(group, one) for group in GROUPS for one in import_module(f"attacks.{group}").SCENARIOS]
+
+
+def _tried(lab: Lab, scenario: Scenario) -> Seen:
+    """Run a scenario; one that fails by itself is broken."""
+    try:
+        return scenario.run(lab)
+    except Exception as error:
+        return Seen(0, 1, f"did not come about: {type(error).__name__}: {error}")
+
+
+def _broken(seen: Seen) -> bool:
+    return bool(seen.broken) or not seen.tried
+
+
+if __name__ == "__main__":
+    main()

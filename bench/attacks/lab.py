@@ -1,0 +1,170 @@
+"""What every scenario works with: a folder, two small models, processes that end with it, and the shape of a result."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from service_bench import PATIENT, free_endpoint
+
+__all__ = ["Lab", "Scenario", "Seen", "waited"]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What happened.
+
+    Parameters
+    ----------
+    tried : int
+        How many things could have gone wrong; 0 says that the scenario did not come about, and counts as broken.
+    broken : int
+        How many did.
+    note : str
+        Further figures.
+    """
+
+    tried: int
+    broken: int
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One attack.
+
+    Parameters
+    ----------
+    name : str
+        Of the attack.
+    promised : str
+        What must not happen, in words; the table counts it.
+    run : callable
+        From the laboratory to what was seen.
+    """
+
+    name: str
+    promised: str
+    run: Callable[[Lab], Seen]
+
+
+class Lab:
+    """A folder, models, and processes of the program itself; a context manager.
+
+    Parameters
+    ----------
+    folder : Path
+        Empty.
+    model : Path or None
+        A model file of poses; one is fitted to simulated reaches without it.
+    """
+
+    def __init__(self, folder: Path, model: Path | None = None) -> None:
+        self.folder = folder
+        self._given = model
+        self._stack = ExitStack()
+
+    @cached_property
+    def model(self) -> Path:
+        """A model file of poses."""
+        return self._given or _fitted(self.folder / "monday.gpc", reaches=4)
+
+    @cached_property
+    def other_model(self) -> Path:
+        """Another one, of the same arm and frames, that answers differently."""
+        return _fitted(self.folder / "tuesday.gpc", reaches=5)
+
+    @contextmanager
+    def program(self, *words: str, ready: str) -> Iterator[subprocess.Popen[str]]:
+        """Run `gpcorrect WORDS` until the block ends, however that process was stopped meanwhile.
+
+        Parameters
+        ----------
+        *words : str
+            Command and options.
+        ready : str
+            Text on its standard error by which it is known to answer.
+        """
+        log = self.folder / f"{words[0]}-{time.monotonic_ns()}.log"
+        with log.open("w") as stream:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "gpcorrect", *words], stdout=stream, stderr=stream, text=True
+            )
+        try:
+            waited(lambda: ready in log.read_text() or process.poll() is not None)
+            if process.poll() is not None:
+                raise RuntimeError(f"gpcorrect {' '.join(words)} ended: {log.read_text()}")
+            yield process
+        finally:
+            process.send_signal(signal.SIGCONT)
+            process.terminate()
+            try:
+                process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    @contextmanager
+    def server(self, model: Path, *words: str) -> Iterator[tuple[str, int]]:
+        """Serve a model; gives its address and process number.
+
+        Parameters
+        ----------
+        model : Path
+        *words : str
+            Further options.
+        """
+        end = free_endpoint()
+        with self.program("serve", str(model), "--endpoint", end, *words, ready="serving") as process:
+            yield end, process.pid
+
+    @contextmanager
+    def arm(self, *words: str) -> Iterator[tuple[str, int]]:
+        """Run a simulated arm, enabled and homed; gives its address and process number.
+
+        Parameters
+        ----------
+        *words : str
+            Further options.
+        """
+        end = free_endpoint()
+        with self.program("sim", "serve", "--endpoint", end, "--ready", *words, ready="Ctrl-C") as process:
+            yield end, process.pid
+
+
+@contextmanager
+def held(pid: int) -> Iterator[None]:
+    """Stop a process for as long as the block lasts."""
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.kill(pid, signal.SIGCONT)
+
+
+def waited(done: Callable[[], Any]) -> Any:
+    """Return the first true answer."""
+    until = time.monotonic() + PATIENT
+    while not (found := done()):
+        if time.monotonic() > until:
+            raise TimeoutError("waited in vain")
+        time.sleep(0.02)
+    return found
+
+
+def _fitted(path: Path, reaches: int) -> Path:
+    from gpcorrect.calibration import FitSettings, fit_corrector, save
+    from gpcorrect.sim import debridement_log
+
+    settings = FitSettings(clean=False, inducing=20, marker="none", time_offset="none")
+    save(fit_corrector(debridement_log(reaches=reaches), settings), path)
+    return path
