@@ -74,7 +74,12 @@ def living_arm(
     robot = LiveRobot(real, np.random.default_rng(0), block=20)
     endpoint, stop = free_endpoint(), threading.Event()
     with Bus(BusSettings(endpoint, arm, role="hub", ros_domain=ros_domain)) as bus:
-        server = ArmServer(robot, bus, ArmServerSettings(**{"rate_hz": 50.0, "time_scale": 5.0, **settings}), EPOCH)
+        server = ArmServer(
+            robot,
+            bus,
+            ArmServerSettings(**{"rate_hz": 50.0, "time_scale": 5.0, "command_age": PATIENT, **settings}),
+            EPOCH,
+        )
         thread = threading.Thread(target=server.run, args=(stop,))
         thread.start()
         try:

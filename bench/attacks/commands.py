@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
 from typing import Any
 
 import numpy as np
-from attacks.lab import Lab, Scenario, Seen, held, waited
+import zenoh
+from service_bench import free_endpoint
 
-from gpcorrect.calibration import load
+from attacks.lab import Lab, Scenario, Seen, held, waited
+from gpcorrect.calibration import JointCorrector, load
+from gpcorrect_service import ClientSettings
 from gpcorrect_service.crtk import BusSettings, Pose
 from gpcorrect_service.crtk.robot import Robot
+from gpcorrect_service.protocol.answer import EstimateAnswer
+from gpcorrect_service.protocol.codec import MSGPACK
+from gpcorrect_service.protocol.messages import JointState
+from gpcorrect_service.protocol.sessions import open_client
 
 LIMIT = 0.25  # s: nothing older moves a robot
 CARRIED = 0.1  # s that a message may be under way between two processes of a busy machine
@@ -20,12 +28,12 @@ STOPPED = 5.0  # s
 
 
 def held_prefilter(lab: Lab) -> Seen:
-    """A pre-filter that is stopped for five seconds while its planner goes on, and falls silent."""
+    """Stop a pre-filter for five seconds; its planner goes on, and falls silent before the pre-filter wakes."""
     return _planned(lab, hold=STOPPED, clock=0.0)
 
 
 def foreign_clock(lab: Lab) -> Seen:
-    """A planner whose clock is an hour behind, and so says nothing of the age of its commands."""
+    """Command with a clock that is an hour behind, and so says nothing of the age of a command."""
     return _planned(lab, hold=0.0, clock=-3600.0)
 
 
@@ -73,7 +81,51 @@ def _stream(robot: Robot, middle: Any, clock: float, sent: dict[float, float], s
             robot.bus.publish("servo_cp", Pose(stamp, tuple(pose.tolist()), "tracker"))
 
 
+def held_estimates(lab: Lab) -> Seen:
+    """Stop a server of joints for five seconds while the robot goes on publishing them."""
+    joints = lab.joint_model
+    measured, rows = load(joints, JointCorrector), 0
+    zeros = (0.0,) * len(measured.types)
+    end = free_endpoint()
+    came: list[tuple[float, str]] = []
+
+    def _came(sample: zenoh.Sample) -> None:
+        answer = MSGPACK.decode(EstimateAnswer, sample.payload.to_bytes())
+        came.append((time.monotonic() - answer.stamp, answer.status))
+
+    with (
+        lab.program("serve", "--joints", str(joints), "--endpoint", end, ready="serving") as server,
+        open_client(ClientSettings((end,))) as session,
+        session.declare_subscriber("arm1/estimate", zenoh.handlers.Callback(_came, indirect=False)),
+    ):
+        stop = threading.Event()
+
+        def _robot() -> None:
+            while not stop.wait(0.01):
+                state = JointState(time.monotonic(), zeros, effort=zeros)
+                session.put("arm1/measured_js", MSGPACK.encode(state), encoding=MSGPACK.encoding("joint_state"))
+
+        robot = threading.Thread(target=_robot)
+        robot.start()
+        try:
+            waited(lambda: len(came) > 50)
+            with held(server.pid):
+                time.sleep(STOPPED)
+            rows = len(came)
+            time.sleep(2.0)
+        finally:
+            stop.set()
+            robot.join()
+    believed = [age for age, status in came if age > LIMIT + CARRIED and status != "STALE"]
+    return Seen(
+        len(came),
+        len(believed),
+        f"{len(came) - rows} came after the stop, {dict(Counter(status for _, status in came))}",
+    )
+
+
 SCENARIOS = (
     Scenario("pre-filter stopped for 5 s", "commands older than 0.25 s", held_prefilter),
+    Scenario("estimates of a server stopped for 5 s", "estimates older than 0.25 s, not STALE", held_estimates),
     Scenario("planner's clock an hour behind", "commands of unknown age", foreign_clock),
 )

@@ -83,6 +83,17 @@ class Lab:
         """Another one, of the same arm and frames, that answers differently."""
         return _fitted(self.folder / "tuesday.gpc", reaches=5)
 
+    @cached_property
+    def joint_model(self) -> Path:
+        """A model file of joints."""
+        from gpcorrect.calibration import FitSettings, JointCorrector, fit_model, save
+        from gpcorrect.sim import joint_motion_log, preset
+
+        path = self.folder / "joints.gpc"
+        log = joint_motion_log(preset("raven2_calibration"), 6, 10.0)
+        save(fit_model(log, FitSettings(method="linear", time_offset="none"), task=JointCorrector).corrector, path)
+        return path
+
     @contextmanager
     def program(self, *words: str, ready: str) -> Iterator[subprocess.Popen[str]]:
         """Run `gpcorrect WORDS` until the block ends, however that process was stopped meanwhile.

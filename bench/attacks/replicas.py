@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import signal
 import time
+from itertools import pairwise
 
 import numpy as np
-from attacks.lab import Lab, Scenario, Seen
 from service_bench import PATIENT
 
+from attacks.lab import Lab, Scenario, Seen
 from gpcorrect.calibration import load
 from gpcorrect_service import CorrectionClient, ServiceError
 
@@ -28,7 +29,7 @@ def mixed_stream(lab: Lab) -> Seen:
         lab.server(lab.other_model) as (other, second),
         CorrectionClient((one, other), timeout=0.2, connect_timeout=PATIENT) as client,
     ):
-        began, victim = time.monotonic(), 0
+        began, victim, replica = time.monotonic(), 0, ""
         while (now := time.monotonic()) < began + SECONDS:
             if now > began + SECONDS / 3 and not victim:
                 victim = first if str(first) in replica else second
@@ -43,7 +44,7 @@ def mixed_stream(lab: Lab) -> Seen:
             positions.append(reply.position)
             time.sleep(max(0.0, 1.0 / RATE - (time.monotonic() - now)))
         os.kill(victim, signal.SIGCONT)
-    switches = sum(a != b for a, b in zip(hashes, hashes[1:], strict=False))
+    switches = sum(one != other for one, other in pairwise(hashes))
     apart = 1e3 * float(np.linalg.norm(np.ptp(np.array(positions), axis=0)))
     return Seen(len(hashes), switches, f"commands up to {apart:.1f} mm apart, {refused} refused")
 

@@ -80,13 +80,18 @@ def prefilter(
     linear: Annotated[float, typer.Option(help="Fastest change of the correction, mm/s.")] = 50.0,
     angular: Annotated[float, typer.Option(help="Fastest change of the correction, deg/s.")] = 60.0,
     strict: Annotated[bool, typer.Option("--strict", help="Refuse poses out of the model's domain.")] = False,
+    max_age: Annotated[float, typer.Option(help="Seconds after which a desired pose moves nothing.", min=0.01)] = 0.25,
+    time_scale: Annotated[
+        float, typer.Option(help="How many times faster than a real arm a simulated one lives.", min=0.01)
+    ] = 1.0,
     ros_domain: RosDomain = None,
 ) -> None:
     """Correct a stream of desired poses before the robot sees them, until Ctrl-C or SIGTERM.
 
     Desired poses on NAMESPACE/ARM/servo_cp and move_cp, in the frame that the model was trained in, come out as
     commands on NAMESPACE/ARM/corrected/servo_cp and corrected/move_cp. Refused while the robot is not ENABLED and
-    homed, and without a stamp; the reason is published on NAMESPACE/ARM/error.
+    homed, without a stamp, and where the stamp is older than --max-age on the robot's clock; the reason is published on
+    NAMESPACE/ARM/error.
 
     Example: gpcorrect sim serve --corrected --ready, and in another terminal gpcorrect prefilter model.gpc
     """
@@ -95,7 +100,9 @@ def prefilter(
     from gpcorrect_service.ops.logger import open_logger
     from gpcorrect_service.server.models import load_model
 
-    settings = PrefilterSettings(linear / 1e3, math.radians(angular), outside=not strict)
+    settings = PrefilterSettings(
+        linear / 1e3, math.radians(angular), command_age=max_age, time_scale=time_scale, outside=not strict
+    )
     answering = Prefilter(load_model(model), settings)
     with Bus(BusSettings(endpoint, arm, namespace, "client", ros_domain), node=f"gpcorrect_prefilter_{arm}") as bus:
         server = FilterServer(answering, bus, open_logger(arm=arm))

@@ -4,12 +4,12 @@ import threading
 import numpy as np
 import pytest
 import zenoh
-from crtk_support import SHIFT, ShiftCorrector, living_arm, model, wait_for
+from crtk_support import PATIENT, SHIFT, ShiftCorrector, living_arm, model, wait_for
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs import read_log
 from gpcorrect_service.crtk import Bus, BusSettings, JointState, Pose
-from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter
+from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter, PrefilterSettings
 from gpcorrect_service.crtk.recorder import Recorder, write_mcap
 from gpcorrect_service.crtk.robot import Robot, RobotError
 from gpcorrect_service.crtk.ros import from_cdr, read_attachment, rmw_key, to_cdr
@@ -109,9 +109,10 @@ def test_ros_users_are_understood_both_ways():
 def test_the_prefilter_stands_between_planner_and_robot():
     """A robot that listens to the pre-filter alone goes where the corrected command says, not where the planner did."""
     corrector = ShiftCorrector()
+    settled = PrefilterSettings(time_scale=5.0, command_age=PATIENT, state_age=PATIENT)  # a busy machine holds all up
     with living_arm(corrected=True) as (settings, arm), Robot(settings) as robot, Bus(settings) as bus:
         stop = threading.Event()
-        server = FilterServer(Prefilter(model(corrector)), bus, open_logger())
+        server = FilterServer(Prefilter(model(corrector), settled), bus, open_logger())
         thread = threading.Thread(target=server.run, args=(stop,))
         thread.start()
         try:

@@ -1,3 +1,5 @@
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from crtk_support import SHIFT, ShiftCorrector, model
@@ -13,7 +15,7 @@ TURN = (1.0, 0.0, 0.0, 0.0)
 def prefilter(corrector: ShiftCorrector | None = None, **settings: object) -> Prefilter:
     """Return a pre-filter before a robot that is ready at time 1."""
     known = corrector or ShiftCorrector()
-    chosen = PrefilterSettings(**settings)  # type: ignore[arg-type]
+    chosen = PrefilterSettings(**{"command_age": 100.0, **settings})  # type: ignore[arg-type]
     answering = Prefilter(model(known), chosen, monotonic=lambda: 0.0)
     answering.robot_is(OperatingState(1.0, "ENABLED", True, False))
     return answering
@@ -53,13 +55,79 @@ def test_a_robot_that_is_not_ready_gets_no_command(state):
             answer(pose(1.1))
 
 
+class Wall:
+    """A monotonic clock that a test moves."""
+
+    now = 50.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
 def test_an_old_or_unknown_state_is_not_believed():
-    """Without a fresh operating state nothing is passed on."""
-    corrector = ShiftCorrector()
+    """Without a fresh operating state nothing is passed on; how old it is, the pre-filter's own clock says."""
+    wall = Wall()
+    answering = Prefilter(model(ShiftCorrector()), PrefilterSettings(state_age=0.5, command_age=100.0), monotonic=wall)
     with pytest.raises(ServiceError, match="not known"):
-        Prefilter(model(corrector)).servo(pose(1.1))
+        answering.servo(pose(1.1))
+    answering.robot_is(OperatingState(1.0, "ENABLED", True, False))
+    answering.servo(pose(1.1))
+    wall.now += 0.6
     with pytest.raises(ServiceError, match="not known"):
-        prefilter(state_age=0.5).servo(pose(1.6))
+        answering.servo(pose(1.2))
+
+
+@pytest.mark.parametrize("scale", [1.0, 20.0])
+@pytest.mark.parametrize("held", [0.3, 5.0, 3600.0])
+def test_what_waited_while_the_prefilter_was_stopped_moves_nothing(scale, held):
+    """Poses that came in while it was held up are refused when it goes on, though all come at the same instant."""
+    wall, began = Wall(), 1.8e9
+    answering = Prefilter(model(ShiftCorrector()), PrefilterSettings(time_scale=scale), monotonic=wall)
+
+    def both(wall_seconds: float) -> bool:
+        """Hear state and pose of one moment; whether the pose passes."""
+        stamp = began + scale * wall_seconds
+        answering.robot_is(OperatingState(stamp, "ENABLED", True, False))
+        with suppress(ServiceError):
+            answering.servo(pose(stamp + 1e-6))
+            return True
+        return False
+
+    for k in range(20):
+        wall.now = 50.0 + 0.02 * k + 0.001
+        assert both(0.02 * k)
+    wall.now = 50.0 + 0.4 + held
+    waiting = 0.4 + np.linspace(0.0, held, 400)
+    passed = [seconds for seconds in waiting if both(seconds)]
+    assert min(passed) >= 0.4 + held - 0.251 - 1e-3 * held
+    assert max(passed) == waiting[-1]
+
+
+@pytest.mark.parametrize("off", [-3600.0, -0.3, 0.3, 3600.0])
+def test_a_clock_that_is_not_the_robots_says_nothing_of_age(off):
+    """Poses stamped by a planner's clock that is behind the robot's, or ahead of it, are refused, with the reason."""
+    for answer in (prefilter(command_age=0.25).servo, prefilter(command_age=0.25).move):
+        with pytest.raises(ServiceError, match="robot's clock") as refused:
+            answer(pose(4000.0 + off) if abs(off) > 1 and off > 0 else pose(max(1.0 + off, 1e-3)))
+        assert refused.value.status == "STALE"
+
+
+def test_a_process_that_is_stopped_at_work_sends_nothing_old():
+    """The age counts when the command is ready, and not when the pose was taken up."""
+    wall = Wall()
+
+    class Stopped(ShiftCorrector):
+        def correct(self, pose, twist=None):
+            wall.now += 0.3
+            return super().correct(pose, twist)
+
+    answering = Prefilter(model(Stopped()), monotonic=wall)
+    answering.robot_is(OperatingState(1.0, "ENABLED", True, False))
+    with pytest.raises(ServiceError, match="behind"):
+        answering.servo(pose(1.0))
+    answering.robot_is(OperatingState(1.3, "ENABLED", True, False))
+    with pytest.raises(ServiceError, match="behind"):
+        answering.move(pose(1.3))
 
 
 @pytest.mark.parametrize("stamp", [0.0, -3.0, float("nan")])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Self, TypeVar
@@ -125,10 +126,11 @@ class AsyncCorrectionClient(ClientBase):
             if not loop.is_closed():
                 loop.call_soon_threadsafe(inbox.put_nowait, reply)
 
+        asked = time.monotonic()
         querier.ask(target, zenoh.handlers.Callback(_deliver, lambda: _deliver(None), indirect=False), question)
         failure = None
         while (reply := await inbox.get()) is not None:
-            answer = question.answer(reply)
+            answer = question.answer(reply, time.monotonic() - asked)
             if not isinstance(answer, ServiceError):
                 return answer
             failure = answer

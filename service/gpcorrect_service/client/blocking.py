@@ -165,9 +165,9 @@ class CorrectionClient(ClientBase):
 
     def _attempt(self, querier: Querier, target: zenoh.Querier, question: Question[R]) -> R | ServiceError:
         """Return the first answer without waiting for others; the channel closes when the time is over."""
-        failure = None
+        failure, asked = None, time.monotonic()
         for reply in querier.ask(target, zenoh.handlers.FifoChannel(WAITING_REPLIES), question):
-            answer = question.answer(reply)
+            answer = question.answer(reply, time.monotonic() - asked)
             if not isinstance(answer, ServiceError):
                 return answer
             failure = answer

@@ -51,6 +51,8 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
         zenoh's name of how they are written.
     read : callable
         From zenoh's reply to the planner's; raises the server's refusal.
+    patience : float
+        s after which a reply is too old to be used.
     fallback : callable or None
         From the failure to the answer that replaces it; None raises the failure.
     """
@@ -60,20 +62,29 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
     encoding: str
     attachment: bytes
     read: Callable[[zenoh.Reply], R]
+    patience: float
     fallback: Callable[[ServiceError], R] | None = None
 
-    def answer(self, reply: zenoh.Reply) -> R | ServiceError:
+    def answer(self, reply: zenoh.Reply, waited: float) -> R | ServiceError:
         """Return the answer in a reply, or the failure when another reply may be better.
 
         Parameters
         ----------
         reply : zenoh.Reply
+        waited : float
+            s since it was asked for.
 
         Raises
         ------
         ServiceError
             The failure is final.
         """
+        if waited > self.patience:  # a process that is stopped finds replies of long ago when it goes on
+            return ServiceError(
+                "STALE",
+                f"the reply came {waited:.3f} s after its question; {self.patience:.3f} s were allowed.",
+                hint="The planner or the network was held up: ask again.",
+            )
         try:
             return self.read(reply)
         except ServiceError as error:
@@ -235,7 +246,8 @@ class RequestBuilder:
             client_time=time.time(),
             deadline=deadline or self._settings.timeout_of(kind) / 2,
         )
-        return Question(kind, payload, self._codec.encoding(kind), self._codec.encode(meta), read, fallback)
+        patience = self._settings.timeout_of(kind) / 2
+        return Question(kind, payload, self._codec.encoding(kind), self._codec.encode(meta), read, patience, fallback)
 
     def _decoded(self, form: type[S], sample: zenoh.Sample) -> S:
         try:

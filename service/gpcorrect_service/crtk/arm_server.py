@@ -28,6 +28,8 @@ from gpcorrect_service.crtk.messages import (
     checked_numbers,
     checked_stamp,
 )
+from gpcorrect_service.protocol.clocks import OLDEST
+from gpcorrect_service.protocol.errors import ServiceError
 
 __all__ = ["ArmServer", "ArmServerSettings", "CommandedArm", "SensedArm"]
 
@@ -128,6 +130,8 @@ class ArmServerSettings:
     frame : str
         Name of the arm's base frame.
     tracker_frame : str
+    command_age : float
+        s of wall time after which a corrected pose no longer moves the arm.
     """
 
     rate_hz: float = 100.0
@@ -136,6 +140,7 @@ class ArmServerSettings:
     corrected: bool = False
     frame: str = "base"
     tracker_frame: str = "tracker"
+    command_age: float = OLDEST
 
 
 class ArmServer:
@@ -220,7 +225,9 @@ class ArmServer:
         return np.array(checked_numbers(message.position, len(self._arm.setpoint), "joints"))
 
     def _pose(self, message: Pose) -> FloatArray:
-        checked_stamp(message.stamp)
+        age = (self._stamp() - checked_stamp(message.stamp)) / self._settings.time_scale
+        if self._settings.corrected and age > self._settings.command_age:
+            raise ServiceError("STALE", f"the pose is {age:.2f} s old.", hint="Was the pre-filter held up?")
         numbers = np.array(checked_numbers(message.pose, 7, "a pose (x y z qw qx qy qz)"))
         return se3.from_parts(numbers[:3], numbers[3:])
 

@@ -23,6 +23,7 @@ from gpcorrect_service.crtk.bus import Bus
 from gpcorrect_service.crtk.messages import OperatingState, Pose, Report, Text, checked_stamp
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.protocol.answer import PoseAnswer, pack
+from gpcorrect_service.protocol.clocks import OLDEST, StreamClock
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import bad_input, check_command, checked_pose, checked_twist
 from gpcorrect_service.server.models import Model
@@ -48,7 +49,12 @@ class PrefilterSettings:
     gap : float
         s between two servo commands after which the stream begins anew.
     state_age : float
-        s of the robot's clock for which its last operating state is believed.
+        s for which the robot's last operating state is believed.
+    command_age : float
+        s after which a desired pose no longer moves the robot. Stamps are the robot's clock: one that lies as far ahead
+        of it says nothing of its age, and is refused as well.
+    time_scale : float
+        Seconds of the robot's clock in one of ours; above 1 for a simulated arm that lives faster.
     frame : str
         Name of the frame that commands are in.
     outside : bool
@@ -59,6 +65,8 @@ class PrefilterSettings:
     angular: float = 1.0
     gap: float = 0.5
     state_age: float = 1.0
+    command_age: float = OLDEST
+    time_scale: float = 1.0
     frame: str = "base"
     outside: bool = True
 
@@ -71,7 +79,7 @@ class Prefilter:
     model : Model
     settings : PrefilterSettings
     monotonic : callable
-        Clock for serving times, s.
+        Clock for ages and serving times, s.
     """
 
     def __init__(
@@ -86,18 +94,24 @@ class Prefilter:
         self._monotonic = monotonic
         self._stream = model.corrector.stream()
         self._state: OperatingState | None = None
+        self._clock = StreamClock(self._settings.time_scale)
+        self._newest = -math.inf
         self._last: _Step | None = None
+        self._lock = threading.Lock()
 
     def robot_is(self, state: OperatingState) -> None:
-        """Take note of the robot's operating state.
+        """Take note of the robot's operating state, from any thread.
 
         Parameters
         ----------
         state : OperatingState
         """
-        if not _ready(state):
-            self._last = None
-        self._state = state
+        now = self._monotonic()
+        with self._lock:
+            if not _ready(state):
+                self._last = None
+            self._clock.heard(state.stamp, now)
+            self._state = state
 
     def servo(self, message: Pose) -> tuple[Pose, Report]:
         """Return the command for one of a stream of desired poses, and what was made of it.
@@ -110,25 +124,23 @@ class Prefilter:
         Raises
         ------
         ServiceError
-            BAD_INPUT: no stamp, no pose, not later than the one before. STALE: the robot is not known to be ready.
-            INTERNAL: the command is not fit to be sent.
+            BAD_INPUT: no stamp, no pose, not later than the one before. STALE: the robot is not known to be ready, or
+            the pose is too old. INTERNAL: the command is not fit to be sent.
         """
         began = self._monotonic()
-        pose, twist = self._checked(message)
-        if self._last is not None and message.stamp - self._last.stamp > self._settings.gap:
-            self._last = None
-        if self._last is None:
-            self._stream.reset()
-        elif message.stamp <= self._last.stamp:
-            raise bad_input(
-                f"a pose stamped {message.stamp:.6f} came after one stamped {self._last.stamp:.6f}.",
-                "Send every pose once, in order.",
-            )
-        answer = self._answer(lambda: self._stream.correct(message.stamp, pose, twist))
-        if self._last is not None:
-            answer = self._bounded(self._last, message.stamp, pose, answer)
-        self._last = _Step(message.stamp, pose, _pose(answer))
-        return self._reported(message, pose, answer, began)
+        with self._lock:
+            pose, twist = self._checked(message)
+            last = self._last
+            if last is not None and not 0 < message.stamp - last.stamp <= self._settings.gap:
+                last = None
+            if last is None:
+                self._stream.reset()
+            answer = self._answer(lambda: self._stream.correct(message.stamp, pose, twist))
+            if last is not None:
+                answer = self._bounded(last, message.stamp, pose, answer)
+            reported = self._reported(message, pose, answer, began)
+            self._last = _Step(message.stamp, pose, _pose(answer))
+        return reported
 
     def move(self, message: Pose) -> tuple[Pose, Report]:
         """Return the command for one desired pose at rest, and what was made of it; raises as :meth:`servo`.
@@ -139,10 +151,11 @@ class Prefilter:
             Desired.
         """
         began = self._monotonic()
-        pose, _ = self._checked(message)
-        answer = self._answer(lambda: self._model.corrector.correct(pose, np.zeros(6)))
-        self._last = None
-        return self._reported(message, pose, answer, began)
+        with self._lock:
+            pose, _ = self._checked(message)
+            answer = self._answer(lambda: self._model.corrector.correct(pose, np.zeros(6)))
+            self._last = None
+            return self._reported(message, pose, answer, began)
 
     def _answer(self, ask: Callable[[], Correction]) -> Correction:
         try:
@@ -156,16 +169,34 @@ class Prefilter:
         return answer
 
     def _checked(self, message: Pose) -> tuple[FloatArray, FloatArray | None]:
-        self._check_ready(checked_stamp(message.stamp))
+        self._check_ready()
+        self._check_age(checked_stamp(message.stamp))
+        # What is older than a command may be was refused above: stamps that lie further back are of a set clock.
+        if 0 <= self._newest - message.stamp <= 2 * self._settings.command_age * self._settings.time_scale:
+            raise bad_input(
+                f"a pose stamped {message.stamp:.6f} came after one stamped {self._newest:.6f}.",
+                "Send every pose once, in order.",
+            )
         if len(message.pose) != POSE:
             raise bad_input(
                 f"a pose is 7 numbers (x y z qw qx qy qz), got {len(message.pose)}.", "Send metres and wxyz."
             )
         return checked_pose(message.pose, self._model.limit), checked_twist(message.twist)
 
-    def _check_ready(self, stamp: float) -> None:
+    def _check_age(self, stamp: float) -> None:
+        """Refuse what is too old, or stamped by another clock than the robot's; now, and not when it came."""
+        age, most = self._clock.age(stamp, self._monotonic()), self._settings.command_age
+        if abs(age) > most:
+            raise ServiceError(
+                "STALE",
+                f"the pose is stamped {abs(age):.2f} s {'behind' if age > 0 else 'ahead of'} the robot's clock; "
+                f"{most:g} s are allowed.",
+                hint="Stamp poses with the robot's clock. Where that was set or held up: start the pre-filter again.",
+            )
+
+    def _check_ready(self) -> None:
         state = self._state
-        if state is None or stamp - state.stamp > self._settings.state_age:
+        if state is None or self._clock.age(state.stamp, self._monotonic()) > self._settings.state_age:
             raise ServiceError(
                 "STALE", "the robot's operating state is not known.", hint="Is the robot running and connected?"
             )
@@ -209,6 +240,8 @@ class Prefilter:
             model_hash=self._model.hash,
             reference=tuple(self._model.reference(pose[None])[0].tolist()),
         )
+        self._check_age(message.stamp)  # the process may have been stopped since it was asked
+        self._newest = message.stamp
         return Pose(message.stamp, tuple(command), self._settings.frame), report
 
 
@@ -250,6 +283,11 @@ class FilterServer:
             command, report = answer(message)
         except ServiceError as error:
             self._refuse(message.stamp, error)
+            return
+        except Exception as error:
+            self._logger.error("correction failed inside", exc_info=error)
+            fault = ServiceError("INTERNAL", f"the model failed on this pose ({type(error).__name__}).")
+            self._refuse(message.stamp, fault)
             return
         self._bus.publish(out, command)
         self._bus.publish("corrected/report", report)

@@ -14,6 +14,7 @@ from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.answer import EstimateAnswer, pack
+from gpcorrect_service.protocol.clocks import StreamClock
 from gpcorrect_service.protocol.codec import codec_of
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import bad_input, checked_joints, checked_rows
@@ -73,6 +74,7 @@ class Estimator:
         self._stream: JointStream | None = None
         self._bound: RateBound | None = None
         self._last: JointState | None = None
+        self._clock = StreamClock()
 
     def estimate(self, sample: StreamSample) -> tuple[bytes, str] | None:
         """Return the estimate's bytes and encoding, or None for a sample that is refused, which is counted.
@@ -84,7 +86,7 @@ class Estimator:
         try:
             codec = codec_of(sample.encoding, "joint_state")
             state = codec.decode(JointState, sample.payload)
-            message = self._answer(state, self._monotonic() - sample.arrived)
+            message = self._answer(state, sample.arrived)
         except (ServiceError, DataError) as error:
             self._refuse(error, sample.arrived)
             return None
@@ -92,7 +94,7 @@ class Estimator:
         self._counters.add("estimate", message.status, seconds, outside=not message.in_domain)
         return codec.encode(message), codec.encoding("estimate")
 
-    def _answer(self, state: JointState, age: float) -> EstimateAnswer:
+    def _answer(self, state: JointState, arrived: float) -> EstimateAnswer:
         model = self._active.joint_model()
         q = checked_joints((state.position,), model.corrector.types)[0]
         effort = None if state.effort is None else checked_rows((state.effort,), len(q), "efforts")[0]
@@ -103,6 +105,8 @@ class Estimator:
         if self._bound is not None:
             correction, cut = self._bound.step(state.stamp, answer.joints - q)
             answer = replace(answer, joints=q + correction).because(Reason.RATE_LIMITED, cut)
+        # What waited outside of this process, in a socket while it was stopped, came fresh by its arrival alone.
+        age = self._clock.heard(state.stamp, arrived) + self._monotonic() - arrived
         answer = answer.because(Reason.STALE, age > self._settings.stream_max_age)
         return pack(
             EstimateAnswer,
@@ -123,6 +127,8 @@ class Estimator:
             self._bound = RateBound(np.full(len(model.corrector.types), rate)) if np.isfinite(rate) else None
         elif last is not None and (state.session != last.session or state.stamp < last.stamp - CLOCK_STEP):
             self._stream.reset()
+            if state.session != last.session:
+                self._clock.reset()
             if self._bound is not None:
                 self._bound.reset()
         elif last is not None and state.stamp <= last.stamp:

@@ -1,0 +1,79 @@
+"""Nothing old is answered as if it were new: ages by one's own clock, whatever another one shows."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from service_support import lagging_joints
+
+from gpcorrect_service import ClientSettings, ServerSettings
+from gpcorrect_service.client.requests import RequestBuilder
+from gpcorrect_service.ops.logger import open_logger
+from gpcorrect_service.ops.metrics import Counters
+from gpcorrect_service.protocol.answer import EstimateAnswer
+from gpcorrect_service.protocol.clocks import StreamClock
+from gpcorrect_service.protocol.codec import MSGPACK
+from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.messages import JointState
+from gpcorrect_service.server.models import Active
+from gpcorrect_service.server.stream import Estimator, StreamSample
+
+STEADY = 0.01 * np.arange(200)  # s
+
+
+@pytest.mark.parametrize("offset", [-3600.0, 0.0, 1.8e9])
+def test_where_a_clock_was_set_to_plays_no_part(offset: float) -> None:
+    """A message that was held up for a while is late by that while, however far apart the clocks are."""
+    clock = StreamClock()
+    for t in STEADY:
+        clock.heard(offset + t + 4000.0, t + 0.002)
+    assert clock.heard(offset + 4002.0, 7.0) == pytest.approx(4.998, abs=0.01)
+    assert clock.age(offset + 4002.0, 7.0) == pytest.approx(4.998, abs=0.01)
+
+
+def test_a_clock_that_drifts_is_followed() -> None:
+    """A quartz that is off by 100 in a million for an hour makes no message late."""
+    clock = StreamClock()
+    late = [clock.heard((1 - 1e-4) * t, t) for t in np.arange(0.0, 3600.0, 0.1)]
+    assert max(late) < 0.001
+
+
+def test_a_clock_that_is_set_back_is_believed_after_a_second() -> None:
+    """Stamps of long ago are messages that were held up, until they go on coming for a second."""
+    clock = StreamClock()
+    for t in STEADY:
+        clock.heard(5000.0 + t, t)
+    late = [clock.heard(1000.0 + t, 2.0 + t) for t in STEADY]
+    assert min(late[:100]) > 1.0
+    assert late[-1] == pytest.approx(0.0, abs=0.01)
+
+
+def test_estimates_of_samples_that_waited_in_a_socket_are_stale() -> None:
+    """A server that was stopped for five seconds says STALE of all that came in meanwhile, and OK of what is new."""
+    now = [10.0]
+    estimator = Estimator(
+        Active(None, lagging_joints()), ServerSettings(), Counters(), open_logger(io.StringIO()), lambda: now[0]
+    )
+
+    def status(stamp: float) -> str:
+        payload = MSGPACK.encode(JointState(float(stamp), (0.0, 0.0, 0.1)))
+        answered = estimator.estimate(StreamSample(payload, MSGPACK.encoding("joint_state"), now[0]))
+        assert answered is not None
+        return MSGPACK.decode(EstimateAnswer, answered[0]).status
+
+    for t in STEADY:
+        now[0] = 10.0 + t
+        assert status(1.8e9 + t) == "OK"
+    now[0] = 17.0
+    assert {status(1.8e9 + t) for t in np.arange(2.01, 6.9, 0.05)} == {"STALE"}
+    assert status(1.8e9 + 7.0) == "OK"
+
+
+def test_a_reply_of_long_ago_is_not_taken() -> None:
+    """A planner that was stopped finds a reply in its socket when it goes on; it is STALE and not the answer."""
+    question = RequestBuilder(ClientSettings(timeout=0.5), "json").correct([0.1, 0.0, -0.1, 1, 0, 0, 0], None)
+    late = question.answer(None, 5.0)  # type: ignore[arg-type]  # it is not even read
+    assert isinstance(late, ServiceError)
+    assert late.status == "STALE"
