@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 
 from gpcorrect import plots
-from gpcorrect.discrepancy.outcome.words import next_step, verdict_sentence
+from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.report import write_discrepancy_report
 from gpcorrect.sim import Model, effect_from_dict, machine_of, model_from_dict

@@ -15,7 +15,8 @@ from pathlib import Path
 from support import print_table, real_data
 
 from gpcorrect.discrepancy import find_discrepancy
-from gpcorrect.discrepancy.outcome.words import in_reader_units, number, verdict_sentence
+from gpcorrect.discrepancy.outcome.sentences import verdict_sentence
+from gpcorrect.discrepancy.outcome.words import in_reader_units, number
 from gpcorrect.logs import read_log
 from gpcorrect.report.discrepancy_page import write_discrepancy_report
 from gpcorrect.sim import model_from_dict

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from truth.facts import labels_of, nominal_tables
+from truth.hidden import Hidden
 from truth.history import Readings
 from truth.kinds import kind_named
 from truth.kinds.kind import Scene
 from truth.kinds.temporal import side_of
-from truth.machine import Hidden, readings_of, simulate
+from truth.machine import readings_of, simulate
 from truth.record import recorded
 from truth.reference import Reference
 from truth.setting import Setting, prepare
-from truth.sizing import grown
+from truth.sizing import GROWTH
 from truth.spec import Case, Spec
 
 __all__ = ["Truth", "make_case", "make_truth"]
@@ -100,7 +101,7 @@ def _sized(setting: Setting, hidden: Hidden) -> Hidden:
             with_it = readings_of(setting.machine, history, [trial])
         return setting.ratio(trial, with_it, without, rows) * float(np.sqrt(share))
 
-    return grown(hidden, setting.spec.ratio, measure)
+    return GROWTH.grown(kind, hidden, setting.spec.ratio, measure)[0]
 
 
 def _draft(setting: Setting, hidden: Hidden) -> Reference:

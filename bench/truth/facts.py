@@ -9,9 +9,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truth.arm import CENTRES, INERTIAS, MASSES, MOTOR_INERTIA, ROWS, THETA_OFFSET_DEG, WRIST
+from truth.hidden import Hidden, plain
 from truth.kinds import CATALOGUE, kind_named
 from truth.loop import CONTROL_HZ, FEEDFORWARDS
-from truth.machine import ENCODER_STEP, Hidden
+from truth.machine import ENCODER_STEP
 from truth.reference import LOG_HZ
 from truth.setting import Setting
 
@@ -81,14 +82,14 @@ def labels_of(setting: Setting, hidden: list[Hidden], ratios: list[float], seed:
     kind = "null" if not hidden else "catalogue" if all(h.name in CATALOGUE for h in hidden) else "outside"
     noise = setting.tracker_noise if setting.spec.signals == "tracker" else setting.joint_noise
     effects = [
-        {"name": h.name, "joint": _joint(h), "params": _plain(h.params), "ratio": ratio}
+        {"name": h.name, "joint": _joint(h), "params": plain(h.params), "ratio": ratio}
         for h, ratio in zip(hidden, ratios, strict=True)
     ]
     return {
         "kind": kind,
         "suite": setting.spec.suite,
         "seed": seed,
-        "spec": _plain(asdict(setting.spec)),
+        "spec": plain(asdict(setting.spec)),
         "effects": effects,
         "nuisance": {
             "noise_rms": noise.rms.tolist(),
@@ -101,11 +102,3 @@ def labels_of(setting: Setting, hidden: list[Hidden], ratios: list[float], seed:
 def _joint(hidden: Hidden) -> int | str:
     where = kind_named(hidden.name).where
     return hidden.column + 1 if where == "joint" else where
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Values that JSON can hold: an infinite number is written as text."""
-    return {
-        k: "inf" if isinstance(v, float) and np.isinf(v) else list(v) if isinstance(v, tuple) else v
-        for k, v in values.items()
-    }

@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from truth.arm import CENTRES, GRAVITY, INERTIAS, MASSES, MOTOR_INERTIA, ROWS, forward, tip_in_shaft
 from truth.body import Body
+from truth.hidden import Hidden
 from truth.history import History, Readings
 from truth.kinds import STAGES, kind_named
-from truth.kinds.kind import Params
 from truth.loop import FEEDFORWARDS, Loop, Recorded, integrate
 from truth.reference import Reference
 
-__all__ = ["ENCODER_STEP", "Hidden", "Machine", "draw_machine", "readings_of", "simulate"]
+__all__ = ["ENCODER_STEP", "Machine", "draw_machine", "readings_of", "simulate"]
 
 Array = NDArray[np.float64]
 
@@ -26,19 +26,7 @@ ENCODER_STEP = np.array([1.15e-5, 1.3e-5, 7.3e-7])  # rad, rad, m at the joint
 BANDWIDTH_HZ = (5.0, 9.0)
 DAMPING_RATIO = (0.9, 1.2)
 TILT = 0.1  # rad; standard deviation of the mounting about the usual one, known
-NUISANCE_ANGLE, NUISANCE_LENGTH = (
-    6e-5,
-    8e-6,
-)  # rad, m; standard deviations of unknown table errors, well under the noise
-
-
-@dataclass(frozen=True, eq=False)
-class Hidden:
-    """One hidden cause: its name, the column it acts on and its numbers."""
-
-    name: str
-    column: int
-    params: Params
+NUISANCE_ANGLE, NUISANCE_LENGTH = 6e-5, 8e-6  # rad, m; standard deviations of unknown table errors, under the noise
 
 
 @dataclass(frozen=True, eq=False)

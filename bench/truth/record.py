@@ -17,7 +17,7 @@ from truth.noise import noise_of
 from truth.reference import LOG_HZ
 from truth.setting import Setting
 
-__all__ = ["recorded"]
+__all__ = ["recorded", "tracked"]
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def recorded(setting: Setting, readings: Readings, rng: np.random.Generator) -> 
     }
     if spec.signals == "tracker":
         noise = noise_of(setting.tracker_noise, rng, trajectory, speed, np.zeros((len(rows), 3)))
-        tracker = _tracked(setting.machine.T_tracker_base, sampled(readings.tip), noise, rng)
+        tracker = tracked(setting.machine.T_tracker_base, sampled(readings.tip), noise, rng)
         return CalibrationLog(
             **common, setpoint_cp=_poses(forward(wanted)), tracker_cp=tracker,
             meta=LogMeta(robot="test arm", arm="raven2_left", tracker="camera"),
@@ -73,7 +73,8 @@ def _at_moments(values: Array, time: Array, moments: Array) -> Array:
     return np.column_stack([np.interp(moments, time, v) for v in values.T])
 
 
-def _tracked(T_tracker_base: Array, T: Array, noise: Array, rng: np.random.Generator) -> PoseSignal:
+def tracked(T_tracker_base: Array, T: Array, noise: Array, rng: np.random.Generator) -> PoseSignal:
+    """Return what a tracker reads of tool poses `(n, 4, 4)`, noise `(n, 3)` on places, NaN where hidden."""
     seen = T_tracker_base @ T
     turn = Rotation.from_rotvec(TRACKER_TURN * rng.standard_normal((len(T), 3)))
     quaternion = (Rotation.from_matrix(seen[:, :3, :3]) * turn).as_quat()[:, [3, 0, 1, 2]]

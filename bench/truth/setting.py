@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truth.hidden import Hidden
 from truth.history import History, Readings
-from truth.machine import Hidden, Machine, draw_machine, simulate
+from truth.machine import Machine, draw_machine, simulate
 from truth.noise import NoiseLaw, draw_noise
 from truth.reference import Reference, separating, zigzag
 from truth.sizing import ratio_of

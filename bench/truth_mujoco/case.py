@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from truth.hidden import Hidden
 from truth.history import Readings
 from truth.noise import NoiseLaw, draw_noise
 from truth.reference import Reference, separating
@@ -17,11 +18,11 @@ from truth_mujoco.arms import Arm
 from truth_mujoco.causes import cause_named
 from truth_mujoco.causes.cause import Scene
 from truth_mujoco.facts import labels_of, nominal_tables
-from truth_mujoco.machine import Hidden, Machine, draw_machine, readings_of, simulate
+from truth_mujoco.machine import Machine, draw_machine, readings_of, simulate
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import nominal_torques
 from truth_mujoco.record import recorded
-from truth_mujoco.sizing import Meter, grown
+from truth_mujoco.sizing import GROWTH, Meter
 from truth_mujoco.spec import Spec
 
 __all__ = ["Setting", "Truth", "make_case", "make_truth", "prepared"]
@@ -167,7 +168,8 @@ def _sized(setting: Setting, hidden: Hidden) -> tuple[Hidden, float]:
             with_it = readings_of(setting.machine, run, [trial])
         return meter.ratio(trial, with_it, without, rows) * float(np.sqrt(share))
 
-    return grown(hidden, setting.spec.ratio, measure)
+    ratio = setting.spec.ratio
+    return GROWTH.grown(cause, hidden, ratio, measure, start=ratio)
 
 
 def _draft(setting: Setting, hidden: Hidden) -> Reference:

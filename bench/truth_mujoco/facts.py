@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from truth.hidden import Hidden, plain
 from truth.loop import CONTROL_HZ
 from truth.reference import LOG_HZ
 
 from truth_mujoco.causes import AHEAD, CATALOGUE, cause_named
-from truth_mujoco.machine import Hidden
 
 if TYPE_CHECKING:
     from truth_mujoco.case import Setting
@@ -76,14 +76,14 @@ def labels_of(setting: Setting, hidden: Sequence[Hidden], ratios: Sequence[float
     known = CATALOGUE | AHEAD
     kind = "null" if not hidden else "catalogue" if all(h.name in known for h in hidden) else "outside"
     effects = [
-        {"name": h.name, "joint": _joint(h), "params": _plain(h.params), "ratio": ratio}
+        {"name": h.name, "joint": _joint(h), "params": plain(h.params), "ratio": ratio}
         for h, ratio in zip(hidden, ratios, strict=True)
     ]
     return {
         "kind": kind,
         "suite": setting.spec.suite,
         "seed": seed,
-        "spec": _plain(asdict(setting.spec)),
+        "spec": plain(asdict(setting.spec)),
         "effects": effects,
         "nuisance": {
             "joint_noise_rms": setting.joint_noise.rms.tolist(),
@@ -96,11 +96,3 @@ def labels_of(setting: Setting, hidden: Sequence[Hidden], ratios: Sequence[float
 def _joint(hidden: Hidden) -> int | str:
     where = cause_named(hidden.name).where
     return hidden.column + 1 if where == "joint" else where
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Values that JSON can hold: an infinite number is written as text."""
-    return {
-        k: "inf" if isinstance(v, float) and np.isinf(v) else list(v) if isinstance(v, tuple) else v
-        for k, v in values.items()
-    }

@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from truth.hidden import Hidden
 from truth.history import Readings
 from truth.reference import Reference
 
 from truth_mujoco.arms import ARMS, Arm
 from truth_mujoco.body import kinematics, tips
 from truth_mujoco.causes import STAGES, cause_named
-from truth_mujoco.causes.cause import Params
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import FEEDFORWARDS, Plant, bare_plant, integrate
 
-__all__ = ["Hidden", "Machine", "draw_machine", "readings_of", "simulate"]
+__all__ = ["Machine", "draw_machine", "readings_of", "simulate"]
 
 Array = NDArray[np.float64]
 
@@ -26,15 +26,6 @@ BANDWIDTH_HZ = (5.0, 9.0)
 DAMPING_RATIO = (0.9, 1.2)
 TILT = 0.1  # rad; standard deviation of the mounting about the usual one, known
 NUISANCE = (6e-5, 8e-6, 8e-6, 6e-5)  # rad, m, m, rad; standard deviations of unknown table errors, under the noise
-
-
-@dataclass(frozen=True, eq=False)
-class Hidden:
-    """One hidden cause: its name, the column it acts on and its numbers."""
-
-    name: str
-    column: int
-    params: Params
 
 
 @dataclass(frozen=True, eq=False)

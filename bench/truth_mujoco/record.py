@@ -6,21 +6,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from truth.history import Readings
 from truth.loop import CONTROL_HZ, TICK_HZ
 from truth.noise import NoiseLaw, noise_of
+from truth.record import tracked
 from truth.reference import Reference
 
-from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
+from gpcorrect.types import CalibrationLog, LogMeta
 from truth_mujoco.machine import Machine
 from truth_mujoco.spec import Spec
 
 __all__ = ["recorded"]
 
 Array = NDArray[np.float64]
-
-TRACKER_TURN = 8e-4  # rad, white on each axis
 
 
 def recorded(
@@ -50,7 +48,7 @@ def recorded(
         signals["external_jp"] = readings.outside[rows] + noise
     if machine.tracked:
         noise = noise_of(noises[1], rng, trajectory, pace, np.zeros((len(rows), 3)))
-        signals["tracker_cp"] = _tracked(machine.T_tracker_base, readings.tip[rows], noise, rng)
+        signals["tracker_cp"] = tracked(machine.T_tracker_base, readings.tip[rows], noise, rng)
     return CalibrationLog(
         time=reference.time[rows],
         trajectory=trajectory,
@@ -65,11 +63,3 @@ def recorded(
         ),
         **signals,
     )
-
-
-def _tracked(T_tracker_base: Array, T: Array, noise: Array, rng: np.random.Generator) -> PoseSignal:
-    seen = T_tracker_base @ T
-    turn = Rotation.from_rotvec(TRACKER_TURN * rng.standard_normal((len(T), 3)))
-    quaternion = (Rotation.from_matrix(seen[:, :3, :3]) * turn).as_quat()[:, [3, 0, 1, 2]]
-    quaternion[np.isnan(noise[:, 0])] = np.nan
-    return PoseSignal(seen[:, :3, 3] + noise, quaternion)

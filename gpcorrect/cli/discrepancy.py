@@ -65,7 +65,7 @@ def run(
     gpcorrect discrepancy run --model robot.xml --log monday.csv --output missing/
     """
     from gpcorrect.discrepancy import find_discrepancy
-    from gpcorrect.discrepancy.outcome.words import next_step, verdict_sentence
+    from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
     from gpcorrect.parallel import workers
     from gpcorrect.report import write_discrepancy_report  # the report's libraries are an extra: say so before the work
     from gpcorrect.sim import read_model

@@ -11,19 +11,17 @@ from gpcorrect import plots
 from gpcorrect.discrepancy.evidence.localise import Finding
 from gpcorrect.discrepancy.naming.posterior import Level
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect
+from gpcorrect.discrepancy.outcome.sentences import VISIBLE, next_step, verdict_sentence
 from gpcorrect.discrepancy.outcome.words import (
     MEANING,
-    VISIBLE,
     channel_words,
     estimate_words,
     in_reader_units,
-    next_step,
     noise_source_words,
     number,
     place,
     region_words,
     variable_words,
-    verdict_sentence,
 )
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.settings import ADVICE, TESTS

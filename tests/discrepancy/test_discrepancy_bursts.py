@@ -7,7 +7,7 @@ from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log
 from discrepancy_support import nominal
 
 from gpcorrect.discrepancy import Level, find_discrepancy
-from gpcorrect.discrepancy.outcome.words import next_step, verdict_sentence
+from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
 
 
 def test_a_rare_moment_far_above_the_noise_is_reported_with_its_place() -> None:

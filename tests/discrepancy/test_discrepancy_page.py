@@ -9,13 +9,8 @@ import pytest
 from discrepancy_support import estimate, finding, named, outside, result, rival
 
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
-from gpcorrect.discrepancy.outcome.words import (
-    estimate_words,
-    in_reader_units,
-    number,
-    region_words,
-    verdict_sentence,
-)
+from gpcorrect.discrepancy.outcome.sentences import verdict_sentence
+from gpcorrect.discrepancy.outcome.words import estimate_words, in_reader_units, number, region_words
 from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.report import write_discrepancy_report
 

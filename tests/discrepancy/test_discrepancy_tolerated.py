@@ -15,7 +15,7 @@ from discrepancy_support import result
 from truth import Spec, make_case
 
 from gpcorrect.discrepancy import DiscrepancyResult, Level
-from gpcorrect.discrepancy.outcome.words import verdict_sentence
+from gpcorrect.discrepancy.outcome.sentences import verdict_sentence
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.sim import model_from_dict

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from truth.arm import ROWS, forward
 from truth.body import Body
 from truth.history import History
 from truth.kinds.kind import Array, Kind, Params, Scene, column, draw_sign
 from truth.loop import Loop
+from truth.tables import ROW_TERMS, SIMILARITY, draw_row, draw_similarity, moved, row_changed
 
 __all__ = ["KINDS"]
-
-ROW_TERMS = ("alpha", "a", "d", "theta")  # the order of a row's columns
-SIMILARITY = ("x", "y", "z", "rx", "ry", "rz", "scale")
 
 
 def _draw_homing(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -61,45 +58,13 @@ def _eccentricity(params: Params, j: int, history: History, q: Array) -> Array:
     return column(len(q), j, q[:, j] - true)
 
 
-def _draw_registration(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    sizes = np.r_[np.full(3, 2e-4), np.full(3, 1e-3), 1e-3]
-    return dict(zip(SIMILARITY, (sizes * rng.standard_normal(7)).tolist(), strict=True))
-
-
-def _registration(params: Params, j: int, history: History, q: Array, T: Array) -> Array:
-    moved = np.array(T)
-    values = np.array([params[name] for name in SIMILARITY])
-    R = Rotation.from_rotvec(values[3:6]).as_matrix()
-    moved[:, :3, :3] = R @ T[:, :3, :3]
-    moved[:, :3, 3] = (1.0 + values[6]) * T[:, :3, 3] @ R.T + values[:3]
-    return moved
-
-
-def _draw_table(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    """Return an angle or a length of one row, never one that a zero or the registration can take up."""
-    params: Params = dict.fromkeys(ROW_TERMS, 0.0)
-    if rng.random() < 0.5:
-        params["alpha"] = draw_sign(rng) * 2e-3
-    else:
-        params["a"] = draw_sign(rng) * 3e-4
-    return params
-
-
-def _table_rows(params: Params, j: int) -> Array:
-    rows = np.array(ROWS)
-    rows[j] += [params[name] for name in ROW_TERMS]
-    return rows
-
-
 def _table_loop(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
-    rows = np.array(body.rows)
-    rows[j] += [params[name] for name in ROW_TERMS]
-    return loop, body._replace(rows=rows)
+    return loop, body._replace(rows=row_changed(body.rows, j, params))
 
 
 def _table_tip(params: Params, j: int, history: History, q: Array, T: Array) -> Array:
     """Carry the tool by what the changed row does to it."""
-    before, after = forward(q), forward(q, _table_rows(params, j))
+    before, after = forward(q), forward(q, row_changed(ROWS, j, params))
     return after @ np.linalg.inv(before) @ T
 
 
@@ -109,11 +74,13 @@ KINDS = {
     "cable_coupling": Kind(_draw_coupling, grow=("coefficient",), path=_coupling, bare=True),
     "pulley_eccentricity": Kind(_draw_eccentricity, grow=("amplitude",), path=_eccentricity, bare=True),
     "registration_error": Kind(
-        _draw_registration,
+        lambda rng, j, scene: draw_similarity(rng),
         where="base",
         grow=SIMILARITY,
-        tip=_registration,
+        tip=lambda params, j, history, q, T: moved(params, T),
         tracker_only=True,
     ),
-    "dh_error": Kind(_draw_table, grow=ROW_TERMS, loop=_table_loop, tip=_table_tip, tracker_only=True),
+    "dh_error": Kind(
+        lambda rng, j, scene: draw_row(rng), grow=ROW_TERMS, loop=_table_loop, tip=_table_tip, tracker_only=True
+    ),
 }

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truth.body import Body
+from truth.hidden import Params
 from truth.history import History, Readings
 from truth.loop import Loop
 
-__all__ = ["REVOLUTE", "Kind", "Params", "Scene", "at", "column", "draw_sign", "scaled", "unit"]
+__all__ = ["REVOLUTE", "Kind", "Params", "Scene", "at", "column", "draw_sign", "unit"]
 
 Array = NDArray[np.float64]
-Params = dict[str, Any]
 REVOLUTE = (True, True, False)
 
 Where = Literal["joint", "all", "tool", "base"]
@@ -102,17 +102,6 @@ class Kind:
     peaks: bool = False
     channel: Literal["outside", "reported", "noise"] = "outside"
     power: Mapping[str, float] = field(default_factory=dict)
-
-
-def scaled(kind: Kind, params: Params, factor: float) -> Params:
-    """Return the parameters of an effect `factor` times as large, as far as it grows in proportion."""
-    changed = dict(params)
-    for names, by in ((kind.grow, factor), (kind.shrink, 1.0 / factor)):
-        for name in names:
-            power = kind.power.get(name, 1.0)
-            value = params[name]
-            changed[name] = [v * by**power for v in value] if isinstance(value, list) else value * by**power
-    return changed
 
 
 def unit(j: int, revolute: float, prismatic: float) -> float:

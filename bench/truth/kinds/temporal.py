@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from truth.body import Body
+from truth.hidden import with_column
 from truth.history import History, Readings
 from truth.kinds.kind import Array, Kind, Params, Scene, at, column, draw_sign, unit
 from truth.loop import Loop
@@ -135,13 +136,7 @@ def _draw_quantisation(rng: np.random.Generator, j: int, scene: Scene) -> Params
 def _quantised(params: Params, j: int, history: History, readings: Readings) -> Readings:
     """Write positions down in steps; the controller works with finer ones."""
     counts = np.floor(readings.reported[:, j] / params["step"] + 0.5)
-    return replace(readings, reported=_column_of(readings.reported, j, counts * params["step"]))
-
-
-def _column_of(values: Array, j: int, new: Array) -> Array:
-    changed = np.array(values)
-    changed[:, j] = new
-    return changed
+    return replace(readings, reported=with_column(readings.reported, j, counts * params["step"]))
 
 
 def _draw_noise(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -157,9 +152,8 @@ def _draw_noise(rng: np.random.Generator, j: int, scene: Scene) -> Params:
 def _noise(params: Params, j: int, history: History, readings: Readings) -> Readings:
     """From a moment on, more noise, white and normal."""
     later = history.reference.session_time >= params["since"]
-    extra = np.array(readings.extra_noise)
-    extra[:, j] = np.hypot(extra[:, j], np.where(later, params["std"], 0.0))
-    return replace(readings, extra_noise=extra)
+    extra = np.hypot(readings.extra_noise[:, j], np.where(later, params["std"], 0.0))
+    return replace(readings, extra_noise=with_column(readings.extra_noise, j, extra))
 
 
 KINDS = {

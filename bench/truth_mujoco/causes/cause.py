@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from truth.hidden import Params
 from truth.history import Readings
 
 from truth_mujoco.arms import Arm
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import Plant
 
-__all__ = ["Cause", "Params", "Scene", "column", "rms", "scaled", "sign"]
+__all__ = ["Cause", "Params", "Scene", "column", "rms", "sign"]
 
 Array = NDArray[np.float64]
-Params = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,16 +104,6 @@ class Cause:
     peaks: bool = False
     feedforward: Literal["", "none", "rigid-body"] = ""
     channel: Literal["outside", "reported", "noise"] = "outside"
-
-
-def scaled(cause: Cause, params: Params, factor: float) -> Params:
-    """Return the parameters of a cause `factor` times as large, as far as it grows in proportion."""
-    changed = dict(params)
-    for names, by in ((cause.grow, factor), (cause.shrink, 1.0 / factor)):
-        for name in names:
-            times, value = by ** cause.power.get(name, 1.0), params[name]
-            changed[name] = [v * times for v in value] if isinstance(value, list) else value * times
-    return changed
 
 
 def column(n: int, k: int, j: int, values: Array) -> Array:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from truth.hidden import with_column
 from truth.history import Readings
 
 from truth_mujoco.causes.cause import Cause, Params, Scene, rms, sign
-from truth_mujoco.causes.temporal import with_value_column
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import Plant
 
@@ -65,7 +65,7 @@ def _draw_speed_noise(rng: np.random.Generator, j: int, scene: Scene) -> Params:
 def _speed_noise(params: Params, j: int, run: Run, readings: Readings) -> Readings:
     """White noise whose standard deviation is the joint's speed times a time: an unsure sampling instant."""
     extra = np.hypot(readings.extra_noise[:, j], params["seconds"] * np.abs(run.speed[:, j]))
-    return replace(readings, extra_noise=with_value_column(readings.extra_noise, j, extra))
+    return replace(readings, extra_noise=with_column(readings.extra_noise, j, extra))
 
 
 CAUSES = {

@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from truth.reference import Reference
+from truth.tables import ROW_TERMS, SIMILARITY, draw_row, draw_similarity, moved, row_changed
 
 from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column, rms, sign
-from truth_mujoco.motion import Run
 from truth_mujoco.plant import PER_TICK, Plant, with_value
 
 __all__ = ["CAUSES"]
 
-ROW_TERMS = ("alpha", "a", "d", "theta")
-SIMILARITY = ("x", "y", "z", "rx", "ry", "rz", "scale")
 HOMING = 0.35  # of half the range about its middle, where an arm is homed
 
 
@@ -77,33 +74,8 @@ def _eccentricity(params: Params, j: int, plant: Plant) -> Plant:
     return replace(plant, waves=(*plant.waves, (j, params["amplitude"], params["waves"], params["phase"])))
 
 
-def _draw_registration(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    sizes = np.r_[np.full(3, 2e-4), np.full(3, 1e-3), 1e-3]
-    return dict(zip(SIMILARITY, (sizes * rng.standard_normal(7)).tolist(), strict=True))
-
-
-def _registration(params: Params, j: int, run: Run, T: Array) -> Array:
-    moved, values = np.array(T), np.array([params[name] for name in SIMILARITY])
-    R = Rotation.from_rotvec(values[3:6]).as_matrix()
-    moved[:, :3, :3] = R @ T[:, :3, :3]
-    moved[:, :3, 3] = (1.0 + values[6]) * T[:, :3, 3] @ R.T + values[:3]
-    return moved
-
-
-def _draw_table(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    """Return an angle or a length between two moving joints, which neither a zero nor the registration can take up."""
-    params: Params = dict.fromkeys(ROW_TERMS, 0.0)
-    if rng.random() < 0.5:
-        params["alpha"] = sign(rng) * 2e-3
-    else:
-        params["a"] = sign(rng) * 3e-4
-    return params
-
-
 def _table(params: Params, j: int, plant: Plant) -> Plant:
-    rows = np.array(plant.rows)
-    rows[j] += [params[name] for name in ROW_TERMS]
-    return replace(plant, rows=rows)
+    return replace(plant, rows=row_changed(plant.rows, j, params))
 
 
 CAUSES = {
@@ -112,7 +84,11 @@ CAUSES = {
     "cable_coupling": Cause(_draw_coupling, grow=("coefficient",), build=_coupling, bare=True),
     "pulley_eccentricity": Cause(_draw_eccentricity, grow=("amplitude",), build=_eccentricity, bare=True),
     "registration_error": Cause(
-        _draw_registration, where="base", grow=SIMILARITY, tip=_registration, tracker_only=True
+        lambda rng, j, scene: draw_similarity(rng),
+        where="base",
+        grow=SIMILARITY,
+        tip=lambda params, j, run, T: moved(params, T),
+        tracker_only=True,
     ),
-    "dh_error": Cause(_draw_table, grow=ROW_TERMS, build=_table, tracker_only=True),
+    "dh_error": Cause(lambda rng, j, scene: draw_row(rng), grow=ROW_TERMS, build=_table, tracker_only=True),
 }

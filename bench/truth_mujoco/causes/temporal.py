@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from truth.hidden import with_column
 from truth.history import Readings
 from truth.reference import Reference
 
@@ -121,14 +122,7 @@ def _draw_quantisation(rng: np.random.Generator, j: int, scene: Scene) -> Params
 def _quantised(params: Params, j: int, run: Run, readings: Readings) -> Readings:
     """Write positions down in steps; the controller works with finer ones."""
     counts = np.floor(readings.reported[:, j] / params["step"] + 0.5)
-    return replace(readings, reported=with_value_column(readings.reported, j, counts * params["step"]))
-
-
-def with_value_column(values: Array, j: int, new: Array) -> Array:
-    """Copy of `(n, k)` values with one column changed."""
-    changed = np.array(values)
-    changed[:, j] = new
-    return changed
+    return replace(readings, reported=with_column(readings.reported, j, counts * params["step"]))
 
 
 def _draw_noise(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -145,7 +139,7 @@ def _noise(params: Params, j: int, run: Run, readings: Readings) -> Readings:
     """From a moment on, more noise, white and normal."""
     later = run.reference.session_time >= params["since"]
     extra = np.hypot(readings.extra_noise[:, j], np.where(later, params["std"], 0.0))
-    return replace(readings, extra_noise=with_value_column(readings.extra_noise, j, extra))
+    return replace(readings, extra_noise=with_column(readings.extra_noise, j, extra))
 
 
 CAUSES = {

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gpcorrect.discrepancy.outcome.report import gaps_of_report
-from gpcorrect.discrepancy.outcome.words import closed_by
+from gpcorrect.discrepancy.outcome.sentences import closed_by
 
 __all__ = ["NO_NAME", "CaseOutcome", "case_outcome"]
 

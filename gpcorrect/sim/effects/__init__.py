@@ -17,10 +17,11 @@ from gpcorrect.sim.effects.base import (
     TorqueEffect,
     with_column,
 )
+from gpcorrect.sim.effects.bouc_wen import bouc_wen
 from gpcorrect.sim.effects.candidates import Candidate, Scope, candidates
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw
-from gpcorrect.sim.effects.operators import bouc_wen, lag, play, ring
+from gpcorrect.sim.effects.operators import lag, play, ring
 from gpcorrect.sim.effects.registry import EFFECTS, effect_from_dict, in_order, of_kind
 
 __all__ = [

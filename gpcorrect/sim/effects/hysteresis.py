@@ -8,8 +8,9 @@ import numpy as np
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import JointEffect, Stage
+from gpcorrect.sim.effects.bouc_wen import bouc_wen
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
-from gpcorrect.sim.effects.operators import Memory, bouc_wen, plays
+from gpcorrect.sim.effects.operators import Memory, plays
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
