@@ -130,7 +130,7 @@ def activations(model: Path, count: int) -> tuple[dict[str, float], int]:
         end, heard, mixed, stop = free_endpoint(), Heard(), [0], threading.Event()
 
         def plan() -> None:
-            with CorrectionClient(end, connect_timeout=PATIENT, path_timeout=PATIENT) as client:
+            with CorrectionClient(end, connect_timeout=PATIENT, path_timeout=PATIENT, pin=False) as client:
                 while not stop.is_set():
                     note(lambda: mixed.__setitem__(0, mixed[0] + is_mixed(client, poses, times, expected)), heard)
 

@@ -73,7 +73,7 @@ def plan(seed: int, end: str, model: Path, stop: threading.Event, counts: Counte
     pose, twist = typical_query(model)
     path = np.tile(pose, (50, 1))
     while not stop.is_set():
-        with CorrectionClient(end, connect_timeout=PATIENT, timeout=PATIENT) as client:
+        with CorrectionClient(end, connect_timeout=PATIENT, timeout=PATIENT, pin=False) as client:
             questions = (
                 lambda: client.correct(pose, twist),
                 lambda: client.correct(pose[:3]),

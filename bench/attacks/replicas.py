@@ -12,10 +12,12 @@ from service_bench import PATIENT
 
 from attacks.lab import Lab, Scenario, Seen
 from gpcorrect.calibration import load
+from gpcorrect.types import PoseSignal
 from gpcorrect_service import CorrectionClient, ServiceError
 
 RATE = 200.0  # Hz
 SECONDS = 6.0
+NEAR = 1e-9  # m
 
 
 def mixed_stream(lab: Lab) -> Seen:
@@ -49,4 +51,31 @@ def mixed_stream(lab: Lab) -> Seen:
     return Seen(len(hashes), switches, f"commands up to {apart:.1f} mm apart, {refused} refused")
 
 
-SCENARIOS = (Scenario("two replicas, two models, one hangs", "changes of model in a stream", mixed_stream),)
+def lost_server(lab: Lab) -> Seen:
+    """Kill the only server of planners that chose the fallback, one of which was answered before."""
+    poses = load(lab.model).check_queries[:, :7]
+    registered = load(lab.model).rigid.apply(PoseSignal(poses[:, :3], poses[:, 3:])).position
+    with (
+        lab.server(lab.model) as (end, pid),
+        CorrectionClient(end, timeout=1.0, connect_timeout=PATIENT, on_failure="identity") as client,
+    ):
+        client.correct(poses[0])
+        os.kill(pid, signal.SIGKILL)
+        jumps = [_off(client, pose, there) for pose, there in zip(poses, registered, strict=True)]
+        with CorrectionClient(end, timeout=1.0, connect_timeout=0.5, on_failure="identity") as late:
+            jumps.append(_off(late, poses[0], registered[0]))
+    return Seen(len(jumps), sum(jump > NEAR for jump in jumps), f"up to {1e3 * max(jumps):.3f} mm off")
+
+
+def _off(client: CorrectionClient, pose: np.ndarray, registered: np.ndarray) -> float:
+    """Return how far a fallback is from the registered pose, m; 0 where it is an error."""
+    try:
+        return float(np.linalg.norm(client.correct(pose).position - registered))
+    except ServiceError:
+        return 0.0
+
+
+SCENARIOS = (
+    Scenario("two replicas, two models, one hangs", "changes of model in a stream", mixed_stream),
+    Scenario("fallback of a planner without a server", "commands off the registered pose", lost_server),
+)

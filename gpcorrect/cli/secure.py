@@ -51,7 +51,9 @@ def router(
 
 
 def doctor(
-    endpoint: Annotated[str, typer.Option(help="Address of the server or router.")] = SERVICE,
+    endpoint: Annotated[
+        list[str] | None, typer.Option(help="Address of a server or router, repeatable.", show_default=SERVICE)
+    ] = None,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
     config: Config = None,
@@ -59,12 +61,14 @@ def doctor(
 ) -> None:
     """Find out why nobody answers: closed port, missing or foreign certificate, wrong password, denied key, no server.
 
-    Exit status 1 when something is wrong. Example: gpcorrect doctor --config site/planner.json5
+    Servers of one arm that hold different models are wrong too. Exit status 1 when something is.
+
+    Example: gpcorrect doctor --config site/planner.json5
     """
     from gpcorrect_service import ClientSettings
     from gpcorrect_service.ops.doctor import examine
 
-    settings = ClientSettings((endpoint,), arm, namespace, config_file=config)
+    settings = ClientSettings(tuple(endpoint or (SERVICE,)), arm, namespace, config_file=config)
     findings = []
     for finding in examine(settings):
         findings.append(finding)

@@ -36,9 +36,9 @@ def tracked(stamp: float = 10.0, x: float = 0.1) -> Pose:
     return Pose(stamp, (x, 0.0, 0.0, *UPRIGHT), "tracker")
 
 
-def health(replica: str = "r1") -> HealthAnswer:
+def health(replica: str = "r1", model: str = "h") -> HealthAnswer:
     counts = {"correct": {"OK": 8, "EXTRAPOLATING": 2, "BUSY": 1}, "model": {"OK": 5}}
-    return HealthAnswer("ENABLED", "arm1", replica, "m", "h" * 64, 60.0, {"correct": 1}, counts)
+    return HealthAnswer("ENABLED", "arm1", replica, "m", model * 64, 60.0, {"correct": 1}, counts)
 
 
 def arm(board: Board, now: float = 100.0) -> dict:
@@ -105,6 +105,17 @@ def test_two_arms_and_their_replicas_stay_apart():
     assert first["replicas"][0]["outside_share"] == pytest.approx(2 / 11)
     assert (second["refused"], second["last_refusal"]) == (1, "not homed")
     assert board.snapshot(1000.0)["arms"][0]["replicas"] == []
+
+
+def test_servers_with_different_models_are_said_to_differ():
+    """Two models behind one arm are a warning while both servers live, and none when one is gone."""
+    board = Board("ns")
+    board.replica("arm1", health("r1", "a"), 0.002, 99.0)
+    board.replica("arm1", health("r2", "a"), 0.002, 99.0)
+    assert not arm(board)["models_differ"]
+    board.replica("arm1", health("r2", "b"), 0.002, 99.0 + GONE)
+    assert arm(board, 99.0)["models_differ"]
+    assert not arm(board, 99.5 + GONE)["models_differ"]
 
 
 def test_the_joint_interval_holds_at_95_in_a_hundred():

@@ -20,6 +20,7 @@ import zenoh
 
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
+from gpcorrect.rigid import RigidModel
 from gpcorrect.types import FloatArray
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.protocol.sessions import client_config
@@ -27,6 +28,7 @@ from gpcorrect_service.server.models import JointModel, Model
 from gpcorrect_service.server.service import run, serve
 
 SHIFT = np.array([0.001, -0.002, 0.003])
+REGISTRATION = np.array([0.4, 0.1, -0.2])
 POSE = [0.1, 0.02, -0.11, 1.0, 0.0, 0.0, 0.0]
 SLACK = 0.02  # rad and m
 PATIENT = 30.0  # s: only a test that fails waits this long
@@ -56,6 +58,17 @@ class ShiftCorrector:
     def info(self) -> dict[str, Any]:
         """Return frames and training region, as a fitted model does."""
         return {"frames": {"input": "tracker", "output": "base"}, "training_region": REGION}
+
+
+class RegisteredCorrector(ShiftCorrector):
+    """The same behind a registration: moves a pose by REGISTRATION, then by SHIFT."""
+
+    rigid = RigidModel("pose", t=REGISTRATION)
+
+    def correct_path(self, poses: FloatArray, times: FloatArray) -> Correction:
+        """Return the commands for a path."""
+        answer = super().correct_path(poses, times)
+        return replace(answer, position=answer.position + REGISTRATION)
 
 
 class GatedCorrector(ShiftCorrector):
@@ -185,9 +198,10 @@ def serve_in_child(kind: str, gate: Event, entered: Event, ready: Event, setting
         "gated": lambda: GatedCorrector(gate, entered),
         "faulty": FaultyCorrector,
         "joints": ShiftCorrector,
+        "registered": RegisteredCorrector,
     }
     corrector = kinds[kind]()
-    model = Model(corrector, id=f"{kind}-model", hash="0123abcd")
+    model = Model(corrector, id=f"{kind}-model", hash=kind.encode().hex())
     joints = lagging_joints() if kind == "joints" else None
     run(model, settings, on_ready=lambda _: ready.set(), joints=joints)
 

@@ -68,7 +68,7 @@ class Planner:
         self._thread.join(2 * PATIENT)
 
     def _run(self) -> None:
-        with self._server.client(path_timeout=PATIENT) as client:
+        with self._server.client(path_timeout=PATIENT, pin=False) as client:
             while not self._stop.is_set():
                 try:
                     self.replies.append(client.correct_path(self._poses, self._times))

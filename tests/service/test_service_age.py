@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -74,6 +75,6 @@ def test_estimates_of_samples_that_waited_in_a_socket_are_stale() -> None:
 def test_a_reply_of_long_ago_is_not_taken() -> None:
     """A planner that was stopped finds a reply in its socket when it goes on; it is STALE and not the answer."""
     question = RequestBuilder(ClientSettings(timeout=0.5), "json").correct([0.1, 0.0, -0.1, 1, 0, 0, 0], None)
-    late = question.answer(None, 5.0)  # type: ignore[arg-type]  # it is not even read
+    late = question.answer(SimpleNamespace(ok="never read"), 5.0)  # type: ignore[arg-type]
     assert isinstance(late, ServiceError)
     assert late.status == "STALE"

@@ -15,6 +15,8 @@ import zenoh
 from service_support import (
     PATIENT,
     POSE,
+    REGISTRATION,
+    SHIFT,
     child,
     end_with_parent,
     endpoint_of,
@@ -26,7 +28,8 @@ from service_support import (
     wait_for,
 )
 
-from gpcorrect_service import CorrectionClient, ServerSettings, ServiceError
+from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, ServiceError
+from gpcorrect_service.ops.doctor import examine
 from gpcorrect_service.ops.router import route
 
 ROUTED = Path(__file__).resolve().parents[2] / "service" / "deploy" / "router"
@@ -42,19 +45,81 @@ def test_nobody_there() -> None:
     assert "running" in caught.value.hint
 
 
-def test_identity_when_nobody_is_there() -> None:
-    """The identity fallback hands the desired pose or path back unchanged and says so in every row."""
-    with CorrectionClient(endpoint_of(free_port()), connect_timeout=0.1, on_failure="identity") as client:
+def test_identity_is_the_registered_pose() -> None:
+    """A fallback commands what registration alone does: a jump by the learned part, not from frame to frame."""
+    with (
+        server_process("registered") as server,
+        server.client(timeout=1.0, path_timeout=1.0, on_failure="identity") as client,
+    ):
+        last = client.correct(POSE)
+        client.correct_path([POSE, POSE], [0.0, 1.0])
+        server.process.kill()
         one = client.correct(POSE)
-        path = client.correct_path([POSE[:3], POSE[:3]], [0.0, 1.0])
-        with pytest.raises(ServiceError, match="NO_SERVICE"):
-            client.health()
-    np.testing.assert_array_equal(one.pose, POSE)
-    np.testing.assert_array_equal(path.pose, [POSE[:3]] * 2)
+        path = client.correct_path([POSE, POSE], [0.0, 1.0])
+        with pytest.raises(ServiceError, match="BAD_INPUT"):
+            client.correct([np.nan, *POSE[1:]])
+    np.testing.assert_allclose(one.pose, [*(POSE[:3] + REGISTRATION), *POSE[3:]], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(last.position - one.position, SHIFT, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(path.pose, [one.pose] * 2)
     assert (one.fallback, path.fallback) == ("identity", "identity")
     assert (one.status, path.status) == ("NO_SERVICE", ("NO_SERVICE",) * 2)
     assert not one.in_domain
     assert not path.in_domain.any()
+    assert np.isnan(one.std).all()
+
+
+def test_identity_without_a_good_answer_before_is_an_error() -> None:
+    """A client that never heard of a registration has no pose that would be right, and says so."""
+    with CorrectionClient(endpoint_of(free_port()), connect_timeout=0.1, on_failure="identity") as client:
+        for ask in (lambda: client.correct(POSE), lambda: client.correct_path([POSE], [0.0])):
+            with pytest.raises(ServiceError, match="NO_SERVICE"):
+                ask()
+
+
+def test_a_stream_stays_with_its_model() -> None:
+    """Two replicas with different models never take turns: the other's answers are refused until the planner agrees."""
+    with (
+        server_process("registered") as one,
+        server_process("faulty") as other,
+        CorrectionClient((one.endpoint, other.endpoint), timeout=1.0, connect_timeout=PATIENT) as client,
+    ):
+        first = client.correct(POSE).meta.model_hash
+        assert {client.correct(POSE).meta.model_hash for _ in range(20)} == {first}
+        held, left = (one, other) if first == b"registered".hex() else (other, one)
+        assert held.process.pid is not None
+        os.kill(held.process.pid, signal.SIGSTOP)
+        with pytest.raises(ServiceError, match="change_model") as refused:
+            client.correct(POSE)
+        assert refused.value.status == "OTHER_MODEL"
+        client.change_model()
+        assert answering_pid(client) == left.process.pid
+
+
+def test_the_doctor_says_when_models_differ() -> None:
+    """The doctor names who holds which model, and is content where all hold the same; tokens tell it."""
+    with server_process(replica="left") as one, server_process(replica="right") as same:
+        assert differing_models(one.endpoint, same.endpoint) == (True, "")
+        with server_process("faulty", replica="third") as other:
+            well, cause = differing_models(one.endpoint, other.endpoint)
+    assert not well
+    assert f"left has {b'shift'.hex()}" in cause
+    assert f"third has {b'faulty'.hex()}" in cause
+
+
+def differing_models(*endpoints: str) -> tuple[bool, str]:
+    (found,) = (one for one in examine(ClientSettings(endpoints)) if one.step == "models")
+    return found.well, found.cause
+
+
+def test_a_planner_names_its_model() -> None:
+    """A client that requires a model takes no answer of another one, the first included."""
+    with server_process() as server:
+        with server.client(model_hash="ab" * 32) as client, pytest.raises(ServiceError, match="abababababab"):
+            client.correct(POSE)
+        with server.client(model_hash=b"shift".hex()) as client:
+            assert client.correct(POSE).status == "OK"
+        with server.client(model_hash="ab" * 32, pin=False) as client:
+            assert client.correct(POSE).meta.model_hash == b"shift".hex()
 
 
 def test_a_server_that_comes_back_is_found_again() -> None:
@@ -143,15 +208,15 @@ def test_replicas_with_different_models_are_distinguished() -> None:
 
 
 def test_a_replica_shows_that_it_lives() -> None:
-    """A server's liveliness token is there while it runs, and gone when it was killed."""
+    """A server's liveliness token is there while it runs, names its models, and is gone when it was killed."""
     with server_process(replica="left-1") as server, stranger(server.endpoint) as session:
-        wait_for(lambda: alive(session) == ["gpcorrect/arm1/live/left-1"])
+        wait_for(lambda: alive(session) == [f"gpcorrect/arm1/live/left-1/{b'shift'.hex()}/none"])
         server.process.kill()
         wait_for(lambda: not alive(session))
 
 
 def alive(session: zenoh.Session) -> list[str]:
-    replies = session.liveliness().get("gpcorrect/*/live/*", timeout=PATIENT)
+    replies = session.liveliness().get("gpcorrect/*/live/**", timeout=PATIENT)
     return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
 

@@ -123,7 +123,7 @@ def test_example(model: Path, endpoint: str) -> None:
     done = subprocess.run([*command, "--pose", *pose], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert "many at once: 50 replies, 50 OK" in done.stdout
-    assert "fallback identity, command unchanged: True" in done.stdout
+    assert "nobody there: NO_SERVICE" in done.stdout
 
 
 def test_sigterm_ends_well(model: Path) -> None:

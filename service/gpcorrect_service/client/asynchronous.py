@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -87,9 +88,13 @@ class AsyncCorrectionClient(ClientBase):
 
     async def _ask(self, question: Question[R]) -> R:
         try:
-            return await self._ask_servers(question)
+            answer = await self._ask_servers(question)
         except ServiceError as error:
             return question.rescue(error)
+        if (registration := self._build.registration()) is not None:
+            with suppress(ServiceError):
+                await self._ask_servers(registration)
+        return answer
 
     async def _ask_servers(self, question: Question[R]) -> R:
         # Connecting may wait for the network, which the event loop must not.
@@ -102,7 +107,7 @@ class AsyncCorrectionClient(ClientBase):
         if isinstance(answer, ServiceError):
             if not querier.matched:
                 await self._await_server(querier)
-            elif answer.status == "NO_SERVICE":
+            elif answer.status in ("NO_SERVICE", "OTHER_MODEL"):
                 querier.suspect()
             answer = await self._attempt(querier, querier.second, question)
         if isinstance(answer, ServiceError):
@@ -133,5 +138,6 @@ class AsyncCorrectionClient(ClientBase):
             answer = question.answer(reply, time.monotonic() - asked)
             if not isinstance(answer, ServiceError):
                 return answer
-            failure = answer
+            if failure is None or failure.status == "NO_SERVICE":  # what a server says is more than another's silence
+                failure = answer
         return failure or querier.silence()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -136,9 +137,13 @@ class CorrectionClient(ClientBase):
 
     def _ask(self, question: Question[R]) -> R:
         try:
-            return self._ask_servers(question)
+            answer = self._ask_servers(question)
         except ServiceError as error:
             return question.rescue(error)
+        if (registration := self._build.registration()) is not None:
+            with suppress(ServiceError):
+                self._ask_servers(registration)
+        return answer
 
     def _ask_servers(self, question: Question[R]) -> R:
         querier = self._queriers.get(question.kind) or self._querier(question.kind)
@@ -149,7 +154,7 @@ class CorrectionClient(ClientBase):
             # Asked only now: looking at who matches costs a tenth of a query.
             if not querier.matched:
                 self._await_server(querier)
-            elif answer.status == "NO_SERVICE":
+            elif answer.status in ("NO_SERVICE", "OTHER_MODEL"):
                 querier.suspect()
             answer = self._attempt(querier, querier.second, question)
         if isinstance(answer, ServiceError):
@@ -170,5 +175,6 @@ class CorrectionClient(ClientBase):
             answer = question.answer(reply, time.monotonic() - asked)
             if not isinstance(answer, ServiceError):
                 return answer
-            failure = answer
+            if failure is None or failure.status == "NO_SERVICE":  # what a server says is more than another's silence
+                failure = answer
         return failure or querier.silence()

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import zenoh
 
+from gpcorrect_service.client.pinned import PinnedModels
 from gpcorrect_service.client.requests import Question, RequestBuilder, no_service
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import Kind
@@ -90,7 +91,7 @@ class Querier:
         return connect if fresh else min(connect, self._timeout)
 
     def suspect(self) -> None:
-        """Note that the nearest server did not answer: for a while it is not asked alone."""
+        """Note that the nearest server is silent or has another model: for a while it is not asked alone."""
         self._trusted_from = time.monotonic() + SUSPICION_SECONDS
 
     def ask(self, querier: zenoh.Querier, handler: Any, question: Question[Any]) -> Any:
@@ -137,12 +138,18 @@ class ClientBase:
     timeout : float
         Seconds for one answer, the one retry included.
     on_failure : str
-        "raise", or "identity": hand the desired pose back uncorrected, with `fallback="identity"` and the failure as
-        status. Bad input raises either way.
+        "raise", or "identity": answer with the registered pose, nothing learned in it, with `fallback="identity"` and
+        the failure as status; so the command jumps by the learned part and no more. Raises where no server has answered
+        before, and bad input raises either way.
     path_timeout, connect_timeout : float
         Seconds for a path, and for a server to appear before the first question.
     config_file : path, optional
         A zenoh JSON5 configuration instead of `endpoint`.
+    model_hash : str
+        SHA-256 of the model that must answer; empty takes the one that answers first. Answers of another are refused as
+        OTHER_MODEL until :meth:`change_model` is called: commands of two models may lie millimetres apart.
+    pin : bool
+        Whether that is so; without it every answer is taken, and `Reply.meta` says whose it is.
 
     Raises
     ------
@@ -162,15 +169,27 @@ class ClientBase:
         path_timeout: float = 10.0,
         connect_timeout: float = 3.0,
         config_file: Path | None = None,
+        model_hash: str = "",
+        pin: bool = True,
     ) -> None:
         endpoints = (endpoint,) if isinstance(endpoint, str) else tuple(endpoint)
         self._settings = ClientSettings(endpoints, arm, namespace, timeout, path_timeout, connect_timeout, config_file)
-        self._build = RequestBuilder(self._settings, encoding, on_failure)
+        self._build = RequestBuilder(self._settings, encoding, on_failure, PinnedModels(model_hash, hold=pin))
         self._stack = ExitStack()
         self._session: zenoh.Session | None = None
         self._queriers: dict[Kind, Querier] = {}
         self._lock = threading.Lock()
         self._closed = False
+
+    def change_model(self, model_hash: str = "") -> None:
+        """Take another model from the next answer on: where the robot rests, for the command may step.
+
+        Parameters
+        ----------
+        model_hash : str
+            SHA-256 of the model that must answer; empty takes the one that answers first.
+        """
+        self._build.pinned.change(model_hash)
 
     def _querier(self, kind: Kind) -> Querier:
         """Return the way to ask a key; connects at the first use, which may wait for the network."""

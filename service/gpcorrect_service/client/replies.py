@@ -21,7 +21,7 @@ class Reply(msgspec.Struct, frozen=True, eq=False):
     Parameters
     ----------
     answer : Correction
-        In a fallback the desired pose or the reported joints themselves, with unknown (NaN) uncertainty.
+        In a fallback the registered pose or the reported joints themselves, with unknown (NaN) uncertainty.
     meta : ReplyMeta
         Which model and process answered; empty in a fallback.
     failure : ServiceError or None
@@ -82,7 +82,7 @@ class Reply(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def fallback(self) -> Literal["", "identity"]:
-        """Whether the question itself is handed back because no server corrected it ("identity")."""
+        """Whether nothing learned is in this answer because no server corrected it ("identity")."""
         return "" if self.failure is None else "identity"
 
     def _repeated(self, text: str) -> Any:
@@ -90,11 +90,12 @@ class Reply(msgspec.Struct, frozen=True, eq=False):
 
 
 def identity_poses(poses: FloatArray, failure: ServiceError) -> Reply:
-    """Return the desired poses themselves, flagged with the failure that left them uncorrected.
+    """Return poses in the frame of commands as an answer, flagged with the failure that left them uncorrected.
 
     Parameters
     ----------
     poses : (7,), (3,), (n, 7) or (n, 3) array
+        What registration alone commands.
     failure : ServiceError
     """
     position, quaternion = poses[..., :3], (poses[..., 3:] if poses.shape[-1] > 3 else None)

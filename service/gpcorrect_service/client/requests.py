@@ -15,16 +15,19 @@ from numpy.typing import ArrayLike
 
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
+from gpcorrect_service.client.pinned import PinnedModels
 from gpcorrect_service.client.replies import Reply, identity_joints, identity_poses
 from gpcorrect_service.protocol.answer import Answer, JointsAnswer, PathAnswer, PoseAnswer, nullable, unpack
 from gpcorrect_service.protocol.codec import CODECS, error_codec
 from gpcorrect_service.protocol.errors import FailureStatus, ServiceError
+from gpcorrect_service.protocol.limits import LIMITS, checked_pose
 from gpcorrect_service.protocol.messages import (
     CorrectJointsRequest,
     CorrectPathRequest,
     CorrectRequest,
     ErrorAnswer,
     Kind,
+    ModelAnswer,
     ReplyMeta,
     RequestMeta,
 )
@@ -36,7 +39,7 @@ S = TypeVar("S", bound=msgspec.Struct)
 R = TypeVar("R")
 
 # Another replica may do better with these; bad input is bad everywhere.
-WORTH_A_RETRY = frozenset({"BUSY", "STALE", "NO_MODEL", "INTERNAL", "NO_SERVICE"})
+WORTH_A_RETRY = frozenset({"BUSY", "STALE", "NO_MODEL", "INTERNAL", "NO_SERVICE", "OTHER_MODEL"})
 
 
 class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
@@ -79,7 +82,9 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
         ServiceError
             The failure is final.
         """
-        if waited > self.patience:  # a process that is stopped finds replies of long ago when it goes on
+        if (
+            reply.ok is not None and waited > self.patience
+        ):  # a process that is stopped finds replies of long ago when it goes on
             return ServiceError(
                 "STALE",
                 f"the reply came {waited:.3f} s after its question; {self.patience:.3f} s were allowed.",
@@ -121,9 +126,17 @@ class RequestBuilder:
         "msgpack" or "json".
     on_failure : str
         "raise" or "identity".
+    pinned : PinnedModels, optional
+        The models that answers must come from.
     """
 
-    def __init__(self, settings: ClientSettings, encoding: str, on_failure: OnFailure = "raise") -> None:
+    def __init__(
+        self,
+        settings: ClientSettings,
+        encoding: str,
+        on_failure: OnFailure = "raise",
+        pinned: PinnedModels | None = None,
+    ) -> None:
         if on_failure not in ("raise", "identity"):
             raise DataError(f"on_failure must be 'raise' or 'identity', got {on_failure!r}.")
         if encoding not in CODECS:
@@ -131,6 +144,7 @@ class RequestBuilder:
         self._settings = settings
         self._codec = CODECS[encoding]
         self._identity = on_failure == "identity"
+        self.pinned = pinned or PinnedModels()
         self._prefix = os.urandom(4).hex()
         self._numbers = itertools.count(1)
 
@@ -145,7 +159,7 @@ class RequestBuilder:
         asked = _array(pose, "pose", 1)
         given = None if twist is None else tuple(_array(twist, "twist", 1).tolist())
         body = CorrectRequest(tuple(asked.tolist()), given)
-        return self._correction("correct", body, PoseAnswer, lambda error: identity_poses(asked, error))
+        return self._correction("correct", body, PoseAnswer, lambda error: self._registered(asked, error))
 
     def correct_path(self, poses: ArrayLike, times: ArrayLike) -> Question[Reply]:
         """Ask what to command instead of a path.
@@ -158,7 +172,7 @@ class RequestBuilder:
         """
         asked = _array(poses, "poses", 2)
         body = CorrectPathRequest(tuple(asked.tolist()), tuple(_array(times, "times", 1).tolist()))
-        return self._correction("correct_path", body, PathAnswer, lambda error: identity_poses(asked, error))
+        return self._correction("correct_path", body, PathAnswer, lambda error: self._registered(asked, error))
 
     def correct_joints(
         self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None, sessions: Sequence[int] | None
@@ -189,6 +203,21 @@ class RequestBuilder:
             return _accepted(reply).payload.to_bytes().decode(errors="replace")
 
         return self._question("metrics", None, _read)
+
+    def registration(self) -> Question[None] | None:
+        """Ask for the registration that a fallback needs, where it is not known yet."""
+        if not (self._identity and self.pinned.wants_registration):
+            return None
+        return self._question("model", None, lambda r: self.pinned.learn(self._decoded(ModelAnswer, _accepted(r))))
+
+    def _registered(self, poses: FloatArray, error: ServiceError) -> Reply:
+        """Return what registration alone commands; raises the failure itself where nobody ever answered."""
+        for pose in poses.reshape(-1, poses.shape[-1]):
+            checked_pose(pose.tolist(), LIMITS.room)
+        commands = self.pinned.registered(poses)
+        if commands is None:
+            raise error
+        return identity_poses(commands, error)
 
     def plain(
         self, kind: Kind, form: type[S], body: msgspec.Struct | None = None, deadline: float | None = None
@@ -222,6 +251,7 @@ class RequestBuilder:
                 meta = self._codec.decode(ReplyMeta, beside)
             except ServiceError as error:
                 raise no_service(f"a reply without the service's attachment ({error.message})") from error
+            self.pinned.check(kind, meta)
             return Reply(unpack(self._decoded(form, sample)), meta)
 
         return self._question(kind, body, _read, identity if self._identity else None)

@@ -191,8 +191,14 @@ class _ArmView:
             },
             "refused": self._refused,
             "last_refusal": self._error,
+            "models_differ": self._models_differ(now),
             "replicas": [_shown_replica(r, now) for _, r in sorted(self.replicas.items())],
         }
+
+    def _models_differ(self, now: float) -> bool:
+        """Whether servers that live hold different models: planners that change between them make the arm step."""
+        there = [r.answer for r in self.replicas.values() if now - r.now < SETTINGS.gone]
+        return len({(a.model_hash, a.joint_model_hash) for a in there}) > 1
 
     def _latency_ms(self) -> dict[str, float] | None:
         if not self._latencies:

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import zenoh
 
 from gpcorrect.errors import DataError
+from gpcorrect_service.protocol.live import LIVE_KEYS, differing
 from gpcorrect_service.protocol.sessions import client_config
 from gpcorrect_service.protocol.settings import ENDPOINT, ClientSettings
 
@@ -61,7 +62,7 @@ TLS_TROUBLE = (
 class Finding:
     """One step: what was looked at, whether it is well, what was found, and what to do."""
 
-    step: Literal["address", "port", "tls", "login", "server", "key"]
+    step: Literal["address", "port", "tls", "login", "server", "models", "key"]
     what: str
     well: bool
     cause: str = ""
@@ -158,6 +159,7 @@ def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: lis
     with session:
         yield Finding("login", where, True)
         seen = _visible_keys(session, settings.arm)
+        differ = differing(_live_tokens(session, settings.arm))
     if not any(seen.values()):
         yield Finding(
             "server",
@@ -168,6 +170,16 @@ def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: lis
         )
         return
     yield Finding("server", where, True)
+    for task, holders in differ.items():
+        yield Finding(
+            "models",
+            where,
+            False,
+            f"the servers hold different models of {task}: {', '.join(holders)}",
+            "Give all of them the same one: gpcorrect models activate NAME --endpoint ...",
+        )
+    if not differ:
+        yield Finding("models", where, True)
     for key, visible in seen.items():
         if visible:
             yield Finding("key", f"{where}/{key}", True)
@@ -207,6 +219,12 @@ def _speaks_tls(host: str, port: int) -> bool:
         return error.reason not in (None, "WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING")
     except OSError:
         return False
+
+
+def _live_tokens(session: zenoh.Session, arm: str) -> list[str]:
+    """Return the tokens of the servers of an arm; none where the access rules hide them."""
+    replies = session.liveliness().get(f"{arm}/{LIVE_KEYS}", timeout=PATIENCE)
+    return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
 
 def _visible_keys(session: zenoh.Session, arm: str) -> dict[str, bool]:

@@ -21,6 +21,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from gpcorrect.atomic import make_folder
 from gpcorrect.errors import DataError
+from gpcorrect_service.protocol.live import LIVE_KEYS
 from gpcorrect_service.protocol.sessions import CLIENT, COMMON
 
 __all__ = ["ROLES", "Site", "secure_site"]
@@ -185,7 +186,7 @@ def _rights(user: str) -> list[tuple[str, list[str], list[str], tuple[str, ...]]
             ("is asked", ["egress"], ["query"], everything),
         ]
     if user != ROBOT:
-        live = ("live/*",)
+        live = (LIVE_KEYS,)
         rights.append(("asks who lives", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], live))
         rights.append(("sees who lives", ["egress"], ["liveliness_token"], live))
     return rights

@@ -8,7 +8,7 @@ from gpcorrect.errors import GpCorrectError
 
 __all__ = ["EndpointError", "FailureStatus", "ServiceError"]
 
-FailureStatus = Literal["BAD_INPUT", "STALE", "BUSY", "NO_MODEL", "INTERNAL", "NO_SERVICE"]
+FailureStatus = Literal["BAD_INPUT", "STALE", "BUSY", "NO_MODEL", "INTERNAL", "NO_SERVICE", "OTHER_MODEL"]
 
 
 class ServiceError(GpCorrectError):
@@ -17,7 +17,8 @@ class ServiceError(GpCorrectError):
     Parameters
     ----------
     status : str
-        BAD_INPUT, STALE, BUSY, NO_MODEL or INTERNAL when a server said so; NO_SERVICE when none answered.
+        BAD_INPUT, STALE, BUSY, NO_MODEL or INTERNAL when a server said so; NO_SERVICE when none answered,
+        OTHER_MODEL when the only answers came from another model than the stream is held to.
     message : str
         The cause, in one sentence.
     hint : str, optional

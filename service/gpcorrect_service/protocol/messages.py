@@ -88,13 +88,17 @@ class JointState(msgspec.Struct, frozen=True):
 
 
 class ModelAnswer(msgspec.Struct, frozen=True):
-    """The active model: name, SHA-256 of its file, and its own description (frames, features, fit report)."""
+    """The active model: name, SHA-256 of its file, and its own description (frames, features, fit report).
+
+    `registration` is :meth:`gpcorrect.rigid.RigidModel.to_dict`, of a model of poses that has one.
+    """
 
     id: str
     hash: str
     arm: str
     replica: str
     info: dict[str, Any]
+    registration: dict[str, Any] | None = None
 
 
 class HealthAnswer(msgspec.Struct, frozen=True):

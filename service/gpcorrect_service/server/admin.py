@@ -39,14 +39,23 @@ class Admin:
         Where models are; without it none can be activated.
     logger : Logger
         Where every change is written.
+    changed : callable
+        Called when another model answers.
     """
 
-    def __init__(self, parser: RequestParser, store: ModelStore | None, logger: Logger) -> None:
+    def __init__(
+        self,
+        parser: RequestParser,
+        store: ModelStore | None,
+        logger: Logger,
+        changed: Callable[[], None] = lambda: None,
+    ) -> None:
         self._parser = parser
         self._active = parser.active
         self._replica = parser.replica
         self._store = store
         self._logger = logger
+        self._changed = changed
 
     def handlers(self) -> dict[Kind, Handler]:
         """Return which key is answered by what."""
@@ -91,6 +100,7 @@ class Admin:
             # Nothing of the model is at fault: the disk is full, or may not be written.
             raise ServiceError("BUSY", error.message, hint=error.hint) from error
         self._active.activate(model)
+        self._changed()
         old = before.hash if before else ""
         self._logger.info("activated", kind=entry.kind, model_id=model.id, model_hash=model.hash, before=old)
         message = ActivateAnswer(model.id, model.hash, entry.kind, old, self._replica)

@@ -125,8 +125,9 @@ class Corrections:
         """Answer which model is active."""
         now = self._active.now
         model = now.pose or now.joints or self._active.pose_model()
-        info = dict(model.corrector.info())
-        message = ModelAnswer(model.id, model.hash, self._parser.arm, self._parser.replica, info)
+        info, rigid = dict(model.corrector.info()), getattr(model.corrector, "rigid", None)
+        registration = None if rigid is None else rigid.to_dict()
+        message = ModelAnswer(model.id, model.hash, self._parser.arm, self._parser.replica, info, registration)
         return plain_response(parsed, "model", message)
 
     def _corrected(self, model: Model, pose: Numbers, twist: Numbers | None) -> PoseAnswer:

@@ -238,6 +238,12 @@ class Active:
         return self._now
 
     @property
+    def hashes(self) -> tuple[str, str]:
+        """SHA-256 of the models of poses and of joints; empty where there is none, or it has none."""
+        now = self._now
+        return now.pose.hash if now.pose else "", now.joints.hash if now.joints else ""
+
+    @property
     def state(self) -> State:
         """The CRTK state: DISABLED without any model, PAUSED by an operator, FAULT when the model keeps failing."""
         if self._failures >= FAULTS_IN_A_ROW:

@@ -24,6 +24,7 @@ from gpcorrect.calibration import ModelStore
 from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.ops.metrics import Counters
+from gpcorrect_service.protocol.live import live_key
 from gpcorrect_service.protocol.messages import Kind
 from gpcorrect_service.protocol.sessions import open_server
 from gpcorrect_service.protocol.settings import ServerSettings
@@ -96,6 +97,7 @@ class Server:
             logger=self._logger,
         )
         self._throttle = Throttle(self.settings.max_rate)
+        self._token: Any = None
         self._queryables = ExitStack()
         self._stack = ExitStack()
 
@@ -153,21 +155,34 @@ class Server:
 
     def _declare(self, session: zenoh.Session) -> None:
         """Declare the keys, the operator's and the monitor's last: who sees them finds the rest answering."""
-        s = self.settings
         self._refusals.start()
         if self._store is not None or self.active.now.joints is not None:
             self._declare_stream(session)
-        for kind, handler in self._handlers().items():
+        for kind, handler in self._handlers(session).items():
             self._declare_key(session, kind, handler)
-        token = session.liveliness().declare_token(f"{s.arm}/live/{s.replica}")
-        self._queryables.callback(token.undeclare)
+        self._announce(session)
+        self._queryables.callback(self._conceal)
 
-    def _handlers(self) -> dict[Kind, Handler]:
+    def _announce(self, session: zenoh.Session) -> None:
+        """Show that this server lives, and which models it holds."""
+        before = self._token
+        key = live_key(self.settings.arm, self.settings.replica, *self.active.hashes)
+        self._token = session.liveliness().declare_token(key)
+        if before is not None:
+            before.undeclare()
+
+    def _conceal(self) -> None:
+        self._token.undeclare()
+
+    def _handlers(self, session: zenoh.Session) -> dict[Kind, Handler]:
         """Return which key is answered by what; the monitor's and the operator's come last."""
         s, clock = self.settings, self._clock
         parser = RequestParser(self.active, arm=s.arm, replica=s.replica, logger=self._logger, clock=clock)
         health = Health(parser, self._counters, self._queues, clock.monotonic)
-        corrections, admin = Corrections(parser, s.bound), Admin(parser, self._store, self._logger)
+        corrections, admin = (
+            Corrections(parser, s.bound),
+            Admin(parser, self._store, self._logger, lambda: self._announce(session)),
+        )
         return {**corrections.handlers(), **health.handlers(), **admin.handlers()}
 
     def _declare_key(self, session: zenoh.Session, kind: Kind, handler: Handler) -> None:

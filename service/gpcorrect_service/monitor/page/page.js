@@ -31,6 +31,7 @@ function show(arm, now) {
   pill(at.state, arm.operating_state, arm.operating_state === "ENABLED" ? "good" : "bad");
   pill(at.homed, arm.is_homed === null ? "" : arm.is_homed ? "homed" : "not homed", arm.is_homed ? "good" : "bad");
   pill(at.status, c && c.status, c && c.status === "OK" ? "good" : "bad");
+  pill(at.models, arm.models_differ ? "MODELS DIFFER" : "", "bad");
   pill(at.alarm, arm.drift.alarm ? "DRIFT" : "", "bad");
   at.error.textContent = arm.error ? `${number(arm.error.mm, 2)} mm, ${number(arm.error.deg, 1)}°` : "–";
   at.interval.textContent = c ? `± ${number(wide, 2)} mm, ${number(turn, 1)}°` : "–";

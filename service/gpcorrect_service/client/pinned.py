@@ -1,0 +1,137 @@
+"""The model that a stream of questions is held to, and its registration, for when nobody answers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray, PoseSignal
+from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.messages import Kind, ModelAnswer, ReplyMeta
+
+if TYPE_CHECKING:
+    from gpcorrect.rigid import RigidModel
+
+__all__ = ["PinnedModels"]
+
+ASK_AGAIN = 10.0  # s, chosen by hand: between questions for a registration that nobody gives
+
+
+class PinnedModels:
+    """Holds a client to the model that answered it first: commands of two models lie millimetres apart.
+
+    Poses and joints have a model each. Safe to use from several threads.
+
+    Parameters
+    ----------
+    model_hash : str
+        SHA-256 of the model that must answer; empty takes the one that answers first.
+    hold : bool
+        Whether other models are refused at all.
+    monotonic : callable
+        Clock, s.
+    """
+
+    def __init__(
+        self, model_hash: str = "", *, hold: bool = True, monotonic: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._hold = hold
+        self._monotonic = monotonic
+        self._asked_at = -ASK_AGAIN
+        self._registration: tuple[str, RigidModel | None] | None = None
+        self.change(model_hash)
+
+    def change(self, model_hash: str = "") -> None:
+        """Take another model from the next answer on.
+
+        Parameters
+        ----------
+        model_hash : str
+            As for the class.
+        """
+        self._required = model_hash
+        self._hashes: dict[str, str] = {}
+
+    def check(self, kind: Kind, meta: ReplyMeta) -> None:
+        """Refuse the answer of another model.
+
+        Parameters
+        ----------
+        kind : str
+            What was asked.
+        meta : ReplyMeta
+            What came beside the answer.
+
+        Raises
+        ------
+        ServiceError
+            OTHER_MODEL.
+        """
+        task, hashes = _task(kind), self._hashes
+        if not self._hold:
+            hashes[task] = meta.model_hash
+            return
+        held = hashes.setdefault(task, self._required or meta.model_hash)
+        if held != meta.model_hash:
+            raise ServiceError(
+                "OTHER_MODEL",
+                f"this stream is held to model {held[:12]}, and {meta.replica} answers with {meta.model_hash[:12]} "
+                f"({meta.model_id}).",
+                hint="Bring the robot to rest and call change_model(), or let all servers have the same model: "
+                "gpcorrect models activate",
+            )
+
+    @property
+    def wants_registration(self) -> bool:
+        """Whether the registration of the model of poses is to be asked for now; true once in a while."""
+        held, known = self._hashes.get("pose"), self._registration
+        now = self._monotonic()
+        if held is None or (known is not None and known[0] == held) or now < self._asked_at + ASK_AGAIN:
+            return False
+        self._asked_at = now
+        return True
+
+    def learn(self, answer: ModelAnswer) -> None:
+        """Take the registration of a server's model.
+
+        Parameters
+        ----------
+        answer : ModelAnswer
+
+        Raises
+        ------
+        ServiceError
+            OTHER_MODEL: it is not the one that answers this stream.
+        """
+        self.check("correct", ReplyMeta("", answer.id, answer.hash, answer.replica))
+        from gpcorrect.rigid import RigidModel  # not above: most clients never need it
+
+        known = None if answer.registration is None else RigidModel.from_dict(answer.registration)
+        self._registration = answer.hash, known
+
+    def registered(self, poses: FloatArray) -> FloatArray | None:
+        """Return what registration alone commands, or None where it is not known.
+
+        Parameters
+        ----------
+        poses : (7,), (3,), (n, 7) or (n, 3) array
+        """
+        held, known = self._hashes.get("pose"), self._registration
+        if known is None or known[0] != held or known[1] is None:
+            return None
+        rows = poses.reshape(-1, poses.shape[-1])
+        try:
+            mapped = known[1].apply(PoseSignal(rows[:, :3], rows[:, 3:] if rows.shape[1] > 3 else None))
+        except DataError:  # a lever arm, and no orientation to turn it with
+            return None
+        parts = [mapped.position] if mapped.quaternion is None else [mapped.position, mapped.quaternion]
+        command: FloatArray = np.hstack(parts).reshape(poses.shape)
+        return command
+
+
+def _task(kind: Kind) -> str:
+    return "joints" if kind == "correct_joints" else "pose"
