@@ -173,7 +173,9 @@ def _registered(
     observed, command = (signal[rows] for signal in pose_pair(log, pair))
     if rigid is None:
         # Least median of squares does not depend on a rigid motion that comes first, so "none" needs no other.
-        rigid = RigidModel() if marker == "none" else register(observed, command, log.trajectory[rows], marker).model
+        trajectory = log.trajectory[rows]
+        first = marker != "none"
+        rigid = register(observed, command, trajectory, marker, held_out=False).model if first else RigidModel()
     both = observed.quaternion is not None and command.quaternion is not None
     found = least_median_pose(rigid.apply(observed), command, settings.resolution("PR" if both else "P"), rng)
     return rigid.followed_by(found.model), found.scales

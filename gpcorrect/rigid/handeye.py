@@ -19,7 +19,6 @@ from gpcorrect.rigid.registration import (
     check_pair,
     component_scale,
     evenly_spaced,
-    fit_position,
     fit_robustly,
 )
 from gpcorrect.types import FloatArray, PoseSignal
@@ -115,7 +114,7 @@ def fit_separate(observed: PoseSignal, command: PoseSignal) -> RigidModel:
         Fewer than three samples, or points that coincide or lie on one line.
     """
     check_pair(observed, command)
-    points = fit_robustly(fit_position, observed, command)
+    points = fit_robustly(observed, command)
     R_left, R_right = _fit_orientations(observed, command)
     return RigidModel("separate", R_position=points.R_position, t=points.t, R_left=R_left, R_right=R_right)
 
@@ -150,7 +149,7 @@ def _pose_start(samples: Samples) -> MarkerState:
 
 def _position_starts(observed: PoseSignal, command: PoseSignal, samples: Samples) -> list[MarkerState]:
     """Return two starts that need no commanded rotation: without a lever arm, and from a linear solution."""
-    points = fit_robustly(fit_position, observed, command).R_position
+    points = fit_robustly(observed, command).R_position
     rotations = [points, _rotation_from_positions(samples)]
     return [_with_lever_arm(samples, R, np.eye(3)) for R in rotations]
 

@@ -18,6 +18,7 @@ SCALE_ROUNDS = 5  # of robust scales, chosen by hand
 MAX_STEPS = 60  # Gauss-Newton ends by its tolerance before
 MAX_HALVINGS = 12  # a step 4000 times shorter that does not help is no descent
 STEP_TOLERANCE = 1e-11  # rad and m: below what any sensor sees
+COARSE_TOLERANCE = 1e-6  # the same while the scales still change: a scale is known to parts in a thousand
 LEAST_SCALE = 1e-6  # of the spread of the points, and rad: keeps exact positions from silencing rotations
 CONDITION = 1e-14  # of the normal equations: weaker directions are not determined and stay as they are
 
@@ -79,9 +80,8 @@ def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
         Where the descent starts.
     """
     state = start
-    for _ in range(SCALE_ROUNDS):
-        scales = _scales(samples, state)
-        state = _descend(samples, state, scales)
+    for tolerance in (*[COARSE_TOLERANCE] * (SCALE_ROUNDS - 1), STEP_TOLERANCE):
+        state = _descend(samples, state, _scales(samples, state), tolerance)
     return state, _loss(samples, state, _scales(samples, state))
 
 
@@ -107,20 +107,22 @@ def residual_norms(samples: Samples, state: MarkerState) -> list[FloatArray]:
     return norms
 
 
-def _descend(samples: Samples, state: MarkerState, scales: list[float]) -> MarkerState:
+def _descend(samples: Samples, state: MarkerState, scales: list[float], tolerance: float) -> MarkerState:
     loss = _loss(samples, state, scales)
     for _ in range(MAX_STEPS):
         step = _gauss_newton_step(samples, state, scales)
-        trial, trial_loss = state.moved(step), _loss(samples, state.moved(step), scales)
+        trial = state.moved(step)
+        trial_loss = _loss(samples, trial, scales)
         for _ in range(MAX_HALVINGS):
             if trial_loss <= loss:
                 break
             step = step / 2.0
-            trial, trial_loss = state.moved(step), _loss(samples, state.moved(step), scales)
+            trial = state.moved(step)
+            trial_loss = _loss(samples, trial, scales)
         if trial_loss > loss:
             return state
         state, loss = trial, trial_loss
-        if np.linalg.norm(step) < STEP_TOLERANCE:
+        if np.linalg.norm(step) < tolerance:
             break
     return state
 

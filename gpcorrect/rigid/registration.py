@@ -6,13 +6,14 @@ it.
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
-from gpcorrect.rigid.model import RigidModel, pose_residual
+from gpcorrect.rigid.model import RigidModel
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
@@ -22,6 +23,7 @@ __all__ = [
     "check_pair",
     "component_scale",
     "evenly_spaced",
+    "fit_balanced",
     "fit_pose",
     "fit_position",
     "fit_robustly",
@@ -31,6 +33,8 @@ WIDTH = 3.0  # standard deviations at which a sample counts half
 MAX_SAMPLES = 2000  # a dozen unknowns are no better known from more: neighbours in time repeat each other
 MAX_ROUNDS = 40  # of weights, which end by their tolerance before
 TOLERANCE = 1e-7  # of a weight: less moves nothing
+WEIGHT_ROUNDS = 12  # of weighing positions and rotations by their scales
+WEIGHT_TOLERANCE = 0.02  # of the weight: less turns nothing
 FLOOR = 1e-12  # m or rad: exact data leave no scale to divide by
 MIN_SAMPLES = 3  # points that determine a rotation
 COLLINEAR_RATIO = 1e-3  # spread across the best line over the spread along it
@@ -75,17 +79,8 @@ def fit_pose(
     """
     if observed.quaternion is None or command.quaternion is None:
         return fit_position(observed, command, weights=weights)
-    if not rotation_weight >= 0.0:
-        raise DataError(f"rotation_weight must be at least 0 square metres, got {rotation_weight}.")
     check_pair(observed, command)
-    w = _normalised(weights, len(observed))
-    R_obs, R_cmd = (
-        se3.matrix_from_quaternion(observed.quaternion),
-        se3.matrix_from_quaternion(command.quaternion),
-    )
-    attitude = np.einsum("n,nab,ncb->ac", w, R_cmd, R_obs)
-    R = _rotation(_cross_covariance(observed, command, w) + rotation_weight * attitude)
-    return RigidModel("pose", R_position=R, t=_translation(R, observed, command, w), R_left=R)
+    return _pose(_Pairs.of(observed, command), _normalised(weights, len(observed)), rotation_weight)
 
 
 def fit_position(observed: PoseSignal, command: PoseSignal, *, weights: FloatArray | None = None) -> RigidModel:
@@ -108,11 +103,7 @@ def fit_position(observed: PoseSignal, command: PoseSignal, *, weights: FloatArr
         Fewer than three samples, or points that coincide or lie on one line.
     """
     check_pair(observed, command)
-    w = _normalised(weights, len(observed))
-    _check_spread(observed.position, w, "observed")
-    _check_spread(command.position, w, "commanded")
-    R = _rotation(_cross_covariance(observed, command, w))
-    return RigidModel("position", R_position=R, t=_translation(R, observed, command, w), R_left=R)
+    return _position(_Pairs.of(observed, command), _normalised(weights, len(observed)))
 
 
 def check_pair(observed: PoseSignal, command: PoseSignal) -> None:
@@ -164,12 +155,48 @@ def _normalised(weights: FloatArray | None, n: int) -> FloatArray:
     return normalised
 
 
-class RigidFit(Protocol):
-    """A least-squares registration that takes weights, such as :func:`~gpcorrect.rigid.fit_pose`."""
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Points `(n, 3)` and rotations `(n, 3, 3)` observed and commanded; rotations only where both have them."""
 
-    def __call__(self, observed: PoseSignal, command: PoseSignal, *, weights: FloatArray | None = None) -> RigidModel:
-        """Return the model of least weighted squared error."""
-        ...
+    p: FloatArray
+    u: FloatArray
+    R_obs: FloatArray | None
+    R_cmd: FloatArray | None
+
+    @classmethod
+    def of(cls, observed: PoseSignal, command: PoseSignal) -> Self:
+        if observed.quaternion is None or command.quaternion is None:
+            return cls(observed.position, command.position, None, None)
+        R_obs, R_cmd = map(se3.matrix_from_quaternion, (observed.quaternion, command.quaternion))
+        return cls(observed.position, command.position, R_obs, R_cmd)
+
+    def norms(self, model: RigidModel) -> list[FloatArray]:
+        """Lengths `(n,)` of what a model leaves: positions (m), and rotations (rad) where they took part."""
+        norms = [np.linalg.norm(self.p @ model.R_position.T + model.t - self.u, axis=1)]
+        if model.kind == "pose" and self.R_obs is not None and self.R_cmd is not None:
+            norms.append(se3.angle(np.swapaxes(model.R_left @ self.R_obs, -1, -2) @ self.R_cmd))
+        return norms
+
+
+def _pose(pairs: _Pairs, w: FloatArray, rotation_weight: float) -> RigidModel:
+    """Rigid motion by points and rotations, under weights `(n,)` that sum to one."""
+    if not rotation_weight >= 0.0:
+        raise DataError(f"rotation_weight must be at least 0 square metres, got {rotation_weight}.")
+    assert pairs.R_obs is not None
+    assert pairs.R_cmd is not None
+    commanded, observed = (w[:, None, None] * pairs.R_cmd).transpose(1, 0, 2), pairs.R_obs.transpose(1, 0, 2)
+    attitude = commanded.reshape(3, -1) @ observed.reshape(3, -1).T
+    R = _rotation(_cross_covariance(pairs, w) + rotation_weight * attitude)
+    return RigidModel("pose", R_position=R, t=_translation(R, pairs, w), R_left=R)
+
+
+def _position(pairs: _Pairs, w: FloatArray) -> RigidModel:
+    """Rigid motion by points, under weights `(n,)` that sum to one."""
+    _check_spread(pairs.p, w, "observed")
+    _check_spread(pairs.u, w, "commanded")
+    R = _rotation(_cross_covariance(pairs, w))
+    return RigidModel("position", R_position=R, t=_translation(R, pairs, w), R_left=R)
 
 
 def component_scale(norms: FloatArray) -> float:
@@ -224,48 +251,70 @@ def evenly_spaced(n: int, most: int = MAX_SAMPLES) -> IntArray:
     return rows
 
 
-def fit_robustly(fit: RigidFit, observed: PoseSignal, command: PoseSignal) -> RigidModel:
-    """Registration of least Cauchy loss by reweighting `fit`, started from equal weights.
-
-    A sample's weight is the smaller of those of its position and its rotation, each on its own robust scale.
+def fit_robustly(observed: PoseSignal, command: PoseSignal) -> RigidModel:
+    """Registration of the points of least Cauchy loss, by reweighting :func:`fit_position` from equal weights on.
 
     Parameters
     ----------
-    fit : callable
-        Weighted least squares, such as :func:`fit_pose`.
     observed : PoseSignal
         Poses of the marker in the tracker frame.
     command : PoseSignal
         Poses of the tip in the base frame.
     """
+    return _reweighted(_robust_pairs(observed, command), None)
+
+
+def fit_balanced(observed: PoseSignal, command: PoseSignal) -> RigidModel:
+    """Robust pose in which positions and orientations decide by how well each is known, not by square metres.
+
+    Of two kinds of errors with standard deviations s_p and s_r, maximum likelihood weighs squared chords of rotations,
+    which are twice squared angles, by `s_p^2 / (2 s_r^2)` beside squared distances. A sample's Cauchy weight is the
+    smaller of those of its position and its rotation, each on its own robust scale.
+
+    Parameters
+    ----------
+    observed, command : PoseSignal
+        n samples each with orientations, all finite.
+    """
+    pairs = _robust_pairs(observed, command)
+    weight, model = 1.0, _reweighted(pairs, 1.0)
+    for _ in range(WEIGHT_ROUNDS):
+        s_p, s_r = map(component_scale, pairs.norms(model))
+        before, weight = weight, s_p**2 / (2 * s_r**2)
+        model = _reweighted(pairs, weight)
+        if abs(weight - before) < WEIGHT_TOLERANCE * before:
+            break
+    return model
+
+
+def _robust_pairs(observed: PoseSignal, command: PoseSignal) -> _Pairs:
+    check_pair(observed, command)
     rows = evenly_spaced(len(observed))
-    observed, command = observed[rows], command[rows]
-    model = fit(observed, command)
-    weights = np.ones(len(observed))
-    for _ in range(MAX_ROUNDS):
-        previous, weights = weights, _sample_weights(model, observed, command)
-        model = fit(observed, command, weights=weights)
+    return _Pairs.of(observed[rows], command[rows])
+
+
+def _reweighted(pairs: _Pairs, rotation_weight: float | None) -> RigidModel:
+    weights = np.ones(len(pairs.p))
+    for _ in range(1 + MAX_ROUNDS):
+        w = weights / weights.sum()
+        model = _position(pairs, w) if rotation_weight is None else _pose(pairs, w, rotation_weight)
+        previous, weights = weights, np.min([_weights_of(r) for r in pairs.norms(model)], axis=0)
         if np.abs(weights - previous).max() < TOLERANCE:
             break
     return model
 
 
-def _sample_weights(model: RigidModel, observed: PoseSignal, command: PoseSignal) -> FloatArray:
-    residual = pose_residual(model.apply(observed), command)
-    parts = (residual[:, :3],) if model.kind == "position" else (residual[:, :3], residual[:, 3:])
-    norms = [np.linalg.norm(part, axis=1) for part in parts]
-    weights: FloatArray = np.min([cauchy_weights(r, component_scale(r)) for r in norms], axis=0)
-    return weights
+def _weights_of(norms: FloatArray) -> FloatArray:
+    return cauchy_weights(norms, component_scale(norms))
 
 
-def _cross_covariance(observed: PoseSignal, command: PoseSignal, w: FloatArray) -> FloatArray:
-    p, u = observed.position, command.position
-    covariance: FloatArray = (u - w @ u).T @ ((p - w @ p) * w[:, None])
+def _cross_covariance(pairs: _Pairs, w: FloatArray) -> FloatArray:
+    covariance: FloatArray = (pairs.u - w @ pairs.u).T @ ((pairs.p - w @ pairs.p) * w[:, None])
     return covariance
 
 
-def _translation(R: FloatArray, observed: PoseSignal, command: PoseSignal, w: FloatArray) -> FloatArray:
-    t: FloatArray = w @ command.position - R @ (w @ observed.position)
+def _translation(R: FloatArray, pairs: _Pairs, w: FloatArray) -> FloatArray:
+    t: FloatArray = w @ pairs.u - R @ (w @ pairs.p)
     return t
 
 
