@@ -195,6 +195,19 @@ def test_out_of_domain_is_flagged_or_refused():
         prefilter(outside=False).servo(pose(1.1, 0.6))
 
 
+def test_a_command_that_is_no_command_does_not_spoil_the_stream():
+    """After a command that was withheld the next one is bounded from the last that was sent."""
+    corrector = ShiftCorrector()
+    answering = prefilter(corrector)
+    answering.servo(pose(1.0))
+    corrector.shift = np.full(3, np.nan)
+    with pytest.raises(ServiceError, match="not finite"):
+        answering.servo(pose(1.01))
+    corrector.shift = SHIFT
+    command, _ = answering.servo(pose(1.02))
+    np.testing.assert_allclose(command.pose[:3], np.array([0.1, 0.0, -0.1]) + SHIFT)
+
+
 def test_keys_move_their_joints():
     """Each key moves its own joint one step up or down; plus and minus change the step; space stays; x leaves."""
     control = KeyControl(np.zeros(3), np.array([0.01, 0.02, 0.001]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from service_support import POSE, SHIFT, FaultyCorrector, ShiftCorrector
 
 from gpcorrect.errors import DataError
+from gpcorrect.rigid import RigidModel
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.answer import PathAnswer, PoseAnswer
 from gpcorrect_service.protocol.codec import JSON, MSGPACK, Codec, error_codec
@@ -26,7 +28,7 @@ from gpcorrect_service.protocol.messages import (
     RequestMeta,
 )
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import Active, Corrector, Model
+from gpcorrect_service.server.models import FAULTS_IN_A_ROW, Active, Corrector, Model
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 
 NOW = 100.0
@@ -171,6 +173,55 @@ def test_fault_in_the_model_is_internal_and_logged() -> None:
     assert "a fault inside the model" not in result.cause
     assert line["request_id"] == "q10"
     assert line["exception"][0]["exc_type"] == "ZeroDivisionError"
+
+
+class Poisoned(ShiftCorrector):
+    """Fails on x < 0 and is far off on x > 0.9, though well on its own check query until it is broken."""
+
+    def __init__(self) -> None:
+        self.broken = False
+
+    def check_answers(self) -> Any:
+        return np.full((1, 7), np.nan if self.broken else 1.0)
+
+    def correct(self, pose: Any, twist: Any = None) -> Any:
+        if pose[0] < 0 or self.broken:
+            raise ZeroDivisionError("a fault inside the model")
+        answer = super().correct(pose, twist)
+        return replace(answer, position=np.full(3, 100.0)) if pose[0] > 0.9 else answer
+
+
+def test_what_one_client_asks_never_counts_against_the_model() -> None:
+    """However many questions a model cannot answer, it goes on answering others, until its own check queries fail."""
+    corrector = Poisoned()
+    serve = Answering(corrector)
+    ok, poison, far = (request("correct", CorrectRequest((x, *POSE[1:]))) for x in (0.1, -0.1, 0.95))
+    for _ in range(FAULTS_IN_A_ROW):
+        assert (serve.correct(poison).status, serve.correct(far).status) == ("INTERNAL", "INTERNAL")
+    assert serve.correct(ok).status == "OK"
+    corrector.broken = True
+    for _ in range(FAULTS_IN_A_ROW):
+        assert serve.correct(ok).status == "INTERNAL"
+    assert "FAULT" in refusal(serve.correct(ok)).cause
+
+
+class Registered(ShiftCorrector):
+    """Poses lie half a metre further out in the frame of commands."""
+
+    rigid = RigidModel("pose", t=np.array([0.5, 0.0, 0.0]))
+
+    def correct_path(self, poses: Any, times: Any) -> Any:
+        answer = super().correct_path(poses, times)
+        return replace(answer, position=answer.position + self.rigid.t)
+
+
+def test_a_pose_that_registration_takes_out_of_reach_is_bad_input() -> None:
+    """A pose within the limit where it was asked, and beyond it where it is commanded, is the client's mistake."""
+    serve, pose = Answering(Registered()), (4.9999, 0.0, 0.0, *POSE[3:])
+    for _ in range(FAULTS_IN_A_ROW + 1):
+        assert serve.correct(request("correct", CorrectRequest(pose))).status == "BAD_INPUT"
+        assert serve.correct_path(request("correct_path", CorrectPathRequest((pose,), (0.0,)))).status == "BAD_INPUT"
+    assert serve.correct(request("correct", CorrectRequest(tuple(POSE)))).status == "OK"
 
 
 def test_unsafe_command_is_internal_and_logged() -> None:

@@ -225,7 +225,7 @@ class Prefilter:
 
     def _reported(self, message: Pose, pose: FloatArray, answer: Correction, began: float) -> tuple[Pose, Report]:
         packed, command = pack(PoseAnswer, answer), _pose(answer).tolist()
-        check_command(command[:3], command[3:], self._model.limit)
+        check_command(command[:3], command[3:], self._model.limit, lambda: self._model.reference_position(pose))
         report = Report(
             stamp=message.stamp,
             desired=tuple(pose.tolist()),

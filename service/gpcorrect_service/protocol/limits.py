@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,6 +45,8 @@ class Limits:
         Of a path: about a minute at 100 Hz; question and answer stay below the largest message in JSON too.
     sliding, turned : float
         m and rad of a joint: no arm inserts 2 m, and 20 rad are over three turns; more are millimetres or degrees.
+    learned : float
+        m between a command and what registration alone commands: no arm here misses by a third of it.
     """
 
     quaternion: float = QUATERNION_TOLERANCE
@@ -58,6 +60,7 @@ class Limits:
     rows: int = 5000
     sliding: float = 2.0
     turned: float = 20.0
+    learned: float = 0.1
 
 
 LIMITS = Limits()
@@ -250,7 +253,12 @@ def checked_joints(rows: Sequence[Row], types: str) -> FloatArray:
     return q
 
 
-def check_command(position: Sequence[float], quaternion: Sequence[float] | None, limit: float) -> None:
+def check_command(
+    position: Sequence[float],
+    quaternion: Sequence[float] | None,
+    limit: float,
+    reference: Callable[[], Sequence[float]] | None = None,
+) -> None:
     """Refuse to pass on a command that no robot should be given.
 
     Parameters
@@ -261,11 +269,14 @@ def check_command(position: Sequence[float], quaternion: Sequence[float] | None,
         wxyz.
     limit : float
         As for :func:`checked_pose`.
+    reference : callable, optional
+        Gives the position that registration alone commands, m.
 
     Raises
     ------
     ServiceError
-        INTERNAL: the command is not finite, not a rotation, or outside any workspace.
+        INTERNAL: the command is not finite, not a rotation, or outside any workspace. BAD_INPUT: it is outside because
+        the pose that was asked for is.
     """
     trouble = ""
     if not all(map(math.isfinite, [*position, *(quaternion or ())])):
@@ -273,6 +284,11 @@ def check_command(position: Sequence[float], quaternion: Sequence[float] | None,
     elif quaternion is not None and abs(math.hypot(*quaternion) - 1) > LIMITS.command_quaternion:
         trouble = "has a quaternion that is no rotation"
     elif math.hypot(*position) > limit:
+        if reference is not None and math.dist(position, reference()) <= LIMITS.learned:
+            raise bad_input(
+                f"the pose lies {math.hypot(*position):.4g} m from the base, beyond {limit:.3g} m.",
+                "Check frame and unit (metres).",
+            )
         trouble = f"lies further than {limit:.3g} m away"
     if trouble:
         raise ServiceError(

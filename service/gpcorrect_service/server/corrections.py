@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -102,8 +103,8 @@ class Corrections:
         message = pack(PathAnswer, self._bounded(model, poses, model.corrector.correct_path(poses, times)))
         positions: Any = message.position
         quaternions: Any = message.quaternion or [None] * len(poses)
-        for position, quaternion in zip(positions, quaternions, strict=True):
-            check_command(position, quaternion, model.limit)
+        for pose, position, quaternion in zip(poses, positions, quaternions, strict=True):
+            check_command(position, quaternion, model.limit, partial(model.reference_position, pose))
         return self._rows(parsed, "correct_path", model, message)
 
     def _correct_joints(self, parsed: Parsed) -> Response:
@@ -134,7 +135,9 @@ class Corrections:
         asked = checked_pose(pose, model.limit)
         answer = model.corrector.correct(asked, checked_twist(twist))
         message = pack(PoseAnswer, self._bounded(model, asked, answer))
-        check_command(message.position, message.quaternion, model.limit)  # type: ignore[arg-type]  # a pose's are set
+        position: Any = message.position
+        quaternion: Any = message.quaternion
+        check_command(position, quaternion, model.limit, partial(model.reference_position, asked))
         return message
 
     def _bounded(self, model: Model, asked: FloatArray, answer: Correction) -> Correction:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -21,6 +21,9 @@ __all__ += ["Snapshot", "State", "load_joint_model", "load_model"]
 
 State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 FAULTS_IN_A_ROW = 10  # chosen by hand: after so many failures without one answer a model is not asked any more
+
+
+CHECK_TOLERANCE = 1e-7  # m and rad: as when a model file is read
 
 
 class PoseStream(Protocol):
@@ -115,6 +118,29 @@ class JointCorrector(Protocol):
         """Return the model's description, ready for JSON."""
 
 
+class Check:
+    """A model's answers to its own check queries, as they were when it was loaded.
+
+    Parameters
+    ----------
+    corrector
+        With a method `check_answers`, as every fitted model has; without one nothing is known.
+    """
+
+    def __init__(self, corrector: object) -> None:
+        self._ask: Callable[[], FloatArray] | None = getattr(corrector, "check_answers", None)
+        self._expected = None if self._ask is None else self._ask()
+
+    def passes(self) -> bool:
+        """Whether the model still gives them, so that what went wrong lies in what it was asked."""
+        if self._ask is None or self._expected is None:
+            return False
+        try:
+            return bool(np.allclose(self._ask(), self._expected, rtol=0, atol=CHECK_TOLERANCE))
+        except Exception:  # noqa: BLE001  # whatever it is, the model fails on its own queries
+            return False
+
+
 @dataclass(frozen=True)
 class Model:
     """A model of poses with the name and the hash that every reply carries.
@@ -129,9 +155,11 @@ class Model:
     id: str = "unnamed"
     hash: str = ""
     limit: float = field(init=False)
+    check: Check = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "limit", position_limit(self.corrector.info()))
+        object.__setattr__(self, "check", Check(self.corrector))
 
     def reference(self, poses: FloatArray) -> FloatArray:
         """Return what the registration alone commands; the poses themselves without one.
@@ -146,6 +174,16 @@ class Model:
         mapped = rigid.apply(PoseSignal(poses[:, :3], poses[:, 3:] if poses.shape[1] == 7 else None))
         return mapped.position if mapped.quaternion is None else np.hstack([mapped.position, mapped.quaternion])
 
+    def reference_position(self, pose: FloatArray) -> Sequence[float]:
+        """Return where registration alone commands one pose to be, m.
+
+        Parameters
+        ----------
+        pose : (7,) or (3,) array
+        """
+        position: list[float] = self.reference(pose[None])[0, :3].tolist()
+        return position
+
 
 @dataclass(frozen=True)
 class JointModel:
@@ -154,6 +192,10 @@ class JointModel:
     corrector: JointCorrector
     id: str = "unnamed"
     hash: str = ""
+    check: Check = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "check", Check(self.corrector))
 
 
 def load_model(path: str | Path, name: str = "", expected: str = "") -> Model:

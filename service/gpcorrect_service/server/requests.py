@@ -148,7 +148,10 @@ class RequestParser:
         return response
 
     def _failed(self, kind: Kind) -> None:
-        if kind in CORRECTIONS:
+        """Count a failure against the model, unless it is well: then it was what this one client asked."""
+        now = self.active.now
+        model = now.joints if kind == "correct_joints" else now.pose
+        if kind in CORRECTIONS and not (model is not None and model.check.passes()):
             self.active.failed()
 
 
