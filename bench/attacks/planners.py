@@ -7,9 +7,11 @@ from contextlib import suppress
 import numpy as np
 from service_bench import PATIENT
 
-from attacks.lab import Lab, Scenario, Seen
+from attacks.lab import Lab, Scenario, Seen, waited
 from gpcorrect.calibration import load
-from gpcorrect_service import CorrectionClient, ServiceError
+from gpcorrect_service import ClientSettings, CorrectionClient, ServiceError
+from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose
+from gpcorrect_service.protocol.sessions import open_client
 
 FAR = 4.9999  # m: just within what is believed
 DIRECTIONS = 60
@@ -40,4 +42,37 @@ def far_poses(lab: Lab) -> Seen:
     return Seen(DIRECTIONS, refused + blamed, f"{blamed} blamed on the model, {refused} others refused, state {state}")
 
 
-SCENARIOS = (Scenario("poses at 4.9999 m", "faults of the model, others refused", far_poses),)
+def foreign_frames(lab: Lab) -> Seen:
+    """Ask in CDR for poses that say they are in another frame than the model's."""
+    good = load(lab.model).check_queries[0, :7]
+    answered = 0
+    frames = ("base", "world", "camera")
+    with lab.server(lab.model) as (end, _), open_client(ClientSettings((end,))) as session:
+        querier = session.declare_querier("arm1/correct", timeout=2.0)
+        for frame in frames:
+            payload = write_pose(StampedPose(tuple(good.tolist()), 1, 0, frame))
+            replies = waited(lambda payload=payload: list(querier.get(payload=payload, encoding=CDR_ENCODING)))
+            answered += any(reply.ok is not None for reply in replies)
+    return Seen(len(frames), answered)
+
+
+def unknown_region(lab: Lab) -> Seen:
+    """Ask a strict server for poses half a metre away from all that was learned."""
+    poses = load(lab.model).check_queries[:, :7] + np.array([0.5, 0.5, 0.5, 0, 0, 0, 0])
+    answered = 0
+    with (
+        lab.server(lab.model, "--strict") as (end, _),
+        CorrectionClient(end, timeout=2.0, connect_timeout=PATIENT) as client,
+    ):
+        for pose in poses:
+            with suppress(ServiceError):
+                client.correct(pose)
+                answered += 1
+    return Seen(len(poses), answered)
+
+
+SCENARIOS = (
+    Scenario("poses at 4.9999 m", "faults of the model, others refused", far_poses),
+    Scenario("ROS poses in another frame", "answers", foreign_frames),
+    Scenario("strict server, unknown region", "answers", unknown_region),
+)

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 
 __all__ = ["monitor", "prefilter", "serve"]
 
+FrameName = Annotated[
+    str, typer.Option(help="Frame that poses come in, as they name it; the model's own name without it.")
+]
+
 
 def serve(
     model: Annotated[
@@ -42,6 +46,8 @@ def serve(
     stream_rate: Annotated[
         float, typer.Option(help="Largest change of a streamed joint correction, rad/s and m/s.")
     ] = math.inf,
+    strict: Annotated[bool, typer.Option("--strict", help="Refuse what is outside the training region.")] = False,
+    frame: FrameName = "",
     allow_remote: Remote = False,
     config: Config = None,
 ) -> None:
@@ -63,6 +69,8 @@ def serve(
         bound=CorrectionBound(max_mm / 1e3, math.radians(max_deg)),
         max_rate=max_rate,
         stream_rate=stream_rate,
+        strict=strict,
+        frame=frame,
     )
 
     def ready(_: Server) -> None:
@@ -84,6 +92,7 @@ def prefilter(
     time_scale: Annotated[
         float, typer.Option(help="How many times faster than a real arm a simulated one lives.", min=0.01)
     ] = 1.0,
+    frame: FrameName = "",
     ros_domain: RosDomain = None,
 ) -> None:
     """Correct a stream of desired poses before the robot sees them, until Ctrl-C or SIGTERM.
@@ -101,7 +110,12 @@ def prefilter(
     from gpcorrect_service.server.models import load_model
 
     settings = PrefilterSettings(
-        linear / 1e3, math.radians(angular), command_age=max_age, time_scale=time_scale, outside=not strict
+        linear / 1e3,
+        math.radians(angular),
+        command_age=max_age,
+        time_scale=time_scale,
+        outside=not strict,
+        desired_frame=frame,
     )
     answering = Prefilter(load_model(model), settings)
     with Bus(BusSettings(endpoint, arm, namespace, "client", ros_domain), node=f"gpcorrect_prefilter_{arm}") as bus:

@@ -64,6 +64,16 @@ class Wall:
         return self.now
 
 
+def test_a_pose_in_another_frame_is_refused():
+    """A pose that says it is in another frame than the model was trained in is not taken for one in it."""
+    corrector = ShiftCorrector()
+    corrector.info = lambda: {"frames": {"input": "tracker", "output": "base"}}  # type: ignore[method-assign]
+    with pytest.raises(ServiceError, match="'base'"):
+        prefilter(corrector).servo(Pose(1.1, pose(1.1).pose, "base"))
+    prefilter(corrector).servo(pose(1.1))
+    prefilter(corrector, desired_frame="polaris").servo(Pose(1.1, pose(1.1).pose, "polaris"))
+
+
 def test_an_old_or_unknown_state_is_not_believed():
     """Without a fresh operating state nothing is passed on; how old it is, the pre-filter's own clock says."""
     wall = Wall()
@@ -191,7 +201,7 @@ def test_out_of_domain_is_flagged_or_refused():
     """A pose that the model does not know is passed on with its status, or not at all where that was asked for."""
     _, report = prefilter().servo(pose(1.1, 0.6))
     assert (report.in_domain, report.status) == (False, "EXTRAPOLATING")
-    with pytest.raises(ServiceError, match="domain"):
+    with pytest.raises(ServiceError, match="training region"):
         prefilter(outside=False).servo(pose(1.1, 0.6))
 
 

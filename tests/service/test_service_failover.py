@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from multiprocessing.synchronize import Event
@@ -260,3 +262,34 @@ def test_a_closed_client_says_so() -> None:
         client.close()
         with pytest.raises(ServiceError, match="closed"):
             client.correct(POSE)
+
+
+def test_a_forked_child_is_told_so_at_once() -> None:
+    """In a process forked after a client was opened, old and new clients raise at once; the parent goes on."""
+    with server_process() as server, server.client() as client:
+        assert client.correct(POSE).status == "OK"
+        script = [sys.executable, "-c", FORKING, server.endpoint]
+        done = subprocess.run(script, capture_output=True, text=True, timeout=PATIENT, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["OK", "NO_SERVICE spawn", "NO_SERVICE spawn", "child 3", "OK"]
+
+
+FORKING = """
+import os, sys
+from gpcorrect_service import CorrectionClient, ServiceError
+pose = [0.1, 0.02, -0.11, 1.0, 0.0, 0.0, 0.0]
+old = CorrectionClient(sys.argv[1], timeout=20.0, connect_timeout=20.0)
+print(old.correct(pose).status, flush=True)
+if not (child := os.fork()):
+    new = CorrectionClient(sys.argv[1], timeout=20.0, connect_timeout=20.0)
+    for client in (old, new):
+        try:
+            client.correct(pose)
+        except ServiceError as error:
+            print(error.status, "spawn" if "spawn" in error.hint else "", flush=True)
+        client.close()
+    sys.exit(3)
+print("child", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+print(old.correct(pose).status, flush=True)
+old.close()
+"""

@@ -38,12 +38,12 @@ ENCODINGS = ["application/json", "application/msgpack", "zenoh/bytes", "text/pla
 class Answering:
     """The keys of one model, answered without a network."""
 
-    def __init__(self, corrector: Corrector | None, log: io.StringIO | None = None) -> None:
+    def __init__(self, corrector: Corrector | None, log: io.StringIO | None = None, *, strict: bool = False) -> None:
         model = None if corrector is None else Model(corrector, id="m", hash="h")
         clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
         logger = open_logger(log or io.StringIO())
         parser = RequestParser(Active(model), arm="arm1", replica="r1", logger=logger, clock=clock)
-        handlers = Corrections(parser).handlers()
+        handlers = Corrections(parser, strict=strict).handlers()
         self.correct, self.correct_path, self.model = (handlers[k] for k in ("correct", "correct_path", "model"))
 
 
@@ -222,6 +222,28 @@ def test_a_pose_that_registration_takes_out_of_reach_is_bad_input() -> None:
         assert serve.correct(request("correct", CorrectRequest(pose))).status == "BAD_INPUT"
         assert serve.correct_path(request("correct_path", CorrectPathRequest((pose,), (0.0,)))).status == "BAD_INPUT"
     assert serve.correct(request("correct", CorrectRequest(tuple(POSE)))).status == "OK"
+
+
+def test_a_panic_in_the_model_is_answered() -> None:
+    """What is no ordinary exception, as a panic of compiled code, is INTERNAL too, and the caller hears of it."""
+
+    class Panics(ShiftCorrector):
+        def correct(self, pose: Any, twist: Any = None) -> Any:
+            raise SystemExit(1)
+
+    answer = Answering(Panics()).correct(request("correct", CorrectRequest(tuple(POSE))))
+    assert refusal(answer).status == "INTERNAL"
+
+
+def test_a_strict_server_refuses_what_it_does_not_know() -> None:
+    """Poses and paths outside the training region are BAD_INPUT, naming the row; those inside are answered."""
+    serve = Answering(ShiftCorrector(), strict=True)
+    inside, outside = (tuple(POSE)), (0.6, *POSE[1:])
+    assert serve.correct(request("correct", CorrectRequest(inside))).status == "OK"
+    assert refusal(serve.correct(request("correct", CorrectRequest(outside)))).status == "BAD_INPUT"
+    path = CorrectPathRequest((inside, outside, inside), (0.0, 0.1, 0.2))
+    result = refusal(serve.correct_path(request("correct_path", path)))
+    assert (result.status, "row 1" in result.cause) == ("BAD_INPUT", True)
 
 
 def test_unsafe_command_is_internal_and_logged() -> None:

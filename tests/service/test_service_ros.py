@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,22 +32,22 @@ NOW = 100.0
 ASKED = StampedPose(tuple(POSE), 12, 34, "tracker")
 
 
-def ask(payload: bytes, bound: CorrectionBound | None = None, **meta: Any) -> Response:
+def ask(payload: bytes, bound: CorrectionBound | None = None, *, frame: str = "", **meta: Any) -> Response:
     active = Active(Model(ShiftCorrector(), id="m", hash="h"))
     clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
     parser = RequestParser(active, arm="arm1", replica="r1", logger=open_logger(io.StringIO()), clock=clock)
     attachment = JSON.encode(RequestMeta(**meta)) if meta else b""
-    correct = Corrections(parser, bound).handlers()["correct"]
+    correct = Corrections(parser, bound, frame=frame).handlers()["correct"]
     return correct(Request(payload, CDR_ENCODING, attachment, NOW - 0.2))
 
 
 def test_a_pose_stamped_comes_back_corrected() -> None:
-    """A ROS pose is corrected under its own header; the spread and the model travel beside it."""
+    """A ROS pose comes back with its stamp, in the frame of commands; the spread and the model travel beside it."""
     answer = ask(write_pose(ASKED), request_id="q1")
     result = read_pose(answer.payload)
     beside = json.loads(answer.attachment)
     np.testing.assert_allclose(result.pose, [*(POSE[:3] + SHIFT), *POSE[3:]], atol=1e-15)
-    assert (result.sec, result.nanosec, result.frame_id) == (12, 34, "tracker")
+    assert (result.sec, result.nanosec, result.frame_id) == (12, 34, "base")
     assert (answer.encoding, answer.status) == (CDR_ENCODING, "OK")
     assert tuple(beside[name] for name in ("request_id", "model_id", "in_domain", "std")) == (
         "q1",
@@ -54,6 +55,12 @@ def test_a_pose_stamped_comes_back_corrected() -> None:
         True,
         [1e-3] * 3 + [None] * 3,
     )
+
+
+def test_a_frame_may_have_another_name() -> None:
+    """Where the operator names the tracker's frame as ROS does, poses under that name are answered."""
+    assert ask(write_pose(replace(ASKED, frame_id="/polaris")), frame="polaris").status == "OK"
+    assert ask(write_pose(replace(ASKED, frame_id=""))).status == "OK"
 
 
 def test_the_messages_of_ros_are_read() -> None:
@@ -82,8 +89,10 @@ def test_the_messages_of_ros_are_read() -> None:
         (b"", {}, "BAD_INPUT"),
         (write_pose(ASKED)[:40], {}, "BAD_INPUT"),
         (write_pose(ASKED), {"deadline": 0.1}, "STALE"),
+        (write_pose(replace(ASKED, frame_id="base")), {}, "BAD_INPUT"),
+        (write_pose(ASKED), {"frame": "polaris"}, "BAD_INPUT"),
     ],
-    ids=["stamp 0", "nan", "quaternion 0", "empty", "cut", "stale"],
+    ids=["stamp 0", "nan", "quaternion 0", "empty", "cut", "stale", "frame", "other name"],
 )
 def test_refusals_are_in_json(payload: bytes, meta: dict[str, Any], status: str) -> None:
     """Bad CDR, stamp 0 and expired requests are refused as others are; in JSON, for CDR has no word for it."""

@@ -17,6 +17,7 @@ from gpcorrect_service.client.replies import Reply
 from gpcorrect_service.client.requests import Question
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import HealthAnswer, ModelAnswer
+from gpcorrect_service.protocol.process import require_own_process
 
 __all__ = ["AsyncCorrectionClient"]
 
@@ -97,6 +98,7 @@ class AsyncCorrectionClient(ClientBase):
         return answer
 
     async def _ask_servers(self, question: Question[R]) -> R:
+        require_own_process()
         # Connecting may wait for the network, which the event loop must not.
         querier = self._queriers.get(question.kind)
         if querier is None:

@@ -16,6 +16,7 @@ from gpcorrect_service.client.replies import Reply
 from gpcorrect_service.client.requests import Question
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import HealthAnswer, ModelAnswer
+from gpcorrect_service.protocol.process import require_own_process
 
 __all__ = ["CorrectionClient"]
 
@@ -146,6 +147,7 @@ class CorrectionClient(ClientBase):
         return answer
 
     def _ask_servers(self, question: Question[R]) -> R:
+        require_own_process()
         querier = self._queriers.get(question.kind) or self._querier(question.kind)
         if querier.fresh:
             self._await_server(querier)

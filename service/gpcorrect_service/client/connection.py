@@ -16,6 +16,7 @@ from gpcorrect_service.client.pinned import PinnedModels
 from gpcorrect_service.client.requests import Question, RequestBuilder, no_service
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import Kind
+from gpcorrect_service.protocol.process import immortal_in_children, is_forked
 from gpcorrect_service.protocol.sessions import open_client
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings, OnFailure
 
@@ -198,12 +199,15 @@ class ClientBase:
                 raise ServiceError("NO_SERVICE", "this client was closed.", hint="Open another one.")
             if self._session is None:
                 self._session = self._stack.enter_context(open_client(self._settings))
+                immortal_in_children(self)
             if kind not in self._queriers:
                 key, timeout = f"{self._settings.arm}/{kind}", self._settings.timeout_of(kind)
                 self._queriers[kind] = Querier(self._session, key, self._settings, timeout)
             return self._queriers[kind]
 
     def _close(self) -> None:
+        if is_forked():  # closing would wait for threads that are not here
+            return
         with self._lock:
             self._closed = True
             self._queriers.clear()

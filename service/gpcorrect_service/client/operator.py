@@ -21,6 +21,7 @@ from gpcorrect_service.protocol.messages import (
     StateAnswer,
     StateRequest,
 )
+from gpcorrect_service.protocol.process import require_own_process
 from gpcorrect_service.protocol.sessions import open_client
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings
 
@@ -90,6 +91,7 @@ class Operator:
 
     def _ask(self, kind: Kind, form: type[S], body: msgspec.Struct | None = None) -> list[S]:
         """Return what every server answered; the first refusal is raised when all have answered."""
+        require_own_process()
         question = self._build.plain(kind, form, body, self._patience)
         answers: list[S] = []
         refusals: list[ServiceError] = []

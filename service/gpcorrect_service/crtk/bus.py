@@ -17,6 +17,7 @@ from gpcorrect_service.crtk.ros import RmwNode, attachment, from_cdr, gid_of, rm
 from gpcorrect_service.protocol.codec import JSON, MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
 from gpcorrect_service.protocol.limits import bad_input
+from gpcorrect_service.protocol.process import open_zenoh
 from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_config
 from gpcorrect_service.protocol.settings import check_loopback
 
@@ -246,7 +247,7 @@ def open_session(settings: BusSettings) -> zenoh.Session:
         }
     )
     try:
-        return zenoh.open(config)
+        return open_zenoh(config)
     except zenoh.ZError as error:
         what = "cannot listen here" if hub else "nobody answers here"
         hint = "Another program may hold this address." if hub else "Start the arm first: gpcorrect sim serve"

@@ -25,7 +25,14 @@ from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.protocol.answer import PoseAnswer, pack
 from gpcorrect_service.protocol.clocks import OLDEST, StreamClock
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.limits import bad_input, check_command, checked_pose, checked_twist
+from gpcorrect_service.protocol.limits import (
+    bad_input,
+    check_command,
+    check_frame,
+    check_inside,
+    checked_pose,
+    checked_twist,
+)
 from gpcorrect_service.server.models import Model
 
 __all__ = ["FilterServer", "Prefilter", "PrefilterSettings"]
@@ -57,6 +64,8 @@ class PrefilterSettings:
         Seconds of the robot's clock in one of ours; above 1 for a simulated arm that lives faster.
     frame : str
         Name of the frame that commands are in.
+    desired_frame : str
+        Name of the frame that desired poses come in; empty for the model's own.
     outside : bool
         Whether poses out of the model's domain are passed on at all.
     """
@@ -68,6 +77,7 @@ class PrefilterSettings:
     command_age: float = OLDEST
     time_scale: float = 1.0
     frame: str = "base"
+    desired_frame: str = ""
     outside: bool = True
 
 
@@ -164,8 +174,8 @@ class Prefilter:
             raise bad_input(error.message, error.hint) from error
         if answer.quaternion is None:
             raise ServiceError("NO_MODEL", "this model corrects positions only.", hint="Fit one to full poses.")
-        if not answer.in_domain and not self._settings.outside:
-            raise bad_input("the pose is out of the model's domain.", "Stay near the training.")
+        if not self._settings.outside:
+            check_inside(answer)
         return answer
 
     def _checked(self, message: Pose) -> tuple[FloatArray, FloatArray | None]:
@@ -177,6 +187,7 @@ class Prefilter:
                 f"a pose stamped {message.stamp:.6f} came after one stamped {self._newest:.6f}.",
                 "Send every pose once, in order.",
             )
+        check_frame(message.frame, self._settings.desired_frame or self._model.frames[0])
         if len(message.pose) != POSE:
             raise bad_input(
                 f"a pose is 7 numbers (x y z qw qx qy qz), got {len(message.pose)}.", "Send metres and wxyz."

@@ -17,6 +17,7 @@ import zenoh
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.protocol.live import LIVE_KEYS, differing
+from gpcorrect_service.protocol.process import open_zenoh
 from gpcorrect_service.protocol.sessions import client_config
 from gpcorrect_service.protocol.settings import ENDPOINT, ClientSettings
 
@@ -152,7 +153,7 @@ def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: lis
         config.insert_json5(key, json.dumps(value))
     where = f"{settings.namespace}/{settings.arm}"
     try:
-        session = zenoh.open(config)
+        session = open_zenoh(config)
     except zenoh.ZError:
         yield Finding("login", where, False, *_login_trouble(config, endpoints))
         return

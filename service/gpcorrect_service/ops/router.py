@@ -10,6 +10,7 @@ import zenoh
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.protocol.errors import EndpointError
+from gpcorrect_service.protocol.process import open_zenoh
 from gpcorrect_service.protocol.sessions import first_sentence, read_config
 
 __all__ = ["route"]
@@ -37,7 +38,7 @@ def route(config_file: Path, stop: threading.Event, on_ready: Callable[[], None]
     if config.get_json("mode") != '"router"':
         raise DataError(f"{config_file} is not a router's configuration.", hint='Its mode must be "router".')
     try:
-        session = zenoh.open(config)
+        session = open_zenoh(config)
     except zenoh.ZError as error:
         raise EndpointError(
             str(config_file),

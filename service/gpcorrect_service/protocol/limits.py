@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 
 from gpcorrect import se3
+from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
 from gpcorrect.types import QUATERNION_TOLERANCE, BoolArray, FloatArray
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import Row
 
-__all__ = ["LIMITS", "CorrectionBound", "Limits", "bad_input", "check_command", "check_times"]
+__all__ = ["LIMITS", "CorrectionBound", "Limits", "bad_input", "check_command", "check_frame"]
+__all__ += ["check_inside", "check_times"]
 __all__ += ["checked_joints", "checked_path", "checked_pose", "checked_rows", "checked_twist", "position_limit"]
 
 POSITION, POSE, TWIST = 3, 7, 6
@@ -293,6 +295,46 @@ def check_command(
     if trouble:
         raise ServiceError(
             "INTERNAL", f"the model's command {trouble}.", hint="Do not use this model; fit it again and report it."
+        )
+
+
+def check_inside(answer: Correction) -> None:
+    """Refuse an answer of which any row lies outside the training region.
+
+    Parameters
+    ----------
+    answer : Correction
+
+    Raises
+    ------
+    ServiceError
+        BAD_INPUT: one does.
+    """
+    outside = np.flatnonzero(np.atleast_1d(answer.reasons & Reason.OUTSIDE))
+    if outside.size:
+        where = f"row {outside[0]} of the path" if isinstance(answer.reasons, np.ndarray) else "what was asked"
+        raise bad_input(f"{where} is outside the training region.", "Stay inside, or record and fit data there.")
+
+
+def check_frame(frame: str, expected: str) -> None:
+    """Refuse a pose that says it is in another frame; one without a name is taken as it is.
+
+    Parameters
+    ----------
+    frame : str
+        As the pose says.
+    expected : str
+        As the model does; empty takes any.
+
+    Raises
+    ------
+    ServiceError
+        BAD_INPUT: the two differ.
+    """
+    if frame and expected and frame.strip("/") != expected.strip("/"):
+        raise bad_input(
+            f"the pose is in frame {frame!r}, and this model takes poses in {expected!r}.",
+            "Transform it, or name the frame that its tracker has in ROS: gpcorrect serve --frame",
         )
 
 

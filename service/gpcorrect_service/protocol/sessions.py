@@ -10,6 +10,7 @@ import zenoh
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
+from gpcorrect_service.protocol.process import open_zenoh
 from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES, ClientSettings, ServerSettings, check_loopback
 
 __all__ = [
@@ -57,7 +58,7 @@ def open_server(settings: ServerSettings) -> zenoh.Session:
     """
     config = server_config(settings)
     try:
-        return zenoh.open(config)
+        return open_zenoh(config)
     except zenoh.ZError as error:
         where = ", ".join(_listen_endpoints(config)) or settings.endpoint
         raise EndpointError(
@@ -105,7 +106,7 @@ def open_client(settings: ClientSettings) -> zenoh.Session:
     """
     config = client_config(settings)
     try:
-        return zenoh.open(config)
+        return open_zenoh(config)
     except zenoh.ZError as error:
         raise ServiceError(
             "NO_SERVICE",

@@ -70,6 +70,10 @@ class ServerSettings:
         Seconds after which an estimate of the stream is called STALE.
     stream_rate : float
         Largest change of a streamed joint correction, rad/s and m/s.
+    strict : bool
+        Whether what lies outside the training region is refused instead of answered as EXTRAPOLATING.
+    frame : str
+        Name of the frame that ROS poses come in; empty for the model's own name of it.
     """
 
     endpoint: str = DEFAULT_ENDPOINT
@@ -86,6 +90,8 @@ class ServerSettings:
     stream_key: str = "measured_js"
     stream_max_age: float = 0.05
     stream_rate: float = math.inf
+    strict: bool = False
+    frame: str = ""
 
     def __post_init__(self) -> None:
         _check_names(self.arm, self.namespace)

@@ -18,6 +18,8 @@ from gpcorrect_service.protocol.limits import (
     CorrectionBound,
     bad_input,
     check_command,
+    check_frame,
+    check_inside,
     check_times,
     checked_joints,
     checked_path,
@@ -50,10 +52,18 @@ class Corrections:
         Whose requests are answered.
     bound : CorrectionBound, optional
         What no correction may exceed; the model's own bounds hold as well.
+    strict : bool
+        Whether what lies outside the training region is refused.
+    frame : str
+        Name of the frame that ROS poses come in; empty for the model's own.
     """
 
-    def __init__(self, parser: RequestParser, bound: CorrectionBound | None = None) -> None:
+    def __init__(
+        self, parser: RequestParser, bound: CorrectionBound | None = None, *, strict: bool = False, frame: str = ""
+    ) -> None:
         self._parser = parser
+        self._strict = strict
+        self._frame = frame
         self._active = parser.active
         self._bound = bound if bound is not None and bound.acts else None
 
@@ -86,9 +96,11 @@ class Corrections:
     def _correct_cdr(self, parsed: Parsed) -> Response:
         asked = read_pose(parsed.request.payload)
         model = self._active.pose_model()
+        taken, given = model.frames
+        check_frame(asked.frame_id, self._frame or taken)
         message = self._corrected(model, asked.pose, None)
         quaternion: Any = message.quaternion or asked.pose[3:]
-        payload = write_pose(replace(asked, pose=(*message.position, *quaternion)))  # type: ignore[misc]  # a pose's
+        payload = write_pose(replace(asked, pose=(*message.position, *quaternion), frame_id=given or asked.frame_id))  # type: ignore[misc]  # a pose's
         # What a PoseStamped cannot carry travels beside it.
         beside = {**asdict(self._parser.meta(parsed, model)), **{name: getattr(message, name) for name in BESIDE_CDR}}
         return Response(
@@ -100,7 +112,9 @@ class Corrections:
         asked = parsed.codec.decode(CorrectPathRequest, parsed.request.payload)
         model = self._active.pose_model()
         poses, times = checked_path(asked.poses, asked.times, model.limit)
-        message = pack(PathAnswer, self._bounded(model, poses, model.corrector.correct_path(poses, times)))
+        answer = model.corrector.correct_path(poses, times)
+        self._check(answer)
+        message = pack(PathAnswer, self._bounded(model, poses, answer))
         positions: Any = message.position
         quaternions: Any = message.quaternion or [None] * len(poses)
         for pose, position, quaternion in zip(poses, positions, quaternions, strict=True):
@@ -119,7 +133,9 @@ class Corrections:
                 raise bad_input(f"{n} rows of joints came with {len(given)} {what}.", f"Send one of {what} a row.")
         times, q = check_times(asked.times), checked_joints(asked.q, types)
         efforts = None if asked.efforts is None else checked_rows(asked.efforts, len(types), "efforts")
-        message = pack(JointsAnswer, model.corrector.correct_path(q, times, efforts, asked.sessions))
+        answer = model.corrector.correct_path(q, times, efforts, asked.sessions)
+        self._check(answer)
+        message = pack(JointsAnswer, answer)
         return self._rows(parsed, "correct_joints", model, message)
 
     def _model(self, parsed: Parsed) -> Response:
@@ -134,11 +150,16 @@ class Corrections:
     def _corrected(self, model: Model, pose: Numbers, twist: Numbers | None) -> PoseAnswer:
         asked = checked_pose(pose, model.limit)
         answer = model.corrector.correct(asked, checked_twist(twist))
+        self._check(answer)
         message = pack(PoseAnswer, self._bounded(model, asked, answer))
         position: Any = message.position
         quaternion: Any = message.quaternion
         check_command(position, quaternion, model.limit, partial(model.reference_position, asked))
         return message
+
+    def _check(self, answer: Correction) -> None:
+        if self._strict:
+            check_inside(answer)
 
     def _bounded(self, model: Model, asked: FloatArray, answer: Correction) -> Correction:
         """Cut one answer, or each of n, to the operator's bound."""

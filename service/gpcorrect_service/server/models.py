@@ -161,6 +161,12 @@ class Model:
         object.__setattr__(self, "limit", position_limit(self.corrector.info()))
         object.__setattr__(self, "check", Check(self.corrector))
 
+    @property
+    def frames(self) -> tuple[str, str]:
+        """Names of the frames that poses come in and commands are in; empty where the model does not say."""
+        frames = self.corrector.info().get("frames", {})
+        return frames.get("input", ""), frames.get("output", "")
+
     def reference(self, poses: FloatArray) -> FloatArray:
         """Return what the registration alone commands; the poses themselves without one.
 

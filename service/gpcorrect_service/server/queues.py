@@ -123,7 +123,7 @@ class WorkerQueue(Generic[T]):
     def _handle(self, item: T) -> None:
         try:
             (self._overflow if self._hurry.is_set() else self._work)(item)
-        except Exception as error:
+        except BaseException as error:  # SystemExit and panics of compiled code too: the worker stays
             self._logger.error("work failed", queue=self._name, exc_info=error)
 
 

@@ -134,7 +134,7 @@ class RequestParser:
         except DataError as error:
             bad = ServiceError("BAD_INPUT", error.message, hint=error.hint)
             return _error_response(codec, bad, self.replica, meta.request_id)
-        except Exception as error:
+        except BaseException as error:  # SystemExit and panics of compiled code are failures like others
             self._failed(kind)
             self._logger.error("query failed inside", kind=kind, request_id=meta.request_id, exc_info=error)
             fault = ServiceError(

@@ -180,7 +180,7 @@ class Server:
         parser = RequestParser(self.active, arm=s.arm, replica=s.replica, logger=self._logger, clock=clock)
         health = Health(parser, self._counters, self._queues, clock.monotonic)
         corrections, admin = (
-            Corrections(parser, s.bound),
+            Corrections(parser, s.bound, strict=s.strict, frame=s.frame),
             Admin(parser, self._store, self._logger, lambda: self._announce(session)),
         )
         return {**corrections.handlers(), **health.handlers(), **admin.handlers()}

@@ -17,7 +17,7 @@ from gpcorrect_service.protocol.answer import EstimateAnswer, pack
 from gpcorrect_service.protocol.clocks import StreamClock
 from gpcorrect_service.protocol.codec import codec_of
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.limits import bad_input, checked_joints, checked_rows
+from gpcorrect_service.protocol.limits import bad_input, check_inside, checked_joints, checked_rows
 from gpcorrect_service.protocol.messages import JointState
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.bounds import RateBound
@@ -101,6 +101,8 @@ class Estimator:
         stream = self._stream_for(model, state)
         answer = stream.correct(state.stamp, q, effort)
         self._last = state
+        if self._settings.strict:
+            check_inside(answer)
         assert answer.joints is not None
         if self._bound is not None:
             correction, cut = self._bound.step(state.stamp, answer.joints - q)

@@ -1,0 +1,82 @@
+"""zenoh and forks: its threads stay in the process that opened a session; a forked child waits for them in vain."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from weakref import WeakSet
+
+import zenoh
+
+from gpcorrect_service.protocol.errors import ServiceError
+
+__all__ = ["immortal_in_children", "is_forked", "open_zenoh", "require_own_process"]
+
+
+class _Process:
+    """What this process, or the one that it was forked from, has done."""
+
+    opened = False
+    forked = False
+
+    def __init__(self) -> None:
+        self.holders: WeakSet[object] = WeakSet()
+
+    def after_fork(self) -> None:
+        self.forked = self.opened
+        for holder in self.holders:
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(holder))
+
+
+_PROCESS = _Process()
+os.register_at_fork(after_in_child=_PROCESS.after_fork)
+
+
+def immortal_in_children(holder: object) -> None:
+    """Let a forked child never free what holds a session: freeing it, at the child's end too, waits in vain.
+
+    Parameters
+    ----------
+    holder : object
+    """
+    _PROCESS.holders.add(holder)
+
+
+def is_forked() -> bool:
+    """Whether this process was forked from one that had opened a session."""
+    return _PROCESS.forked
+
+
+def require_own_process() -> None:
+    """Refuse to speak zenoh in a process that cannot.
+
+    Raises
+    ------
+    ServiceError
+        NO_SERVICE: this process was forked from one that had opened a session.
+    """
+    if _PROCESS.forked:
+        raise ServiceError(
+            "NO_SERVICE",
+            "this process was forked from one that had a connection already; zenoh does not work in it.",
+            hint='Start processes with multiprocessing.get_context("spawn"), and open clients in them.',
+        )
+
+
+def open_zenoh(config: zenoh.Config) -> zenoh.Session:
+    """Open a session; the only place that does.
+
+    Parameters
+    ----------
+    config : zenoh.Config
+
+    Raises
+    ------
+    ServiceError
+        As :func:`require_own_process`.
+    zenoh.ZError
+        It cannot be opened.
+    """
+    require_own_process()
+    _PROCESS.opened = True
+    return zenoh.open(config)
