@@ -3,6 +3,7 @@ import json
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from gpcorrect_service.crtk.messages import Heartbeat, OperatingState, Pose, Report, Text
 from gpcorrect_service.monitor.app import application
@@ -105,6 +106,66 @@ def test_two_arms_and_their_replicas_stay_apart():
     assert first["replicas"][0]["outside_share"] == pytest.approx(2 / 11)
     assert (second["refused"], second["last_refusal"]) == (1, "not homed")
     assert board.snapshot(1000.0)["arms"][0]["replicas"] == []
+
+
+UNREADABLE = [
+    ("tracker_cp", Pose(10.0, (0.1, 0.0, 0.0))),
+    ("tracker_cp", Pose(10.0, (float("nan"), 0.0, 0.0, *UPRIGHT))),
+    ("measured_cp", Pose(10.0, (0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))),
+    ("servo_cp", Pose(float("inf"), (0.1, 0.0, 0.0, *UPRIGHT))),
+    ("heartbeat", Heartbeat(10.0, float("nan"), 0)),
+    ("corrected/report", replace(report(), interval95=(0.1,))),
+    ("corrected/report", replace(report(), seconds=float("nan"))),
+    ("corrected/report", replace(report(), reference=(1.0,))),
+    ("error", Text(1.0, "x" * 100_000)),
+]
+
+
+@pytest.mark.parametrize(("name", "message"), UNREADABLE)
+def test_one_message_that_means_nothing_hides_no_arm(name, message):
+    """A malformed message is counted at its arm; every arm is shown as before, in JSON without NaN."""
+    board = Board("ns")
+    for one in ("arm1", "arm2"):
+        board.received(one, "corrected/report", report(), 99.0)
+        board.received(one, "tracker_cp", tracked(), 99.0)
+    before = board.snapshot(99.5)["arms"]
+    board.received("arm1", name, message, 99.2)
+    first, second = json.loads(json.dumps(board.snapshot(99.5), allow_nan=False))["arms"]
+    assert (first["unreadable"], second["unreadable"]) == (1, 0)
+    assert name in first["last_unreadable"]
+    assert {**first, "unreadable": 0, "last_unreadable": ""} == before[0]
+    assert second == before[1]
+
+
+def test_a_server_that_says_nan_is_shown():
+    """A number that does not exist in a server's health is null in the page's JSON."""
+    board = Board("ns")
+    board.replica("arm1", replace(health(), uptime=float("nan")), float("inf"), 99.0)
+    assert arm(board)["replicas"][0]["uptime"] is None
+
+
+def test_strangers_do_not_fill_the_page():
+    """Names of arms beyond a bound are not taken up; those that are known go on."""
+    board = Board("ns")
+    for k in range(500):
+        board.received(f"arm{k}", "error", Text(1.0, "no"), 99.0)
+    board.received("arm0", "error", Text(1.0, "again"), 99.0)
+    arms = board.snapshot(99.0)["arms"]
+    assert len(arms) == BoardSettings().arms
+    assert arms[0]["refused"] == 2
+
+
+def test_what_was_said_long_ago_says_so():
+    """Status, correction, poses and state carry their ages, and are old when nothing has come for a while."""
+    board = Board("ns")
+    board.received("arm1", "operating_state", OperatingState(10.0, "ENABLED", True, False), 99.0)
+    board.received("arm1", "corrected/report", report(), 99.0)
+    fresh, later = arm(board, 99.5), arm(board, 289.0)
+    for shown, seconds, old in ((fresh, 0.5, False), (later, 190.0, True)):
+        for age in (shown["correction"]["age"], shown["state_age"], shown["poses"]["desired"]["age"]):
+            assert age == {"seconds": pytest.approx(seconds), "old": old}
+    assert fresh["outside_share"] == 0.0
+    assert later["outside_share"] is None
 
 
 def test_servers_with_different_models_are_said_to_differ():

@@ -9,7 +9,7 @@ import numpy as np
 from chromium import browser
 from crtk_support import ShiftCorrector, living_arm, model
 
-from gpcorrect_service.crtk import Bus, BusSettings
+from gpcorrect_service.crtk import Bus, BusSettings, Pose
 from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter
 from gpcorrect_service.crtk.robot import Robot
 from gpcorrect_service.ops.logger import open_logger
@@ -72,11 +72,16 @@ def test_the_page_shows_two_living_arms(tmp_path):
         page.wait_for("document.querySelectorAll('.card').length == 2")
         page.wait_for("document.querySelector('#arm-arm1 [data-at=latency]').textContent.includes('ms')")
         page.wait_for("document.querySelector('#arm-arm1 [data-at=error]').textContent.includes('mm')")
+        page.wait_for("document.querySelector('#arm-arm1').innerText.includes('ENABLED')")
         text = page.run("document.querySelector('#arm-arm1').innerText")
         for words in ("ENABLED", "homed", "desired", "commanded", "measured", "tracked", "± 2.00 mm", "shift", "drift"):
             assert words in text, text
         assert "0 %" in page.run("document.querySelector('#arm-arm1 [data-at=outside]').textContent")
         assert "DISABLED" in page.run("document.querySelector('#arm-PSM2').innerText")
+        with Bus(second) as stranger:
+            stranger.publish("tracker_cp", Pose(1.0, (float("nan"), 0.0)))
+            page.wait_for("document.querySelector('#arm-PSM2').innerText.includes('1 unreadable')")
+        assert page.run("document.querySelector('#link').textContent") == "live"
         drawn = (
             "[...document.querySelector('#arm-arm1 canvas').getContext('2d')"
             ".getImageData(0, 0, 200, 150).data].some((v) => v > 0)"

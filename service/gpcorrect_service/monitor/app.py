@@ -69,7 +69,7 @@ def application(board: Board, hosts: list[str], closing: Callable[[], bool] = la
 
 async def _stream(board: Board, request: Request, closing: Callable[[], bool]) -> AsyncIterator[str]:
     while not (closing() or await request.is_disconnected()):
-        yield f"data: {json.dumps(board.snapshot(time.monotonic()))}\n\n"
+        yield f"data: {json.dumps(board.snapshot(time.monotonic()), allow_nan=False)}\n\n"
         await asyncio.sleep(EVERY)
 
 

@@ -13,6 +13,8 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, Report, Text
 from gpcorrect_service.monitor.drift import DriftWatch, outside
+from gpcorrect_service.monitor.readable import finite, require_readable
+from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import HealthAnswer
 
 __all__ = ["Board", "BoardSettings"]
@@ -32,6 +34,10 @@ class BoardSettings:
         s between a tracked pose and the desired one that it is compared with.
     gone, forgotten : float
         s of silence after which a replica is shown as gone, and after which it is not shown.
+    old : float
+        s after which what an arm said last is shown as old.
+    arms : int
+        Arms that are shown; names beyond it are not taken up.
     """
 
     window: float = 60.0
@@ -39,6 +45,8 @@ class BoardSettings:
     together: float = 0.03
     gone: float = 5.0
     forgotten: float = 60.0
+    old: float = 2.0
+    arms: int = 64
 
 
 SETTINGS = BoardSettings()
@@ -67,7 +75,7 @@ class Board:
         self._lock = threading.Lock()
 
     def received(self, arm: str, name: str, message: Any, now: float) -> None:
-        """Take note of a message on a topic.
+        """Take note of a message on a topic; one that cannot be shown is counted, and changes nothing else.
 
         Parameters
         ----------
@@ -77,8 +85,28 @@ class Board:
         now : float
             Clock of this machine, s.
         """
+        try:
+            require_readable(message)
+        except ServiceError as error:
+            self.unreadable(arm, name, error.message)
+            return
         with self._lock:
-            self._view(arm).received(name, message, now)
+            view = self._view(arm)
+            if view is not None:
+                view.received(name, message, now)
+
+    def unreadable(self, arm: str, name: str, cause: str) -> None:
+        """Count a message that could not be read.
+
+        Parameters
+        ----------
+        arm, name, cause : str
+            Of the arm, of the topic, and what is wrong with it.
+        """
+        with self._lock:
+            view = self._view(arm)
+            if view is not None:
+                view.unreadable, view.last_unreadable = view.unreadable + 1, f"{name}: {cause}"
 
     def replica(self, arm: str, answer: HealthAnswer, seconds: float, now: float) -> None:
         """Take note of a server's health.
@@ -91,7 +119,9 @@ class Board:
             That the answer took; clock of this machine, s.
         """
         with self._lock:
-            self._view(arm).replicas[answer.replica] = _Replica(answer, seconds, now)
+            view = self._view(arm)
+            if view is not None:
+                view.replicas[answer.replica] = _Replica(answer, seconds, now)
 
     def snapshot(self, now: float) -> dict[str, Any]:
         """Return everything, ready for JSON; NaN is None.
@@ -103,10 +133,14 @@ class Board:
         """
         with self._lock:
             arms = [view.snapshot(now) for _, view in sorted(self._arms.items())]
-        return {"namespace": self.namespace, "arms": arms}
+        shown: dict[str, Any] = finite({"namespace": self.namespace, "arms": arms})
+        return shown
 
-    def _view(self, arm: str) -> _ArmView:
-        return self._arms.setdefault(arm, _ArmView(arm))
+    def _view(self, arm: str) -> _ArmView | None:
+        """Return an arm's view, a new one for a new name while there is room."""
+        if arm not in self._arms and len(self._arms) < SETTINGS.arms:
+            self._arms[arm] = _ArmView(arm)
+        return self._arms.get(arm)
 
 
 class _ArmView:
@@ -115,7 +149,10 @@ class _ArmView:
     def __init__(self, name: str) -> None:
         self.name = name
         self.replicas: dict[str, _Replica] = {}
+        self.unreadable = 0
+        self.last_unreadable = ""
         self._latest: dict[str, Any] = {}
+        self._at: dict[str, float] = {}
         self._received = -math.inf
         self._reports: deque[tuple[float, bool]] = deque()
         self._latencies: deque[float] = deque(maxlen=SETTINGS.latencies)
@@ -132,7 +169,7 @@ class _ArmView:
         message : Struct
         now : float
         """
-        self._received = now
+        self._received = self._at[name] = now
         match message:
             case Report():
                 self._reported(message, now)
@@ -150,6 +187,9 @@ class _ArmView:
         self._latest["report"] = report
         self._reports.append((now, report.in_domain))
         self._latencies.append(report.seconds)
+        self._forget(now)
+
+    def _forget(self, now: float) -> None:
         while self._reports and self._reports[0][0] < now - SETTINGS.window:
             self._reports.popleft()
 
@@ -167,6 +207,7 @@ class _ArmView:
         ----------
         now : float
         """
+        self._forget(now)
         self.replicas = {k: r for k, r in self.replicas.items() if now - r.now < SETTINGS.forgotten}
         report, state = self._latest.get("report"), self._latest.get("operating_state")
         tracked = self._latest.get("tracker_cp")
@@ -174,12 +215,15 @@ class _ArmView:
             "name": self.name,
             "silent_seconds": now - self._received if math.isfinite(self._received) else None,
             "operating_state": None if state is None else state.state,
+            "state_age": self._age("operating_state", now),
             "is_homed": None if state is None else state.is_homed,
             "is_busy": None if state is None else state.is_busy,
             "stamp": None if state is None else state.stamp,
             "rate_hz": getattr(self._latest.get("heartbeat"), "rate", None),
-            "poses": self._poses(report),
-            "correction": None if report is None else _correction(report),
+            "poses": self._poses(report, now),
+            "correction": None
+            if report is None
+            else {**_correction(report), "age": self._age("corrected/report", now)},
             "error": None if report is None or tracked is None else _error(report, tracked),
             "outside_share": np.mean([not inside for _, inside in self._reports]).item() if self._reports else None,
             "latency_ms": self._latency_ms(),
@@ -189,6 +233,8 @@ class _ArmView:
                 "alarm": self._drift.alarm,
                 "votes": self._drift.votes,
             },
+            "unreadable": self.unreadable,
+            "last_unreadable": self.last_unreadable,
             "refused": self._refused,
             "last_refusal": self._error,
             "models_differ": self._models_differ(now),
@@ -206,16 +252,26 @@ class _ArmView:
         median, high = np.percentile(self._latencies, [50, 99])
         return {"median": 1e3 * float(median), "p99": 1e3 * float(high)}
 
-    def _poses(self, report: Report | None) -> dict[str, Any]:
-        """Return desired, commanded, measured and tracked pose: mm, degrees, and the frame."""
+    def _age(self, name: str, now: float) -> dict[str, Any] | None:
+        """Return how long ago a topic last said something, s, and whether that is old; None where it never did."""
+        if name not in self._at:
+            return None
+        seconds = now - self._at[name]
+        return {"seconds": seconds, "old": seconds > SETTINGS.old}
+
+    def _poses(self, report: Report | None, now: float) -> dict[str, Any]:
+        """Return desired, commanded, measured and tracked pose: mm, degrees, the frame, and the age."""
         desired = report and Pose(report.stamp, report.desired, "tracker")
         named = {
-            "desired": desired or self._latest.get("servo_cp"),
-            "commanded": self._latest.get("setpoint_cp"),
-            "measured": self._latest.get("measured_cp"),
-            "tracked": self._latest.get("tracker_cp"),
+            "desired": (desired or self._latest.get("servo_cp"), "corrected/report" if desired else "servo_cp"),
+            "commanded": (self._latest.get("setpoint_cp"), "setpoint_cp"),
+            "measured": (self._latest.get("measured_cp"), "measured_cp"),
+            "tracked": (self._latest.get("tracker_cp"), "tracker_cp"),
         }
-        return {k: None if pose is None else _shown(pose) for k, pose in named.items()}
+        return {
+            k: None if pose is None else {**_shown(pose), "age": self._age(topic, now)}
+            for k, (pose, topic) in named.items()
+        }
 
 
 def _shown_replica(replica: _Replica, now: float) -> dict[str, Any]:

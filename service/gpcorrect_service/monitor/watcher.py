@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from types import TracebackType
 from typing import Self
 
@@ -72,7 +72,8 @@ class Watcher:
                     callback = zenoh.handlers.Callback(self._receiver(TOPICS[name]), indirect=False)
                     stack.enter_context(session.declare_subscriber(key, callback))
                 while not self._stop.wait(ASK_EVERY):
-                    self._ask(session)
+                    with suppress(zenoh.ZError):  # the link is down: asked again
+                        self._ask(session)
 
     def _receiver(self, what: Topic) -> Callable[[zenoh.Sample], None]:
         depth = what.name.count("/") + 2
@@ -81,8 +82,9 @@ class Watcher:
             arm = str(sample.key_expr).split("/")[-depth]
             try:
                 message = read_message(sample.payload.to_bytes(), str(sample.encoding), what)
-            except ServiceError:
-                return  # whoever the message was meant for says what is wrong with it
+            except ServiceError as error:
+                self._board.unreadable(arm, what.name, error.message)
+                return
             self._board.received(arm, what.name, message, time.monotonic())
 
         return _receive

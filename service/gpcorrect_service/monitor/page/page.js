@@ -1,6 +1,6 @@
 "use strict";
 // Shows snapshots as they come; keeps the last minute of each arm for the plots. Sends nothing.
-const KEEP_SECONDS = 60, PATH_SECONDS = 20;
+const KEEP_SECONDS = 60, PATH_SECONDS = 20, QUIET_MS = 2000;
 const cards = new Map();
 
 const number = (value, digits, unit) => (value === null || value === undefined ? "–" : `${value.toFixed(digits)}${unit || ""}`);
@@ -23,26 +23,35 @@ function card(name) {
 
 function pill(element, text, kind) { element.textContent = text || ""; element.className = `pill ${kind || ""}`; }
 
+// What an element says, grey and with its age where that is old.
+function dated(element, text, age) {
+  const old = Boolean(age && age.old);
+  element.textContent = old ? `${text}, ${age.seconds.toFixed(0)} s ago` : text;
+  element.classList.toggle("old", old);
+}
+
 function show(arm, now) {
   const { root, at, past } = card(arm.name);
   const c = arm.correction, wide = c && widest(c.interval_mm), turn = c && widest(c.interval_deg);
   root.classList.toggle("silent", arm.silent_seconds !== null && arm.silent_seconds > 2);
   at.name.textContent = arm.name;
-  pill(at.state, arm.operating_state, arm.operating_state === "ENABLED" ? "good" : "bad");
-  pill(at.homed, arm.is_homed === null ? "" : arm.is_homed ? "homed" : "not homed", arm.is_homed ? "good" : "bad");
-  pill(at.status, c && c.status, c && c.status === "OK" ? "good" : "bad");
+  const since = c && c.age, stateOld = Boolean(arm.state_age && arm.state_age.old);
+  pill(at.state, stateOld ? `${arm.operating_state} ${arm.state_age.seconds.toFixed(0)} s ago` : arm.operating_state, stateOld ? "" : arm.operating_state === "ENABLED" ? "good" : "bad");
+  pill(at.homed, arm.is_homed === null ? "" : arm.is_homed ? "homed" : "not homed", stateOld ? "" : arm.is_homed ? "good" : "bad");
+  pill(at.status, c && (since.old ? `${c.status} ${since.seconds.toFixed(0)} s ago` : c.status), c && since.old ? "" : c && c.status === "OK" ? "good" : "bad");
   pill(at.models, arm.models_differ ? "MODELS DIFFER" : "", "bad");
   pill(at.alarm, arm.drift.alarm ? "DRIFT" : "", "bad");
-  at.error.textContent = arm.error ? `${number(arm.error.mm, 2)} mm, ${number(arm.error.deg, 1)}°` : "–";
-  at.interval.textContent = c ? `± ${number(wide, 2)} mm, ${number(turn, 1)}°` : "–";
-  at.correction.textContent = c && c.mm !== null ? `${number(c.mm, 2)} mm, ${number(c.deg, 1)}°` : "–";
+  dated(at.error, arm.error ? `${number(arm.error.mm, 2)} mm, ${number(arm.error.deg, 1)}°` : "–", arm.error && since);
+  dated(at.interval, c ? `± ${number(wide, 2)} mm, ${number(turn, 1)}°` : "–", since);
+  dated(at.correction, c && c.mm !== null ? `${number(c.mm, 2)} mm, ${number(c.deg, 1)}°` : "–", since);
   at.outside.textContent = arm.outside_share === null ? "–" : `${(100 * arm.outside_share).toFixed(0)} %`;
-  at.latency.textContent = arm.latency_ms ? `${number(arm.latency_ms.median, 2)} / ${number(arm.latency_ms.p99, 2)} ms` : "–";
+  dated(at.latency, arm.latency_ms ? `${number(arm.latency_ms.median, 2)} / ${number(arm.latency_ms.p99, 2)} ms` : "–", since);
   const served = arm.replicas[0];
   at.model.textContent = c ? `${c.model_id} ${c.model_hash}` : served ? `${served.model_id} ${served.model_hash}` : "–";
   at.model.title = at.model.textContent;
   rows(root.querySelector(".poses tbody"), Object.entries(arm.poses).filter(([, p]) => p).map(([what, p]) =>
-    [what, ...p.mm.map((v) => number(v, 2)), ...p.deg.map((v) => number(v, 1)), p.frame]));
+    [what, ...p.mm.map((v) => number(v, 2)), ...p.deg.map((v) => number(v, 1)), p.age.old ? `${p.frame}, ${p.age.seconds.toFixed(0)} s ago` : p.frame]),
+    Object.values(arm.poses).filter((p) => p).map((p) => p.age.old));
   rows(root.querySelector(".replicas tbody"), arm.replicas.map((r) =>
     [r.replica, r.state, `${r.model_id} ${r.model_hash}`, r.asked, r.outside_share === null ? "–" : `${(100 * r.outside_share).toFixed(0)} %`,
       r.faults, r.queued, `${number(r.round_trip_ms, 1)} ms`]));
@@ -51,17 +60,20 @@ function show(arm, now) {
   at.drift.style.width = `${100 * full}%`;
   at.drift.className = arm.drift.alarm ? "bad" : "";
   at.evidence.textContent = `${arm.drift.alarm ? "alarm: " : ""}evidence ${arm.drift.evidence.toPrecision(2)} of ${arm.drift.threshold.toExponential(0)}, ${arm.drift.votes} s compared`;
-  at.refusal.textContent = arm.refused ? `${arm.refused} refused, last: ${arm.last_refusal}` : "";
-  past.push({ now, error: arm.error && arm.error.mm, wide, desired: arm.poses.desired && arm.poses.desired.mm, tracked: arm.poses.tracked && arm.poses.tracked.mm });
+  const told = [arm.refused ? `${arm.refused} refused, last: ${arm.last_refusal}` : "", arm.unreadable ? `${arm.unreadable} unreadable, last: ${arm.last_unreadable}` : ""];
+  at.refusal.textContent = told.filter(Boolean).join("; ");
+  const fresh = c && !since.old;
+  past.push({ now, error: fresh && arm.error ? arm.error.mm : null, wide: fresh ? wide : null, desired: arm.poses.desired && arm.poses.desired.mm, tracked: arm.poses.tracked && arm.poses.tracked.mm });
   while (past.length && past[0].now < now - KEEP_SECONDS) past.shift();
   drawPath(at.path, past.filter((p) => p.now > now - PATH_SECONDS));
   drawHistory(at.history, past, now);
 }
 
-function rows(body, table) {
+function rows(body, table, old = []) {
   while (body.rows.length > table.length) body.deleteRow(-1);
   table.forEach((cells, i) => {
     const row = body.rows[i] || body.insertRow();
+    row.classList.toggle("old", Boolean(old[i]));
     cells.forEach((text, j) => { (row.cells[j] || row.insertCell()).textContent = text; });
   });
 }
@@ -130,12 +142,19 @@ function drawHistory(canvas, past, now) {
 
 function listen() {
   const link = document.getElementById("link"), stream = new EventSource("/events");
-  stream.onopen = () => pill(link, "live", "good");
+  let latest = performance.now();
   stream.onerror = () => pill(link, "not connected", "bad");
   stream.onmessage = (event) => {
-    const snapshot = JSON.parse(event.data), now = performance.now() / 1000;
-    document.getElementById("namespace").textContent = snapshot.namespace;
-    snapshot.arms.forEach((arm) => show(arm, now));
+    try {
+      const snapshot = JSON.parse(event.data), now = performance.now() / 1000;
+      document.getElementById("namespace").textContent = snapshot.namespace;
+      snapshot.arms.forEach((arm) => show(arm, now));
+      latest = performance.now();
+      pill(link, "live", "good");
+    } catch (error) {
+      pill(link, `cannot be shown: ${error.message}`, "bad");
+    }
   };
+  setInterval(() => { if (performance.now() - latest > QUIET_MS) pill(link, `no news for ${((performance.now() - latest) / 1000).toFixed(0)} s`, "bad"); }, 500);
 }
 listen();
