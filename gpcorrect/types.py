@@ -143,6 +143,8 @@ class CalibrationLog:
         Where the log came from, for messages.
     digest : str
         SHA-256 of the source file, empty for logs that never were a file.
+    recordings : tuple of str
+        SHA-256 of each file that the log was joined of.
     remarks : tuple of str
         What reading had to decide or leave out, a sentence each.
     static : bool
@@ -167,6 +169,7 @@ class CalibrationLog:
     meta: LogMeta = field(default_factory=LogMeta)
     name: str = ""
     digest: str = ""
+    recordings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     static: bool = False
 

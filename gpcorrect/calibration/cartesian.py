@@ -28,6 +28,7 @@ from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_tw
 from gpcorrect.calibration.settings import MEMORY, FitSettings
 from gpcorrect.calibration.stream import PoseStream
 from gpcorrect.calibration.task import Corrector, LearnLaw, Measured, Outcome
+from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import POSES, FittedCleaner, Pair
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import LogError
@@ -81,7 +82,8 @@ class CommandCorrector(Corrector):
         object.__setattr__(self, "check_queries", frozen_array(self.check_queries))
         object.__setattr__(self, "frame", frame(self.rigid, self.features))
         object.__setattr__(self, "region", np.array([self.law.domain.low, self.law.domain.high]))
-        self.correct([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # what is compiled at first use is compiled now
+        middle = (self.trained.low + self.trained.high) / 2
+        self.correct([*middle, 1.0, 0.0, 0.0, 0.0])  # what is compiled at first use is compiled now
 
     @classmethod
     def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
@@ -122,7 +124,8 @@ class CommandCorrector(Corrector):
         Raises
         ------
         DataError
-            The pose or the twist is not finite, has the wrong length, or its quaternion is not a unit quaternion.
+            The pose or the twist is not finite, has the wrong length, its quaternion is not a unit quaternion, or the
+            pose is so far off the training that it cannot be in metres.
         """
         query, velocity = queries.pose_numbers(pose, orientation=self.has_orientation), queries.twist_numbers(twist)
         reasons = int(Reason.AT_REST) if twist is None and self.features.uses_velocity else 0
@@ -159,6 +162,7 @@ class CommandCorrector(Corrector):
         position, quaternion, limited = command(position, rotation, mean, law.bounds.largest)
         in_domain = near and novelty <= law.domain.novelty
         if not in_domain:
+            self.trained.refuse_far(query[:POSITION])
             std, reasons = law.domain.widen(std, in_domain), reasons | int(Reason.OUTSIDE)
         if limited:
             reasons |= int(Reason.LIMITED)
@@ -201,10 +205,12 @@ class CommandCorrector(Corrector):
         Raises
         ------
         DataError
-            As for :meth:`correct`, or the times do not increase.
+            As for :meth:`correct`, or the times do not increase, or cannot be seconds.
         """
         rows = queries.checked_poses(poses, orientation=self.has_orientation)
         seconds = queries.checked_times(times, len(rows))
+        self.trained.refuse_far(rows[:, :POSITION])
+        self.trained.refuse_slow(rows[:, :POSITION], seconds)
         desired = PoseSignal(rows[:, :3], rows[:, 3:] if rows.shape[1] > 3 else None)
         labels = np.zeros(len(rows), dtype=np.int64)
         desired, replaced = self.possible(desired, seconds, labels)
@@ -269,6 +275,10 @@ class CommandCorrector(Corrector):
             interval95=_six(prediction.interval95),
             reasons=prediction.reasons,
         )
+
+    def query_path(self, log: CalibrationLog) -> FloatArray:
+        """See :class:`Corrector`."""
+        return pose_pair(log)[0].position
 
     def samples(self, log: CalibrationLog, keep: BoolArray, *, with_memory: bool = False) -> Samples:
         """Return a log as the law, or that with memory, sees it.
@@ -354,6 +364,9 @@ class CommandCorrector(Corrector):
         corrector = cls(
             law=law,
             cleaner=cleaner,
+            trained=TrainingMotion.of(
+                pose_pair(log)[0].position, log.time, log.trajectory, keep, joints=False, static=log.static
+            ),
             rigid=registration.model,
             features=features,
             motion=MotionLimits.of(cleaner) if settings.clean else None,

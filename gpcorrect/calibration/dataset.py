@@ -59,6 +59,12 @@ class Samples:
         """Rows `(k,)` that may be learned from."""
         return np.flatnonzero(self.usable)
 
+    @property
+    def motions(self) -> int:
+        """How many motions may be learned from: trajectories, each cut where it is longer than a piece."""
+        rows = self.rows
+        return len(np.unique(pieces(self.time[rows], self.trajectory[rows])))
+
     def without(self, rows: BoolArray | IntArray) -> Self:
         """Return the same samples, of which `rows` may not be learned from.
 

@@ -16,7 +16,7 @@ from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.split import HoldOut, held_out
 from gpcorrect.calibration.task import Corrector, Measured
-from gpcorrect.cleaning import CleaningReport, require_segments
+from gpcorrect.cleaning import CleaningReport, Pair, require_segments
 from gpcorrect.errors import LogError
 from gpcorrect.logs.sync import match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
@@ -40,13 +40,14 @@ class Evaluation:
     """A model measured on one log twice: on the samples that pass cleaning, and on all of them as they came.
 
     The clean set has velocities that never cross a rejected sample; the dirty set has those that the path as it came
-    shows.
+    shows. `first_caution` is what a reader must know of the data before all else.
     """
 
     corrector: Corrector
     clean: Measured
     dirty: Measured
     cleaning: CleaningReport
+    first_caution: str = ""
 
     @property
     def clean_errors(self) -> dict[str, Any]:
@@ -67,7 +68,7 @@ class Evaluation:
     def cautions(self) -> tuple[str, ...]:
         """What a reader must know before using the model: parts where learning did not beat the simplest remedy."""
         clean = self.clean
-        sentences = []
+        sentences = [self.first_caution] if self.first_caution else []
         for name, unit, columns, scale in self.corrector.parts(clean.raw.shape[1]):
             before, after = (scale * _rmse(errors[:, columns]) for errors in (clean.registered, clean.corrected))
             if after >= before > 0:
@@ -176,11 +177,25 @@ def run_experiment(
     result = fit_model(log.select(~held) if held.any() else log, settings, task=task, progress=progress)
     if not held.any():
         return Experiment(result, None, None, time.perf_counter() - start)
-    if result.clocks.applied:  # what the training showed of the clocks, and nothing of the held-out part's own
-        pair = task.pair(log, settings)
-        log, _ = match_clocks(log, pair.observed, pair.command, str(result.clocks.applied))
-    measured = evaluate_model(result.corrector, log, held=held)
+    measured = _measured(result, log, held, task.pair(log, settings))
     return Experiment(result, log.select(held), measured, time.perf_counter() - start)
+
+
+def _measured(result: FitResult, log: CalibrationLog, held: BoolArray, pair: Pair) -> Evaluation:
+    """Measure on held-out truth: as it came, unless the user stated by how much its clock is off."""
+    clocks = result.clocks
+    if not clocks.applied:
+        return evaluate_model(result.corrector, log, held=held)
+    moved, _ = match_clocks(log, pair.observed, pair.command, str(clocks.applied))
+    if clocks.offset is None:
+        return evaluate_model(result.corrector, moved, held=held)
+    cleaning = result.corrector.clean(moved.select(held))  # the clock is not what cleaning looks for
+    caution = (
+        f"the training's outside sensor was shifted by {clocks.applied:.4g} s, as its motion suggests; the held-out "
+        "part was not, and its errors hold that time. If the clocks do differ, state it: "
+        f"--time-offset {clocks.applied:.4g}; if the robot is that late: --time-offset none"
+    )
+    return replace(evaluate_model(result.corrector, log, cleaning, held=held), first_caution=caution)
 
 
 def evaluate_model(
@@ -204,7 +219,10 @@ def evaluate_model(
     ------
     LogError
         The log lacks a signal, or no sample can be measured.
+    DataError
+        Its stamps cannot be seconds.
     """
+    seen = corrector.caution_seen(log) if held is None else ""
     held = np.ones(len(log), dtype=bool) if held is None else held
     cleaning = cleaning or corrector.clean(log if held.all() else log.select(held))
     if not cleaning.keep.any():
@@ -220,7 +238,7 @@ def evaluate_model(
     place = np.cumsum(held) - 1
     clean, dirty = (corrector.measure(log, keep) for keep in (passed, held))
     clean, dirty = (replace(measured, rows=place[measured.rows]) for measured in (clean, dirty))
-    return Evaluation(corrector, clean, dirty, cleaning)
+    return Evaluation(corrector, clean, dirty, cleaning, seen)
 
 
 def position_reductions(evaluation: Evaluation | None) -> dict[str, Any]:

@@ -15,7 +15,8 @@ from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
-from gpcorrect.calibration.settings import FitSettings
+from gpcorrect.calibration.metrics import Z95
+from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import Corrector, Outcome
 from gpcorrect.cleaning import CleaningReport, Reason, fit_cleaner
 from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit
@@ -126,7 +127,12 @@ def fit_model(
         keep = cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
         learn_law = partial(_learn_law, settings=settings, progress=progress)
         outcome = task.learn(log, keep, cleaner, settings, learn_law)
-    remarks = [*log.remarks, *outcome.remarks, *([clocks.remark] if clocks.applied else [])]
+    remarks = [
+        *log.remarks,
+        *outcome.remarks,
+        *_too_little(outcome.samples.motions),
+        *([clocks.remark] if clocks.to_note else []),
+    ]
     summary = _summary(log, outcome, clocks, cleaning, settings, remarks, time.perf_counter() - start)
     return FitResult(
         corrector=replace(outcome.corrector, summary=summary),
@@ -147,16 +153,37 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     known = np.isfinite(fitted.left_out.errors).all(axis=1)
     errors, std = fitted.left_out.errors[known], fitted.left_out.std[known]
     correction = target - samples.origin[rows]
+    intervals = IntervalCalibration.fit(errors, np.maximum(std, np.finfo(float).tiny), samples.trajectory[rows][known])
     law = Law(
         learned=fitted.learned,
-        intervals=IntervalCalibration.fit(
-            errors, np.maximum(std, np.finfo(float).tiny), samples.trajectory[rows][known]
-        ),
+        intervals=intervals.widened(_few_motions(samples.motions)),
         domain=Domain.of(X[:, : len(layout.slack)], layout.slack, novelty_limit(fitted.left_out.novelty), correction),
         bounds=Bounds.of(correction, layout.targets),
         zero=np.zeros(target.shape[1]) if fitted.zero is None else fitted.zero,
     )
     return law, fitted.left_out
+
+
+def _too_little(motions: int) -> list[str]:
+    """Return a warning where few motions were learned from."""
+    if motions >= LIMITS.enough_motions:
+        return []
+    what = "one motion" if motions == 1 else f"{motions} motions"
+    return [
+        f"learned from {what} only, which say little of how errors differ from one to the next: intervals were widened "
+        f"{_few_motions(motions):.1f} times; record {LIMITS.enough_motions} or more"
+    ]
+
+
+def _few_motions(count: int) -> float:
+    """Return by how much intervals that `count` motions tell of are too narrow: Student's t for 1.96, and its spread.
+
+    A lone motion, of which the parts tell of each other, is taken for two.
+    """
+    from scipy.stats import t as student
+
+    count = max(count, 2)
+    return float(student.ppf(0.975, count - 1) * np.sqrt(1 + 1 / count)) / Z95
 
 
 def _summary(
@@ -175,7 +202,7 @@ def _summary(
         "arm": log.meta.arm,
         "method": settings.method,
         **outcome.report,
-        "data": {"source": log.name, "sha256": log.digest},
+        "data": {"source": log.name, "sha256": log.digest, "recordings": list(log.recordings)},
         "fit": {
             "n_train": len(outcome.samples.rows),
             "n_trajectories": len(np.unique(outcome.samples.trajectory[outcome.samples.rows])),

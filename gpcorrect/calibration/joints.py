@@ -17,6 +17,7 @@ from gpcorrect.calibration.metrics import joint_errors, joint_units
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.stream import JointStream
 from gpcorrect.calibration.task import Corrector, LearnLaw, Measured, Outcome, Part
+from gpcorrect.calibration.training_motion import UNITS, TrainingMotion
 from gpcorrect.cleaning import FittedCleaner, Pair, joint_pair
 from gpcorrect.correction import Correction
 from gpcorrect.errors import DataError, DegenerateError, LogError
@@ -92,6 +93,7 @@ class JointCorrector(Corrector):
         LogError, DataError
             A signal is missing or cannot be right, or the log has other joints.
         """
+        self.refuse_misread(log)
         q, samples = self.view.of_log(log, np.ones(len(log), dtype=bool), needs_truth=False)
         return self.view.answer(q, self.law.predict(samples))
 
@@ -131,13 +133,20 @@ class JointCorrector(Corrector):
         n, moving = len(joints), self.view.moving
         homed = np.zeros(n, dtype=np.int64) if sessions is None else np.asarray(sessions, dtype=np.int64)
         effort = None if efforts is None else np.array(efforts, dtype=np.float64)[:, moving]
-        path = joint_path(np.array(times, dtype=np.float64), homed, joints[:, moving], effort)
+        seconds = np.array(times, dtype=np.float64)
+        self.trained.refuse_far(joints, UNITS)
+        self.trained.refuse_slow(joints, seconds, homed)
+        path = joint_path(seconds, homed, joints[:, moving], effort)
         samples = self.view.samples(path, homed, homed, None, np.zeros(n, dtype=bool))
         return self.view.answer(joints, self.law.predict(samples))
 
     def stream(self) -> JointStream:
         """Return a stream, which answers sample after sample and remembers where in its slack the arm is."""
         return JointStream(self)
+
+    def query_path(self, log: CalibrationLog) -> FloatArray:
+        """See :class:`Corrector`."""
+        return directed(log, self.view.input_signal, self.view.direction, needs_truth=False)[0]
 
     def samples(self, log: CalibrationLog, keep: BoolArray) -> Samples:
         """See :class:`Corrector`."""
@@ -202,6 +211,7 @@ class JointCorrector(Corrector):
                 f"every homing has zeros of its own; the run is of {len(sessions)} sessions.",
                 hint="Give one recording, made after the last homing.",
             )
+        self.refuse_misread(log)
         measured = self.measure(log, np.ones(len(log), dtype=bool))
         seconds = float(np.ptp(measured.time))
         if seconds < LEAST_RUN_SECONDS:
@@ -271,6 +281,7 @@ class JointCorrector(Corrector):
         corrector = cls(
             law=law,
             cleaner=cleaner,
+            trained=TrainingMotion.of(source, log.time, log.trajectory, keep, joints=True, static=log.static),
             view=view,
             offset=error[rows].mean(axis=0),
             usual_step=usual,

@@ -28,8 +28,8 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["SCHEMA", "TASKS", "load", "load_any", "model_hash", "read_parts", "refused", "save", "seal_of"]
 
-SCHEMA = 3
-"""3: one tree for every task, with region and bounds; 2 knew them for poses only, and its files are fitted anew."""
+SCHEMA = 4
+"""4: with where and how fast the training moved; files of before are fitted anew."""
 TASKS: dict[str, type[Corrector]] = {t.TASK: t for t in (CommandCorrector, JointCorrector, PositionEstimator)}
 CHECK_TOLERANCE = 1e-7
 """m and rad: far below any sensor, far above rounding between processors and precisions."""
@@ -222,7 +222,7 @@ def _check_header(path: str | Path, header: Any) -> None:
         )
     if schema < SCHEMA:
         raise ArtifactError(
-            f"model file {path} has schema {schema}, from before regions and bounds were part of every model.",
+            f"model file {path} has schema {schema}, from before every model knew its training's speed.",
             hint="Fit the model again.",
         )
     if header.get("seal") != seal_of(header):

@@ -93,6 +93,9 @@ class Limits:
         by hand.
     margin : float
         Fraction of an input's range that a query may lie beyond it. Chosen by hand.
+    enough_motions : int
+        Motions (or pieces of `piece_seconds` of a longer one) below which a fit says that they are few: intervals are
+        then widened by more than a quarter.
     folds : int
         Parts of neighbouring trajectories that are left out in turn. Chosen by hand.
     piece_seconds : float
@@ -100,16 +103,29 @@ class Limits:
     pause_steps, pause_seconds : float
         A wait longer than so many usual steps, and than so many seconds, ends a path: the arm may have moved. Chosen by
         hand.
+    far_sizes, far_least : float
+        A query beyond the training's range by more than so many of its sizes, and than so many m or rad, is refused.
+        A unit's factor is 57 or 1000, a workspace away from the origin by a few of its sizes.
+    slow_step, slow_ratio, slow_travel : float
+        A path of samples at least so many s apart, so many times slower than the training, that travels so much of the
+        training's size, is refused: milliseconds taken for seconds are 1000 times slower. Paths at half and at twice
+        the training's speed, and at a tenth, are told from them (tested).
     """
 
     fewest_samples: int = 20
     headroom: float = 1.5
     range_quantiles: tuple[float, float] = (0.5, 99.5)
     margin: float = 0.5
+    enough_motions: int = 9
     folds: int = 4
     piece_seconds: float = 20.0
     pause_steps: float = 20.0
     pause_seconds: float = 1.0
+    far_sizes: float = 10.0
+    far_least: float = 1.0
+    slow_step: float = 0.5
+    slow_ratio: float = 100.0
+    slow_travel: float = 0.01
 
 
 LIMITS = Limits()

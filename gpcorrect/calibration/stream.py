@@ -15,6 +15,7 @@ from gpcorrect.calibration.memory import MemoryMap, advance
 from gpcorrect.calibration.one_pose import inputs
 from gpcorrect.calibration.path_follower import PathFollower
 from gpcorrect.calibration.queries import bad_query, pose_numbers, twist_numbers
+from gpcorrect.calibration.training_motion import UNITS, SlowStream
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, PoseSignal
@@ -46,11 +47,13 @@ class PoseStream:
     def __init__(self, corrector: CommandCorrector, window: float = 0.1) -> None:
         self._corrector = corrector
         self._twist = CausalTwist(window)
+        self._slow = SlowStream(corrector.trained)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past, as after the arm was moved by hand."""
         self._twist.reset()
+        self._slow.reset()
         self._last: _Last | None = None
         memory = self._corrector.memory
         self._state = NO_MEMORY if memory is None else np.zeros(memory.states.radii.shape)
@@ -78,6 +81,7 @@ class PoseStream:
         good, position, rotation, *_ = inputs(query, given, NO_MEMORY, corrector.frame, corrector.region)
         if not good:
             raise bad_query(query, given)
+        self._slow.look(time, query[:3])
         turned = se3.matrix_from_quaternion(query[None, 3:])[0] if len(query) > 3 else None
         estimated = self._twist.update(time, query[:3], turned)
         velocity = np.nan_to_num(estimated) if twist is None else given
@@ -131,11 +135,13 @@ class JointStream:
     def __init__(self, corrector: JointCorrector) -> None:
         self._corrector = corrector
         self._follower = PathFollower(corrector.view.features, corrector.usual_step, corrector.shortest_step)
+        self._slow = SlowStream(corrector.trained)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past, as after a homing or after the arm was moved by hand."""
         self._follower.reset()
+        self._slow.reset()
         learned = self._corrector.law.learned
         self._filters = learned.filters() if isinstance(learned, CableModel) else []
 
@@ -165,6 +171,8 @@ class JointStream:
         joints = _numbers(q, len(view.types), "joints")
         efforts = None if effort is None else _numbers(effort, len(view.types), "efforts")[view.moving]
         rest = None if state is None else _numbers(state, view.features.n_state, "state columns")
+        self._corrector.trained.refuse_far(joints, UNITS)
+        self._slow.look(time, joints)
         self._follower.arrive(time)
         moving = joints[view.moving]
         if not np.isfinite(moving).all():
@@ -238,10 +246,12 @@ class ToolStream:
     def __init__(self, estimator: PositionEstimator) -> None:
         self._estimator = estimator
         self._follower = PathFollower(estimator.view.features, estimator.usual_step, estimator.shortest_step)
+        self._slow = SlowStream(estimator.trained)
 
     def reset(self) -> None:
         """Forget the past, as after the arm was moved by hand."""
         self._follower.reset()
+        self._slow.reset()
 
     def correct(self, state: RobotState) -> Correction:
         """Return the estimated position `(3,)`, base frame, m.
@@ -260,6 +270,8 @@ class ToolStream:
         q = _numbers(state.measured_jp, len(view.features.centre), "joints")
         effort = None if state.measured_jf is None else _numbers(state.measured_jf, len(q), "efforts")
         whole = _whole_state(state, view.features.n_state) if "state" in view.features.kinds else None
+        self._estimator.trained.refuse_far(q, UNITS)
+        self._slow.look(state.time, q)
         self._follower.arrive(state.time)
         x = self._follower.columns(state.time, q, effort, whole)
         if not np.isfinite(x).all():

@@ -17,6 +17,7 @@ from gpcorrect.calibration.dataset import Layout, Samples, pieces, scores_by_pie
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.metrics import Z95, coverage
 from gpcorrect.calibration.settings import FitSettings
+from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, fit_cleaner
 from gpcorrect.gpr import LeftOut
 from gpcorrect.logs.sync import Clocks, match_clocks
@@ -136,6 +137,8 @@ class Corrector(ABC):
         What was learned, with its safeguards.
     cleaner : FittedCleaner
         The training's thresholds for classifying samples of other logs.
+    trained : TrainingMotion
+        Where and how fast the training moved, in the quantity that queries are given in.
     summary : mapping
         Description of the model: frames, units, features, fit report.
     """
@@ -149,6 +152,7 @@ class Corrector(ABC):
 
     law: Law
     cleaner: FittedCleaner
+    trained: TrainingMotion
     summary: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -193,6 +197,21 @@ class Corrector(ABC):
         ------
         LogError, DataError, DegenerateError
             The log does not determine a model.
+        """
+
+    @abstractmethod
+    def query_path(self, log: CalibrationLog) -> FloatArray:
+        """Return what queries along a log `(n, k)` say of where the arm is: desired positions, or joints; m or rad.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples.
+
+        Raises
+        ------
+        LogError
+            A signal is missing.
         """
 
     @abstractmethod
@@ -259,8 +278,26 @@ class Corrector(ABC):
         """The law that answers where the path is known."""
         return self.law
 
+    def refuse_misread(self, log: CalibrationLog) -> None:
+        """Refuse a log whose stamps, beside the training's, cannot be seconds.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            To measure on or learn from.
+
+        Raises
+        ------
+        DataError
+            See :meth:`TrainingMotion.refuse_slow`.
+        """
+        if not log.static:
+            self.trained.refuse_slow(self.query_path(log), log.time, log.trajectory)
+
     def on_one_clock(self, log: CalibrationLog, mode: str) -> tuple[CalibrationLog, Clocks]:
-        """Return the log with the outside sensor on the robot's clock.
+        """Return the log with the outside sensor on the robot's clock, where the seconds between them are stated.
+
+        What the motion suggests is said and not done: a model is measured on truth as it was stamped.
 
         Parameters
         ----------
@@ -269,7 +306,7 @@ class Corrector(ABC):
         mode : str
             As for :func:`gpcorrect.logs.sync.match_clocks`.
         """
-        return match_clocks(log, self.cleaner.pair.observed, self.cleaner.pair.command, mode)
+        return match_clocks(log, self.cleaner.pair.observed, self.cleaner.pair.command, mode, shifts=False)
 
     def clean(self, log: CalibrationLog) -> CleaningReport:
         """Classify the samples of another log by the training's thresholds.
@@ -278,7 +315,13 @@ class Corrector(ABC):
         ----------
         log : CalibrationLog
             Holds both signals, on one clock.
+
+        Raises
+        ------
+        DataError
+            Its stamps cannot be seconds.
         """
+        self.refuse_misread(log)
         return clean_with(self.cleaner, log)
 
     def clean_afresh(self, log: CalibrationLog) -> CleaningReport:
@@ -288,10 +331,35 @@ class Corrector(ABC):
         ----------
         log : CalibrationLog
             Holds both signals, on one clock.
+
+        Raises
+        ------
+        DataError
+            Its stamps cannot be seconds.
         """
+        self.refuse_misread(log)
         return fit_cleaner(
             log, self.cleaner.settings, rng=np.random.default_rng(0), pair=self.cleaner.pair, rigid=self.cleaner.rigid
         )[1]
+
+    def caution_seen(self, log: CalibrationLog) -> str:
+        """Return a warning where the model has learned from a recording of the log already; empty otherwise.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            To measure on or learn from.
+        """
+        learned = [self.summary.get("data", {}), *self.summary.get("updates", [])]
+        known = {digest for entry in learned for digest in entry.get("recordings", [])}
+        again = sum(digest in known for digest in log.recordings)
+        if not again:
+            return ""
+        what = "this recording" if len(log.recordings) == 1 else f"{again} of these {len(log.recordings)} recordings"
+        return (
+            f"the model was made from {what}: errors on it are those of a model that knows the answers, and say "
+            "nothing of new motion"
+        )
 
     def info(self) -> dict[str, Any]:
         """Return the model's description; JSON-able."""

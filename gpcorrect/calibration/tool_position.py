@@ -16,6 +16,7 @@ from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.stream import ToolStream
 from gpcorrect.calibration.task import Corrector, LearnLaw, Measured, Outcome
+from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import TOOL, FittedCleaner, Pair
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError, LogError
@@ -143,8 +144,7 @@ class PositionEstimator(Corrector):
     def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
         """See :class:`Corrector`."""
         _positions(log)
-        if log.measured_jp is None:
-            raise LogError(f"the estimator needs measured_jp; the log has {', '.join(log.signals)}.", path=log.name)
+        _reported_joints(log)
         return TOOL
 
     def correct_log(self, log: CalibrationLog) -> Correction:
@@ -160,12 +160,17 @@ class PositionEstimator(Corrector):
         LogError, DataError
             A signal is missing, or the log's state has other columns than the training's.
         """
+        self.refuse_misread(log)
         reported, samples = self.view.of_log(log, np.ones(len(log), dtype=bool), needs_truth=False)
         return self.view.answer(reported, self.law.predict(samples))
 
     def stream(self) -> ToolStream:
         """Return an estimator of one sample at a time, which remembers where in its slack the arm is."""
         return ToolStream(self)
+
+    def query_path(self, log: CalibrationLog) -> FloatArray:
+        """See :class:`Corrector`."""
+        return _reported_joints(log)
 
     def samples(self, log: CalibrationLog, keep: BoolArray) -> Samples:
         """See :class:`Corrector`."""
@@ -245,7 +250,15 @@ class PositionEstimator(Corrector):
         report = {"method": settings.method, "features": list(features.kinds), "state_numbers": features.n_state}
         remarks = features.remarks(range(1, path.q.shape[1] + 1))
         usual, shortest = usual_steps(path)
-        corrector = cls(law=law, cleaner=cleaner, view=view, rigid=rigid, usual_step=usual, shortest_step=shortest)
+        corrector = cls(
+            law=law,
+            cleaner=cleaner,
+            trained=TrainingMotion.of(path.q, log.time, log.trajectory, keep, joints=True, static=log.static),
+            view=view,
+            rigid=rigid,
+            usual_step=usual,
+            shortest_step=shortest,
+        )
         return Outcome(corrector, samples, left_out, report, remarks)
 
 
@@ -258,11 +271,16 @@ def _default_features(log: CalibrationLog, settings: FitSettings) -> tuple[str, 
     return ("position", *(("effort",) if effort else ()), *memory)
 
 
-def _path_of(log: CalibrationLog, kinds: tuple[str, ...], extra: tuple[str, ...]) -> JointPath:
+def _reported_joints(log: CalibrationLog) -> FloatArray:
     if log.measured_jp is None:
         raise LogError(f"the estimator needs measured_jp; the log has {', '.join(log.signals)}.", path=log.name)
+    return log.measured_jp
+
+
+def _path_of(log: CalibrationLog, kinds: tuple[str, ...], extra: tuple[str, ...]) -> JointPath:
+    joints = _reported_joints(log)
     state = state_columns(log, extra)[1] if "state" in kinds else None
-    path = joint_path(log.time, log.session, log.measured_jp, log.measured_jf, state)
+    path = joint_path(log.time, log.session, joints, log.measured_jf, state)
     if not log.static:
         return path
     return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))

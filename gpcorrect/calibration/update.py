@@ -22,6 +22,7 @@ from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import GPMap
 from gpcorrect.calibration.split import folds_of, held_out
 from gpcorrect.calibration.task import Corrector
+from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import IntervalCalibration, Predictor, Statistics
 from gpcorrect.gpr.statistics import statistics_of, updated
@@ -95,7 +96,7 @@ def update_model(
     LogError
         The log lacks signals, or too few trajectories to hold one out.
     DataError
-        The model's method cannot take more data.
+        The model's method cannot take more data, or the log's stamps cannot be seconds.
     """
     held = held_out(log, holdout)
     train = log.select(~held) if held.any() else log
@@ -111,9 +112,11 @@ def update_model(
             law, weight, unseen = _learn(corrector.memory.law, samples, progress)
             changed = replace(corrector, law=changed.law, memory=replace(corrector.memory, law=law))
     n = len(samples.rows)
-    entry = {"source": log.name, "sha256": log.digest, "n_added": n, "keep": weight}
+    entry = {"source": log.name, "sha256": log.digest, "recordings": list(log.recordings), "n_added": n, "keep": weight}
     summary = {**corrector.summary, "updates": [*corrector.summary.get("updates", []), entry]}
-    changed = replace(changed, summary=summary)
+    path = corrector.query_path(train)
+    moved = TrainingMotion.of(path, train.time, train.trajectory, keep, joints=False, static=True)
+    changed = replace(changed, summary=summary, trained=corrector.trained.widened(moved))
     if not held.any():
         return Update(changed, weight, n, unseen, None, None)
     cleaning = corrector.clean_afresh(log.select(held))

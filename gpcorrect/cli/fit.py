@@ -126,8 +126,9 @@ def evaluate(model: ModelFile, logs: Logs, reading: Reading, json: Json = False)
     if json:
         print_json(result)
         return
-    if clocks.applied:
+    if clocks.to_note:
         note(clocks.remark)
+    _caution(measured.cautions)
     show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
     show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])
     out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} %; {100 * result['in_domain']:.1f} % in domain")
@@ -163,11 +164,15 @@ def _write_report(experiment: Experiment, folder: Path) -> None:
         writer.writerows(rows)
 
 
+def _caution(sentences: tuple[str, ...]) -> None:
+    for sentence in sentences:
+        err.print(f"[yellow]caution:[/] {sentence}")
+
+
 def _show(experiment: Experiment, result: dict[str, Any], output: Path, report: Path | None) -> None:
     for remark in experiment.fit.remarks:
         note(remark)
-    for caution in experiment.evaluation.cautions if experiment.evaluation else ():
-        err.print(f"[yellow]caution:[/] {caution}")
+    _caution(experiment.evaluation.cautions if experiment.evaluation else ())
     if result["errors"]:
         show_errors(f"Held-out error, {result['n_test']} samples that pass cleaning", result["errors"])
         show_errors("All held-out samples as they came", result["errors_dirty"])

@@ -33,6 +33,7 @@ Input = Annotated[
 ]
 Way = Annotated[str, typer.Option("--direction", help="estimate (reported to true) or command (desired to commanded).")]
 Clock = Annotated[str, typer.Option("--time-offset", help="Clock of the outside encoders: auto, none, or seconds.")]
+JOINTS = ("setpoint_jp", "measured_jp", "external_jp")
 Model = Annotated[Path, typer.Argument(help="Model file that `gpcorrect joint fit` wrote.", show_default=False)]
 
 
@@ -77,7 +78,7 @@ def fit(
         end_to_end=end_to_end,
         layers=tuple(map(int, widths)),
     )
-    log = read_logs(logs, columns)
+    log = read_logs(logs, columns, learned=JOINTS)
     with progress_bar(quiet=json) as progress:
         experiment = run_experiment(log, settings, task=JointCorrector, holdout=holdout, by=by, progress=progress)
     save(experiment.corrector, output)
@@ -105,7 +106,7 @@ def evaluate(
     from gpcorrect.calibration import JointCorrector, evaluate_model, load
 
     corrector = load(model, JointCorrector)
-    log, clocks = corrector.on_one_clock(read_logs(logs, columns), time_offset)
+    log, clocks = corrector.on_one_clock(read_logs(logs, columns, learned=JOINTS), time_offset)
     evaluation = evaluate_model(corrector, log)
     result = {
         "n_test": len(evaluation.clean.rows),
@@ -113,8 +114,8 @@ def evaluate(
         **evaluation.to_dict(),
         "zeros": corrector.zeros(log, evaluation.clean),
     }
-    if clocks.applied:
-        note(clocks.remark)
+    for sentence in (*([clocks.remark] if clocks.to_note else []), *evaluation.cautions):
+        note(sentence)
     if json:
         print_json(result)
     else:
@@ -145,7 +146,7 @@ def compare(
     """
     from gpcorrect.calibration import LEARNERS, JointCorrector, run_experiment
 
-    log = read_logs(logs, columns)
+    log = read_logs(logs, columns, learned=JOINTS)
     rows: list[dict[str, Any]] = []
     settings = _settings(features, input_signal, direction, time_offset, seed)
     with progress_bar(quiet=json) as progress:
@@ -176,7 +177,7 @@ def rezero(model: Model, logs: Logs, output: ModelOutput, columns: Columns = Non
     from gpcorrect.calibration import JointCorrector, joint_units, load, save
 
     require_folder(output)
-    corrector, log = load(model, JointCorrector), read_logs(logs, columns)
+    corrector, log = load(model, JointCorrector), read_logs(logs, columns, learned=JOINTS)
     fresh = corrector.rezeroed(log)
     names, scale = joint_units(corrector.types)
     shift = (fresh.zero - corrector.zero) * scale

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from gpcorrect.cli.console import note
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import CalibrationLog
 
@@ -178,6 +179,7 @@ def read_logs(
     arm: str | None = None,
     tracker_log: Path | None = None,
     time_offset: str = "auto",
+    learned: Collection[str] = ("setpoint_cp", "tracker_cp"),
 ) -> CalibrationLog:
     """Read the recordings and join them into one log; put the tracker of another recording beside the only one.
 
@@ -195,6 +197,8 @@ def read_logs(
         The tracker's own recording.
     time_offset : str
         "auto", "none", or the seconds that its clock runs ahead.
+    learned : collection of str
+        Signals that the command learns from or measures.
 
     Returns
     -------
@@ -205,7 +209,7 @@ def read_logs(
     ------
     LogError
         One of them cannot be read, or cannot be in the units and frames it is taken for, unless taken `as_is`; or the
-        tracker's recording does not go with the robot's.
+        tracker's recording does not go with the robot's; or one was given twice.
     """
     from gpcorrect.logs import join_logs, read_log, refuse_misread, with_tracker
 
@@ -216,9 +220,10 @@ def read_logs(
         if len(logs) > 1:
             raise LogError("--tracker-log goes with one recording of the robot.", hint="Give them one at a time.")
         logs = [with_tracker(logs[0], read_log(tracker_log, columns=columns), seconds_ahead(time_offset))]
-    for log in [] if as_is else logs:
+    for log in logs:
         try:
-            refuse_misread(log)
+            for found in refuse_misread(log, learned, as_is=as_is):
+                note(f"{log.name}: {f'{found.signal}: ' if found.signal else ''}{found.message}")
         except LogError as error:  # name the way past the refusal too
             hint = f"{error.hint} More: gpcorrect validate LOG. If you know better: --as-is"
             raise LogError(error.message, hint=hint) from error

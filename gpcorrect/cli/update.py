@@ -55,7 +55,10 @@ def update(
     target = output or model
     require_folder(target)
     corrector = load(model)
-    log, _ = corrector.on_one_clock(reading.log(logs), reading.clock_left)
+    log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
+    for sentence in (*([clocks.remark] if clocks.to_note else []), corrector.caution_seen(log)):
+        if sentence:
+            note(sentence)
     with progress_bar(quiet=json) as progress:
         found = update_model(corrector, log, holdout=holdout, progress=progress)
     written = force or not found.worse
@@ -139,7 +142,10 @@ def drift(
     parts, ages, recorded = [], [], 0.0
     for i, path in enumerate(logs):
         log = reading.log([path])
-        matched, _ = corrector.on_one_clock(log, reading.clock_left)
+        matched, clocks = corrector.on_one_clock(log, reading.clock_left)
+        for sentence in (*([clocks.remark] if clocks.to_note else []), corrector.caution_seen(log)):
+            if sentence:
+                note(f"{path}: {sentence}")
         parts.append(corrector.measure(matched, corrector.clean_afresh(matched).keep).scores)
         recorded += sum(float(np.ptp(log.time[rows])) for _, rows in log.trajectories()) / 3600
         ages.append(recorded if age is None else age[i])

@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from gpcorrect.atomic import require_folder
-from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
+from gpcorrect.cli.console import err, note, out, print_json, progress_bar, split_names
 from gpcorrect.cli.options import Columns, Json, Logs, read_logs
 from gpcorrect.errors import DataError
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are impo
 __all__ = ["vision_app"]
 
 PAPER_LAYERS, PAPER_EPOCHS = (600, 500, 400), 60  # network of Peng et al. 2020, whose batch normalisation is left out
+
+STATE = ("measured_cp", "tracker_cp", "measured_jp")  # what an estimator learns from
 
 vision_app = typer.Typer(
     no_args_is_help=True,
@@ -170,7 +172,7 @@ def fit(
     settings = FitSettings(
         method=method, layers=PAPER_LAYERS, epochs=PAPER_EPOCHS, extra=split_names(extra or ""), seed=seed
     )
-    log = read_logs(logs, columns)
+    log = read_logs(logs, columns, learned=STATE)
     with progress_bar(quiet=json) as progress:
         experiment = run_experiment(log, settings, task=PositionEstimator, holdout=holdout, progress=progress)
     save(experiment.corrector, output)
@@ -197,7 +199,9 @@ def evaluate(
     """
     from gpcorrect.calibration import PositionEstimator, evaluate_model, load, position_reductions
 
-    evaluation = evaluate_model(load(model, PositionEstimator), read_logs(logs, columns))
+    evaluation = evaluate_model(load(model, PositionEstimator), read_logs(logs, columns, learned=STATE))
+    for caution in evaluation.cautions:
+        note(caution)
     figures = {"n_test": len(evaluation.clean.rows), **evaluation.to_dict(), **position_reductions(evaluation)}
     if json:
         print_json(figures)

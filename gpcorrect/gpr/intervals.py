@@ -64,6 +64,16 @@ class IntervalCalibration:
         labels: IntArray = np.unique(groups, return_inverse=True)[1]
         return cls(np.array([_factor(scores, labels) for scores in (np.abs(errors) / std).T]))
 
+    def widened(self, by: float) -> Self:
+        """Return the calibration with all intervals wider by a factor.
+
+        Parameters
+        ----------
+        by : float
+            1 leaves them as they are.
+        """
+        return type(self)(by * self.factor)
+
     def interval95(self, std: FloatArray) -> FloatArray:
         """Half widths `(..., m)` of the intervals, from standard deviations `(..., m)`.
 

@@ -38,8 +38,8 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
     Raises
     ------
     LogError
-        There is no log, static poses are among recordings, or the logs are of different robots, arms or numbers of
-        joints.
+        There is no log, the same recording comes twice, static poses are among recordings, or the logs are of different
+        robots, arms or numbers of joints.
     """
     if not logs:
         raise LogError("expected at least one log, got none.")
@@ -47,6 +47,7 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
         return logs[0]
     if len({log.static for log in logs}) > 1:
         raise LogError("static poses cannot be joined with recordings that have a clock.")
+    _refuse_twice(logs)
     digest = hashlib.sha256("".join(log.digest for log in logs).encode()).hexdigest()
     common = tuple(s for s in logs[0].signals if all(s in log.signals for log in logs))
     signals: dict[str, Any] = {name: _joined(logs, name) for name in common}
@@ -61,9 +62,23 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
         meta=_joined_meta(logs),
         static=logs[0].static,
         name=", ".join(log.name for log in logs),
+        recordings=tuple(recording for log in logs for recording in log.recordings),
         digest=digest if all(log.digest for log in logs) else "",
         remarks=(*_remarks(logs, common), *(f"{log.name}: {r}" for log in logs for r in log.remarks)),
     )
+
+
+def _refuse_twice(logs: Sequence[CalibrationLog]) -> None:
+    first: dict[str, str] = {}
+    for log in logs:
+        for digest in log.recordings:
+            if digest in first:
+                raise LogError(
+                    f"{log.name} is the same recording as {first[digest]}: its second copy would be held out, and "
+                    "measured on as if it were new.",
+                    hint="Give each recording once.",
+                )
+            first[digest] = log.name
 
 
 def _renumbered(numbers: Sequence[IntArray]) -> IntArray:

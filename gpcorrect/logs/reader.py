@@ -121,7 +121,9 @@ def read_log(
         log = found.read(source, settings)
         meta = LogMeta() if columns and sidecar_path(source) == Path(columns) else read_sidecar(source)
         stated = {name: value for name, value in asdict(meta).items() if value}  # the sidecar comes first
-        return replace(log, name=str(source), meta=replace(log.meta, **stated), digest=recording_digest(source))
+        digest = recording_digest(source)
+        meta = replace(log.meta, **stated)
+        return replace(log, name=str(source), meta=meta, digest=digest, recordings=(digest,))
 
 
 def _format(path: Path) -> Format:

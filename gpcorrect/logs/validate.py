@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,8 +16,8 @@ from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 __all__ = ["ValidationReport", "refuse_misread", "validate_log"]
 
 ORDER: tuple[Severity, ...] = ("error", "warning", "info")
-MISREAD = ("time_unit", "position_unit", "handedness", "inverted")
-LEARNED_FROM = ("time", "setpoint_cp", "tracker_cp")
+MISREAD = ("time_unit", "position_unit", "joint_unit", "mirrored", "orientation_inverted", "unrelated")
+POSES = ("setpoint_cp", "tracker_cp")
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,9 @@ class ValidationReport:
         }
 
 
-def validate_log(log: CalibrationLog, checks: Iterable[str] | None = None) -> ValidationReport:
+def validate_log(
+    log: CalibrationLog, checks: Iterable[str] | None = None, *, compared: Collection[str] | None = None
+) -> ValidationReport:
     """Look at a log with every check; nothing is changed and nothing raises on bad data.
 
     Parameters
@@ -73,38 +75,49 @@ def validate_log(log: CalibrationLog, checks: Iterable[str] | None = None) -> Va
     checks : iterable of str, optional
         Names of the checks to ask, as in :data:`gpcorrect.logs.checks.CHECKS`; all by default. Time offsets are
         estimated only for all.
+    compared : collection of str, optional
+        Signals whose motion is compared with the robot's, which takes most of the time; all by default.
     """
     if len(log) == 0:
         empty = Finding("error", "empty", "", "the log has no samples.")
         return ValidationReport(_facts(log), (empty,))
     with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers are what checks are there to find
-        evidence = Evidence(log)
+        evidence = Evidence(log, compared)
         asked = CHECKS if checks is None else checks
         findings = [finding for name in asked for finding in CHECKS[name](evidence)]
         findings.sort(key=lambda f: ORDER.index(f.severity))
         return ValidationReport(_facts(log), tuple(findings), evidence.offsets if checks is None else ())
 
 
-def refuse_misread(log: CalibrationLog) -> None:
-    """Refuse a log whose times or poses cannot be in the units and frames that they are taken for.
+def refuse_misread(
+    log: CalibrationLog, learned: Collection[str] = POSES, *, as_is: bool = False
+) -> tuple[Finding, ...]:
+    """Refuse a log that cannot be what it is taken for; return the other errors of :func:`validate_log`, to be said.
 
-    These are the few of :func:`validate_log`'s errors after which a fit would still run, and report figures that mean
-    nothing: milliseconds, millimetres, a left-handed tracker frame, quaternions in another order.
+    Refused are errors after which a fit would still run, and report figures that mean nothing: milliseconds,
+    millimetres, a left-handed tracker frame, quaternions in another order, the tracker of another motion.
 
     Parameters
     ----------
     log : CalibrationLog
-        To learn from.
+        To learn from or measure on.
+    learned : collection of str
+        Signals that matter, beside time.
+    as_is : bool
+        Refuse nothing; return all errors.
 
     Raises
     ------
     LogError
-        With the first such finding.
+        With the first such error.
     """
-    for found in validate_log(log, MISREAD).errors:
-        if found.signal in LEARNED_FROM:
+    checks = [name for name in CHECKS if name != "clock_offset"]  # which finds no errors, and takes long
+    errors = validate_log(log, checks, compared=learned).errors
+    for found in () if as_is else errors:
+        if found.code in MISREAD and found.signal in ("time", *learned):
             message = found.message if found.signal == "time" else f"{found.signal}: {found.message}"
             raise LogError(message, hint=found.hint, path=log.name)
+    return errors
 
 
 def _facts(log: CalibrationLog) -> dict[str, Any]:

@@ -111,10 +111,10 @@ def test_a_model_file_answers_as_before(fitted: Experiment, log: CalibrationLog,
 
 
 def test_far_outside_the_estimate_is_bounded_and_said_to_be_unknown(fitted: Experiment, log: CalibrationLog) -> None:
-    """Ten training ranges away the estimate stays within the largest error of the training."""
+    """Five training ranges away the estimate stays within the largest error of the training."""
     model: PositionEstimator = fitted.corrector
     sample = _sample(log, 3)
-    far = replace(sample, measured_jp=np.asarray(sample.measured_jp) + 20 * model.view.features.half)
+    far = replace(sample, measured_jp=np.asarray(sample.measured_jp) + 10 * model.view.features.half)
     answer = model.stream().correct(far)
     assert not answer.in_domain
     limit = model.law.bounds.largest[0] + np.linalg.norm(model.law.zero)

@@ -47,6 +47,22 @@ def test_a_new_trajectory_may_start_its_clock_anew():
     assert not codes(validate_log(log), "error", "warning")
 
 
+def test_milliseconds_are_seen_beside_faults_of_the_tracker():
+    """A log in milliseconds at 50 Hz is refused although two samples in a hundred jump by decimetres."""
+    log = with_time(lambda t: 1e3 * t)
+    position = log.tracker_cp.position.copy()
+    position[::50] += 0.2
+    (found,) = findings(replace(log, tracker_cp=PoseSignal(position, log.tracker_cp.quaternion)), "time_unit")
+    assert "milliseconds" in found.message
+
+
+def test_milliseconds_are_seen_in_a_log_of_joints():
+    """Joints alone show milliseconds too, and none where time is in seconds."""
+    joints = {"setpoint_cp": None, "measured_cp": None, "tracker_cp": None}
+    assert findings(replace(with_time(lambda t: 1e3 * t), **joints), "time_unit")
+    assert not findings(replace(clean_log(), **joints), "time_unit")
+
+
 def test_gaps_are_counted_with_the_longest():
     """A pause of two seconds inside a trajectory is one gap; pauses between trajectories are none."""
     (gap,) = findings(with_time(lambda t: t + 2.0 * (np.arange(len(t)) >= 600)), "gap")

@@ -6,17 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support import real_data
 from validate_support import clean_log, codes, findings
 
 from gpcorrect import se3
 from gpcorrect.arms import arm_named
+from gpcorrect.logs import read_log
 from gpcorrect.logs.validate import validate_log
+from gpcorrect.sim import debridement_log
 from gpcorrect.types import LogMeta, PoseSignal
 
 
 def pose(signal, change_position=lambda p: p, change_quaternion=lambda q: q):
     """Return a pose signal with copies of its parts put through functions."""
     return PoseSignal(change_position(signal.position.copy()), change_quaternion(signal.quaternion.copy()))
+
+
+def findings_of(log, check):
+    """Return the errors of one check."""
+    return validate_log(log, (check,)).errors
 
 
 def scaled_joint(name, joint, factor):
@@ -137,6 +145,36 @@ def test_quaternions_in_another_order_turn_the_other_way(name, wrong):
     """Components in cyclic order, or inverse poses, in the tracker or in the command, are an error."""
     log = replace(clean_log(), **{name: pose(getattr(clean_log(), name), change_quaternion=wrong)})
     assert findings(log, "orientation_inverted")
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_faults_of_the_tracker_invert_nothing(seed):
+    """Simulated reaches with the usual faults turn the right way, whole and in fives; read as xyzw they do not."""
+    log = debridement_log(seed, reaches=20)
+    for first in (0, 5, 10, 15):
+        part = log.select((log.trajectory >= first) & (log.trajectory < first + 5))
+        assert not findings_of(part, "inverted")
+    assert not findings_of(log, "inverted")
+    misread = pose(log.tracker_cp, change_quaternion=lambda q: np.roll(q, -1, axis=1))
+    assert findings_of(replace(log, tracker_cp=misread), "inverted")
+
+
+@pytest.mark.parametrize("wrong", [lambda q: np.roll(q, -1, axis=1), lambda q: q * [1, -1, -1, -1]])
+def test_a_real_arm_turns_as_it_is_told(wrong):
+    """Recorded wrists with errors of ten degrees turn the right way in every part; misread they do not."""
+    log = read_log(real_data("dvrk_random.csv"))
+    for first in range(0, 5000, 500):
+        assert not findings_of(log.select(np.arange(first, first + 500)), "inverted")
+    assert findings_of(replace(log, tracker_cp=pose(log.tracker_cp, change_quaternion=wrong)), "inverted")
+
+
+def test_a_mirrored_tracker_is_seen_beside_its_faults():
+    """One sample in ten a metre away neither hides a mirrored axis nor makes one."""
+    position = clean_log().tracker_cp.position.copy()
+    position[::10] += np.random.default_rng(0).uniform(-1, 1, position[::10].shape)
+    for axis, expected in (([1, 1, 1], False), ([1, 1, -1], True)):
+        tracker = PoseSignal(position * axis, clean_log().tracker_cp.quaternion)
+        assert bool(findings_of(replace(clean_log(), tracker_cp=tracker), "handedness")) is expected
 
 
 def test_no_change_of_frame_inverts_an_orientation():

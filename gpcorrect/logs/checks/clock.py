@@ -17,8 +17,11 @@ LONGEST_STEP = 600.0  # s; no one records a motion at a sample in ten minutes
 EPOCH_UNITS = ((1e17, "nanoseconds", 1e-9), (1e14, "microseconds", 1e-6), (1e11, "milliseconds", 1e-3))
 STEP_UNITS = ((2e5, "nanoseconds", 1e-9), (LONGEST_STEP, "microseconds", 1e-6))
 SLOWEST_MILLISECOND = 0.5  # steps of 0.5 to 100, read as seconds, are 2000 to 10 Hz in milliseconds
-FASTEST_CREEP = 5e-4  # m/s; a robot that was recorded moving is faster at times
-MIN_TRAVEL = 5e-3  # m; below it speeds are not looked at
+FASTEST_CREEP = 5e-4  # m/s; a robot that was recorded moving is faster at times: the slowest real log is by 14
+FASTEST_TURN = 5e-3  # rad/s of the fastest joint, of logs without poses: the slowest real log is faster by 40
+BUSY = 90.0  # per cent of speeds below the one that is looked at: up to a tenth may be faults of the tracker
+MIN_TRAVEL = 5e-3  # m or rad; below it speeds are not looked at
+JOINTS = ("setpoint_jp", "measured_jp", "external_jp")
 SHORT = 10  # samples of a trajectory; a five-point derivative then rests on one-sided ends
 SAME_CLOCK = ("measured_cp", "measured_jp")  # stamped by the robot, as its commands are
 MAX_OFFSET = 1.0  # median steps; a larger offset moves a sample to its neighbour's place
@@ -67,11 +70,16 @@ def _time_unit(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _creeps(evidence: Evidence) -> bool:
-    """Whether every pose that covers a distance does so at no speed worth the name, as time stands."""
-    positions = [evidence.position(name) for name in evidence.log.POSES if evidence.has(name)]
-    speeds = [evidence.speed(p) for p in positions if extent(p) > MIN_TRAVEL]
+    """Whether every pose, or joint where there are no poses, that moves does so at no speed worth the name."""
+    moves = [evidence.position(name) for name in evidence.log.POSES if evidence.has(name)]
+    limit = FASTEST_CREEP if moves else FASTEST_TURN
+    if not moves:
+        moves = [
+            evidence.table(n)[:, [j]] for n in JOINTS if evidence.has(n) for j in range(evidence.table(n).shape[1])
+        ]
+    speeds = [evidence.speed(values) for values in moves if extent(values) > MIN_TRAVEL]
     known = [s[np.isfinite(s)] for s in speeds]
-    return bool(known) and all(len(s) and np.percentile(s, 99) < FASTEST_CREEP for s in known)
+    return bool(known) and all(len(s) and np.percentile(s, BUSY) < limit for s in known)
 
 
 @check

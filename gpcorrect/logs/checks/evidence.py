@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import spearmanr
 
-from gpcorrect import se3
 from gpcorrect.arms import RemoteCentreArm, arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.logs.sync import REFERENCES, TimeOffset, log_offset
@@ -24,8 +23,11 @@ Severity = Literal["error", "warning", "info"]
 EXAMPLES = 5  # rows named in a finding
 MIN_CORRELATION = 0.8  # of ranks: two signals of one joint agree at least so well, whatever their units
 MIN_PAIRED = 20  # samples, below which two signals are not compared; chosen by hand
-MIN_EXPLAINED = 0.9  # of the spread; below it the handedness is not clear
-MIN_THICKNESS = 0.05  # of the widest direction: flat motions have no handedness
+CLEARER = 0.7  # of what the best rotation leaves: 56 simulated and real logs that are right leave 0.95 and more
+MAX_LEFT = 0.5  # of the spread, that a reflection may leave: of what is unrelated it leaves all
+ROBUST_STEPS = 30  # of reweighting
+EXACT = 1e-12  # of the largest number, below which all weigh alike
+FLAT = 0.3  # of the median distance, below which all weigh alike
 
 
 @dataclass(frozen=True)
@@ -74,10 +76,13 @@ class Evidence:
     ----------
     log : CalibrationLog
         Any; nothing about it is taken for granted.
+    compared : collection of str, optional
+        Signals whose motion is compared with the robot's; all by default.
     """
 
-    def __init__(self, log: CalibrationLog) -> None:
+    def __init__(self, log: CalibrationLog, compared: Collection[str] | None = None) -> None:
         self.log = log
+        self.compared = compared
 
     @cached_property
     def arm(self) -> RemoteCentreArm | None:
@@ -95,7 +100,7 @@ class Evidence:
         found: list[TimeOffset] = []
         for observed, references in () if self.log.static else REFERENCES.items():
             reference = next((r for r in references if self.has(observed) and self.has(r)), None)
-            if reference is not None:
+            if reference is not None and (self.compared is None or observed in self.compared):
                 found.append(log_offset(self.log, observed, reference))
         return tuple(found)
 
@@ -288,7 +293,7 @@ def runs(mask: BoolArray) -> IntArray:
 
 
 def rigid_misfit(points: FloatArray, target: FloatArray) -> float:
-    """Median distance, m, left by the best rigid motion of points onto targets; NaN for too few.
+    """Median distance, m, left by the best rigid motion of points onto targets, faults aside; NaN for too few.
 
     Parameters
     ----------
@@ -298,27 +303,56 @@ def rigid_misfit(points: FloatArray, target: FloatArray) -> float:
     known = np.isfinite(points).all(axis=1) & np.isfinite(target).all(axis=1)
     if known.sum() < MIN_PAIRED:
         return float("nan")
-    a = points[known] - np.median(points[known], axis=0)
-    b = target[known] - np.median(target[known], axis=0)
-    return spread(b - a @ se3.nearest_rotation(b.T @ a).T)
+    return _misfit(points[known], target[known], 1.0, axial=False)
 
 
-def mirrored(reference: FloatArray, observed: FloatArray) -> bool:
-    """Whether the best affine map of points onto others reverses space; no where it is unclear.
+def mirrored(reference: FloatArray, observed: FloatArray, *, axial: bool = False) -> bool:
+    """Whether a reflection takes points onto others clearly better than any rotation does; no where it is unclear.
+
+    Both are fitted with weights that faults of the tracker hardly have (least absolute distances).
 
     Parameters
     ----------
-    reference, observed : (n, 3) arrays
+    reference, observed : (n, k) arrays
         NaN where missing.
+    axial : bool
+        Whether a point and its negative are the same, as of unit quaternions; they are not centred then.
     """
     known = np.isfinite(reference).all(axis=1) & np.isfinite(observed).all(axis=1)
     if known.sum() < MIN_PAIRED:
         return False
-    x, y = reference[known], observed[known]
-    x, y = x - np.median(x, axis=0), y - np.median(y, axis=0)
-    extents = np.linalg.svd(x, compute_uv=False)
-    if extents[2] < MIN_THICKNESS * extents[0]:
-        return False
-    matrix = np.linalg.lstsq(x, y, rcond=None)[0]
-    left, total = np.median(np.sum((y - x @ matrix) ** 2, axis=1)), np.median(np.sum(y**2, axis=1))
-    return bool(left < (1 - MIN_EXPLAINED) * total and np.linalg.det(matrix) < 0)
+    x, y = (_axial(v[known]) if axial else _centred(v[known]) for v in (reference, observed))
+    rotated, reflected = (_misfit(x, y, sign, axial=axial) for sign in (1.0, -1.0))
+    return reflected < CLEARER * rotated and reflected < MAX_LEFT * spread(y)
+
+
+def _centred(points: FloatArray) -> FloatArray:
+    """Return points `(n, k)` about their median, in units of their spread."""
+    centred: FloatArray = (points - np.median(points, axis=0)) / max(spread(points), np.finfo(float).tiny)
+    return centred
+
+
+def _axial(points: FloatArray) -> FloatArray:
+    """Return points `(n, k)` of norm 1, all on one side of the origin."""
+    unit = points / np.linalg.norm(points, axis=1, keepdims=True)
+    side: FloatArray = unit @ np.linalg.svd(unit, full_matrices=False)[2][0]
+    return unit * np.where(side < 0, -1.0, 1.0)[:, None]
+
+
+def _misfit(x: FloatArray, y: FloatArray, sign: float, *, axial: bool) -> float:
+    """Median distance that the best orthogonal map of this determinant leaves between points `(n, k)`; or NaN."""
+    weight = np.ones(len(x))
+    for _ in range(ROBUST_STEPS):
+        total = weight.sum()
+        a, b = (np.zeros(x.shape[1]) if axial else weight @ points / total for points in (x, y))
+        products = (weight[:, None] * (y - b)).T @ (x - a)
+        if not np.isfinite(products).all():  # numbers near the largest there are
+            return float("nan")
+        u, _, vt = np.linalg.svd(products)
+        u[:, -1] *= sign * np.sign(np.linalg.det(u) * np.linalg.det(vt))
+        fitted = (x - a) @ (u @ vt).T + b
+        if axial:
+            y = y * np.where(np.einsum("ij,ij->i", fitted, y) < 0, -1.0, 1.0)[:, None]
+        distance = np.linalg.norm(y - fitted, axis=1)
+        weight = 1.0 / np.maximum(distance, max(FLAT * float(np.median(distance)), EXACT * float(np.abs(y).max())))
+    return float(np.median(distance))

@@ -56,9 +56,8 @@ def _quaternion_sign(evidence: Evidence) -> Iterator[Finding]:
 def _inverted(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether two records of one rotation turn the same way.
 
-    Seen from one sample, the rotation vectors of all others differ between two frames by a rotation. Those of
-    inverse rotations differ by a reflection as well; so do those of quaternions whose components were read in
-    cyclic order (xyzw for wxyz), for that is a reflection of the four numbers.
+    Another frame and another mounting rotate the four numbers of all quaternions alike. The inverse is a reflection of
+    them, and so are components read in cyclic order (xyzw for wxyz).
     """
     signals = {n: q for n, q in evidence.quaternions() if evidence.has(n)}
     reference = next((n for n in ("setpoint_cp", "measured_cp") if n in signals), None)
@@ -76,10 +75,9 @@ def _turns_otherwise(reference: FloatArray, observed: FloatArray) -> bool:
     if rows.size < 2:
         return False
     rows = rows[np.linspace(0, rows.size - 1, min(rows.size, COMPARED)).astype(int)]
-    R, S = se3.matrix_from_quaternion(reference[rows]), se3.matrix_from_quaternion(observed[rows])
-    middle = int(np.argmin(se3.angle(se3.rotation_mean(R).T @ R)))
-    turn, seen = (se3.rotvec_from_matrix(X[middle].T @ X) for X in (R, S))
-    return bool(np.median(np.linalg.norm(turn, axis=1)) > MIN_TURN) and mirrored(turn, seen)
+    R = se3.matrix_from_quaternion(reference[rows])
+    turned = bool(np.median(se3.angle(se3.rotation_mean(R).T @ R)) > MIN_TURN)
+    return turned and mirrored(reference[rows], observed[rows], axial=True)
 
 
 def _usable(quaternion: FloatArray) -> BoolArray:

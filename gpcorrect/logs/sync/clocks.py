@@ -21,9 +21,6 @@ __all__ = ["PLAUSIBLE_LAG", "Clocks", "align", "match_clocks", "seconds_of"]
 PLAUSIBLE_LAG = (0.0, 0.15)
 """s: a servo follows its command within this time and never runs ahead of it; recorded: 13 to 47 ms on a dVRK."""
 
-MIN_COMPARED = 2.5
-"""s of motion. Simulated reaches whose clocks lay beyond the search gave wrong shifts from 0.6 to 1.2 s of motion."""
-
 MAX_MISFIT = 0.5
 """Of what the nearest plausible lag leaves. Simulated: planted clocks of 0.3 to 1.2 s leave 0.03 to 0.4, play in the
 drive that looked like 0.38 s left 0.95, and one reach taken for another 0.5 to 1.3."""
@@ -44,11 +41,14 @@ class Clocks:
         Seconds by which the signal was shifted; 0 when it was left alone.
     remark : str
         The same in a sentence.
+    to_note : bool
+        Whether a person must know: the signal was shifted, or seems to be on another clock and was left alone.
     """
 
     offset: TimeOffset | None
     applied: float
     remark: str
+    to_note: bool = False
 
 
 def match_clocks(
@@ -58,13 +58,14 @@ def match_clocks(
     mode: str,
     *,
     plausible_lag: tuple[float, float] = PLAUSIBLE_LAG,
+    shifts: bool = True,
 ) -> tuple[CalibrationLog, Clocks]:
     """Return the log with one signal on the clock of another, as `mode` says.
 
     "auto" shifts only what cannot be the robot's own lag, which is part of how it misses and is learned, and only
-    where the recording leaves no doubt: an interval narrower than the effect, some seconds of motion compared, and at
-    most half of the misfit left that the nearest plausible lag leaves. Hysteresis looks like a late clock, but a shift
-    does not explain it; with few reaches a wrong shift fits one reach to another.
+    where the recording leaves no doubt: an interval narrower than the effect, and at most half of the misfit left that
+    the nearest plausible lag leaves. Hysteresis looks like a late clock, but a shift does not explain it; with few
+    reaches a wrong shift fits one reach to another.
 
     Parameters
     ----------
@@ -76,6 +77,8 @@ def match_clocks(
         "none" leaves the stamps alone; a number shifts the signal by so many seconds.
     plausible_lag : (float, float)
         Seconds by which the robot itself may make the signal run behind.
+    shifts : bool
+        Whether "auto" shifts; it only says what it found otherwise.
 
     Returns
     -------
@@ -99,9 +102,8 @@ def match_clocks(
         return log, Clocks(None, 0.0, f"the stamps of {name} were taken as they are")
     if mode != "auto":
         seconds = seconds_of(mode)
-        return align(log, seconds, signals=(moving,)), Clocks(
-            None, seconds, f"{name} was shifted by the {seconds:g} s that were given"
-        )
+        remark = f"{name} was shifted by the {seconds:g} s that were given"
+        return align(log, seconds, signals=(moving,)), Clocks(None, seconds, remark, to_note=seconds != 0.0)
     found = log_offset(log, moving, reference)
     if not found.observable:
         return log, Clocks(found, 0.0, f"the time offset of {name} is not observable: {found.reason}")
@@ -112,18 +114,19 @@ def match_clocks(
     step = float(np.median(np.diff(log.time)[inside])) if inside.any() else 0.0  # less is not worth an interpolation
     if plausible_lag[0] - step <= found.ci95[1] and found.ci95[0] <= plausible_lag[1] + step:
         return log, Clocks(found, 0.0, f"{size}, as a servo may: left to the velocity features")
-    doubt = _doubt(log, found, float(np.clip(found.offset, *plausible_lag)), step)
+    doubt = _doubt(log, found, float(np.clip(found.offset, *plausible_lag)))
     if doubt:
-        return log, Clocks(found, 0.0, f"{size}, but {doubt}: left alone; if it is the clock, give the seconds")
+        remark = f"{size}, but {doubt}: left alone; if it is the clock, give the seconds"
+        return log, Clocks(found, 0.0, remark, to_note=True)
+    if not shifts:
+        remark = f"{size}, more than a servo does: left as it was stamped; if the clocks differ, give the seconds"
+        return log, Clocks(found, 0.0, remark, to_note=True)
     remark = f"{size}, more than a servo does: {name} was shifted"
-    return align(log, found, signals=(moving,)), Clocks(found, found.offset, remark)
+    return align(log, found, signals=(moving,)), Clocks(found, found.offset, remark, to_note=True)
 
 
-def _doubt(log: CalibrationLog, found: TimeOffset, lag: float, step: float) -> str:
+def _doubt(log: CalibrationLog, found: TimeOffset, lag: float) -> str:
     """Why not to believe that the clocks differ rather than that the robot lags so much; empty when to believe it."""
-    compared = found.samples * step
-    if compared < MIN_COMPARED:
-        return f"only {compared:.1f} s of motion could be compared"
     if found.ci95[1] - found.ci95[0] >= abs(found.offset - lag):
         return "that is no more precise than it is large"
     timing = np.array([found.offset] if found.drift is None else [found.offset, 1e-6 * found.drift.ppm])

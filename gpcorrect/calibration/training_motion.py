@@ -1,0 +1,195 @@
+"""Where and how fast the training moved: queries and recordings that cannot be in its units are refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from gpcorrect.calibration.settings import LIMITS
+from gpcorrect.errors import DataError
+from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
+
+__all__ = ["UNITS", "SlowStream", "TrainingMotion"]
+
+UNITS = "radians and metres"
+"""Of joints."""
+
+STRIDE = 5
+"""Samples between which a speed is taken: noise of a tracker then adds little to it."""
+FASTER = 90.0
+"""Per cent of the speeds below the one that motions are compared by: rests and faults of the tracker say nothing."""
+LONGEST_LOOK = 64
+"""Samples of a stream that are looked at together: at 1 kHz they cover some millimetres."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingMotion:
+    """What the training's motion was like, in the quantity that queries are given in.
+
+    Parameters
+    ----------
+    low, high : (k,) arrays
+        Range of the k coordinates, m or rad.
+    size : (k,) array
+        What lengths are measured by in each coordinate, m or rad: the widest range of a position, each joint's own.
+    speed : float
+        Sizes per second that the training reached when it moved; NaN for static poses.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    size: FloatArray
+    speed: float
+
+    def __post_init__(self) -> None:
+        for name in ("low", "high", "size"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+
+    @classmethod
+    def of(
+        cls, path: FloatArray, time: FloatArray, trajectory: IntArray, keep: BoolArray, *, joints: bool, static: bool
+    ) -> Self:
+        """Return what a training's motion was like.
+
+        Parameters
+        ----------
+        path : (n, k) array
+            Positions or joints, m or rad.
+        time, trajectory : (n,) arrays
+            As in the log.
+        keep : (n,) mask
+            Samples that were not rejected.
+        joints : bool
+            Whether each coordinate is measured by its own range.
+        static : bool
+            Whether the log has no clock.
+        """
+        keep = keep & np.isfinite(path).all(axis=1)
+        low, high = np.percentile(path[keep], LIMITS.range_quantiles, axis=0)
+        size = np.maximum(high - low if joints else np.full(path.shape[1], (high - low).max()), np.finfo(float).tiny)
+        speed = np.nan if static else _speed(path[keep] / size, time[keep], trajectory[keep])
+        return cls(low, high, size, speed)
+
+    def widened(self, other: Self) -> Self:
+        """Return the range that holds both, with the sizes and speed of this one.
+
+        Parameters
+        ----------
+        other : TrainingMotion
+            Of the same coordinates.
+        """
+        return type(self)(np.minimum(self.low, other.low), np.maximum(self.high, other.high), self.size, self.speed)
+
+    def refuse_far(self, query: FloatArray, unit: str = "metres") -> None:
+        """Refuse what lies where no arm of this training can be: millimetres, or degrees.
+
+        Parameters
+        ----------
+        query : (n, k) or (k,) array
+            Positions or joints, m or rad; NaN where missing.
+        unit : str
+            What they are taken for.
+
+        Raises
+        ------
+        DataError
+            A coordinate lies beyond the training's by more than `LIMITS.far_sizes` times its size and
+            `LIMITS.far_least`.
+        """
+        beyond = np.maximum(self.low - query, query - self.high)
+        far = beyond > np.maximum(LIMITS.far_sizes * self.size, LIMITS.far_least)
+        if far.any():
+            row, column = np.argwhere(np.atleast_2d(far))[0]
+            raise DataError(
+                f"coordinate {column + 1} is {np.atleast_2d(query)[row, column]:.6g}, and the training lies between "
+                f"{self.low[column]:.3g} and {self.high[column]:.3g}: no arm is so far off what it was trained on.",
+                hint=f"Give {unit}, in the frame that the model was trained in.",
+            )
+
+    def refuse_slow(self, path: FloatArray, time: FloatArray, labels: IntArray | None = None) -> None:
+        """Refuse a path whose times cannot be seconds: milliseconds, taken for seconds, make it 1000 times slower.
+
+        A slow path with the usual rate of samples is none; nor is one that hardly moves.
+
+        Parameters
+        ----------
+        path : (n, k) array
+            Positions or joints, m or rad; NaN where missing.
+        time : (n,) array
+            s.
+        labels : (n,) int array, optional
+            Unbroken run of each sample; one run without it.
+
+        Raises
+        ------
+        DataError
+            The path is both sampled and travelled too slowly.
+        """
+        labels = np.zeros(len(time), dtype=np.int64) if labels is None else labels
+        known = np.isfinite(path).all(axis=1) & np.isfinite(time)
+        path, time, labels = path[known] / self.size, time[known], labels[known]
+        steps = np.diff(time)[np.diff(labels) == 0] if len(time) else np.empty(0)
+        if len(steps) < STRIDE or not np.median(steps) >= LIMITS.slow_step:
+            return
+        if np.linalg.norm(np.ptp(path, axis=0)) < LIMITS.slow_travel:
+            return
+        speed = _speed(path, time, labels)
+        if speed * LIMITS.slow_ratio < self.speed:
+            raise DataError(
+                f"the path takes {np.median(steps):.3g} s from sample to sample and is {self.speed / speed:.0f} times "
+                "slower than the training: these are no seconds.",
+                hint="Times are seconds; divide milliseconds by 1000.",
+            )
+
+
+class SlowStream:
+    """Refuses a stream whose stamps cannot be seconds, from its last few samples.
+
+    Parameters
+    ----------
+    training : TrainingMotion
+        What it is compared with.
+    """
+
+    def __init__(self, training: TrainingMotion) -> None:
+        self._training = training
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._past: list[tuple[float, FloatArray]] = []
+
+    def look(self, time: float, point: FloatArray) -> None:
+        """Look at one more sample.
+
+        Parameters
+        ----------
+        time : float
+            s.
+        point : (k,) array
+            Position or joints, m or rad.
+
+        Raises
+        ------
+        DataError
+            The last samples came and moved too slowly, see :meth:`TrainingMotion.refuse_slow`.
+        """
+        if self._past and not time - self._past[-1][0] >= LIMITS.slow_step:
+            self._past.clear()
+        self._past.append((time, point))
+        if len(self._past) > STRIDE:
+            del self._past[:-LONGEST_LOOK]
+            times, points = zip(*self._past, strict=True)
+            self._training.refuse_slow(np.array(points), np.array(times))
+
+
+def _speed(path: FloatArray, time: FloatArray, labels: IntArray) -> float:
+    """Speed of the faster parts of a path `(n, k)`, per second; NaN where no run has two samples."""
+    stride = min(STRIDE, max(int(np.bincount(np.unique(labels, return_inverse=True)[1]).max(initial=1)) - 1, 1))
+    same = labels[stride:] == labels[:-stride]
+    seconds = (time[stride:] - time[:-stride])[same]
+    lengths = np.linalg.norm(path[stride:] - path[:-stride], axis=1)[same]
+    forward = seconds > 0
+    return float(np.percentile(lengths[forward] / seconds[forward], FASTER)) if forward.any() else np.nan

@@ -1,0 +1,73 @@
+"""Few motions: intervals are as wide as little knowledge is, and the clock of held-out truth is never moved unasked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from joint_logs import joint_log
+from support import short_search
+
+from gpcorrect.calibration import FitSettings, JointCorrector, fit_model, run_experiment
+from gpcorrect.logs import align
+from gpcorrect.sim import debridement_log
+from gpcorrect.types import CalibrationLog
+
+LATE = 0.4
+
+
+@pytest.fixture(scope="module")
+def reaches() -> CalibrationLog:
+    """Return 14 simulated reaches without faults."""
+    return debridement_log(3, reaches=14, faults=False)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_few_motions_promise_no_more_than_they_know(reaches: CalibrationLog, count: int) -> None:
+    """Errors on other motions lie inside the intervals of a model of one or three, which says that these are few."""
+    with short_search(60):
+        result = fit_model(reaches.select(reaches.trajectory < count), FitSettings(inducing=30, marker="none"))
+    assert any("motion" in remark and "widened" in remark for remark in result.remarks)
+    others = reaches.select(reaches.trajectory >= 6)
+    measured = result.corrector.measure(others, np.ones(len(others), dtype=bool))
+    inside = np.abs(measured.corrected) <= measured.interval95
+    near = inside[measured.in_domain]
+    assert inside.mean() > 0.9
+    assert near.size == 0 or near.mean() > 0.9
+
+
+def test_enough_motions_need_no_warning() -> None:
+    """Ten motions are called few by nobody."""
+    result = fit_model(joint_log(1), FitSettings(method="linear"), task=JointCorrector)
+    assert not any("widened" in remark for remark in result.remarks)
+
+
+def test_held_out_truth_stays_as_it_was_stamped() -> None:
+    """What the training's motion says of the clock is not done to the held-out part; what the user states is."""
+    log = align(joint_log(4), -LATE, signals=("external_jp",))
+    settings = FitSettings(method="offset")
+    found, stated = (
+        run_experiment(log, replace(settings, time_offset=mode), task=JointCorrector) for mode in ("auto", str(LATE))
+    )
+    assert found.fit.clocks.applied == pytest.approx(LATE, abs=0.1)
+    assert found.evaluation is not None
+    assert stated.evaluation is not None
+    assert log.measured_jp is not None
+    assert log.external_jp is not None
+    rows = np.flatnonzero(log.trajectory >= 8)[found.evaluation.dirty.rows]
+    np.testing.assert_array_equal(found.evaluation.dirty.raw, (log.external_jp - log.measured_jp)[rows])
+    assert "--time-offset 0.4" in found.evaluation.cautions[0]
+    assert not any("shifted" in caution for caution in stated.evaluation.cautions)
+    assert np.abs(stated.evaluation.clean.raw).mean() < np.abs(found.evaluation.clean.raw).mean()
+
+
+def test_a_model_is_measured_on_truth_as_it_was_stamped() -> None:
+    """Of another recording's clock a model says what the motion suggests, and leaves it as it is."""
+    corrector = fit_model(joint_log(1), FitSettings(method="offset"), task=JointCorrector).corrector
+    log = align(joint_log(5), -LATE, signals=("external_jp",))
+    same, clocks = corrector.on_one_clock(log, "auto")
+    assert same is log
+    assert clocks.applied == 0.0
+    assert "left as it was stamped" in clocks.remark
+    assert corrector.on_one_clock(log, str(LATE))[1].applied == LATE
