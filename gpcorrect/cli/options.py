@@ -172,7 +172,7 @@ def read_logs(
     paths: list[Path],
     columns: Path | None = None,
     *,
-    as_is: bool = False,
+    as_is: bool | None = None,
     drop_disordered: bool = False,
     namespace: str | None = None,
     tracker_topic: str | None = None,
@@ -190,7 +190,8 @@ def read_logs(
     columns : Path, optional
         Mapping file.
     as_is, drop_disordered : bool
-        Take what looks misread; leave out samples whose time does not increase.
+        Take what looks misread (None where the command has no such option); leave out samples whose time does not
+        increase.
     namespace, tracker_topic, arm : str, optional
         Which arm and tracker of a bag.
     tracker_log : Path, optional
@@ -222,10 +223,11 @@ def read_logs(
         logs = [with_tracker(logs[0], read_log(tracker_log, columns=columns), seconds_ahead(time_offset))]
     for log in logs:
         try:
-            for found in refuse_misread(log, learned, as_is=as_is):
+            for found in refuse_misread(log, learned, as_is=bool(as_is)):
                 note(f"{log.name}: {f'{found.signal}: ' if found.signal else ''}{found.message}")
         except LogError as error:  # name the way past the refusal too
-            hint = f"{error.hint} More: gpcorrect validate LOG. If you know better: --as-is"
+            past = "" if as_is is None else " If you know better: --as-is"
+            hint = f"{error.hint} More: gpcorrect validate LOG.{past}"
             raise LogError(error.message, hint=hint) from error
     return logs[0] if len(logs) == 1 else join_logs(logs)
 

@@ -80,7 +80,7 @@ def test_bad_recordings_are_refused_by_name(gpcorrect: CommandLine, tmp_path: Pa
     cases = {
         "measured_jf": (replace(log, measured_jf=None), "--features", "position,effort"),
         "no joint ever moves": (replace(log, measured_jp=still),),
-        "is it in mm": (replace(log, measured_jp=q * [1, 1, 1e3], external_jp=truth * [1, 1, 1e3]),),
+        "looks like millimetres": (replace(log, measured_jp=q * [1, 1, 1e3], external_jp=truth * [1, 1, 1e3]),),
         "the limits of raven2": (replace(log, measured_jp=q + up, external_jp=truth + up, meta=arm),),
         "trajectory 2 runs through sessions 0, 1": (replace(log, session=np.arange(len(log)) > len(log) // 2.3),),
     }

@@ -334,9 +334,10 @@ def _centred(points: FloatArray) -> FloatArray:
 
 def _axial(points: FloatArray) -> FloatArray:
     """Return points `(n, k)` of norm 1, all on one side of the origin."""
-    unit = points / np.linalg.norm(points, axis=1, keepdims=True)
+    unit: FloatArray = points / np.linalg.norm(points, axis=1, keepdims=True)
     side: FloatArray = unit @ np.linalg.svd(unit, full_matrices=False)[2][0]
-    return unit * np.where(side < 0, -1.0, 1.0)[:, None]
+    signed: FloatArray = unit * np.where(side < 0, -1.0, 1.0)[:, None]
+    return signed
 
 
 def _misfit(x: FloatArray, y: FloatArray, sign: float, *, axial: bool) -> float:
@@ -354,5 +355,8 @@ def _misfit(x: FloatArray, y: FloatArray, sign: float, *, axial: bool) -> float:
         if axial:
             y = y * np.where(np.einsum("ij,ij->i", fitted, y) < 0, -1.0, 1.0)[:, None]
         distance = np.linalg.norm(y - fitted, axis=1)
-        weight = 1.0 / np.maximum(distance, max(FLAT * float(np.median(distance)), EXACT * float(np.abs(y).max())))
+        least = max(FLAT * float(np.median(distance)), EXACT * float(np.abs(y).max()))
+        if least == 0.0:
+            return 0.0
+        weight = 1.0 / np.maximum(distance, least)
     return float(np.median(distance))
