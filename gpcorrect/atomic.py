@@ -10,7 +10,7 @@ from pathlib import Path
 
 from gpcorrect.errors import GpCorrectError
 
-__all__ = ["atomic_path", "make_folder", "require_folder"]
+__all__ = ["atomic_path", "make_folder", "require_folder", "require_new"]
 
 
 def require_folder(path: str | Path) -> None:
@@ -24,13 +24,44 @@ def require_folder(path: str | Path) -> None:
     Raises
     ------
     GpCorrectError
-        Its folder does not exist, or something that is no file has its name: a folder, a device.
+        Its folder does not exist or may not be written, or something that is no file has its name: a folder, a device.
     """
     folder = Path(path).parent
     if not folder.is_dir():
         raise GpCorrectError(f"cannot write {path}: there is no folder {folder}.", hint="Create the folder first.")
     if Path(path).exists() and not Path(path).is_file():
         raise GpCorrectError(f"cannot write {path}: it is there already, and no file.", hint="Name another output.")
+    _require_room(folder, path)
+
+
+def require_new(path: str | Path) -> None:
+    """Check, before the work, that nothing is lost: what cannot be made again is not overwritten.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file or folder to come.
+
+    Raises
+    ------
+    GpCorrectError
+        It is there already.
+    """
+    if Path(path).exists():
+        raise GpCorrectError(
+            f"{path} is there already, and a recording is not overwritten.", hint="Name another one, or move it away."
+        )
+
+
+def _require_room(folder: Path, path: str | Path) -> None:
+    """Try to make a file in a folder: rights and read-only disks are known no other way."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise GpCorrectError(
+            f"cannot write {path}: {error.strerror}.", hint="Name another output, or make room."
+        ) from error
 
 
 def make_folder(path: str | Path) -> None:
@@ -52,6 +83,7 @@ def make_folder(path: str | Path) -> None:
         raise GpCorrectError(
             f"cannot make the folder {path} for the results: {error.strerror}.", hint="Name another folder."
         ) from error
+    _require_room(Path(path), path)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gpcorrect.atomic import atomic_path
+from gpcorrect.atomic import atomic_path, make_folder, require_folder
 from gpcorrect.errors import GpCorrectError
 
 
@@ -43,3 +43,10 @@ def test_what_is_no_file_is_never_replaced(tmp_path: Path) -> None:
         with pytest.raises(GpCorrectError, match="no file"), atomic_path(target):
             pass
     assert Path(os.devnull).is_char_device()
+
+
+def test_a_folder_that_takes_no_file_is_found_before_the_work() -> None:
+    """A folder in which no file can be made, here the kernel's own, is refused at once, whoever asks."""
+    for require in (require_folder, make_folder):
+        with pytest.raises(GpCorrectError, match="cannot write"):
+            require(Path("/proc") if require is make_folder else Path("/proc/model.gpc"))

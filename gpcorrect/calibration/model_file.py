@@ -31,6 +31,12 @@ __all__ = ["SCHEMA", "TASKS", "load", "load_any", "model_hash", "read_parts", "r
 SCHEMA = 4
 """4: with where and how fast the training moved; files of before are fitted anew."""
 TASKS: dict[str, type[Corrector]] = {t.TASK: t for t in (CommandCorrector, JointCorrector, PositionEstimator)}
+SERVED = {
+    "pose": "gpcorrect serve MODEL",
+    "joints": "gpcorrect serve --joints MODEL",
+    "tool_position": "gpcorrect vision evaluate MODEL LOG",
+}
+MADE = {"pose": "gpcorrect fit", "joints": "gpcorrect joint fit", "tool_position": "gpcorrect vision fit"}
 CHECK_TOLERANCE = 1e-7
 """m and rad: far below any sensor, far above rounding between processors and precisions."""
 SLACK_BYTES = 1 << 20
@@ -93,10 +99,10 @@ def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
     """
     header, arrays = read_parts(path)
     if header["kind"] != kind.KIND:
-        found = next((name for name, task in TASKS.items() if header["kind"] == task.KIND), "nothing known")
+        found = next(name for name, task in TASKS.items() if header["kind"] == task.KIND)
         raise ArtifactError(
             f"model file {path} corrects {found}, and a model of {kind.TASK} is needed here.",
-            hint="See: gpcorrect models --help; joint models are made by `gpcorrect joint fit`, pose models by `fit`.",
+            hint=f"Use it with `{SERVED[found]}`, or make a model of {kind.TASK}: {MADE[kind.TASK]}",
         )
     try:
         corrector = unpack(kind, header["model"], arrays)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gpcorrect.atomic import atomic_path, make_folder, require_folder
+from gpcorrect.atomic import atomic_path, make_folder, require_folder, require_new
 from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
 from gpcorrect.cli.options import ArmName, Json, KeyRoot, numbers
 from gpcorrect.cli.processes import free_endpoint, running
@@ -143,6 +143,8 @@ def collect_zigzag(
     from gpcorrect_service.crtk.robot import Robot
 
     make_folder(output)
+    for name in ("zigzags.csv", "test.csv"):
+        require_new(output / name)
     block, fastest = joint_limits(limits), speed_limits(speed)
     corners = [zigzag(direction_named(name), sparsity, block) for name in split_names(direction)]
     learner_named(method)

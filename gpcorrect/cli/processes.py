@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import subprocess
@@ -10,7 +11,9 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 
+from gpcorrect.cli import end_within_import
 from gpcorrect.cli.console import note
 from gpcorrect.errors import GpCorrectError
 
@@ -62,8 +65,18 @@ def running(*words: str) -> Iterator[None]:
 
 
 def stop_signal() -> threading.Event:
-    """Return an event that Ctrl-C and SIGTERM set; needs the main thread."""
+    """Return an event that Ctrl-C and SIGTERM set, and a second of them ends the process; needs the main thread.
+
+    To be called before a command reads its libraries and files, so that Ctrl-C meanwhile is an end like any other.
+    """
     stop = threading.Event()
+
+    def _stop(number: int, frame: FrameType | None) -> None:
+        end_within_import(frame)
+        if stop.is_set():
+            os._exit(128 + number)
+        stop.set()
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, _stop)
     return stop

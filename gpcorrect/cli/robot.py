@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from gpcorrect.atomic import require_folder
+from gpcorrect.atomic import require_new
 from gpcorrect.cli.collect import BLOCK, FASTEST, RATE_HZ, Limits, Speed, joint_limits, speed_limits
 from gpcorrect.cli.console import err, out, print_json, split_names
 from gpcorrect.cli.options import ROBOT, ArmName, Columns, Endpoint, Json, KeyRoot, LogOutput, numbers
@@ -72,7 +71,6 @@ def operate(
             robot.make_ready()
         else:
             robot.operate(command)
-            time.sleep(0.5)  # states are published ten times a second
         out.print(f"{robot.state.state}, {'homed' if robot.state.is_homed else 'not homed'}")
 
 
@@ -208,14 +206,17 @@ def record(
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
 ) -> None:
-    """Record what the robot publishes: joints, poses, tracker, outside encoders.
+    """Record what the robot publishes: joints, poses, tracker, outside encoders; a recording is never overwritten.
 
     Example: gpcorrect robot record --seconds 60 --output run.parquet --mcap run_bag
     """
-    from gpcorrect.logs import write_log
-    from gpcorrect_service.crtk.recorder import Recorder, write_mcap
+    from gpcorrect.logs import require_writable, write_log
+    from gpcorrect_service.crtk.recorder import Recorder, require_mcap, write_mcap
 
-    require_folder(output)
+    require_writable(output)
+    require_new(output)
+    if mcap is not None:
+        require_mcap(mcap)
     with _robot(endpoint, arm, namespace) as robot:
         recorder = Recorder(robot.bus)
         err.print("recording" + (f" for {seconds:g} s" if seconds is not None else "") + "; stop with Ctrl-C")
@@ -248,9 +249,9 @@ def extract(
 
     Example: gpcorrect robot extract run_bag --signals measured_jp,setpoint_jp --begin 5 --every 10 -o part.csv
     """
-    from gpcorrect.logs import read_log, write_log
+    from gpcorrect.logs import read_log, require_writable, write_log
 
-    require_folder(output)
+    require_writable(output)
     log = read_log(recording, columns=columns)
     chosen = _chosen(log, signals)
     rows = np.flatnonzero((log.time >= begin) & (log.time <= (np.inf if end is None else end)))[::every]

@@ -45,9 +45,10 @@ def router(
 
     Example: gpcorrect router site/router.json5
     """
+    stop = stop_signal()
     from gpcorrect_service.ops.router import route
 
-    route(config, stop_signal(), lambda: err.print(f"routing as {config} says; stop with Ctrl-C"))
+    route(config, stop, lambda: err.print(f"routing as {config} says; stop with Ctrl-C"))
 
 
 def doctor(

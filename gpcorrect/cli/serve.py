@@ -55,6 +55,7 @@ def serve(
 
     Examples: gpcorrect serve model.gpc --arm PSM1; gpcorrect serve --store models/ --max-mm 5
     """
+    stop = stop_signal()
     from gpcorrect_service import ServerSettings  # zenoh is an extra; other commands work without it
     from gpcorrect_service.protocol.limits import CorrectionBound
     from gpcorrect_service.server.service import serve as serve_model
@@ -77,7 +78,7 @@ def serve(
         served = ", ".join(str(path) for path in (model, joints, store) if path is not None)
         err.print(f"serving {served} as {namespace}/{arm}/correct on {config or endpoint}; stop with Ctrl-C")
 
-    serve_model(model, settings, on_ready=ready, joint_path=joints, store=store)
+    serve_model(model, settings, stop, ready, joint_path=joints, store=store)
 
 
 def prefilter(
@@ -104,6 +105,7 @@ def prefilter(
 
     Example: gpcorrect sim serve --corrected --ready, and in another terminal gpcorrect prefilter model.gpc
     """
+    stop = stop_signal()
     from gpcorrect_service.crtk import Bus, BusSettings  # zenoh is an extra; other commands work without it
     from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter, PrefilterSettings
     from gpcorrect_service.ops.logger import open_logger
@@ -121,7 +123,7 @@ def prefilter(
     with Bus(BusSettings(endpoint, arm, namespace, "client", ros_domain), node=f"gpcorrect_prefilter_{arm}") as bus:
         server = FilterServer(answering, bus, open_logger(arm=arm))
         err.print(f"{model.name} corrects {namespace}/{arm}/servo_cp on {endpoint}; stop with Ctrl-C")
-        server.run(stop_signal())
+        server.run(stop)
 
 
 def monitor(

@@ -163,6 +163,7 @@ def serve(
 
     gpcorrect sim serve --ready --ros-domain 0
     """
+    stop = stop_signal()
     import numpy as np
 
     from gpcorrect.sim import machine_of, preset, read_model
@@ -184,4 +185,4 @@ def serve(
     with Bus(settings, node=f"gpcorrect_sim_{arm}") as bus:
         server = ArmServer(robot, bus, ArmServerSettings(rate, 100.0, time_scale, corrected), time.time())
         err.print(f"{known.arm} lives as {namespace}/{arm} on {endpoint} at {rate:g} Hz; stop with Ctrl-C")
-        server.run(stop_signal())
+        server.run(stop)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from gpcorrect.logs.streams import Stream, combine, interpolate
     from gpcorrect.logs.sync import Clocks, TimeOffset, align, log_offset, match_clocks
     from gpcorrect.logs.validate import ValidationReport, refuse_misread, validate_log
-    from gpcorrect.logs.writer import write_log
+    from gpcorrect.logs.writer import require_writable, write_log
 
 __all__ = [
     "Clocks",
@@ -26,6 +26,7 @@ __all__ = [
     "match_clocks",
     "read_log",
     "refuse_misread",
+    "require_writable",
     "validate_log",
     "with_tracker",
     "write_log",
@@ -44,6 +45,7 @@ _PLACES = {
     "match_clocks": "sync",
     "read_log": "reader",
     "refuse_misread": "validate",
+    "require_writable": "writer",
     "validate_log": "validate",
     "with_tracker": "join",
     "write_log": "writer",

@@ -10,13 +10,34 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv, parquet
 
-from gpcorrect.atomic import atomic_path
+from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.errors import LogError
 from gpcorrect.logs.sidecar import format_sidecar, sidecar_path
 from gpcorrect.logs.table import INDEX, joint_names, orientation_names, position_names
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta
 
-__all__ = ["write_log"]
+__all__ = ["require_writable", "write_log"]
+
+
+def require_writable(path: str | Path) -> None:
+    """Check, before the work, that a log can be written.
+
+    Parameters
+    ----------
+    path : str or Path
+        The log to come.
+
+    Raises
+    ------
+    LogError
+        The name ends in neither .csv nor .parquet.
+    GpCorrectError
+        The folder does not exist or cannot be written.
+    """
+    target = Path(path)
+    if target.suffix not in (".csv", ".parquet"):
+        raise LogError(f"expected a name ending in .csv or .parquet, got {target.name}.", path=str(target))
+    require_folder(target)
 
 
 def write_log(log: CalibrationLog, path: str | Path) -> None:
@@ -40,8 +61,7 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
         The folder does not exist or cannot be written.
     """
     target = Path(path)
-    if target.suffix not in (".csv", ".parquet"):
-        raise LogError(f"expected a name ending in .csv or .parquet, got {target.name}.", path=str(target))
+    require_writable(target)
     arrays = {name: np.ascontiguousarray(values) for name, values in _columns(log).items()}
     table = pa.table({name: pa.array(values, from_pandas=True) for name, values in arrays.items()})
     with atomic_path(target) as temporary:

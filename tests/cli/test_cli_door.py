@@ -69,3 +69,34 @@ def test_a_command_that_is_not_there_is_refused_with_the_nearest(gpcorrect: Comm
     outcome = gpcorrect("evaluat")
     assert outcome.code == 2
     assert "'evaluate'" in outcome.err
+
+
+INTERRUPTED = """
+import os, signal, sys
+from gpcorrect.cli import main
+
+class Interrupts:
+    def find_spec(self, name, path=None, target=None):
+        if name == wanted:
+            os.kill(os.getpid(), signal.SIGINT)
+
+wanted, sys.argv = sys.argv[1], ["gpcorrect", *sys.argv[2:]]
+sys.meta_path.insert(0, Interrupts())
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("library", "words"),
+    [
+        ("typer", ("robot", "state")),
+        ("numpy", ("robot", "state")),
+        ("numba", ("sim", "serve")),
+        ("zenoh", ("serve", "m.gpc")),
+    ],
+)
+def test_ctrl_c_while_libraries_are_read_is_no_traceback(library: str, words: tuple[str, ...]) -> None:
+    """An interrupt in the first seconds ends the program as a shell expects, without a traceback."""
+    command = [sys.executable, "-c", INTERRUPTED, library, *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "stopped\n")

@@ -46,6 +46,30 @@ def test_a_robot_goes_follows_and_is_recorded(gpcorrect, arm, tmp_path):
     assert part.json["signals"] == ["measured_jp"]
 
 
+def test_a_state_command_says_what_came_of_it(gpcorrect, arm):
+    """What is printed is the state after the command."""
+    at = ("--endpoint", arm)
+    assert gpcorrect("robot", "operate", "ready", *at).code == 0
+    assert gpcorrect("robot", "operate", "unhome", *at).out.startswith("ENABLED, not homed")
+    assert gpcorrect("robot", "operate", "pause", *at).out.startswith("PAUSED")
+    assert gpcorrect("robot", "operate", "disable", *at).out.startswith("DISABLED")
+
+
+def test_a_recording_is_not_overwritten(gpcorrect, arm, tmp_path):
+    """A file or folder that is there is refused before anything is recorded, and stays as it is."""
+    there = tmp_path / "run.csv"
+    there.write_text("precious")
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    words = ("robot", "record", "--endpoint", arm, "--seconds", 600, "-o")
+    assert_refused(gpcorrect(*words, there), "not overwritten")
+    assert_refused(gpcorrect(*words, tmp_path / "new.csv", "--mcap", folder), "not overwritten")
+    assert_refused(gpcorrect(*words, tmp_path / "run.txt"), ".csv or .parquet")
+    assert there.read_text() == "precious"
+    (tmp_path / "zigzags.csv").write_text("precious")
+    assert_refused(gpcorrect("collect", "zigzag", "-o", tmp_path, "--connect", arm), "not overwritten")
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -53,6 +77,7 @@ def test_a_robot_goes_follows_and_is_recorded(gpcorrect, arm, tmp_path):
         (("goto", "400,85,340,0,0,0"), "beyond its limits"),
         (("goto", "35,85,340,0,0,0", "--sliding", "9"), "numbers from 1 to 6"),
         (("draw",), "say where to draw"),
+        (("operate", "foo"), "enable, disable, pause"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(gpcorrect, arm, words, said):

@@ -6,7 +6,7 @@ import pytest
 import zenoh
 from crtk_support import PATIENT, SHIFT, ShiftCorrector, living_arm, model, wait_for
 
-from gpcorrect.errors import LogError
+from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import read_log
 from gpcorrect_service.crtk import Bus, BusSettings, JointState, Pose
 from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter, PrefilterSettings
@@ -56,6 +56,16 @@ def test_what_a_robot_refuses_it_explains():
         robot.make_ready()
         with pytest.raises(RobotError, match="limits"):
             robot.move_jp(robot.setpoint + 5.0)
+
+
+def test_a_state_that_is_not_reached_is_an_error():
+    """A state command that the robot does not obey, or that there is not, ends with words."""
+    with living_arm() as (settings, _), Robot(settings, patience=2.0) as robot:
+        with pytest.raises(DataError, match="'foo'"):
+            robot.operate("foo")
+        with pytest.raises(RobotError, match="does not obey pause"):
+            robot.operate("pause")
+        assert robot.state.state == "DISABLED"
 
 
 def test_no_robot_is_said_so():

@@ -110,6 +110,8 @@ def test_joint_models_are_stored_and_served_too(tmp_path: Path, run: Run) -> Non
     save(fit_model(log, FitSettings(method="offset", time_offset="none"), task=JointCorrector).corrector, path)
     assert kind_of(path) == "joints"
     assert run("models", "add", path, "--store", tmp_path / "store")[0] == 0
+    code, text = run("serve", path)
+    assert (code, "gpcorrect serve --joints" in text) == (2, True)  # which of the two options it belongs to
     model = load_joint_model(path)
     answer = model.corrector.stream().correct(1.0, np.array([0.1, 0.1, 0.02]))
     np.testing.assert_allclose(answer.joints, [0.11, 0.08, 0.023], atol=1e-4)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from gpcorrect.atomic import require_folder, require_new
 from gpcorrect.errors import LogError
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, PoseSignal
 from gpcorrect_service.crtk.bus import Bus
@@ -19,7 +20,7 @@ from gpcorrect_service.crtk.robot import NO_TRAJECTORY
 from gpcorrect_service.crtk.ros import to_ros
 from gpcorrect_service.protocol.cdr import ros_types
 
-__all__ = ["RECORDED", "Recorder", "Recording", "write_mcap"]
+__all__ = ["RECORDED", "Recorder", "Recording", "require_mcap", "write_mcap"]
 
 RECORDED = ("measured_js", "setpoint_js", "external_js", "measured_cp", "setpoint_cp", "tracker_cp", "operating_state")
 SIGNALS = {
@@ -122,6 +123,24 @@ class Recorder:
         """Return what came so far."""
         with self._lock:
             return Recording(self._arm, {k: tuple(v) for k, v in self._messages.items()}, tuple(self._events))
+
+
+def require_mcap(folder: Path) -> None:
+    """Check, before recording, that a ROS 2 recording can be written.
+
+    Parameters
+    ----------
+    folder : path
+        To be made.
+
+    Raises
+    ------
+    GpCorrectError
+        It exists already, the folder above it is not there or may not be written, or rosbags is not installed.
+    """
+    require_new(folder)
+    require_folder(folder)
+    ros_types()
 
 
 def write_mcap(recording: Recording, folder: Path) -> None:

@@ -11,12 +11,22 @@ from typing import Any, Self
 
 import numpy as np
 
-from gpcorrect.errors import GpCorrectError
+from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect.types import FloatArray
 from gpcorrect_service.crtk.bus import Bus, BusSettings
 from gpcorrect_service.crtk.messages import Event, JointState, OperatingState, Pose, Text
 
-__all__ = ["NO_TRAJECTORY", "Robot", "RobotError"]
+__all__ = ["NO_TRAJECTORY", "OPERATIONS", "Robot", "RobotError"]
+
+# State commands, and whether a state obeys them.
+OPERATIONS: dict[str, Callable[[OperatingState], bool]] = {
+    "enable": lambda state: state.state == "ENABLED",
+    "disable": lambda state: state.state == "DISABLED",
+    "pause": lambda state: state.state == "PAUSED",
+    "resume": lambda state: state.state == "ENABLED",
+    "home": lambda state: state.is_homed,
+    "unhome": lambda state: not state.is_homed,
+}
 
 NO_TRAJECTORY = -1  # in events: between trajectories
 POLL = 0.002  # s, chosen by hand
@@ -114,21 +124,30 @@ class Robot:
         """
         if self.state.state != "ENABLED":
             self.operate("resume" if self.state.state == "PAUSED" else "enable")
-            self._until(lambda: self.state.state == "ENABLED", self._patience, "become ENABLED")
         if not self.state.is_homed:
             self.operate("home")
-            self._until(lambda: self.state.is_homed, self._patience, "become homed")
 
     def operate(self, command: str) -> None:
-        """Send a state command.
+        """Send a state command, and wait until the robot's state obeys it.
 
         Parameters
         ----------
         command : str
-            enable, disable, pause, resume, home or unhome.
+            One of `OPERATIONS`.
+
+        Raises
+        ------
+        DataError
+            There is no such command.
+        RobotError
+            It does not.
         """
+        obeyed = OPERATIONS.get(command)
+        if obeyed is None:
+            raise DataError(f"a robot has no state command {command!r}.", hint=f"Say one of {', '.join(OPERATIONS)}.")
         self._errors.clear()
         self._bus.publish("state_command", Text(self.time, command))
+        self._until(lambda: obeyed(self.state), self._patience, f"obey {command}")
 
     def servo_jp(self, q: FloatArray) -> None:
         """Send one of a stream of joint commands.
