@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from collections.abc import Iterator
@@ -11,6 +12,9 @@ from pathlib import Path
 from gpcorrect.errors import GpCorrectError
 
 __all__ = ["atomic_path", "make_folder", "require_folder", "require_new"]
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
+"""Errors of the disk, not of what is done to other files meanwhile."""
 
 
 def require_folder(path: str | Path) -> None:
@@ -100,7 +104,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     Raises
     ------
     GpCorrectError
-        The folder does not exist or cannot be written.
+        The folder does not exist or cannot be written, or the disk is full.
     """
     target = Path(path)
     require_folder(target)
@@ -118,5 +122,11 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
         temporary.replace(target)
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            raise
+        raise GpCorrectError(
+            f"cannot write {target}: {error.strerror}.", hint="Make room, or name another output."
+        ) from error
     finally:
         temporary.unlink(missing_ok=True)

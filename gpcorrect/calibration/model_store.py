@@ -12,6 +12,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -33,6 +34,7 @@ SCHEMA = 1
 """Of `store.json`."""
 LONGEST_HISTORY = 50
 """Activations that can be rolled back; chosen by hand."""
+HASH = re.compile("[0-9a-f]{64}")
 SHORTEST_PREFIX = 4
 """Hexadecimal digits of a hash that may stand for a model: 65,536 beginnings separate the models of one arm."""
 
@@ -247,14 +249,18 @@ class ModelStore:
             stored = json.loads(path.read_text())
         except FileNotFoundError:
             return _State()
-        except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise DataError(f"{path} cannot be read ({error}).", hint="Name the folder of a model store.") from error
         try:
             if stored["schema"] > SCHEMA:
                 raise DataError(f"{path} has schema {stored['schema']}; this version reads up to {SCHEMA}.")
             models = tuple(Entry(**entry) for entry in stored["models"])
-            return _State(models, {kind: tuple(hashes) for kind, hashes in stored["history"].items()})
-        except (KeyError, TypeError, AttributeError) as error:
+            state = _State(models, {kind: tuple(hashes) for kind, hashes in stored["history"].items()})
+            _check_state(state)
+            return state
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            if isinstance(error, DataError):
+                raise
             raise DataError(f"{path} is not the state of a model store ({error}).") from error
 
     def _write(self, state: _State) -> None:
@@ -272,9 +278,33 @@ class ModelStore:
     def _locked(self) -> Iterator[_State]:
         """Give the state that no other process changes until the block ends."""
         make_folder(self.folder / "models")
-        with _writing(self.folder), (self.folder / ".lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            yield self._read()
+        with _writing(self.folder):
+            # Never through a link: it could name any file of the user.
+            lock = os.open(self.folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+                yield self._read()
+            finally:
+                os.close(lock)
+
+
+def _check_state(state: _State) -> None:
+    """Refuse a state that :meth:`ModelStore._write` never wrote: names of files are made of what it says.
+
+    Raises
+    ------
+    ValueError
+        A model has no hash, name, task or time, or the history names another model or task.
+    """
+    tasks = {}
+    for entry in state.models:
+        texts = isinstance(entry.id, str) and isinstance(entry.hash, str) and HASH.fullmatch(entry.hash)
+        if not texts or entry.kind not in TASKS or not isinstance(entry.added, int | float):
+            raise ValueError(f"what it says of model {entry.id!r} is not what a store writes")
+        tasks[entry.hash] = entry.kind
+    for kind, hashes in state.history.items():
+        if any(tasks.get(hash_) != kind for hash_ in hashes):
+            raise ValueError(f"its history of {kind!r} names a model that is not there")
 
 
 def kind_of(path: str | Path) -> str:

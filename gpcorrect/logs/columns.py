@@ -171,6 +171,24 @@ class ColumnMap(_Section):
         return tuple(named)
 
 
+def check_memory(needed: int, most: int) -> None:
+    """Refuse a file whose table, unpacked, would not fit in memory.
+
+    Parameters
+    ----------
+    needed, most : int
+        Bytes that it takes, and that it may.
+
+    Raises
+    ------
+    LogError
+        It takes more.
+    """
+    if needed > most:
+        hint = "Split it, or raise the limit with max_bytes."
+        raise LogError(f"expected a table of at most {most / 1e9:.3g} GB, this one unpacks to more.", hint=hint)
+
+
 @dataclass(frozen=True)
 class ReadSettings:
     """How a recording is to be read.

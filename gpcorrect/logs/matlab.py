@@ -11,12 +11,12 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from gpcorrect.errors import LogError, MissingExtraError
-from gpcorrect.logs.columns import ReadSettings
+from gpcorrect.logs.columns import ReadSettings, check_memory
 from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.logs.table import Table, log_from_table, orientation_names, position_names
 from gpcorrect.types import CalibrationLog, FloatArray
@@ -27,6 +27,9 @@ HDF5 = b"\x89HDF\r\n\x1a\n"  # first bytes of every such file
 MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", HDF5)
 NUMERIC = "iufb"  # kinds of NumPy types
 DAMAGES = (ValueError, TypeError, OSError, EOFError, LookupError, NotImplementedError, MemoryError, zlib.error)
+HEADER_BYTES, TAG_BYTES, COMPRESSED = 128, 8, 15  # of a version 5 file: its head, a variable's, and what marks zlib
+STEP_BYTES = 1 << 20  # unpacked at a time
+NUMBER = 8  # bytes
 POSE = (4, 4)  # a homogeneous transform
 NO_ROWS = 'Save one variable a signal, or columns named as in the native log: save("log.mat", "-struct", "log").'
 
@@ -51,7 +54,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """
     with path.open("rb") as file:
         old = file.read(len(MARKS[0])) == MARKS[0]
-    arrays, left_out = _version_5(path) if old else _version_73(path)
+    arrays, left_out = (_version_5 if old else _version_73)(path, settings.max_bytes)
     heads = {name.partition(".")[0] for name in arrays}
     if len(heads) == 1 and all("." in name for name in arrays):  # one structure holds everything
         arrays = {name.partition(".")[2]: values for name, values in arrays.items()}
@@ -59,10 +62,11 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     return log_from_table(Table(columns, "sample {}".format, (*left_out, *odd)), settings.columns, settings.disorder)
 
 
-def _version_5(path: Path) -> Found:
+def _version_5(path: Path, max_bytes: int) -> Found:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
+    check_memory(_unpacked(path, max_bytes), max_bytes)
     try:
         content = loadmat(path, squeeze_me=False, struct_as_record=True, verify_compressed_data_integrity=True)
     except (MatReadError, *DAMAGES) as error:
@@ -77,6 +81,23 @@ def _version_5(path: Path) -> Found:
     return arrays, left_out
 
 
+def _unpacked(path: Path, most: int) -> int:
+    """Bytes that the compressed variables of a version 5 file unpack to, counted as far as `most`."""
+    data, at, total = path.read_bytes(), HEADER_BYTES, 0
+    order: Literal["little", "big"] = "little" if data[HEADER_BYTES - 2 : HEADER_BYTES] == b"IM" else "big"
+    while at + TAG_BYTES <= len(data) and total <= most:
+        kind, size = (int.from_bytes(data[at + k : at + k + 4], order) for k in (0, 4))
+        rest, unpacker = data[at + TAG_BYTES : at + TAG_BYTES + size], zlib.decompressobj()
+        while kind == COMPRESSED and rest and total <= most and not unpacker.eof:
+            try:
+                total += len(unpacker.decompress(rest, STEP_BYTES))
+            except zlib.error:
+                break  # damage is what the reader proper names
+            rest = unpacker.unconsumed_tail
+        at += TAG_BYTES + size
+    return total
+
+
 def _fields(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Variables and, dotted, the fields of structures."""
     for name, value in content.items():
@@ -87,19 +108,23 @@ def _fields(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
             yield f"{prefix}{name}", value
 
 
-def _version_73(path: Path) -> Found:
+def _version_73(path: Path, max_bytes: int) -> Found:
     try:
         import h5py
     except ImportError as error:
         raise MissingExtraError("h5py", extra="matlab", purpose="Reading MATLAB files of version 7.3") from error
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     left_out: list[str] = []
+    total = 0
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("#"):
             return
         kind = item.attrs.get("MATLAB_class", b"double")
         dotted = name.replace("/", ".")
+        nonlocal total
+        total += int(item.size or 0) * NUMBER
+        check_memory(total, max_bytes)
         if item.dtype.kind in NUMERIC and kind != b"char" and "MATLAB_empty" not in item.attrs:
             arrays[dotted] = np.asarray(item[()]).T  # MATLAB writes the last direction first
         else:

@@ -10,12 +10,13 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from gpcorrect.errors import LogError
-from gpcorrect.logs.columns import ReadSettings
+from gpcorrect.logs.columns import ReadSettings, check_memory
 from gpcorrect.logs.table import Table, log_from_table
 from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["read"]
 
+NUMBER = 8  # bytes
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -34,6 +35,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """
     try:
         with parquet.ParquetFile(path) as file:
+            check_memory(file.metadata.num_rows * max(file.metadata.num_columns, 1) * NUMBER, settings.max_bytes)
             arrow = file.read()
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise LogError(f"the Parquet file cannot be read, it may be cut off: {error}.") from error

@@ -7,17 +7,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from gpcorrect.errors import DataError, LogError
+import numpy as np
+
+from gpcorrect.errors import DataError, GpCorrectError, LogError
 from gpcorrect.logs import c3d_file, csv_file, matlab, npy_file, parquet_file, rosbag
 from gpcorrect.logs.columns import DEFAULT_MAX_BYTES, ColumnMap, ReadSettings, load_columns
 from gpcorrect.logs.mocap import motive, trc, vicon
 from gpcorrect.logs.order import Disorder
 from gpcorrect.logs.sidecar import read_sidecar, sidecar_path
-from gpcorrect.types import CalibrationLog, LogMeta
+from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
 __all__ = ["read_log", "recording_digest"]
 
+FARTHEST = 1e6  # m or rad: beyond it, in whatever unit, no arm has been
 HEAD = 1024  # bytes that tell a format
 
 
@@ -118,12 +122,42 @@ def read_log(
         found = _format(source)
         if found.whole:
             _check_size(source, max_bytes)
-        log = found.read(source, settings)
+        log = _possible(_parsed(found, source, settings))
         meta = LogMeta() if columns and sidecar_path(source) == Path(columns) else read_sidecar(source)
         stated = {name: value for name, value in asdict(meta).items() if value}  # the sidecar comes first
         digest = recording_digest(source)
         meta = replace(log.meta, **stated)
         return replace(log, name=str(source), meta=meta, digest=digest, recordings=(digest,))
+
+
+def _parsed(found: Format, source: Path, settings: ReadSettings) -> CalibrationLog:
+    try:
+        return found.read(source, settings)
+    except (GpCorrectError, OSError):
+        raise
+    except Exception as error:  # damaged bytes make parsers raise whatever they stumble over
+        what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        raise LogError(f"the {found.title} cannot be read, it may be damaged: {what}.") from error
+
+
+def _possible(log: CalibrationLog) -> CalibrationLog:
+    """Return the log with infinite numbers, and positions that no arm has, as missing; remarks say how many."""
+    changed: dict[str, Any] = {}
+    remarks = []
+    for name in log.signals:
+        value = getattr(log, name)
+        pose = isinstance(value, PoseSignal)
+        table = value.position if pose else value
+        limit = FARTHEST if pose or name.endswith("_jp") else np.inf
+        wrong = np.isinf(table) | (np.abs(table) > limit)
+        if wrong.any():
+            rows = int(wrong.reshape(len(wrong), -1).any(axis=1).sum())
+            remarks.append(
+                f"{rows} samples of {name} are infinite or beyond {FARTHEST:g} m or rad; they count as missing."
+            )
+            kept = np.where(wrong, np.nan, table)
+            changed[name] = PoseSignal(kept, value.quaternion) if pose else kept
+    return replace(log, **changed, remarks=(*log.remarks, *remarks)) if changed else log
 
 
 def _format(path: Path) -> Format:

@@ -1,0 +1,180 @@
+"""Forged and damaged files: refused in words, in bounded memory, and nothing else is touched."""
+
+from __future__ import annotations
+
+import errno
+import json
+import zlib
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_logs import joint_log
+from support import short_search, small_log
+
+from gpcorrect.atomic import atomic_path
+from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, fit_model, save
+from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
+from gpcorrect.errors import ArtifactError, DataError, GpCorrectError, LogError
+from gpcorrect.logs import read_log, write_log
+
+FLIPS = 60
+VALUES: tuple[Any, ...] = (
+    None,
+    "x",
+    "array:model",
+    -1,
+    0,
+    1e300,
+    10**30,
+    [],
+    [[]],
+    {},
+    {"type": "Law"},
+    True,
+    [1, "y"],
+)
+
+
+@pytest.fixture(scope="module", params=["pose", "joints"])
+def model(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a model file of either task."""
+    path = tmp_path_factory.mktemp("models") / f"{request.param}.gpc"
+    if request.param == "joints":
+        settings = FitSettings(method="linear", features=("position",))
+        save(fit_model(joint_log(1, trajectories=4), settings, task=JointCorrector).corrector, path)
+    else:
+        with short_search(40):
+            save(fit_model(small_log(trajectories=4), FitSettings(inducing=12, clean=False)).corrector, path)
+    return path
+
+
+def places(node: Any) -> Iterator[tuple[Any, Any]]:
+    """Every (container, key) of a JSON tree."""
+    keys = list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
+    for key in keys:
+        yield node, key
+        yield from places(node[key])
+
+
+def test_structural_flips_are_refused_or_answer_as_before(model: Path, tmp_path: Path) -> None:
+    """A header or an array of another kind, shape or size under a fresh seal is refused, or changes no check answer."""
+    rng, file = np.random.default_rng(0), tmp_path / "forged.gpc"
+    for _ in range(FLIPS):
+        header, arrays = read_parts(model)
+        arrays = dict(arrays)
+        if rng.random() < 0.3:
+            name = list(arrays)[rng.integers(len(arrays))]
+            old = np.asarray(arrays[name])
+            new = (old[:-1], old.reshape(-1), old.astype(str), np.full(old.shape, np.nan), old[None], np.zeros((0, 3)))
+            arrays[name] = new[rng.integers(len(new))] if old.ndim else old.astype(str)
+            header["digests"][name] = _digest(arrays[name])
+        else:
+            spots = list(places(header["model"]))
+            node, key = spots[rng.integers(len(spots))]
+            node[key] = VALUES[rng.integers(len(VALUES))]
+        header["seal"] = seal_of(header)
+        text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+        with file.open("wb") as out:
+            np.savez(out, header=text, **arrays)
+        with suppress(ArtifactError):
+            load_any(file)
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [
+        {"models": [{"id": "m", "hash": "../../secret", "kind": "pose", "added": 0}], "history": {}},
+        {"models": [{"id": 3, "hash": "0" * 64, "kind": "pose", "added": 0}], "history": {}},
+        {"models": [{"id": "m", "hash": "0" * 64, "kind": ["pose"], "added": 0}], "history": {}},
+        {"models": [], "history": {"pose": ["0" * 64]}},
+        {"models": [], "history": {"pose": [[]]}},
+        {"models": [], "history": {"pose": 3}},
+        {"models": {"a": 1}, "history": []},
+    ],
+)
+def test_a_forged_store_is_refused(forged: dict[str, Any], tmp_path: Path) -> None:
+    """What a store says is believed only where a store could have written it: no path leads out of the folder."""
+    (tmp_path / "store.json").write_text(json.dumps({"schema": 1, **forged}))
+    with pytest.raises(DataError, match="not the state of a model store"):
+        ModelStore(tmp_path).history()
+    (tmp_path / "store.json").write_text("[" * 100_000)
+    with pytest.raises(DataError, match="cannot be read"):
+        ModelStore(tmp_path).models()
+
+
+def test_the_lock_is_no_way_to_another_file(model: Path, tmp_path: Path) -> None:
+    """A lock file that links elsewhere is not followed: the other file keeps what it holds."""
+    other = tmp_path / "precious.txt"
+    other.write_text("kept")
+    store = ModelStore(tmp_path / "store")
+    (tmp_path / "store").mkdir()
+    (tmp_path / "store" / ".lock").symlink_to(other)
+    with pytest.raises(GpCorrectError, match="cannot write"):
+        store.add(model, now=0.0)
+    assert other.read_text() == "kept"
+
+
+def test_a_full_disk_is_said(tmp_path: Path) -> None:
+    """A disk that fills while a file is written is an error in words, and leaves what was there."""
+    target = tmp_path / "m.gpc"
+    target.write_text("before")
+    with pytest.raises(GpCorrectError, match="No space left"), atomic_path(target):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert [path.name for path in tmp_path.iterdir()] == ["m.gpc"]
+    assert target.read_text() == "before"
+
+
+def test_tables_that_unpack_to_more_than_memory_are_refused(tmp_path: Path) -> None:
+    """A Parquet file of constants and a MATLAB file of zeros say by their size nothing of what they unpack to."""
+    pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    n = 2_000_000
+    parquet.write_table(pa.table({"time": np.arange(n) // n, "x": np.zeros(n)}), tmp_path / "a.parquet")
+    body = zlib.compress(bytes(8 * n))
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    tag = (15).to_bytes(4, "little") + len(body).to_bytes(4, "little")
+    (tmp_path / "a.mat").write_bytes(head + tag + body)
+    for file in (tmp_path / "a.parquet", tmp_path / "a.mat"):
+        assert file.stat().st_size < 1e6
+        with pytest.raises(LogError, match="unpacks to more"):
+            read_log(file, max_bytes=10_000_000)
+
+
+def test_impossible_numbers_count_as_missing_and_are_said(tmp_path: Path) -> None:
+    """Infinity and 1e304 m are no measurements: a reader leaves them out with a remark."""
+    log = small_log(trajectories=1)
+    assert log.tracker_cp is not None
+    position = np.array(log.tracker_cp.position)
+    position[[3, 5]] = [[np.inf, 0, 0], [0, 1e304, 0]]
+    write_log(replace(log, tracker_cp=replace(log.tracker_cp, position=position)), tmp_path / "log.csv")
+    read = read_log(tmp_path / "log.csv")
+    assert read.tracker_cp is not None
+    assert not read.tracker_cp.finite[[3, 5]].any()
+    assert read.tracker_cp.finite.sum() == len(log) - 2
+    assert any("2 samples of tracker_cp" in remark for remark in read.remarks)
+
+
+def test_whatever_a_parser_raises_is_a_damaged_recording(tmp_path: Path) -> None:
+    """Mutated MATLAB files are read or refused in words, whatever the libraries below raise."""
+    scipy = pytest.importorskip("scipy.io")
+    log, rng = small_log(trajectories=2), np.random.default_rng(1)
+    assert log.tracker_cp is not None
+    variables = {
+        "time": log.time,
+        "tracker_cp": log.tracker_cp.position,
+        "trajectory": log.trajectory,
+        "note": {"a": 1},
+    }
+    scipy.savemat(tmp_path / "good.mat", variables, do_compression=True)
+    good = (tmp_path / "good.mat").read_bytes()
+    for _ in range(200):
+        damaged = bytearray(good)
+        for place in rng.integers(116, 400, rng.integers(1, 4)):
+            damaged[place] = rng.integers(256)
+        (tmp_path / "bad.mat").write_bytes(damaged)
+        with suppress(LogError):
+            read_log(tmp_path / "bad.mat", max_bytes=50_000_000)
