@@ -6,6 +6,7 @@ packages add commands by an entry point of the group `gpcorrect.commands` that n
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib import import_module
 from typing import Annotated, Any
@@ -186,8 +187,22 @@ def _options(
     """Learn how a cable-driven robot misses its commanded pose, and what to command instead."""
 
 
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+def _one_thread_of_linear_algebra() -> None:
+    """Let the libraries below work on one thread, of this process and of those it starts, unless the user says otherwise.
+
+    The problems are many and small: pools of threads spend their time waiting for each other (`joint fit` took ten
+    times as long on two busy cores). Commands that use several cores start processes (`--jobs`).
+    """
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
+
+
 def main() -> None:
     """Run the command line; bad input ends with one clear message and exit status 2."""
+    _one_thread_of_linear_algebra()  # before anything imports NumPy
     try:
         app()
     except GpCorrectError as error:

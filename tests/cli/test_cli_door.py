@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -34,6 +35,23 @@ def loaded_by(code: str) -> set[str]:
     code = f"{code}\nimport sys; print('loaded', *sorted(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     return {name.partition(".")[0] for name in done.stdout.splitlines()[-1].split()}
+
+
+@pytest.mark.parametrize(("given", "expected"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "2"}, "2")])
+def test_linear_algebra_has_one_thread_unless_the_user_says_otherwise(given: dict[str, str], expected: str) -> None:
+    """The program's door sets the libraries below to one thread, before they are loaded; a user's setting stays."""
+    code = """
+import os, sys
+from gpcorrect.cli import main
+sys.argv[1:] = ["--version"]
+try:
+    main()
+except SystemExit:
+    print(os.environ["OPENBLAS_NUM_THREADS"])
+"""
+    clean = {name: value for name, value in os.environ.items() if not name.endswith("_THREADS")}
+    done = subprocess.run([sys.executable, "-c", code], env=clean | given, check=True, capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == expected
 
 
 def test_importing_the_package_loads_no_library() -> None:
