@@ -73,3 +73,13 @@ def test_the_documents_name_tests_that_exist() -> None:
     known = {path.stem for path in files}
     known |= {name for path in files for name in re.findall(r"^ *(?:async )?def (test_\w+)", path.read_text(), re.M)}
     assert named <= known
+
+
+def test_what_shows_a_hazard_is_there() -> None:
+    """Every test, bench and group of scenarios that the table of hazards names exists."""
+    page = (ROOT / "docs" / "risk.md").read_text()
+    files = {path.stem for path in ROOT.glob("tests/**/test_*.py")}
+    groups = {path.stem for path in (ROOT / "bench" / "attacks").glob("*.py")}
+    assert set(re.findall(r"\btest_\w+", page)) <= files
+    assert set(re.findall(r"--only (\w+)", page)) <= groups
+    assert all((ROOT / path).exists() for path in re.findall(r"`((?:tests|bench)/[\w/]+(?:\.py)?)", page))

@@ -36,7 +36,11 @@ def require_writable(path: str | Path) -> None:
     """
     target = Path(path)
     if target.suffix not in (".csv", ".parquet"):
-        raise LogError(f"expected a name ending in .csv or .parquet, got {target.name}.", path=str(target))
+        raise LogError(
+            f"expected a name ending in .csv or .parquet, got {target.name}.",
+            path=str(target),
+            hint=f"Write {target.stem}.csv or {target.stem}.parquet.",
+        )
     require_folder(target)
 
 

@@ -113,6 +113,30 @@ def test_what_waited_while_the_prefilter_was_stopped_moves_nothing(scale, held):
     assert max(passed) == waiting[-1]
 
 
+def test_a_robot_that_was_held_up_is_believed_again_once_it_was_disabled():
+    """A clock that lost five seconds is STALE; disabling and enabling learns it anew, and not from what waited."""
+    wall = Wall()
+    answering = Prefilter(model(ShiftCorrector()), monotonic=wall)
+
+    def passes(stamp: float, state: str = "ENABLED") -> bool:
+        answering.robot_is(OperatingState(stamp, state, True, False))  # type: ignore[arg-type]
+        with suppress(ServiceError):
+            answering.servo(pose(stamp))
+            return True
+        return False
+
+    assert passes(1.0)
+    wall.now += 6.0
+    assert not passes(2.0)
+    # It was disabled and enabled while the pre-filter was stopped, and all of it comes at once.
+    wall.now += 3.0
+    assert not passes(2.1, "DISABLED")
+    assert not any(passes(2.1 + 0.1 * k) for k in range(29))
+    wall.now += 1.1
+    assert passes(6.1)
+    assert not passes(5.5)
+
+
 @pytest.mark.parametrize("off", [-3600.0, -0.3, 0.3, 3600.0])
 def test_a_clock_that_is_not_the_robots_says_nothing_of_age(off):
     """Poses stamped by a planner's clock that is behind the robot's, or ahead of it, are refused, with the reason."""

@@ -39,6 +39,7 @@ __all__ = ["FilterServer", "Prefilter", "PrefilterSettings"]
 
 POSE = 7  # numbers of a pose
 WAITING = 64  # chosen by hand: poses that may wait; a stream that is further behind loses its oldest
+SETTLING = 1.0  # chosen by hand: s in which what waited for a process that was stopped has come in
 LOG_EVERY = 1000  # refusals between two lines about them in the log
 
 
@@ -105,7 +106,7 @@ class Prefilter:
         self._stream = model.corrector.stream()
         self._state: OperatingState | None = None
         self._clock = StreamClock(self._settings.time_scale)
-        self._newest = -math.inf
+        self._newest = self._settled_at = -math.inf
         self._last: _Step | None = None
         self._lock = threading.Lock()
 
@@ -119,7 +120,11 @@ class Prefilter:
         now = self._monotonic()
         with self._lock:
             if not _ready(state):
+                # A robot that is enabled again may have been held up, or its clock set: learned anew, and not from
+                # what waited.
                 self._last = None
+                self._clock.reset()
+                self._settled_at = now + SETTLING
             self._clock.heard(state.stamp, now)
             self._state = state
 
@@ -196,13 +201,20 @@ class Prefilter:
 
     def _check_age(self, stamp: float) -> None:
         """Refuse what is too old, or stamped by another clock than the robot's; now, and not when it came."""
-        age, most = self._clock.age(stamp, self._monotonic()), self._settings.command_age
+        now, most = self._monotonic(), self._settings.command_age
+        if now < self._settled_at:
+            raise ServiceError(
+                "STALE",
+                "the robot has just become ready, and its clock is not known yet.",
+                hint=f"Wait for {SETTLING:g} s.",
+            )
+        age = self._clock.age(stamp, now)
         if abs(age) > most:
             raise ServiceError(
                 "STALE",
                 f"the pose is stamped {abs(age):.2f} s {'behind' if age > 0 else 'ahead of'} the robot's clock; "
                 f"{most:g} s are allowed.",
-                hint="Stamp poses with the robot's clock. Where that was set or held up: start the pre-filter again.",
+                hint="Stamp poses with the robot's clock. Where that was set or held up: disable and enable the robot.",
             )
 
     def _check_ready(self) -> None:
