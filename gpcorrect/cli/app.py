@@ -191,10 +191,10 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB
 
 
 def _one_thread_of_linear_algebra() -> None:
-    """Let the libraries below work on one thread, of this process and of those it starts, unless the user says otherwise.
+    """Give the libraries below one thread, in this process and those it starts, unless the user says otherwise.
 
-    The problems are many and small: pools of threads spend their time waiting for each other (`joint fit` took ten
-    times as long on two busy cores). Commands that use several cores start processes (`--jobs`).
+    The problems are many and small: pools of threads on busy cores spend their time waiting for each other. Commands
+    that use several cores start processes (`--jobs`).
     """
     for name in THREADS:
         os.environ.setdefault(name, "1")

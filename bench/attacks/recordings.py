@@ -1,0 +1,147 @@
+"""What a laboratory gets wrong with its recordings: units, clocks, orders, too few motions, copies, damaged files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from attacks.lab import Lab, Scenario, Seen
+from gpcorrect.calibration import FitSettings, evaluate_model, fit_model, load
+from gpcorrect.calibration.model_file import load_any, read_parts, seal_of
+from gpcorrect.cli.options import read_logs
+from gpcorrect.errors import ArtifactError, GpCorrectError
+from gpcorrect.logs import match_clocks, validate_log, write_log
+from gpcorrect.sim import debridement_log, random_reaches_log
+from gpcorrect.types import CalibrationLog, PoseSignal
+
+REACHES = 20
+FORGED = 300
+VALUES = (None, "x", "array:model", -1, 0, 1e300, 10**30, [], [[]], {}, {"type": "Law"}, True, [1, "y"])
+
+
+def units(lab: Lab) -> Seen:
+    """Ask in millimetres and milliseconds: poses, paths, streams and logs."""
+    corrector, log = load(lab.model), debridement_log(7, reaches=3, faults=False)
+    seen = log.tracker_cp
+    assert seen is not None
+    assert seen.quaternion is not None
+    path, time = np.hstack([seen.position, seen.quaternion])[log.trajectory == 0], log.time[log.trajectory == 0]
+    wide = path * np.array([1e3, 1e3, 1e3, 1, 1, 1, 1])
+    stream = corrector.stream()
+    tried = (
+        lambda: corrector.correct(wide[0]),
+        lambda: corrector.correct_path(wide, time),
+        lambda: corrector.correct_path(path, 1e3 * time),
+        lambda: [stream.correct(1e3 * t, pose) for t, pose in zip(time, path, strict=True)],
+        lambda: evaluate_model(corrector, replace(log, time=1e3 * log.time)),
+    )
+    return Seen(len(tried), sum(not _refuses(question) for question in tried))
+
+
+def _refuses(question: Any) -> bool:
+    try:
+        question()
+    except GpCorrectError:
+        return True
+    return False
+
+
+def orders(_: Lab) -> Seen:
+    """Read quaternions in another order, and recordings with faults that are right."""
+    tried, wrong = 0, 0
+    for seed in range(4):
+        log = debridement_log(seed, reaches=REACHES)
+        for first in range(0, REACHES, 5):
+            part = log.select((log.trajectory >= first) & (log.trajectory < first + 5))
+            tried, wrong = tried + 1, wrong + (not validate_log(part).ok)
+        tried, wrong = tried + 2, wrong + (not validate_log(log).ok) + validate_log(_misread(log)).ok
+    return Seen(tried, wrong, "in pieces of five reaches, whole, and whole as xyzw")
+
+
+def _misread(log: CalibrationLog) -> CalibrationLog:
+    seen = log.tracker_cp
+    assert seen is not None
+    assert seen.quaternion is not None
+    return replace(log, tracker_cp=PoseSignal(seen.position, np.roll(seen.quaternion, -1, axis=1)))
+
+
+def few_motions(_: Lab) -> Seen:
+    """Fit one to eight motions: fewer than 90 % of the errors on others inside the intervals, or nothing said."""
+    log, wrong, covered = debridement_log(3, reaches=40, faults=False), 0, []
+    others, counts = log.select(log.trajectory >= 20), (1, 2, 3, 4, 6, 8)
+    for count in counts:
+        result = fit_model(log.select(log.trajectory < count), FitSettings(inducing=60))
+        measured = result.corrector.measure(others, np.ones(len(others), dtype=bool))
+        covered.append(float((np.abs(measured.corrected) <= measured.interval95).mean()))
+        wrong += covered[-1] < 0.9 or not any("widened" in remark for remark in result.remarks)
+    return Seen(len(counts), wrong, f"covered {', '.join(f'{100 * c:.0f} %' for c in covered)}")
+
+
+def clocks(_: Lab) -> Seen:
+    """Ask for the clock of two or three reaches that have none of their own: a shift."""
+    logs = [make(seed, n) for make in (_reaches, _random) for n in (2, 3) for seed in range(100, 108)]
+    return Seen(len(logs), sum(match_clocks(log, "tracker_cp", "setpoint_cp", "auto")[1].applied != 0 for log in logs))
+
+
+def _reaches(seed: int, count: int) -> CalibrationLog:
+    return debridement_log(seed, reaches=count)
+
+
+def _random(seed: int, count: int) -> CalibrationLog:
+    return random_reaches_log(seed=seed, n_trajectories=count)
+
+
+def copies(lab: Lab) -> Seen:
+    """Give a recording twice, and measure a model on what it was made from."""
+    files = [lab.folder / "first.csv", lab.folder / "copy.csv"]
+    log = debridement_log(1, reaches=10, faults=False)
+    for file in files:
+        write_log(log, file)
+    corrector = fit_model(read_logs(files[:1]), FitSettings(method="offset")).corrector
+    quiet = not any("made from" in caution for caution in evaluate_model(corrector, read_logs(files[1:])).cautions)
+    return Seen(2, (not _refuses(lambda: read_logs(files))) + quiet)
+
+
+def forgeries(lab: Lab) -> Seen:
+    """Change the structure of a model file under a fresh seal: anything but a refusal or the same answers."""
+    rng, file, wrong = np.random.default_rng(0), lab.folder / "forged.gpc", 0
+    for _ in range(FORGED):
+        header, arrays = read_parts(lab.model)
+        spots = list(_places(header["model"]))
+        node, key = spots[rng.integers(len(spots))]
+        node[key] = VALUES[rng.integers(len(VALUES))]
+        _write(file, {**header, "seal": seal_of(header)}, arrays)
+        try:
+            load_any(file)
+        except ArtifactError:
+            continue
+        except Exception:  # noqa: BLE001  # what must not come through
+            wrong += 1
+    return Seen(FORGED, wrong)
+
+
+def _places(node: Any) -> Any:
+    keys = list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
+    for key in keys:
+        yield node, key
+        yield from _places(node[key])
+
+
+def _write(file: Path, header: dict[str, Any], arrays: dict[str, Any]) -> None:
+    contents = {"header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays}
+    with file.open("wb") as out:
+        np.savez(out, **contents)
+
+
+SCENARIOS = (
+    Scenario("millimetres and milliseconds", "believed", units),
+    Scenario("orders of quaternions", "wrong ones passed, right recordings refused", orders),
+    Scenario("few motions", "intervals that do not hold, or nothing said", few_motions),
+    Scenario("clocks of few reaches", "shifted", clocks),
+    Scenario("copies", "measured on as if they were new", copies),
+    Scenario("forged model files", "errors other than a refusal", forgeries),
+)
