@@ -167,7 +167,7 @@ def test_joints_that_a_pose_does_not_tell_are_left_out() -> None:
 def test_memory_pays_on_a_real_wrist() -> None:
     """On the held-out last fifth of a real dVRK recording memory takes at least 15 % off the rotation error."""
     log = read_log(real_data("dvrk_random.csv"))
-    experiment = run_experiment(log, replace(SETTINGS, marker="auto", inducing=300))
+    experiment = run_experiment(log, replace(SETTINGS, marker="auto"))
     assert experiment.test is not None
     errors = [
         evaluate_model(c, experiment.test).clean_errors["corrected"]["rotation_deg"]["norm"]["rmse"]

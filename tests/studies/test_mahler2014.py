@@ -39,7 +39,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = replace(Scope().settings, marker="none", inducing=60)
     small = Scope(30, places=3, repetitions=2, fractions=(0.02, 1.0), settings=settings)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "table_one", short_search()(study.table_one))
+        for part, samples in (("table_one", 150), ("limits", 300)):
+            patch.setattr(study, part, short_search(samples)(getattr(study, part)))
         patch.setattr(Scope, "quick", classmethod(lambda _: small))
         assert _run("--quick", "--seed", SEED, "--output", output) == 0
     return output

@@ -193,7 +193,7 @@ class CableFilter:
         self._scale = max(gap, process, TINY)
         self._drag, self._start = gap / self._scale, max(gap, process, TINY) / self._scale
         self._motor = np.zeros(1)
-        points = MerweScaledSigmaPoints(1, alpha=0.5, beta=2.0, kappa=2.0)
+        points = MerweScaledSigmaPoints(1, alpha=0.5, beta=2.0, kappa=2.0, sqrt_method=np.sqrt)  # of a 1 x 1 matrix
         self._ukf = UnscentedKalmanFilter(1, 1, 1.0, hx=self._stretch, fx=self._dragged, points=points)
         self._ukf.Q[:] = (process / self._scale) ** 2
         if np.isfinite(measurement):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from gpcorrect.types import FloatArray, IntArray
 
@@ -89,13 +90,30 @@ def bordered(base: Grams, columns: FloatArray, new: FloatArray, residual: FloatA
     gram, moment = np.zeros((n_blocks, p + q, p + q)), np.zeros((n_blocks, p + q))
     gram[:, :p, :p], moment[:, :p] = base.gram, base.moment
     order, ends = _by_block(block, n_blocks)
-    x, fresh, y = columns[order], new[order], residual[order]
-    for b in range(n_blocks):
-        rows = slice(ends[b], ends[b + 1])
-        cross = x[rows].T @ fresh[rows]
-        gram[b, :p, p:], gram[b, p:, :p] = cross, cross.T
-        gram[b, p:, p:], moment[b, p:] = fresh[rows].T @ fresh[rows], fresh[rows].T @ y[rows]
+    behind = np.ascontiguousarray(np.column_stack([columns[order], new[order], residual[order]]))
+    _add_products(behind, ends, p, gram, moment)
     return Grams(gram, moment)
+
+
+@njit(cache=True)
+def _add_products(columns: FloatArray, ends: IntArray, known: int, gram: FloatArray, moment: FloatArray) -> None:
+    """Sum, over the rows of each block, the products of the last columns but one with all up to them.
+
+    Blocks are short and many: products of small matrices one block after the other cost more in calls than in sums.
+    """
+    width = gram.shape[1]
+    for b in range(len(ends) - 1):
+        for row in range(ends[b], ends[b + 1]):
+            for i in range(known, width):
+                value = columns[row, i]
+                if value == 0.0:
+                    continue
+                for k in range(i + 1):
+                    gram[b, i, k] += value * columns[row, k]
+                moment[b, i] += value * columns[row, width]
+        for i in range(known, width):
+            for k in range(i):
+                gram[b, k, i] = gram[b, i, k]
 
 
 def _by_block(block: IntArray, n_blocks: int) -> tuple[IntArray | slice, IntArray]:

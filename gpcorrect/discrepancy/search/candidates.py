@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -87,7 +88,7 @@ class Candidate:
         """Its class in the catalogue."""
         return str(self.kind.about.family)
 
-    @property
+    @cached_property
     def key(self) -> tuple[Any, ...]:
         """What it is, whatever its numbers: two fitted of a set with one key are one."""
         return (self.name, self.joint, self.fixed)
@@ -180,7 +181,7 @@ class FittedEffect:
     candidate: Candidate
     u: FloatArray
 
-    @property
+    @cached_property
     def effect(self) -> Effect:
         """The effect."""
         return self.candidate.build(self.u)

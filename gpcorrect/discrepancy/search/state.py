@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -98,10 +98,13 @@ class Search:
         candidate : Candidate
             Whatever its numbers.
         """
-        for trace in self.traces:
-            if trace.candidate.key == candidate.key:
-                return trace.touched
-        return np.ones(len(self.whitener.noises), dtype=np.bool_)
+        known = self._touched.get(candidate.key)
+        return np.ones(len(self.whitener.noises), dtype=np.bool_) if known is None else known
+
+    @cached_property
+    def _touched(self) -> dict[Hashable, BoolArray]:
+        """Channels of the first trace of each key."""
+        return {t.candidate.key: t.touched for t in reversed(self.traces)}
 
     def alike(self, a: Candidate, b: Candidate) -> bool:
         """Return whether two candidates show in a common channel.
