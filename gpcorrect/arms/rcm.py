@@ -28,6 +28,7 @@ __all__ = ["RcmInverse"]
 SIGNS = np.array(np.meshgrid([1.0, -1.0], [1.0, -1.0], [1.0, -1.0], indexing="ij")).reshape(3, 8)
 GEOMETRY_TOLERANCE = 1e-9  # m, or of a unit vector: far above what rounding leaves of axes that meet
 SINGULAR_DISTANCE = 1e-9  # m; nearer to the remote centre than this a direction is undefined
+BESIDE = np.array([3e-9, 5e-9, 7e-9])  # m; off the remote centre in no direction of an axis, and far below any sensor
 ROUNDING = 1e-12  # of a square that is zero at the edge of reach: some thousand times float64's
 
 
@@ -96,15 +97,25 @@ class RcmInverse:
     def solve(self, T: FloatArray) -> FloatArray:
         """All joint values (..., 8, 6) that reach tip poses `T` (..., 4, 4), angles in -pi..pi.
 
-        A branch that does not exist is NaN; so is all of a pose whose wrist point or yaw axis passes through
-        the remote centre, where solutions are not isolated.
+        A branch that does not exist is NaN. Where the wrist point or the yaw axis passes through the remote centre,
+        solutions are not isolated: those of a pose some nanometres beside it are given.
 
         Parameters
         ----------
         T : (..., 4, 4) array
             Tip poses in the base frame.
         """
-        target = np.asarray(T, dtype=np.float64)[..., None, :, :]
+        target = np.asarray(T, dtype=np.float64)
+        q = self._solve(target)
+        none = np.isnan(q).all(axis=(-1, -2))
+        if none.any():
+            beside = target[none].copy()
+            beside[:, :3, 3] += BESIDE
+            q[none] = self._solve(beside)
+        return q
+
+    def _solve(self, T: FloatArray) -> FloatArray:
+        target = T[..., None, :, :]
         motion = target @ se3.invert(self.T_zero)  # product of the six joints' screw motions
         yaw_axis = motion[..., :3, :3] @ self.axes[5]
         arm, wrist = self._wrist(motion, yaw_axis)

@@ -230,11 +230,19 @@ def _write_rotation(R: FloatArray, f: Frame, x: FloatArray) -> int:
         x[3:6], x[6:9] = R[:, 0], R[:, 1]
         return 6
     if kind == EULER:
-        x[3], x[5] = atan2(R[2, 1], R[2, 2]), atan2(R[1, 0], R[0, 0])
-        x[4] = atan2(-R[2, 0], hypot(R[0, 0], R[1, 0]))
+        angles, centre = _fixed_axes_angles(R), _fixed_axes_angles(f.R_mean)
+        x[3:6] = centre + np.mod(angles - centre + np.pi, 2 * np.pi) - np.pi
         return 3
     x[3:6] = rotvec_from_matrix(_product(R, f.R_mean.T))
     return 3
+
+
+@njit(cache=True)
+def _fixed_axes_angles(R: FloatArray) -> FloatArray:
+    angles = np.empty(3)
+    angles[0], angles[2] = atan2(R[2, 1], R[2, 2]), atan2(R[1, 0], R[0, 0])
+    angles[1] = atan2(-R[2, 0], hypot(R[0, 0], R[1, 0]))
+    return angles
 
 
 @njit(cache=True)

@@ -38,9 +38,9 @@ class FeatureMap:
     Parameters
     ----------
     kinds : sequence of str
-        "pose": position and rotation, the latter as in the module says; or "euler": position
-        and the paper's angles about fixed axes, which jump at +-180 degrees. And "velocity": the twist. Data without
-        rotations give the linear parts only.
+        "pose": position and rotation, the latter as in the module says; or "euler": position and the paper's angles
+        about fixed axes, which jump half a turn from those of the mean training rotation. And "velocity": the twist.
+        Data without rotations give the linear parts only.
     rotation : str
         Representation of rotations, found by :meth:`fit`: "rotvec", "columns" or "euler", "none" for data without
         rotations.
@@ -245,7 +245,8 @@ def _rotation_features(rotations: FloatArray, kind: RotationKind, R_mean: FloatA
     if kind == "columns":
         return np.concatenate([rotations[:, :, 0], rotations[:, :, 1]], axis=1)
     if kind == "euler":
-        return fixed_axes_angles(rotations)
+        centre = fixed_axes_angles(R_mean)  # half a turn from it, far from the training, is where angles jump
+        return centre + np.mod(fixed_axes_angles(rotations) - centre + np.pi, 2 * np.pi) - np.pi
     features = np.full((len(rotations), 3), np.nan)
     finite = np.isfinite(rotations).all(axis=(1, 2))
     features[finite] = se3.rotvec_from_matrix(rotations[finite] @ R_mean.T)

@@ -171,3 +171,14 @@ def test_euler_angles_rebuild_the_rotation() -> None:
     np.testing.assert_allclose(
         Rotation.from_euler("xyz", fixed_axes_angles(rotations)).as_matrix(), rotations, atol=1e-12
     )
+
+
+def test_euler_features_do_not_jump_in_the_training() -> None:
+    """Neighbouring rotations about half a turn have neighbouring features, though their angles pass +-180 degrees."""
+    turn = np.pi + np.linspace(-0.5, 0.5, 101)
+    rotations = se3.matrix_from_rotvec(turn[:, None] * np.array([1.0, 0.0, 0.0]))
+    assert np.abs(np.diff(fixed_axes_angles(rotations), axis=0)).max() > 6.0
+    features = FeatureMap(("euler",)).fit(np.zeros((101, 3)), rotations, None)
+    X = features.transform(np.zeros((101, 3)), rotations)
+    steps = np.abs(np.diff(X * features.spread, axis=0))
+    assert steps.max() < 0.011
