@@ -134,6 +134,8 @@ def debridement_gif(scene: Scene, stations: Sequence[Station], conditions: Seque
     def draw(frame: int) -> list[Artist]:
         return [artist for film in films for artist in film.draw(end * frame / (FRAMES - 1))]
 
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # places stay from frame to frame; finding them again takes most of a frame's time
     film = FuncAnimation(figure, draw, frames=FRAMES, blit=False)
     film.save(str(path), writer=PillowWriter(fps=FRAMES_A_SECOND), dpi=GIF_DPI)
 
