@@ -5,6 +5,8 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ import zenoh
 from service_bench import free_endpoint
 
 from attacks.lab import Lab, Scenario, Seen, held, waited
+from attacks.relay import relay
 from gpcorrect.calibration import JointCorrector, load
 from gpcorrect_service import ClientSettings
 from gpcorrect_service.crtk import BusSettings, Pose
@@ -37,12 +40,18 @@ def foreign_clock(lab: Lab) -> Seen:
     return _planned(lab, hold=0.0, clock=-3600.0)
 
 
-def _planned(lab: Lab, hold: float, clock: float) -> Seen:
+def held_network(lab: Lab) -> Seen:
+    """Let the network to a pre-filter stand still for five seconds; all that it held comes at once afterwards."""
+    return _planned(lab, hold=STOPPED, clock=0.0, network=True)
+
+
+def _planned(lab: Lab, hold: float, clock: float, *, network: bool = False) -> Seen:
     """Stream poses at a pre-filter; count commands that leave it too old, or whose age nobody can know."""
     middle = load(lab.model).check_queries[0, :7]
     with (
         lab.arm("--corrected") as (end, _),
-        lab.program("prefilter", str(lab.model), "--endpoint", end, ready="corrects") as prefilter,
+        relay(end) as (relayed, flows),
+        lab.program("prefilter", str(lab.model), "--endpoint", relayed, ready="corrects") as prefilter,
         Robot(BusSettings(end), patience=60.0) as robot,
     ):
         sent: dict[float, float] = {}
@@ -56,11 +65,14 @@ def _planned(lab: Lab, hold: float, clock: float) -> Seen:
                 time.sleep(2.0)
             else:
                 waited(lambda: len(came) > 20)
-            with held(prefilter.pid):
+            with _still(flows) if network else held(prefilter.pid):
                 time.sleep(hold)
                 stop.set()
                 planner.join()
+                time.sleep(2 * LIMIT)  # what was sent last is old as well when all goes on
+                before = robot.setpoint
             time.sleep(1.0)
+            moved = float(np.abs(robot.setpoint - before).max())
         finally:
             stop.set()
             planner.join()
@@ -68,7 +80,18 @@ def _planned(lab: Lab, hold: float, clock: float) -> Seen:
         return Seen(len(sent), len(came), f"{len(came)} of {len(sent)} passed with a clock an hour off")
     ages = np.array([arrived - sent[stamp] for stamp, arrived in came if stamp in sent])
     old = int((ages > LIMIT + CARRIED).sum())
-    return Seen(len(sent), old, f"{len(ages)} passed, oldest {ages.max():.2f} s")
+    # A command that was already on its way when all stood still is the arm's to refuse: it must not move.
+    broken = max(old, 1) if moved > 0 else 0
+    return Seen(len(sent), broken, f"{len(ages)} passed, {old} of them came old, the arm moved {moved:.1e} rad or m")
+
+
+@contextmanager
+def _still(flows: threading.Event) -> Iterator[None]:
+    flows.clear()
+    try:
+        yield
+    finally:
+        flows.set()
 
 
 def _stream(robot: Robot, middle: Any, clock: float, sent: dict[float, float], stop: threading.Event) -> None:
@@ -87,11 +110,11 @@ def held_estimates(lab: Lab) -> Seen:
     measured, rows = load(joints, JointCorrector), 0
     zeros = (0.0,) * len(measured.types)
     end = free_endpoint()
-    came: list[tuple[float, str]] = []
+    came: list[tuple[float, float, str]] = []
 
     def _came(sample: zenoh.Sample) -> None:
         answer = MSGPACK.decode(EstimateAnswer, sample.payload.to_bytes())
-        came.append((time.monotonic() - answer.stamp, answer.status))
+        came.append((answer.stamp, time.monotonic() - answer.stamp, answer.status))
 
     with (
         lab.program("serve", "--joints", str(joints), "--endpoint", end, ready="serving") as server,
@@ -110,22 +133,26 @@ def held_estimates(lab: Lab) -> Seen:
         try:
             waited(lambda: len(came) > 50)
             with held(server.pid):
+                stopped = time.monotonic()
                 time.sleep(STOPPED)
             rows = len(came)
             time.sleep(2.0)
         finally:
             stop.set()
             robot.join()
-    believed = [age for age, status in came if age > LIMIT + CARRIED and status != "STALE"]
+    # What was answered before the stop, and was on its way, nobody can call back: its stamp tells its age.
+    late = [status for stamp, age, status in came if stamp > stopped and age > LIMIT + CARRIED]
+    believed = [status for status in late if status != "STALE"]
     return Seen(
         len(came),
         len(believed),
-        f"{len(came) - rows} came after the stop, {dict(Counter(status for _, status in came))}",
+        f"{len(came) - rows} came after the stop, {dict(Counter(status for *_, status in came))}",
     )
 
 
 SCENARIOS = (
-    Scenario("pre-filter stopped for 5 s", "commands older than 0.25 s", held_prefilter),
+    Scenario("pre-filter stopped for 5 s", "commands older than 0.25 s that move", held_prefilter),
+    Scenario("network still for 5 s", "commands older than 0.25 s that move", held_network),
     Scenario("estimates of a server stopped for 5 s", "estimates older than 0.25 s, not STALE", held_estimates),
     Scenario("planner's clock an hour behind", "commands of unknown age", foreign_clock),
 )
