@@ -17,9 +17,10 @@ from service_support import PATIENT, POSE, child, end_with_parent, free_port, se
 from gpcorrect.errors import DataError
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, ServiceError
 from gpcorrect_service.client.operator import Operator
+from gpcorrect_service.ops.access import ROLES
 from gpcorrect_service.ops.doctor import Finding, examine
 from gpcorrect_service.ops.router import route
-from gpcorrect_service.ops.secure import ROLES, Site, secure_site
+from gpcorrect_service.ops.secure import Site, secure_site
 
 NOW = datetime.datetime.now(datetime.UTC)
 Edit = Callable[[dict[str, Any]], None]
@@ -58,6 +59,20 @@ def test_a_role_may_do_what_it_is_for(site: Path, role: str) -> None:
         except ServiceError:
             changed = False
     assert changed == (role == "operator")
+
+
+@pytest.mark.parametrize(("certificate", "password"), [("planner", "operator"), ("operator", "planner")])
+def test_a_role_is_a_certificate_and_its_password(site: Path, tmp_path: Path, certificate: str, password: str) -> None:
+    """One role's certificate with another's password is nobody: it is not corrected and changes no state."""
+    config, other = (json.loads((site / f"{role}.json5").read_text()) for role in (certificate, password))
+    config["transport"]["auth"] = other["transport"]["auth"]
+    file = tmp_path / "mixed.json5"
+    file.write_text(json.dumps(config))
+    with CorrectionClient(config_file=file, timeout=1.0, connect_timeout=1.0) as client:
+        assert not corrected(client)
+    settings = ClientSettings(config_file=file, connect_timeout=1.0)
+    with Operator(settings, patience=1.0) as operator, pytest.raises(ServiceError):
+        operator.set_state("ENABLED")
 
 
 def corrected(client: CorrectionClient) -> bool:

@@ -1,7 +1,8 @@
 """A secured site in one folder: certificates, passwords, and configurations with access rules, ready to use.
 
 Everything meets at a router that speaks TLS only, asks every certificate and password, and lets through what a role
-may do, and nothing else: planners ask, the operator also changes models, monitors look on, servers answer.
+may do, and nothing else: planners ask and move, the operator also changes models, monitors look on, servers answer, the
+pre-filter alone sends corrected commands.
 """
 
 from __future__ import annotations
@@ -21,24 +22,13 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from gpcorrect.atomic import make_folder
 from gpcorrect.errors import DataError
-from gpcorrect_service.protocol.live import LIVE_KEYS
+from gpcorrect_service.ops.access import USERS, access_rules
 from gpcorrect_service.protocol.sessions import CLIENT, COMMON
 
-__all__ = ["ROLES", "Site", "secure_site"]
+__all__ = ["Site", "secure_site"]
 
 PASSWORD_BYTES = 24  # chosen by hand: 192 bits, beyond guessing
 OWNER_ONLY = 0o600  # mode of files
-ASKED = ("correct", "correct_path", "correct_joints", "model", "health")
-ROLES: dict[str, tuple[str, ...]] = {
-    "server": (),
-    "planner": ASKED,
-    "operator": (*ASKED, "metrics", "model/list", "admin/**"),
-    "monitor": ("health", "metrics", "model"),
-}
-ROBOT = "robot"  # publishes its joints, and listens to nobody
-STREAMS = {"planner": ("estimate",), "monitor": ("estimate", "measured_js"), "server": ("measured_js",)}
-PUBLISHED = {"server": ("estimate",), ROBOT: ("measured_js",)}
-USERS = (*ROLES, ROBOT)
 
 
 @dataclass(frozen=True)
@@ -118,7 +108,7 @@ def _router_config(folder: Path, site: Site) -> dict[str, Any]:
                 "enable_mtls": True,
             },
             "transport/auth/usrpwd": {"dictionary_file": str(own / "passwords.txt")},
-            "access_control": _access(site.namespace),
+            "access_control": access_rules(site.namespace),
         }
     )
 
@@ -142,54 +132,6 @@ def _client_config(folder: Path, site: Site, user: str, password: str) -> dict[s
             "transport/auth/usrpwd": {"user": user, "password": password},
         }
     )
-
-
-def _access(namespace: str) -> dict[str, Any]:
-    """Rules of zenoh's access control: what is not named is denied, in both directions."""
-    rules: list[dict[str, Any]] = []
-    policies: list[dict[str, Any]] = []
-    for user in USERS:
-        ids = []
-        for name, flows, messages, keys in _rights(user):
-            if keys:
-                ids.append(f"{user} {name}")
-                full = [f"{namespace}/*/{key}" for key in keys]
-                rules.append(
-                    {"id": ids[-1], "permission": "allow", "flows": flows, "messages": messages, "key_exprs": full}
-                )
-        policies.append({"rules": ids, "subjects": [user]})
-    return {
-        "enabled": True,
-        "default_permission": "deny",
-        "rules": rules,
-        "subjects": [{"id": user, "usernames": [user]} for user in USERS],
-        "policies": policies,
-    }
-
-
-def _rights(user: str) -> list[tuple[str, list[str], list[str], tuple[str, ...]]]:
-    """Return name, directions (as the router sees them), messages and keys of what a user may do."""
-    asked, streams, published = ROLES.get(user, ()), STREAMS.get(user, ()), PUBLISHED.get(user, ())
-    rights = [
-        ("asks", ["ingress"], ["query"], asked),
-        ("is answered", ["egress"], ["reply", "declare_queryable"], asked),
-        ("subscribes", ["ingress"], ["declare_subscriber"], streams),
-        ("receives", ["egress"], ["put"], streams),
-        ("publishes", ["ingress"], ["put"], published),
-        ("is subscribed to", ["egress"], ["declare_subscriber"], published),
-    ]
-    if user == "server":
-        everything = ("**",)
-        return [
-            *rights,
-            ("answers", ["ingress"], ["reply", "declare_queryable", "liveliness_token"], everything),
-            ("is asked", ["egress"], ["query"], everything),
-        ]
-    if user != ROBOT:
-        live = (LIVE_KEYS,)
-        rights.append(("asks who lives", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], live))
-        rights.append(("sees who lives", ["egress"], ["liveliness_token"], live))
-    return rights
 
 
 def _nested(flat: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,107 @@
+"""Who may do what at a secured router: roles, and the rules of zenoh's access control that they become.
+
+A role is a certificate and a password, both: a password that leaked is worth nothing behind another certificate.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gpcorrect_service.protocol.live import LIVE_KEYS
+
+__all__ = ["ROLES", "USERS", "access_rules"]
+
+ASKED = ("correct", "correct_path", "correct_joints", "model", "health")
+ROLES: dict[str, tuple[str, ...]] = {
+    "server": (),
+    "planner": ASKED,
+    "operator": (*ASKED, "metrics", "model/list", "admin/**"),
+    "monitor": ("health", "metrics", "model"),
+}
+ROBOT, PREFILTER = "robot", "prefilter"  # ask nobody, and are asked by nobody
+USERS = (*ROLES, ROBOT, PREFILTER)
+
+WANTED = ("servo_cp", "move_cp")
+CORRECTED = ("corrected/servo_cp", "corrected/move_cp")
+JOINTS = ("servo_jp", "move_jp", "state_command")
+STATE = (
+    "measured_js", "setpoint_js", "external_js", "measured_cp", "setpoint_cp", "tracker_cp", "operating_state",
+    "heartbeat", "error", "warning",
+)  # fmt: skip
+SEEN = (*STATE, "estimate", "corrected/report")
+RECEIVED = {
+    "server": ("measured_js",),
+    "planner": SEEN,
+    "operator": (*SEEN, *WANTED, *CORRECTED, "event"),
+    "monitor": (*SEEN, "servo_cp"),
+    ROBOT: (*WANTED, *CORRECTED, *JOINTS),
+    PREFILTER: (*WANTED, "operating_state"),
+}
+PUBLISHED = {
+    "server": ("estimate",),
+    "planner": WANTED,
+    "operator": (*WANTED, *JOINTS, "event"),
+    ROBOT: STATE,
+    PREFILTER: (*CORRECTED, "corrected/report", "error"),
+}
+OTHERS = "others"  # those whose certificate and password do not go together
+
+
+def access_rules(namespace: str) -> dict[str, Any]:
+    """Return the rules of zenoh's access control: what is not named is denied, in both directions.
+
+    Parameters
+    ----------
+    namespace : str
+        First part of every key.
+    """
+    rules: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    for user in USERS:
+        ids = []
+        for name, flows, messages, keys in _rights(user):
+            if keys:
+                ids.append(f"{user} {name}")
+                full = [f"{namespace}/*/{key}" for key in keys]
+                rules.append(
+                    {"id": ids[-1], "permission": "allow", "flows": flows, "messages": messages, "key_exprs": full}
+                )
+        policies.append({"rules": ids, "subjects": [user]})
+    # Nobody may delete. The rule gives those without a role a subject, by which zenoh names them where it denies.
+    nothing = {"id": OTHERS, "permission": "deny", "flows": ["ingress"], "messages": ["delete"], "key_exprs": ["**"]}
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [*rules, nothing],
+        # What one subject lists of different kinds must all hold.
+        "subjects": [
+            *({"id": user, "cert_common_names": [user], "usernames": [user]} for user in USERS),
+            {"id": OTHERS},
+        ],
+        "policies": [*policies, {"rules": [OTHERS], "subjects": [OTHERS]}],
+    }
+
+
+def _rights(user: str) -> list[tuple[str, list[str], list[str], tuple[str, ...]]]:
+    """Return name, directions (as the router sees them), messages and keys of what a user may do."""
+    asked, received, published = ROLES.get(user, ()), RECEIVED.get(user, ()), PUBLISHED.get(user, ())
+    rights = [
+        ("asks", ["ingress"], ["query"], asked),
+        ("is answered", ["egress"], ["reply", "declare_queryable"], asked),
+        ("subscribes", ["ingress"], ["declare_subscriber"], received),
+        ("receives", ["egress"], ["put"], received),
+        ("publishes", ["ingress"], ["put"], published),
+        ("is subscribed to", ["egress"], ["declare_subscriber"], published),
+    ]
+    if user == "server":
+        everything = ("**",)
+        return [
+            *rights,
+            ("answers", ["ingress"], ["reply", "declare_queryable", "liveliness_token"], everything),
+            ("is asked", ["egress"], ["query"], everything),
+        ]
+    if user in ROLES:
+        live = (LIVE_KEYS,)
+        rights.append(("asks who lives", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], live))
+        rights.append(("sees who lives", ["egress"], ["liveliness_token"], live))
+    return rights
