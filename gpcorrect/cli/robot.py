@@ -16,7 +16,7 @@ import typer
 from gpcorrect.atomic import require_new
 from gpcorrect.cli.collect import BLOCK, FASTEST, RATE_HZ, Limits, Speed, joint_limits, speed_limits
 from gpcorrect.cli.console import err, out, print_json, split_names
-from gpcorrect.cli.options import ROBOT, ArmName, Columns, Endpoint, Json, KeyRoot, LogOutput, numbers
+from gpcorrect.cli.options import ROBOT, ArmName, Columns, Config, Endpoint, Json, KeyRoot, LogOutput, numbers
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -33,12 +33,14 @@ KEY_STEP = 0.5  # degrees, or millimetres for the insertion
 
 
 @robot_app.command()
-def state(endpoint: Endpoint = ROBOT, arm: ArmName = "arm1", namespace: KeyRoot = "gpcorrect") -> None:
+def state(
+    endpoint: Endpoint = ROBOT, arm: ArmName = "arm1", namespace: KeyRoot = "gpcorrect", config: Config = None
+) -> None:
     """Print the robot's operating state, joints and tool pose (JSON).
 
     Example: gpcorrect robot state --arm PSM1
     """
-    with _robot(endpoint, arm, namespace) as robot:
+    with _robot(endpoint, arm, namespace, config) as robot:
         pose = robot.setpoint_pose
         print_json(
             {
@@ -61,12 +63,13 @@ def operate(
     endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
+    config: Config = None,
 ) -> None:
     """Change the robot's operating state.
 
     Example: gpcorrect robot operate ready
     """
-    with _robot(endpoint, arm, namespace) as robot:
+    with _robot(endpoint, arm, namespace, config) as robot:
         if command == "ready":
             robot.make_ready()
         else:
@@ -81,12 +84,13 @@ def goto(
     endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
+    config: Config = None,
 ) -> None:
     """Go to a joint position, within the speed limits, and wait until the robot is there.
 
     Example: gpcorrect robot goto 40,90,380,0,0,0
     """
-    with _robot(endpoint, arm, namespace) as robot:
+    with _robot(endpoint, arm, namespace, config) as robot:
         scale = _units(sliding, len(robot.setpoint))
         robot.move_jp(scale * np.array(numbers(joints, ",", len(scale), "joints")))
         out.print(f"there: {np.round(robot.measured / scale, 3).tolist()} (deg, mm)")
@@ -101,6 +105,7 @@ def random(
     endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
+    config: Config = None,
 ) -> None:
     """Move the first three joints in random sinusoids; the others stay.
 
@@ -109,7 +114,7 @@ def random(
     from gpcorrect.calibration import random_sinusoids
 
     path = random_sinusoids(joint_limits(limits), speed_limits(speed), seconds, RATE_HZ, np.random.default_rng(seed))
-    with _robot(endpoint, arm, namespace) as robot:
+    with _robot(endpoint, arm, namespace, config) as robot:
         robot.follow(path.time, _whole(path.q, robot.setpoint))
         out.print(f"moved for {path.duration:.0f} s")
 
@@ -120,6 +125,7 @@ def follow(
     endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
+    config: Config = None,
 ) -> None:
     """Drive recorded or planned joint paths, a trajectory after the other, and tell recorders which is which.
 
@@ -130,7 +136,7 @@ def follow(
     log = read_log(trajectory)
     if log.setpoint_jp is None:
         raise DataError("the trajectory has no setpoint_jp.", hint="Make one: gpcorrect zigzag --output traj.csv")
-    with _robot(endpoint, arm, namespace) as robot:
+    with _robot(endpoint, arm, namespace, config) as robot:
         for number, rows in log.trajectories():
             robot.follow(log.time[rows], _whole(log.setpoint_jp[rows], robot.setpoint), number)
             out.print(f"trajectory {number}: {np.ptp(log.time[rows]):.0f} s")
@@ -152,6 +158,7 @@ def draw(
     endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
+    config: Config = None,
 ) -> None:
     """Send desired poses on servo_cp, as a planner does: go to a circle and draw it.
 
@@ -161,7 +168,7 @@ def draw(
     from gpcorrect_service.crtk import Pose
 
     path = circle(_centre(model, centre), radius / 1e3, speed / 100, rounds)
-    with _robot(endpoint, arm, namespace) as robot:
+    with _robot(endpoint, arm, namespace, config) as robot:
         robot.bus.publish("move_cp", Pose(robot.time, tuple(path.poses[0].tolist()), frame))
         robot.rest()
         robot.follow_poses(path.times, path.poses, frame)
@@ -174,6 +181,7 @@ def keys(
     endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
+    config: Config = None,
 ) -> None:
     """Drive the joints from the keyboard.
 
@@ -181,7 +189,7 @@ def keys(
     """
     from gpcorrect_service.crtk.keyboard import HELP, KeyControl
 
-    with _robot(endpoint, arm, namespace) as robot, _raw_keys() as strokes:
+    with _robot(endpoint, arm, namespace, config) as robot, _raw_keys() as strokes:
         scale = _units(sliding, len(robot.setpoint))
         control = KeyControl(robot.setpoint, KEY_STEP * scale)
         err.print(HELP)
@@ -205,6 +213,7 @@ def record(
     endpoint: Endpoint = ROBOT,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
+    config: Config = None,
 ) -> None:
     """Record what the robot publishes: joints, poses, tracker, outside encoders; a recording is never overwritten.
 
@@ -217,7 +226,7 @@ def record(
     require_new(output)
     if mcap is not None:
         require_mcap(mcap)
-    with _robot(endpoint, arm, namespace) as robot:
+    with _robot(endpoint, arm, namespace, config) as robot:
         recorder = Recorder(robot.bus)
         err.print("recording" + (f" for {seconds:g} s" if seconds is not None else "") + "; stop with Ctrl-C")
         try:
@@ -266,11 +275,11 @@ def extract(
         out.print(f"{len(part)} of {len(log)} samples: {', '.join(part.signals)} -> {output}")
 
 
-def _robot(endpoint: str, arm: str, namespace: str) -> Robot:
+def _robot(endpoint: str, arm: str, namespace: str, config: Path | None) -> Robot:
     from gpcorrect_service.crtk import BusSettings  # zenoh is an extra; other commands work without it
     from gpcorrect_service.crtk.robot import Robot
 
-    return Robot(BusSettings(endpoint, arm, namespace))
+    return Robot(BusSettings(endpoint, arm, namespace, config_file=config))
 
 
 def _centre(model: Path | None, centre: tuple[float, ...] | None) -> FloatArray:

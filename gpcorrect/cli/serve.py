@@ -95,6 +95,7 @@ def prefilter(
     ] = 1.0,
     frame: FrameName = "",
     ros_domain: RosDomain = None,
+    config: Config = None,
 ) -> None:
     """Correct a stream of desired poses before the robot sees them, until Ctrl-C or SIGTERM.
 
@@ -104,6 +105,8 @@ def prefilter(
     NAMESPACE/ARM/error.
 
     Example: gpcorrect sim serve --corrected --ready, and in another terminal gpcorrect prefilter model.gpc
+
+    gpcorrect prefilter model.gpc --config site/prefilter.json5
     """
     stop = stop_signal()
     from gpcorrect_service.crtk import Bus, BusSettings  # zenoh is an extra; other commands work without it
@@ -120,9 +123,10 @@ def prefilter(
         desired_frame=frame,
     )
     answering = Prefilter(load_model(model), settings)
-    with Bus(BusSettings(endpoint, arm, namespace, "client", ros_domain), node=f"gpcorrect_prefilter_{arm}") as bus:
+    place = BusSettings(endpoint, arm, namespace, "client", ros_domain, config_file=config)
+    with Bus(place, node=f"gpcorrect_prefilter_{arm}") as bus:
         server = FilterServer(answering, bus, open_logger(arm=arm))
-        err.print(f"{model.name} corrects {namespace}/{arm}/servo_cp on {endpoint}; stop with Ctrl-C")
+        err.print(f"{model.name} corrects {bus.key('servo_cp')} on {place.where}; stop with Ctrl-C")
         server.run(stop)
 
 
@@ -137,12 +141,17 @@ def monitor(
     allow_remote: Annotated[
         bool, typer.Option("--allow-remote", help="Serve on an address that other machines can reach.")
     ] = False,
+    config: Annotated[
+        Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --connect.", show_default=False)
+    ] = None,
 ) -> None:
     """Serve a page that shows every arm of a namespace: poses, correction, interval, domain, latency, drift, servers.
 
     The page reads and can change nothing.
 
     Example: gpcorrect monitor --connect tcp/127.0.0.1:7448 --connect tcp/127.0.0.1:7447
+
+    gpcorrect monitor --config site/monitor.json5
     """
     for library in ("starlette", "uvicorn"):
         if find_spec(library) is None:
@@ -152,15 +161,21 @@ def monitor(
             f"{host} can be reached from other machines, and the page asks nobody who they are.",
             hint="Serve on 127.0.0.1 and tunnel to it, or allow remote access on purpose: --allow-remote",
         )
+    if config is not None and connect:
+        raise DataError("--config and --connect both say where to look.", hint="Give one of them.")
     import uvicorn
 
+    from gpcorrect_service.crtk import BusSettings, in_namespace
     from gpcorrect_service.monitor import Board, Watcher  # zenoh is an extra; other commands work without it
     from gpcorrect_service.monitor.app import application
 
-    board = Board(namespace)
+    places = [BusSettings(one, namespace=namespace) for one in connect or [ROBOT, SERVICE]]
+    if config is not None:
+        places = [in_namespace(BusSettings(namespace=namespace, config_file=config))]
+    board = Board(places[0].namespace)
     names = ["*"] if allow_remote else ["127.0.0.1", "localhost", "[::1]", host]
     page = application(board, names, lambda: server.should_exit)
     server = uvicorn.Server(uvicorn.Config(page, host, port, log_level="warning", timeout_graceful_shutdown=2))
-    with Watcher(board, connect or [ROBOT, SERVICE]):
+    with Watcher(board, places):
         err.print(f"open http://{host}:{port}/ ; stop with Ctrl-C")
         server.run()

@@ -6,13 +6,13 @@ import time
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import err, out
-from gpcorrect.cli.options import ROBOT, ArmName, KeyRoot, LogOutput, Remote
+from gpcorrect.cli.options import ROBOT, ArmName, Config, KeyRoot, LogOutput, Remote
 from gpcorrect.cli.processes import stop_signal
 from gpcorrect.errors import DataError
 
@@ -151,6 +151,7 @@ def serve(
     ros_domain: RosDomain = None,
     allow_remote: Remote = False,
     seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.", min=0)] = 0,
+    config: Config = None,
 ) -> None:
     """Run an arm that speaks CRTK over zenoh until Ctrl-C or SIGTERM.
 
@@ -162,6 +163,8 @@ def serve(
     gpcorrect sim serve --rate 1000 --arm PSM1 --machine dvrk_psm
 
     gpcorrect sim serve --ready --ros-domain 0
+
+    gpcorrect sim serve --ready --corrected --config site/robot.json5
     """
     stop = stop_signal()
     import numpy as np
@@ -181,8 +184,11 @@ def serve(
     if ready:
         robot.operate("enable")
         robot.operate("home")
-    settings = BusSettings(endpoint, arm, namespace, "hub", ros_domain, allow_remote)
+    role: Literal["hub", "client"] = "hub" if config is None else "client"  # behind a secured site's router
+    settings = BusSettings(endpoint, arm, namespace, role, ros_domain, allow_remote, config_file=config)
     with Bus(settings, node=f"gpcorrect_sim_{arm}") as bus:
         server = ArmServer(robot, bus, ArmServerSettings(rate, 100.0, time_scale, corrected), time.time())
-        err.print(f"{known.arm} lives as {namespace}/{arm} on {endpoint} at {rate:g} Hz; stop with Ctrl-C")
+        err.print(
+            f"{known.arm} lives as {bus.settings.namespace}/{arm} on {settings.where} at {rate:g} Hz; stop with Ctrl-C"
+        )
         server.run(stop)

@@ -6,19 +6,34 @@ import datetime
 import json
 import stat
 import threading
+import time
 from collections.abc import Callable, Iterator
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
 
 import pytest
-from service_support import PATIENT, POSE, child, end_with_parent, free_port, serve_in_child, spawn, wait_for
+from crtk_support import SHIFT, ShiftCorrector, model
+from service_support import (
+    PATIENT,
+    POSE,
+    child,
+    end_with_parent,
+    free_port,
+    serve_in_child,
+    spawn,
+    wait_for,
+)  # fmt: skip
 
 from gpcorrect.errors import DataError
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, ServiceError
 from gpcorrect_service.client.operator import Operator
-from gpcorrect_service.ops.access import ROLES
+from gpcorrect_service.crtk import Bus, BusSettings, OperatingState, Pose
+from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter
+from gpcorrect_service.monitor import Board, Watcher
+from gpcorrect_service.ops.access import ROLES, USERS
 from gpcorrect_service.ops.doctor import Finding, examine
+from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.router import route
 from gpcorrect_service.ops.secure import Site, secure_site
 
@@ -73,6 +88,41 @@ def test_a_role_is_a_certificate_and_its_password(site: Path, tmp_path: Path, ce
     settings = ClientSettings(config_file=file, connect_timeout=1.0)
     with Operator(settings, patience=1.0) as operator, pytest.raises(ServiceError):
         operator.set_state("ENABLED")
+
+
+def test_a_robot_moves_behind_the_secured_router(site: Path) -> None:
+    """Planner, pre-filter, robot and monitor work with the site's files; a planner's corrected/servo_cp is denied."""
+    heard: list[Pose] = []
+    board = Board("gpcorrect")
+    stop = threading.Event()
+    places = {role: BusSettings(config_file=site / f"{role}.json5", patience=PATIENT) for role in USERS}
+    with (
+        Bus(places["robot"]) as robot,
+        Bus(places["planner"]) as planner,
+        Bus(places["prefilter"]) as bus,
+        Watcher(board, [places["monitor"]]),
+    ):
+        robot.subscribe("corrected/servo_cp", heard.append)
+        filtering = threading.Thread(
+            target=FilterServer(Prefilter(model(ShiftCorrector())), bus, open_logger()).run, args=(stop,), daemon=True
+        )
+        filtering.start()
+
+        def moved_and_shown() -> bool:
+            now = time.time()
+            robot.publish("operating_state", OperatingState(now, "ENABLED", True, False))
+            planner.publish("servo_cp", Pose(now, tuple(POSE), "tracker"))
+            planner.publish("corrected/servo_cp", Pose(now, (9.0, *POSE[1:]), "base"))
+            time.sleep(0.02)
+            arms = board.snapshot(time.monotonic())["arms"]
+            return bool(heard) and any(arm["correction"] and arm["replicas"] for arm in arms)
+
+        try:
+            wait_for(moved_and_shown)
+        finally:
+            stop.set()
+            filtering.join(PATIENT)
+    assert {pose.pose[0] for pose in heard} == {POSE[0] + SHIFT[0]}
 
 
 def corrected(client: CorrectionClient) -> bool:
@@ -138,6 +188,24 @@ def test_the_doctor_knows_a_foreign_certificate(site: Path, tmp_path: Path) -> N
                 tls[part] = str(tmp_path / "other" / Path(tls[part]).name)
 
         assert examined(site, tmp_path, edit)[-1].cause == "foreign certificate"
+
+
+@pytest.mark.parametrize("days", [-400, 400])
+def test_an_expired_site_is_called_expired(tmp_path: Path, days: int) -> None:
+    """Doctor, router, client and pre-filter say that certificates expired, or are not valid yet."""
+    folder = tmp_path / "site"
+    secure_site(folder, Site(port=free_port()), NOW + datetime.timedelta(days=days))
+    file = folder / "planner.json5"
+    word = "expired on" if days < 0 else "valid from"
+    (last,) = examine(ClientSettings(config_file=file))
+    assert (last.cause, last.well) == ("expired certificate", False)
+    assert word in last.next_step
+    with pytest.raises(DataError, match=word):
+        route(folder / "router.json5", threading.Event())
+    with pytest.raises(DataError, match=word), CorrectionClient(config_file=file) as client:
+        client.health()
+    with pytest.raises(DataError, match=word):
+        Bus(BusSettings(config_file=folder / "prefilter.json5"))
 
 
 def test_the_doctor_knows_a_denied_key(site: Path) -> None:

@@ -1,7 +1,7 @@
 """CRTK over zenoh: an arm's topics, an arm that serves them, a robot's client, and the correcting pre-filter."""
 
 from gpcorrect_service.crtk.arm_server import ArmServer, ArmServerSettings
-from gpcorrect_service.crtk.bus import Bus, BusSettings
+from gpcorrect_service.crtk.bus import Bus, BusSettings, in_namespace
 from gpcorrect_service.crtk.messages import Event, JointState, OperatingState, Pose, Report, Text
 
 __all__ = [
@@ -15,4 +15,5 @@ __all__ = [
     "Pose",
     "Report",
     "Text",
+    "in_namespace",
 ]

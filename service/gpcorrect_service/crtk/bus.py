@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import itertools
+import json
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
 import msgspec
 import zenoh
 
+from gpcorrect.errors import DataError
 from gpcorrect_service.crtk.messages import TOPICS, Message, Topic
 from gpcorrect_service.crtk.ros import RmwNode, attachment, from_cdr, gid_of, rmw_key, to_cdr
 from gpcorrect_service.protocol.codec import JSON, MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
 from gpcorrect_service.protocol.limits import bad_input
 from gpcorrect_service.protocol.process import open_zenoh
-from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_config
+from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_config, read_config
 from gpcorrect_service.protocol.settings import check_loopback
 
-__all__ = ["Bus", "BusSettings", "Inbox", "open_session", "read_message"]
+__all__ = ["Bus", "BusSettings", "Inbox", "in_namespace", "open_session", "read_message"]
 
 RETRY = {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 2}
 
@@ -44,6 +47,8 @@ class BusSettings:
         Whether a hub may listen on an address that other machines reach.
     patience : float
         Seconds in which a client waits for its hub to appear.
+    config_file : Path or None
+        A zenoh JSON5 configuration that replaces `endpoint`, of a client; its `namespace`, where given, wins.
     """
 
     endpoint: str = "tcp/127.0.0.1:7448"
@@ -53,6 +58,12 @@ class BusSettings:
     ros_domain: int | None = None
     allow_remote: bool = False
     patience: float = 5.0
+    config_file: Path | None = None
+
+    @property
+    def where(self) -> str:
+        """What to call the place in messages: the configuration, or the address."""
+        return str(self.config_file or self.endpoint)
 
 
 Inbox = Callable[[Any], None]
@@ -71,11 +82,13 @@ class Bus:
     Raises
     ------
     EndpointError
-        A hub cannot listen there.
+        A hub cannot listen there, or nobody answers a client.
+    DataError
+        The configuration file cannot be read, or is not a client's.
     """
 
     def __init__(self, settings: BusSettings, node: str = "gpcorrect") -> None:
-        self.settings = settings
+        self.settings = settings = in_namespace(settings)
         self._stack = ExitStack()
         self._session = self._stack.enter_context(open_session(settings))
         self._publishers: dict[str, _Sender] = {}
@@ -232,23 +245,59 @@ def open_session(settings: BusSettings) -> zenoh.Session:
     ------
     EndpointError
         A hub cannot listen there; or nobody answers a client.
+    DataError
+        The configuration file cannot be read, or is not a client's.
     """
     hub = settings.role == "hub"
     if hub:
         check_loopback(settings.endpoint, allow_remote=settings.allow_remote)
-    config = make_config(
-        {
-            **COMMON,
-            "mode": "router" if hub else "client",
-            "listen/endpoints": [settings.endpoint] if hub else [],
-            "connect/endpoints": [] if hub else [settings.endpoint],
-            "connect/timeout_ms": round(1000 * settings.patience),
-            "connect/retry": RETRY,
-        }
+    config = (
+        _file_config(settings.config_file)
+        if settings.config_file is not None
+        else make_config(
+            {
+                **COMMON,
+                "mode": "router" if hub else "client",
+                "listen/endpoints": [settings.endpoint] if hub else [],
+                "connect/endpoints": [] if hub else [settings.endpoint],
+                "connect/retry": RETRY,
+            }
+        )
     )
+    config.insert_json5("connect/timeout_ms", json.dumps(round(1000 * settings.patience)))
     try:
         return open_zenoh(config)
     except zenoh.ZError as error:
         what = "cannot listen here" if hub else "nobody answers here"
         hint = "Another program may hold this address." if hub else "Start the arm first: gpcorrect sim serve"
-        raise EndpointError(settings.endpoint, f"{what} ({first_sentence(error)}).", hint=hint) from error
+        if settings.config_file is not None:
+            hint = f"Why: gpcorrect doctor --config {settings.config_file}"
+        raise EndpointError(settings.where, f"{what} ({first_sentence(error)}).", hint=hint) from error
+
+
+def in_namespace(settings: BusSettings) -> BusSettings:
+    """Return the settings with the namespace that their configuration file names, where it does.
+
+    Parameters
+    ----------
+    settings : BusSettings
+
+    Raises
+    ------
+    DataError
+        The file cannot be read.
+    """
+    if settings.config_file is None:
+        return settings
+    named = json.loads(read_config(settings.config_file).get_json("namespace"))
+    return settings if named is None else replace(settings, namespace=named)
+
+
+def _file_config(path: Path) -> zenoh.Config:
+    """Read a client's configuration; keys are written with the namespace here, so zenoh must not add it."""
+    config = read_config(path)
+    if config.get_json("mode") != '"client"':
+        raise DataError(f"{path} is not a client's configuration.", hint='Its mode must be "client".')
+    config.insert_json5("namespace", "null")
+    config.insert_json5("connect/exit_on_failure", "true")
+    return config

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -36,14 +37,14 @@ class Watcher:
     Parameters
     ----------
     board : Board
-    endpoints : sequence of str
-        Addresses of robots and of servers.
+    places : sequence of BusSettings
+        Addresses or configurations of robots and of servers, in the board's namespace.
     """
 
-    def __init__(self, board: Board, endpoints: Sequence[str]) -> None:
+    def __init__(self, board: Board, places: Sequence[BusSettings]) -> None:
         self._board = board
         self._stop = threading.Event()
-        self._threads = [threading.Thread(target=self._watch, args=(e,), daemon=True) for e in endpoints]
+        self._threads = [threading.Thread(target=self._watch, args=(place,), daemon=True) for place in places]
 
     def __enter__(self) -> Self:
         for thread in self._threads:
@@ -57,8 +58,8 @@ class Watcher:
         for thread in self._threads:
             thread.join(5.0)
 
-    def _watch(self, endpoint: str) -> None:
-        settings = BusSettings(endpoint, namespace=self._board.namespace, patience=CONNECT_AGAIN)
+    def _watch(self, place: BusSettings) -> None:
+        settings = replace(place, patience=CONNECT_AGAIN)
         while not self._stop.is_set():
             try:
                 session = open_session(settings)

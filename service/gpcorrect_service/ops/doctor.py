@@ -1,10 +1,12 @@
 """Why does nobody answer? zenoh shows a client zero replies whatever the cause; here each is looked for by itself.
 
-Address, port, TLS, password, keys: in this order, for each needs the one before; the first that fails is the answer.
+Validity of certificates, address, port, TLS, password, keys: in this order, for each needs the one before; the first
+that fails is the answer.
 """
 
 from __future__ import annotations
 
+import datetime
 import json
 import socket
 import ssl
@@ -16,6 +18,7 @@ from typing import Any, Literal
 import zenoh
 
 from gpcorrect.errors import DataError
+from gpcorrect_service.protocol.certificates import ExpiredError, check_certificates
 from gpcorrect_service.protocol.live import LIVE_KEYS, differing
 from gpcorrect_service.protocol.process import open_zenoh
 from gpcorrect_service.protocol.sessions import client_config
@@ -29,7 +32,23 @@ SETTLED_SECONDS = 0.5  # chosen by hand: without change after which no further k
 KEYS = ("health", "model", "correct", "correct_path", "correct_joints", "metrics", "model/list", "admin/activate")
 # Keys that a planner needs; the others may be denied to it on purpose.
 NEEDED = ("health", "correct")
+EXPIRED = "expired certificate"
 TLS_TROUBLE = (
+    (
+        "HAS_EXPIRED",
+        EXPIRED,
+        "The router's certificate, or its authority's, has expired: secure the site anew (gpcorrect secure init).",
+    ),
+    (
+        "NOT_YET_VALID",
+        EXPIRED,
+        "The router's certificate is not valid yet: compare the clocks of both machines.",
+    ),
+    (
+        "CERTIFICATE_EXPIRED",
+        EXPIRED,
+        "The router takes this client's certificate for expired: compare the clocks, or secure the site anew.",
+    ),
     (
         "CERTIFICATE_VERIFY_FAILED",
         "foreign certificate",
@@ -84,6 +103,13 @@ def examine(settings: ClientSettings) -> Iterator[Finding]:
         The configuration cannot be read.
     """
     config = client_config(settings)
+    try:
+        end = check_certificates(config, datetime.datetime.now(datetime.UTC))
+    except ExpiredError as error:
+        yield Finding("tls", str(settings.config_file), False, EXPIRED, f"{error.message} {error.hint}")
+        return
+    if end is not None:
+        yield Finding("tls", str(settings.config_file), True, f"certificates are valid until {end:%Y-%m-%d}")
     endpoints = json.loads(config.get_json("connect/endpoints"))
     if isinstance(endpoints, dict):  # one list a mode
         endpoints = [one for some in endpoints.values() for one in some]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import datetime
+import json
 import os
 from weakref import WeakSet
 
@@ -74,9 +76,15 @@ def open_zenoh(config: zenoh.Config) -> zenoh.Session:
     ------
     ServiceError
         As :func:`require_own_process`.
+    ExpiredError
+        A certificate is not valid now: zenoh would try again and again, and not say why.
     zenoh.ZError
         It cannot be opened.
     """
     require_own_process()
+    if json.loads(config.get_json("transport/link/tls")):
+        from gpcorrect_service.protocol.certificates import check_certificates  # slow to import, and seldom needed
+
+        check_certificates(config, datetime.datetime.now(datetime.UTC))
     _PROCESS.opened = True
     return zenoh.open(config)
