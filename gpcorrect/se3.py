@@ -73,12 +73,8 @@ def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
     rotation : (..., 3, 3) array
         Rotation matrices.
     """
-    return _map_rows(
-        rotation,
-        (4,),
-        lambda rows: _rotations().from_matrix(rows).as_quat(canonical=True, scalar_first=True),
-        axes=2,
-    )
+    from_matrix = _rotations().from_matrix
+    return _map_rows(rotation, (4,), lambda rows: from_matrix(rows).as_quat(canonical=True, scalar_first=True), axes=2)
 
 
 def matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:

@@ -12,7 +12,6 @@ from gpcorrect.calibration import queries
 from gpcorrect.calibration.bridging import MotionLimits
 from gpcorrect.calibration.dataset import Samples, path_starts
 from gpcorrect.calibration.law import Law
-from gpcorrect.calibration.learners import CableModel, GPMap
 from gpcorrect.calibration.memory import History
 from gpcorrect.calibration.metrics import error_table
 from gpcorrect.calibration.one_pose import Frame, command, frame, inputs
@@ -158,7 +157,7 @@ class CommandCorrector(Corrector):
         good, position, rotation, x, near = inputs(query, twist, NO_MEMORY if memory is None else memory, f, region)
         if not good:
             raise queries.bad_query(query, twist)
-        mean, std, novelty = _predict_one(law, x)
+        mean, std, novelty = law.unguarded_one(x)
         position, quaternion, limited = command(position, rotation, mean, law.bounds.largest)
         in_domain = near and novelty <= law.domain.novelty
         if not in_domain:
@@ -398,15 +397,6 @@ def _features(log: CalibrationLog, settings: FitSettings) -> tuple[tuple[str, ..
     """Return the kinds of features, memory among them, and the map of the others; unknown ones are refused."""
     kinds = settings.features or (("pose",) if log.static else ("pose", "velocity"))
     return kinds, FeatureMap(tuple(kind for kind in kinds if kind != MEMORY))
-
-
-def _predict_one(law: Law, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Predict one input `(d,)`; the Gaussian process does it in machine code."""
-    if isinstance(law.learned, GPMap):
-        return law.learned.predictor.mean_std(x)
-    assert not isinstance(law.learned, CableModel)
-    mean, std, novelty = law.learned.predict(law.inputs(x[None]))
-    return mean[0], std[0], float(novelty[0])
 
 
 def _six(values: FloatArray) -> FloatArray:

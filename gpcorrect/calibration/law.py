@@ -104,6 +104,22 @@ class Law:
         mean, std, novelty = self.learned.predict_one(self.inputs(x))
         return self.guarded(mean[None] - origin, std[None], np.array([novelty]), x[None], np.ones(1, dtype=bool))
 
+    def unguarded_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """Return what the learner alone says of one input: mean and deviation `(m,)`, novelty.
+
+        Single poses ask so, whose bounds and reasons are in machine code; of a Gaussian process, so is this.
+
+        Parameters
+        ----------
+        x : (d,) array
+            Inputs.
+        """
+        if isinstance(self.learned, GPMap):
+            return self.learned.predictor.mean_std(x)
+        assert not isinstance(self.learned, CableModel)
+        mean, std, novelty = self.learned.predict(self.inputs(x[None]))
+        return mean[0], std[0], float(novelty[0])
+
     def unknown(self) -> Prediction:
         """Return the prediction of one row that lacks a number."""
         nothing = np.full((1, len(self.zero)), np.nan)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Literal
 
 from gpcorrect.errors import DataError
+from gpcorrect_service.protocol.correction_bound import CorrectionBound
 from gpcorrect_service.protocol.errors import EndpointError
-from gpcorrect_service.protocol.limits import CorrectionBound
 from gpcorrect_service.protocol.messages import Kind
 
 __all__ = [
