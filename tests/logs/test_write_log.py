@@ -75,7 +75,7 @@ def test_an_interrupted_write_leaves_the_old_log_untouched(tmp_path: Path, monke
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("gpcorrect.logs.writer.csv.write_csv", full)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(GpCorrectError, match="No space left"):
         write_log(random_log(1), target)
     assert sorted((p.name, p.read_bytes()) for p in tmp_path.iterdir()) == before
 

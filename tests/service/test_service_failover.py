@@ -195,7 +195,8 @@ def test_a_hung_replica_is_left_for_a_while() -> None:
             began = time.monotonic()
             for _ in range(5):
                 client.correct(POSE)
-            assert time.monotonic() - began < 4.0  # half of one timeout is what each alone would have waited
+            # Each alone would wait half of a timeout, 4 s, before all servers are asked; one may, which met it first.
+            assert time.monotonic() - began < 8.0
 
 
 def test_replicas_with_different_models_are_distinguished() -> None:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import pytest
 from service_support import PATIENT, POSE, ServerProcess, ask_bare, server_process, stranger, wait_for
 
 from gpcorrect_service import CorrectionClient, ServiceError
@@ -92,11 +93,14 @@ def test_full_queue_is_busy_and_the_rest_still_answers() -> None:
         )  # each BUSY was asked twice: nearest, then all
 
 
-def test_identity_when_busy() -> None:
-    """A planner that chose identity gets its own pose back, flagged BUSY."""
-    with stuck_server(1, queue_capacity=1) as stuck, stuck.server.client(on_failure="identity") as client:
-        reply = client.correct(POSE)
-        assert (reply.status, reply.fallback, reply.pose.tolist()) == ("BUSY", "identity", POSE)
+def test_busy_is_an_error_where_no_registration_is_known() -> None:
+    """A planner that chose identity, and was never answered, gets no pose in the tracker's frame: it is told BUSY."""
+    with (
+        stuck_server(1, queue_capacity=1) as stuck,
+        stuck.server.client(on_failure="identity") as client,
+        pytest.raises(ServiceError, match="BUSY"),
+    ):
+        client.correct(POSE)
 
 
 def test_a_request_that_waited_too_long_is_stale() -> None:
@@ -121,8 +125,8 @@ def test_a_hung_server_is_no_service_within_the_time() -> None:
     """A server that never answers costs the planner its timeout, not its life; what it asked expires."""
     with stuck_server(0) as stuck, stuck.server.client(timeout=0.2, on_failure="identity") as client:
         client.health()
-        reply = client.correct(POSE)
-        assert (reply.status, reply.fallback) == ("NO_SERVICE", "identity")
+        with pytest.raises(ServiceError, match="NO_SERVICE"):
+            client.correct(POSE)
         stuck.server.gate.set()
         wait_for(lambda: stuck.counted("STALE") == 2)
 
