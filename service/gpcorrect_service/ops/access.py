@@ -44,7 +44,6 @@ PUBLISHED = {
     ROBOT: STATE,
     PREFILTER: (*CORRECTED, "corrected/report", "error"),
 }
-OTHERS = "others"  # those whose certificate and password do not go together
 
 
 def access_rules(namespace: str) -> dict[str, Any]:
@@ -67,18 +66,20 @@ def access_rules(namespace: str) -> dict[str, Any]:
                     {"id": ids[-1], "permission": "allow", "flows": flows, "messages": messages, "key_exprs": full}
                 )
         policies.append({"rules": ids, "subjects": [user]})
-    # Nobody may delete. The rule gives those without a role a subject, by which zenoh names them where it denies.
-    nothing = {"id": OTHERS, "permission": "deny", "flows": ["ingress"], "messages": ["delete"], "key_exprs": ["**"]}
+    # Nobody may delete. The rule gives a subject to those whose certificate and password do not go together, by which
+    # zenoh names them where it denies.
+    nothing = {"id": "nothing", "permission": "deny", "flows": ["ingress"], "messages": ["delete"], "key_exprs": ["**"]}
+    mixed = [
+        {"id": f"{user} mixed", "cert_common_names": [user], "usernames": [one for one in USERS if one != user]}
+        for user in USERS
+    ]
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": [*rules, nothing],
         # What one subject lists of different kinds must all hold.
-        "subjects": [
-            *({"id": user, "cert_common_names": [user], "usernames": [user]} for user in USERS),
-            {"id": OTHERS},
-        ],
-        "policies": [*policies, {"rules": [OTHERS], "subjects": [OTHERS]}],
+        "subjects": [*({"id": user, "cert_common_names": [user], "usernames": [user]} for user in USERS), *mixed],
+        "policies": [*policies, {"rules": ["nothing"], "subjects": [subject["id"] for subject in mixed]}],
     }
 
 
