@@ -1,0 +1,94 @@
+"""A secured site: passwords of others, connections that say nothing, certificates of last year."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+from service_bench import PATIENT, free_endpoint
+
+from attacks.lab import Lab, Scenario, Seen
+from gpcorrect_service import ClientSettings, CorrectionClient, ServiceError
+from gpcorrect_service.client.operator import Operator
+from gpcorrect_service.ops.access import ROLES
+from gpcorrect_service.ops.secure import Site, secure_site
+
+SILENT = 500
+
+
+def strangers(lab: Lab) -> Seen:
+    """Change the server's state with every certificate and every password, while connections say nothing."""
+    folder = _site(lab, "site", 0)
+    router, server = str(folder / "router.json5"), str(folder / "server.json5")
+    port = json.loads((folder / "planner.json5").read_text())["connect"]["endpoints"][0].rsplit(":", 1)[1]
+    wrong = tried = 0
+    with (
+        lab.program("router", router, ready="routing"),
+        lab.program("serve", str(lab.model), "--config", server, "--allow-remote", ready="serving"),
+        ExitStack() as silent,
+    ):
+        for _ in range(SILENT):
+            silent.enter_context(socket.create_connection(("127.0.0.1", int(port)), PATIENT))
+        for certificate in ROLES:
+            for password in ROLES:
+                tried += 1
+                file = _mixed(folder, certificate, password)
+                wrong += _obeyed(file) != (certificate == password == "operator")
+        with CorrectionClient(config_file=folder / "planner.json5", timeout=4.0, connect_timeout=10.0) as client:
+            try:
+                wrong += client.health().state == "FAULT"
+            except ServiceError:
+                wrong += 1
+    return Seen(tried + 1, wrong, f"{SILENT} silent connections meanwhile")
+
+
+def expired(lab: Lab) -> Seen:
+    """Use a site of last year: every program must say that it expired."""
+    folder = _site(lab, "old", -400)
+    tried = [
+        ("router", str(folder / "router.json5")),
+        ("serve", str(lab.model), "--config", str(folder / "server.json5"), "--allow-remote"),
+        ("prefilter", str(lab.model), "--config", str(folder / "prefilter.json5")),
+        ("doctor", "--config", str(folder / "planner.json5")),
+        ("robot", "state", "--config", str(folder / "operator.json5")),
+    ]
+    silent = 0
+    for words in tried:
+        command = [sys.executable, "-m", "gpcorrect", *words]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENT, check=False)
+        silent += not ("expired" in done.stdout + done.stderr and done.returncode and "Traceback" not in done.stderr)
+    return Seen(len(tried), silent)
+
+
+def _site(lab: Lab, name: str, days: int) -> Path:
+    port = int(free_endpoint().rsplit(":", 1)[1])
+    now = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=days)
+    secure_site(lab.folder / name, Site(port=port), now)
+    return lab.folder / name
+
+
+def _mixed(folder: Path, certificate: str, password: str) -> Path:
+    config, other = (json.loads((folder / f"{role}.json5").read_text()) for role in (certificate, password))
+    config["transport"]["auth"] = other["transport"]["auth"]
+    file = folder / "mixed.json5"
+    file.write_text(json.dumps(config))
+    return file
+
+
+def _obeyed(file: Path) -> bool:
+    with Operator(ClientSettings(config_file=file, connect_timeout=2.0), patience=4.0) as operator:
+        try:
+            return operator.set_state("ENABLED")[0].state == "ENABLED"
+        except ServiceError:
+            return False
+
+
+SCENARIOS = (
+    Scenario("certificates and passwords of others", "states changed by strangers, clients kept out", strangers),
+    Scenario("a site that expired", "programs that do not say so", expired),
+)
