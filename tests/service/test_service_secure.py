@@ -41,7 +41,7 @@ from gpcorrect_service.ops.denials import DenialReader
 from gpcorrect_service.ops.doctor import Finding, examine
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.router import route
-from gpcorrect_service.ops.secure import Site, secure_site
+from gpcorrect_service.ops.secure import HANDSHAKE_MS, Site, secure_site
 from gpcorrect_service.protocol.sessions import open_client
 
 NOW = datetime.datetime.now(datetime.UTC)
@@ -190,6 +190,7 @@ def test_idle_connections_lock_nobody_out(site: Path) -> None:
             one = silent.enter_context(socket.create_connection(("127.0.0.1", port), PATIENT))
             # Reset at their end: zenoh takes 0.1 s over each that closes in order, and the next test would wait.
             one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        time.sleep(1.5 * HANDSHAKE_MS / 1e3)  # zenoh has given up on those that it knows, one after the other
         with CorrectionClient(config_file=site / "planner.json5", timeout=4.0, connect_timeout=10.0) as client:
             assert corrected(client)
 

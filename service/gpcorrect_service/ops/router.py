@@ -71,8 +71,8 @@ def route(
 def _leave_silent_connections_to_the_kernel() -> None:
     """Let the listening sockets of this process accept a connection only once its first bytes are there.
 
-    zenoh shakes hands with 64 at a time and pauses for 0.1 s after each that fails, both compiled in: some hundred
-    connections that say nothing would keep everybody else waiting for minutes.
+    zenoh pauses for 0.1 s after each handshake that fails or takes too long, which is compiled in: some hundred
+    connections that say nothing would keep everybody else waiting for a minute.
     """
     if not hasattr(socket, "TCP_DEFER_ACCEPT"):  # Linux has it
         return
