@@ -106,7 +106,7 @@ def _find(
     fitted = _refit(state, [n.fit for n in named], train)
     found, unsure = _with_numbers(state, named, fitted, train)
     minor: list[NamedEffect] = []
-    while gone := {*unsure, *_minor_beside_larger(found)}:  # the rest is estimated again without them
+    while gone := {*unsure, *_minor(found)}:  # the rest is estimated again without them
         why = "its 95 % interval holds zero"
         doubtful = [
             replace(n, level=Level.INCONCLUSIVE, reasons=(*n.reasons, why)) for n in map(named.__getitem__, unsure)
@@ -206,12 +206,19 @@ def _with_numbers(
             unsure.add(i)
             continue
         change = np.sqrt(np.mean((state.dataset.predict([fit.effect]) - nominal) ** 2, axis=0))
-        size = float((change / [n.std for n in noises]).max())
-        found[i] = NamedEffect.of(replace(name, fit=fit), describe(fit, widths), size)
+        sizes = change / [n.std for n in noises]
+        shown = state.dataset.scene.channels[int(sizes.argmax())]
+        found[i] = NamedEffect.of(
+            replace(name, fit=fit), describe(fit, widths), float(sizes.max()), of_motor=shown.signal == "measured_jp"
+        )
     return found, unsure
 
 
-def _minor_beside_larger(found: Mapping[int, NamedEffect]) -> list[int]:
-    """Return effects too small to matter, where larger ones are named: those may well be a part of theirs."""
+def _minor(found: Mapping[int, NamedEffect]) -> list[int]:
+    """Return effects too small to matter where larger ones are named, for those may well be a part of theirs.
+
+    What shows in the motors alone is left out by itself: the noise taken there is by definition what does not matter,
+    and encoders tell a hundredth of it from nothing, such as two simulators that take their steps in another order.
+    """
     small = [i for i, e in found.items() if e.is_minor]
-    return small if len(small) < len(found) else []
+    return small if len(small) < len(found) else [i for i in small if found[i].of_motor]

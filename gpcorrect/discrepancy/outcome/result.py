@@ -59,6 +59,8 @@ class NamedEffect:
         Those other effects that cannot be ruled out.
     size : float
         Root mean square of what it changes over the noise, in the channel where that is largest.
+    of_motor : bool
+        Whether that channel is a motor's.
     """
 
     name: str
@@ -71,6 +73,7 @@ class NamedEffect:
     alternatives: tuple[Alternative, ...]
     rivals: tuple[Alternative, ...]
     size: float = float("inf")
+    of_motor: bool = False
 
     @property
     def is_minor(self) -> bool:
@@ -78,7 +81,9 @@ class NamedEffect:
         return self.size < TESTS.equivalence
 
     @classmethod
-    def of(cls, named: Named, numbers: Mapping[str, Estimate], size: float = float("inf")) -> NamedEffect:
+    def of(
+        cls, named: Named, numbers: Mapping[str, Estimate], size: float = float("inf"), *, of_motor: bool = False
+    ) -> NamedEffect:
         """Take over what was named.
 
         Parameters
@@ -89,6 +94,8 @@ class NamedEffect:
             Of its parameters.
         size : float
             Over the noise; infinite where it changes no mean.
+        of_motor : bool
+            Whether it shows most in a motor's channel.
         """
         candidate = named.fit.candidate
         fixed = {k: Estimate(v, None, "") for k, v in candidate.fixed}
@@ -103,6 +110,7 @@ class NamedEffect:
             named.alternatives,
             named.rivals,
             size,
+            of_motor,
         )
 
 
