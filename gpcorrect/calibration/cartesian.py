@@ -19,6 +19,7 @@ from gpcorrect.calibration.pose_samples import (
     Memory,
     PosePairs,
     best_memory,
+    features_of,
     memory_remark,
     pose_layout,
     samples_of_poses,
@@ -87,7 +88,7 @@ class CommandCorrector(Corrector):
     @classmethod
     def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
         """See :class:`Corrector`."""
-        _features(log, settings)
+        features_of(log, settings)
         observed, commanded = pose_pair(log)
         if not (observed.finite & commanded.finite).any():
             raise LogError(
@@ -351,7 +352,7 @@ class CommandCorrector(Corrector):
         cls, log: CalibrationLog, keep: BoolArray, cleaner: FittedCleaner, settings: FitSettings, learn_law: LearnLaw
     ) -> Outcome:
         """See :class:`Corrector`."""
-        kinds, features = _features(log, settings)
+        kinds, features = features_of(log, settings)
         step = stencil_step(log) if settings.velocity_step == "auto" else settings.velocity_step
         pairs = PosePairs.of(log, keep, step)
         registration = pairs.register(log, settings)
@@ -393,14 +394,6 @@ class CommandCorrector(Corrector):
         return Outcome(corrector, samples, left_out, report, tuple(remarks), registration)
 
 
-def _features(log: CalibrationLog, settings: FitSettings) -> tuple[tuple[str, ...], FeatureMap]:
-    """Return the kinds of features, memory among them, and the map of the others; unknown ones are refused."""
-    kinds = settings.features or (("pose",) if log.static else ("pose", "velocity"))
-    return kinds, FeatureMap(tuple(kind for kind in kinds if kind != MEMORY))
-
-
 def _six(values: FloatArray) -> FloatArray:
     """Pad the three components `(..., 3)` of a position-only model with NaN."""
-    if values.shape[-1] == 6:
-        return values
-    return np.concatenate([values, np.full((*values.shape[:-1], 3), np.nan)], axis=-1)
+    return values if values.shape[-1] == 6 else np.concatenate([values, np.full_like(values, np.nan)], axis=-1)

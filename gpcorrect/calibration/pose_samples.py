@@ -12,7 +12,7 @@ from gpcorrect.calibration.joint_map import JointMap
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.memory import History, MemoryMap, choose_memory
 from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of
-from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.calibration.settings import LIMITS, MEMORY, FitSettings
 from gpcorrect.calibration.split import folds_of
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import FeatureMap, LeftOut
@@ -24,6 +24,7 @@ __all__ = [
     "Memory",
     "PosePairs",
     "best_memory",
+    "features_of",
     "memory_remark",
     "pose_layout",
     "require_poses",
@@ -120,6 +121,25 @@ class PosePairs:
         if not settings.rigid:
             return Registration(RigidModel(), "the registration was switched off", (), None)
         return register(self.observed, self.command, log.trajectory[self.rows], settings.marker)
+
+
+def features_of(log: CalibrationLog, settings: FitSettings) -> tuple[tuple[str, ...], FeatureMap]:
+    """Return the kinds of features, memory among them, and the map of the others; unknown ones are refused.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        To learn from.
+    settings : FitSettings
+        Kinds, where the user names them.
+
+    Raises
+    ------
+    DataError
+        There is no such kind.
+    """
+    kinds = settings.features or (("pose",) if log.static else ("pose", "velocity"))
+    return kinds, FeatureMap(tuple(kind for kind in kinds if kind != MEMORY))
 
 
 def pose_layout(features: FeatureMap, states: MemoryMap | None) -> Layout:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.io
 from joint_logs import joint_log
 from support import short_search, small_log
 
@@ -131,7 +132,8 @@ def test_a_full_disk_is_said(tmp_path: Path) -> None:
 
 def test_tables_that_unpack_to_more_than_memory_are_refused(tmp_path: Path) -> None:
     """A Parquet file of constants and a MATLAB file of zeros say by their size nothing of what they unpack to."""
-    pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    pa = pytest.importorskip("pyarrow", reason="Parquet files need pyarrow: pip install 'gpcorrect[all]'")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the same")
     n = 2_000_000
     parquet.write_table(pa.table({"time": np.arange(n) // n, "x": np.zeros(n)}), tmp_path / "a.parquet")
     body = zlib.compress(bytes(8 * n))
@@ -160,7 +162,6 @@ def test_impossible_numbers_count_as_missing_and_are_said(tmp_path: Path) -> Non
 
 def test_whatever_a_parser_raises_is_a_damaged_recording(tmp_path: Path) -> None:
     """Mutated MATLAB files are read or refused in words, whatever the libraries below raise."""
-    scipy = pytest.importorskip("scipy.io")
     log, rng = small_log(trajectories=2), np.random.default_rng(1)
     assert log.tracker_cp is not None
     variables = {
@@ -169,7 +170,7 @@ def test_whatever_a_parser_raises_is_a_damaged_recording(tmp_path: Path) -> None
         "trajectory": log.trajectory,
         "note": {"a": 1},
     }
-    scipy.savemat(tmp_path / "good.mat", variables, do_compression=True)
+    scipy.io.savemat(tmp_path / "good.mat", variables, do_compression=True)
     good = (tmp_path / "good.mat").read_bytes()
     for _ in range(200):
         damaged = bytearray(good)

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from gpcorrect.discrepancy.evidence.localise import Localisation
-from gpcorrect.discrepancy.outcome.result import DataSource, DecisionThresholds, Provenance
+from gpcorrect.discrepancy.outcome.origin import DataSource, DecisionThresholds, Provenance
 from gpcorrect.discrepancy.outcome.verdict import bursts_of
 from gpcorrect.discrepancy.recording.noise import NoiseSource
 from gpcorrect.discrepancy.recording.scene import Scene

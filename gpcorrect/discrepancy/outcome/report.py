@@ -9,7 +9,8 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.localise import Finding
 from gpcorrect.discrepancy.naming.posterior import Alternative
-from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, PlaceVerdict, Provenance
+from gpcorrect.discrepancy.outcome.origin import Provenance
+from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.outcome.words import noise_source_words, region_words
 from gpcorrect.discrepancy.recording.channels import Channel
 

@@ -8,10 +8,9 @@ from typing import Any
 
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.posterior import Alternative, Level, Named
+from gpcorrect.discrepancy.outcome.origin import Provenance
 from gpcorrect.discrepancy.recording.channels import Channel
-from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import Estimate
-from gpcorrect.discrepancy.search.needs import Lack
 from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.discrepancy.settings import TESTS
 from gpcorrect.sim.model import Model
@@ -19,17 +18,13 @@ from gpcorrect.sim.plan import Plan
 from gpcorrect.types import BoolArray, FloatArray
 
 __all__ = [
-    "Burst",
     "ChannelGap",
-    "DataSource",
-    "DecisionThresholds",
     "DiscrepancyResult",
     "Evidence",
     "Experiment",
     "GapFigures",
     "NamedEffect",
     "PlaceVerdict",
-    "Provenance",
     "UnnamedEffect",
     "Verdict",
 ]
@@ -234,88 +229,6 @@ class Experiment:
     separates: tuple[str, str]
     expected_nats: float
     minutes: float
-
-
-@dataclass(frozen=True)
-class Burst:
-    """A channel in which something rare happens, far above its noise.
-
-    Parameters
-    ----------
-    channel : Channel
-        Which one.
-    trajectories : tuple of int
-        Numbers, as in the log, of those above the limit; never empty.
-    largest, noise : float
-        Largest residual there, and standard deviation of the noise, unit of the channel.
-    """
-
-    channel: Channel
-    trajectories: tuple[int, ...]
-    largest: float
-    noise: float
-
-
-@dataclass(frozen=True)
-class DataSource:
-    """A recording that was used: its name, its file's SHA-256 (empty for no file), and its rows."""
-
-    name: str
-    sha256: str
-    rows: int
-
-
-@dataclass(frozen=True)
-class DecisionThresholds:
-    """What evidence was held against: nats of a test and of an effect, and the probabilities of a name and a rival."""
-
-    localisation_nats: float
-    effect_nats: float
-    exact_probability: float
-    rival_probability: float
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Where a result comes from, and what had to be assumed.
-
-    Parameters
-    ----------
-    data : tuple of DataSource
-        Recordings.
-    seed : int
-        Of the split and of everything drawn.
-    versions : dict
-        Of this package, Python and the numerical libraries.
-    thresholds : DecisionThresholds
-        Of this run.
-    seconds : float
-        Time of the run.
-    noise : dict of str to ChannelNoise
-        By the channel's name.
-    tolerated : dict of str to float
-        What is put down to tolerances of a table, over each channel's noise.
-    bursts : tuple of Burst
-        Rare moments far above the noise, where nothing is named.
-    remarks : tuple of str
-        Assumptions, for people.
-    no_trace : tuple of str
-        Labels of candidates that leave no trace in these channels.
-    not_nameable : tuple of Lack
-        Effects that these data cannot show.
-    """
-
-    data: tuple[DataSource, ...]
-    seed: int
-    versions: Mapping[str, str]
-    thresholds: DecisionThresholds
-    seconds: float
-    noise: Mapping[str, ChannelNoise]
-    tolerated: Mapping[str, float]
-    bursts: tuple[Burst, ...]
-    remarks: tuple[str, ...]
-    no_trace: tuple[str, ...]
-    not_nameable: tuple[Lack, ...]
 
 
 @dataclass(frozen=True, eq=False)

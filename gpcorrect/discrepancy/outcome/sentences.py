@@ -9,7 +9,8 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.variables import Quantity, Variable
 from gpcorrect.discrepancy.naming.posterior import Level
-from gpcorrect.discrepancy.outcome.result import Burst, ChannelGap, DiscrepancyResult, NamedEffect
+from gpcorrect.discrepancy.outcome.origin import Burst
+from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect
 from gpcorrect.discrepancy.outcome.words import (
     channel_words,
     estimate_words,

@@ -9,7 +9,8 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.weigh import smooth_nats, view_of
-from gpcorrect.discrepancy.outcome.result import Burst, ChannelGap, NamedEffect, PlaceVerdict
+from gpcorrect.discrepancy.outcome.origin import Burst
+from gpcorrect.discrepancy.outcome.result import ChannelGap, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
