@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import DataError, DegenerateError, LogError, MissingExtraError
 from gpcorrect.logs import c3d_file, read_log
-from gpcorrect.logs.mocap.take import configuration, tool_poses
+from gpcorrect.logs.mocap.tool import configuration, tool_poses
 
 BODY = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.07, 0], [0, 0, 0.05], [0.04, 0.05, 0.02]])
 N = 40

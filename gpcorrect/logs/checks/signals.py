@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, runs
+from gpcorrect.logs.mocap.tool import RIGIDITY, typical_misfit
 from gpcorrect.logs.sync import REFERENCES
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
@@ -166,3 +167,13 @@ def _fast(name: str, where: str, speed: FloatArray, limit: float, unit: str) -> 
     what = f"{where}it {kind} faster than {limit:g} {unit} in {count}, up to {float(speed[rows].max()):.3g}."
     hint = "Cleaning drops lone jumps; many of them mean a wrong unit or bad stamps."
     yield Finding(severity, "speed", name, what, hint, rows.size, rows)
+
+
+@check
+def _marker_misfit(evidence: Evidence) -> Iterator[Finding]:
+    """Find a marker tool that bends, or whose markers are mislabelled."""
+    misfit = typical_misfit(evidence.log.extra.get("marker_rms", np.empty(0)))
+    if misfit > RIGIDITY.warn:
+        what = f"in a tenth of the frames the markers are {1e3 * misfit:.3g} mm or more from a rigid tool."
+        hint = "Leave out the marker that moves, or label the markers anew."
+        yield Finding("warning", "marker_misfit", "tracker_cp", what, hint)
