@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -127,13 +128,15 @@ class MocapOptions(_Section):
 class ColumnMap(_Section):
     """A whole mapping file.
 
-    `time * time_scale + time_offset` is in seconds. What is not named here, the time too, is looked for under its
-    native name; a table of poses without any time holds static poses.
+    `time * time_scale + time_offset` is in seconds; several columns of time are added, each scaled by its own.
+    Without a column of time samples may follow each other at a rate, Hz. What is not named here, the time too, is
+    looked for under its native name; a table of poses without any time holds static poses.
     """
 
-    time: Column | None = None
-    time_scale: float = 1.0
+    time: Column | Annotated[tuple[Column, ...], Field(min_length=1)] | None = None
+    time_scale: float | tuple[float, ...] = 1.0
     time_offset: float = 0.0
+    rate: Annotated[float, Field(gt=0)] | None = None
     trajectory: Column | None = None
     session: Column | None = None
     setpoint_cp: PoseColumns | None = None
@@ -151,6 +154,14 @@ class ColumnMap(_Section):
     mocap: MocapOptions = MocapOptions()
 
     @model_validator(mode="after")
+    def _one_time(self) -> Self:
+        if self.rate is not None and self.time is not None:
+            raise ValueError("give the time or a rate, not both")
+        if isinstance(self.time_scale, tuple) and len(self.time_scale) != len(self.times):
+            raise ValueError(f"time_scale has {len(self.time_scale)} numbers for {len(self.times)} columns of time")
+        return self
+
+    @model_validator(mode="after")
     def _scalars_have_one_column(self) -> Self:
         for name in ("payload", "temperature"):
             value = getattr(self, name)
@@ -159,10 +170,15 @@ class ColumnMap(_Section):
         return self
 
     @property
+    def times(self) -> tuple[Column, ...]:
+        """Columns of the time; none where the mapping names none."""
+        return self.time if isinstance(self.time, tuple) else () if self.time is None else (self.time,)
+
+    @property
     def used(self) -> tuple[Column, ...]:
         """All columns that are named."""
         sections = [getattr(self, name) for name in type(self).model_fields]
-        named = [c for c in (self.time, self.trajectory, self.session) if c is not None]
+        named = [*self.times, *(c for c in (self.trajectory, self.session) if c is not None)]
         for section in sections:
             if isinstance(section, ArrayColumns):
                 named += section.columns
@@ -240,7 +256,7 @@ def load_columns(path: str | Path) -> ColumnMap:
 def _explain(error: ValidationError, content: dict[str, Any], path: str) -> LogError:
     """Name the first key that is wrong, and the key that may have been meant."""
     first = error.errors()[0]
-    where = tuple(str(part) for part in first["loc"] if not str(part).startswith("function-"))
+    where = tuple(str(part) for part in first["loc"] if not re.match(r"function-|tuple\[|float$", str(part)))
     key = ".".join(where)
     if first["type"] != "extra_forbidden":
         came = "" if isinstance(first["input"], dict) else f" (got {first['input']!r})"

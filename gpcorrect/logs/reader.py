@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -14,7 +15,7 @@ import numpy as np
 from gpcorrect.errors import DataError, GpCorrectError, LogError
 from gpcorrect.logs import c3d_file, csv_file, matlab, npy_file, parquet_file, rosbag
 from gpcorrect.logs.columns import DEFAULT_MAX_BYTES, ColumnMap, ReadSettings, load_columns
-from gpcorrect.logs.mocap import motive, trc, vicon
+from gpcorrect.logs.mocap import motive, ndi, qualisys, trc, vicon
 from gpcorrect.logs.order import Disorder
 from gpcorrect.logs.sidecar import read_sidecar, sidecar_path
 from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
@@ -22,12 +23,15 @@ from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 __all__ = ["read_log", "recording_digest"]
 
 FARTHEST = 1e6  # m or rad: beyond it, in whatever unit, no arm has been
-HEAD = 1024  # bytes that tell a format
+HEAD = 1 << 16  # bytes that tell a format: the header of a motion capture export names hundreds of markers
 
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: what its files are called, how they begin, who reads them, and whether as a whole."""
+    """A file format: what its files are called, how they begin, who reads them, and whether as a whole.
+
+    A text without a first word of its own is known by a `line` near its beginning.
+    """
 
     title: str
     suffixes: tuple[str, ...]
@@ -35,6 +39,7 @@ class Format:
     read: Callable[[Path, ReadSettings], CalibrationLog]
     text: bool = False
     whole: bool = True
+    line: re.Pattern[bytes] | None = None
 
     def begins(self, head: bytes) -> bool:
         """Whether a file is of this format; a text may begin with empty lines and a byte order mark.
@@ -45,11 +50,12 @@ class Format:
             Its first bytes.
         """
         seen = head.removeprefix(b"\xef\xbb\xbf").lstrip(b'\r\n ,;\t"') if self.text else head
-        return any(seen.startswith(mark) for mark in self.marks)
+        return any(seen.startswith(mark) for mark in self.marks) or bool(self.line and self.line.search(head))
 
 
 ENDS = (b"\r", b"\n", b",", b";", b"\t", b'"')  # of a title that stands alone in its line, or in its first cell
 VICON = tuple(title.encode() + end for title in vicon.TITLES for end in ENDS)
+AXES = re.compile(rb'^"?Frame"?[,;\t]"?Sub ?Frame', re.MULTILINE)  # of Vicon's exports without a title
 FORMATS = (
     Format("Parquet", (".parquet", ".pq"), (b"PAR1",), parquet_file.read),
     Format("NumPy", (".npy",), (b"\x93NUMPY",), npy_file.read),
@@ -58,7 +64,9 @@ FORMATS = (
     Format("ROS 2 database", (".db3",), (b"SQLite format 3\0",), rosbag.read, whole=False),
     Format("MATLAB", (".mat",), matlab.MARKS, matlab.read),
     Format("OptiTrack Motive CSV", (), (b"Format Version,",), motive.read, text=True),
-    Format("Vicon CSV", (), VICON, vicon.read, text=True),
+    Format("Vicon CSV", (), VICON, vicon.read, text=True, line=AXES),
+    Format("Qualisys TSV", (), qualisys.MARKS, qualisys.read, text=True),
+    Format("NDI CSV", (), ndi.MARKS, ndi.read, text=True),
     Format("TRC", (".trc",), (b"PathFileType",), trc.read, text=True),
     Format("C3D", (".c3d",), (), c3d_file.read),
     Format("CSV", (".csv", ".tsv", ".txt"), (), csv_file.read),

@@ -103,14 +103,13 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
     found, remarks = complete(mapping, table.columns)
     if not len(table):
         raise LogError("the table has column names but no samples.")
-    static = found.time is None and _static(table, found)
+    static = found.time is None and found.rate is None and _static(table, found)
     if static:
         found = found.model_copy(update={"trajectory": None})
         remarks.append(STATIC)
         time, trajectory = np.arange(len(table), dtype=np.float64), np.arange(len(table))
     else:
-        column = table.name("time" if found.time is None else found.time)
-        time = table.columns[column] * found.time_scale + found.time_offset
+        time = _time(table, found)
         trajectory = _integers(table, "trajectory", found.trajectory)
     session = _integers(table, "session", found.session)
     keep, order_remarks = check_order(time, trajectory, disorder, table.locate)
@@ -122,6 +121,13 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
     remarks = [*remarks, *order_remarks, *left_out]
     log = CalibrationLog(time, trajectory, session, **signals, extra=extra, remarks=tuple(remarks), static=static)
     return log if keep.all() else log.select(keep)
+
+
+def _time(table: Table, found: ColumnMap) -> FloatArray:
+    """Seconds: the sum of the columns of time, each scaled; or the samples counted at a rate."""
+    if found.rate is not None:
+        return np.arange(len(table)) / found.rate + found.time_offset
+    return (table.stack(found.times or ("time",)) * np.asarray(found.time_scale)).sum(axis=1) + found.time_offset
 
 
 def _static(table: Table, found: ColumnMap) -> bool:
@@ -247,7 +253,7 @@ def complete(mapping: ColumnMap, names: Collection[str]) -> tuple[ColumnMap, lis
     found: dict[str, Any] = {}
     remarks: list[str] = []
     for name in (*INDEX, *CalibrationLog.POSES, *CalibrationLog.JOINTS, *CalibrationLog.SCALARS):
-        if getattr(mapping, name) is not None:
+        if getattr(mapping, name) is not None or (name == "time" and mapping.rate is not None):
             continue
         if name in CalibrationLog.POSES:
             found[name] = _pose(name, names, remarks)

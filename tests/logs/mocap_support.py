@@ -68,7 +68,7 @@ def write_motive(
     bodies: bool = True,
     labelled: bool = True,
 ) -> Path:
-    """Write what Motive exports: 1.23 as it is, 1.24 with a time code, 1.25 with parents, 1.2 without labels."""
+    """Write what Motive exports: 1.23 as it is, 1.24 with a time code, 1.25 with parents, up to 1.21 without labels."""
     code, parents = version == "1.24", version == "1.25"
     first = ("", "", "") if code else ("", "")
     turn = "XYZW" if rotation == "Quaternion" else "XYZ"
@@ -106,7 +106,8 @@ def write_motive(
     if parents:
         lines.append(",".join([*label("Parent"), *["" for _ in kinds]]))
     lines += [",".join([*first, *whats])]
-    lines += [",".join(["Frame", "Time (Seconds)", *(["TimeCode"] if code else []), *axes])]
+    clock = "Time" if version == "1.21" else "Time (Seconds)"
+    lines += [",".join(["Frame", clock, *(["TimeCode"] if code else []), *axes])]
     quaternion, angles = tool.rotation.as_quat(), None if turn == "XYZW" else tool.angles(rotation)
     for k, t in enumerate(tool.time):
         row = [str(k), f"{t:.6f}", *(["15:26:46:12.02"] if code else [])]
@@ -140,11 +141,17 @@ def write_tracker(
     return write_lines(path, [*lines, ""])
 
 
-def write_nexus(path: Path, tool: Tool, *, segments: bool = False, delimiter: str = ",", start: int = 101) -> Path:
-    """Write what Vicon Nexus exports: empty lines, devices, model outputs, segments, then trajectories in mm."""
+def write_nexus(
+    path: Path, tool: Tool, *, segments: bool = False, delimiter: str = ",", start: int = 101, above: int = 2
+) -> Path:
+    """Write what Vicon Nexus exports: empty lines, devices, model outputs, segments, then trajectories in mm.
+
+    With `above` 1 the trajectories stand alone without their title, with 0 without their rate too.
+    """
     n = len(BODY)
     lines = ["", "", "Devices", "1000", ",,Force", "Frame,Sub Frame,Fx", ",,N", "1,0,3.5", "1,1,3.6", ""]
-    lines += ["Trajectories", "100", ",," + ",".join(f"tool:M{k}," + "," for k in range(n)) + ",*12,,"]
+    lines = lines if above == 2 else []
+    lines += [*["Trajectories", "100"][2 - above :], ",," + ",".join(f"tool:M{k}," + "," for k in range(n)) + ",*12,,"]
     lines += ["Frame,Sub Frame," + ",".join(["X,Y,Z"] * (n + 1)), ",," + ",".join(["mm,mm,mm"] * (n + 1))]
     for k in range(len(tool.time)):
         lines.append(",".join([str(start + k), "0", *cells(1e3 * tool.markers[k].ravel(), tool.hidden[k]), "", "", ""]))
@@ -160,20 +167,96 @@ def write_nexus(path: Path, tool: Tool, *, segments: bool = False, delimiter: st
 
 
 def write_trc(
-    path: Path, tool: Tool, *, unit: str = "mm", scale: float = 1e3, gap: str = "", blank: bool = True
+    path: Path,
+    tool: Tool,
+    *,
+    unit: str = "mm",
+    scale: float = 1e3,
+    gap: str = "",
+    blank: bool = True,
+    virtual: str = "",
 ) -> Path:
-    """Write a TRC file; a hidden marker is empty, `nan` or zeros, the line below the axes may be missing."""
+    """Write a TRC file; a hidden marker is empty, `nan` or zeros, the line below the axes may be missing.
+
+    A virtual marker stands behind the others: "named" in line 4 only, or in no line ("unnamed").
+    """
     n, count = len(BODY), len(tool.time)
+    label = "\tV_mid\t\t" if virtual == "named" else ""
     lines = [f"PathFileType\t4\t(X/Y/Z)\t{path.name}"]
     lines += ["DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames"]
     lines += [f"{RATE:.2f}\t{RATE:.2f}\t{count}\t{n}\t{unit}\t{RATE:.2f}\t1\t{count}"]
-    lines += ["Frame#\tTime\t" + "\t\t\t".join(f"tool:M{k}" for k in range(n)) + "\t\t"]
+    lines += ["Frame#\tTime\t" + "\t\t\t".join(f"tool:M{k}" for k in range(n)) + "\t\t" + label]
     lines += ["\t\t" + "\t".join(f"{axis}{k + 1}" for k in range(n) for axis in "XYZ")]
     lines += [""] if blank else []
     for k in range(count):
         values = [gap] * (3 * n) if tool.hidden[k] else cells(scale * tool.markers[k].ravel(), False)
+        values += cells(scale * tool.markers[k, :2].mean(axis=0) + 7, False) if virtual else []
         lines.append("\t".join([str(k + 1), f"{tool.time[k]:.6f}", *values]).rstrip("\t"))
     return write_lines(path, lines, "\r\n")
+
+
+def write_qualisys(
+    path: Path,
+    tool: Tool,
+    *,
+    kind: str = "6D",
+    titled: bool = True,
+    names: Sequence[str] = ("tool",),
+    lost: str = "0.000",
+) -> Path:
+    """Write what Qualisys Track Manager exports: bodies (6D) or markers (3D), with or without frame and time."""
+    labels = names if kind == "6D" else [f"tool - {k + 1}" for k in range(len(BODY))]
+    key = "BODIES" if kind == "6D" else "MARKERS"
+    lines = [f"NO_OF_FRAMES\t{len(tool.time)}", "NO_OF_CAMERAS\t4", f"NO_OF_{key}\t{len(labels)}"]
+    lines += [f"FREQUENCY\t{RATE:g}", "TIME_STAMP\t2020-01-22, 17:47:17\t22107.99", f"DATA_INCLUDED\t{kind}"]
+    lines += ["\t".join([f"{key[:-3]}Y_NAMES" if kind == "6D" else "MARKER_NAMES", *labels])]
+    columns = ["X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *(f"Rot[{k}]" for k in range(9))]
+    axes = [columns if kind == "6D" else ["X", "Y", "Z"]] * len(labels)
+    heading = [f"{name} {' '.join(part[:1])}\t" + "\t".join(part[1:]) for name, part in zip(labels, axes, strict=True)]
+    lines += ["\t".join(["Frame", "Time", *heading]) + "\t"] if titled else []
+    for k in range(len(tool.time)):
+        if kind == "6D":
+            by_columns = tool.rotation[k].as_matrix().T.ravel()
+            values = np.hstack([1e3 * tool.position[k], tool.rotation[k].as_euler("xyz"), 0.1, by_columns])
+            row = [f"{v:.6f}" for _ in labels for v in values]
+        else:
+            row = [f"{v:.6f}" for v in 1e3 * tool.markers[k].ravel()]
+        row = [lost] * len(row) if tool.hidden[k] else row
+        lines.append("\t".join([*([str(k + 1), f"{tool.time[k]:.6f}"] if titled else []), *row]))
+    return write_lines(path, lines, "\r\n")
+
+
+def write_ndi(path: Path, tool: Tool, *, form: str = "track", names: Sequence[str] = ("tool",)) -> Path:
+    """Write what NDI's Track ("track"), ToolBox ("toolbox") or the samples of the Combined API ("capi") record."""
+    pose = ["Q0", "Qx", "Qy", "Qz", "Tx", "Ty", "Tz", "Error"]
+    before = {
+        "track": ["Frame", "Time [sec]", "Face", "State"],
+        "toolbox": ["Frame", "Face", "State"],
+        "capi": ["Frame#", "PortHandle", "Face#", "TransformStatus"],
+    }[form]
+    markers = {
+        "track": ["Markers", "State", "Tx", "Ty", "Tz"],
+        "toolbox": [],
+        "capi": ["Markers", "State", "Tx", "Ty", "Tz"],
+    }
+    first = "#Tools" if form == "capi" else "Tools"
+    label = {n: f"Port 0x0{k}: {n}  s/n:3E4C880{k}" for k, n in enumerate(names, start=1)}
+    groups = [["ToolInfo" if form == "capi" else label[n], *before, *pose, *markers[form]] for n in names]
+    lines = [",".join([first, *(cell for group in groups[: 1 if form == "capi" else None] for cell in group)])]
+    quaternion = tool.rotation.as_quat(scalar_first=True)
+    for k, t in enumerate(tool.time):
+        row = [str(len(names))]
+        for j, name in enumerate(names):
+            gone = bool(tool.hidden[k])
+            frame = str(650512279 + round(60 * t))
+            state = ("Missing" if gone else "Enabled") if form == "capi" else ("Too Few Markers" if gone else "OK")
+            cell = {"Frame": frame, "Frame#": frame, "Time [sec]": f"{t:.9f}", "PortHandle": f"Port:{j}"}
+            row += [label[name], *(cell.get(n, state if "tat" in n else "1") for n in before)]
+            nothing = [""] * 8 if form == "capi" else ["-3.697314E28"] * 7 + ["0.0000000"]
+            row += nothing if gone else [f"{v:.7f}" for v in (*quaternion[k], *(1e3 * (tool.position[k] + j)), 0.25)]
+            row += ["1", "Missing", "", "", ""] if markers[form] else []
+        lines.append(",".join(row))
+    return write_lines(path, lines)
 
 
 def mapping(path: Path, section: Mapping[str, object]) -> Path:

@@ -176,3 +176,25 @@ def test_a_column_of_text_that_the_mapping_needs_is_named(tmp_path: Path):
 
 def test_an_empty_mapping_changes_nothing(tmp_path: Path):
     assert load_columns(write(tmp_path / "m.toml", "")) == ColumnMap()
+
+
+def test_a_time_in_several_columns_is_their_scaled_sum(tmp_path: Path):
+    """Seconds and nanoseconds are one time; numbers of scales that do not match are refused."""
+    table = write(tmp_path / "a.csv", "sec,nanosec,x,y,z\n10,500000000,1,2,3\n11,0,4,5,6\n")
+    text = 'time = ["sec", "nanosec"]\ntime_scale = [1, 1e-9]\n[tracker_cp]\nposition = ["x", "y", "z"]\n'
+    log = read_log(table, columns=write(tmp_path / "m.toml", text))
+    np.testing.assert_allclose(log.time, [10.5, 11.0])
+    assert not log.extra
+    with pytest.raises(LogError, match="time_scale has 3 numbers for 2 columns of time"):
+        read_log(table, columns=write(tmp_path / "m.toml", text.replace("[1, 1e-9]", "[1, 1, 1]")))
+
+
+def test_samples_without_a_time_follow_at_the_stated_rate(tmp_path: Path):
+    """The mapping's rate makes the clock; beside a time it is refused."""
+    table = write(tmp_path / "a.csv", "x,y,z\n1,2,3\n4,5,6\n7,8,9\n")
+    text = 'rate = 50.0\n[tracker_cp]\nposition = ["x", "y", "z"]\n'
+    log = read_log(table, columns=write(tmp_path / "m.toml", text))
+    np.testing.assert_allclose(log.time, [0.0, 0.02, 0.04])
+    assert not log.static
+    with pytest.raises(LogError, match="the time or a rate, not both"):
+        read_log(table, columns=write(tmp_path / "m.toml", 'time = "x"\n' + text))

@@ -4,7 +4,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mocap_support import RATE, Tool, mapping, moving_tool, write_motive, write_nexus, write_tracker, write_trc
+from mocap_support import (
+    RATE,
+    Tool,
+    mapping,
+    moving_tool,
+    write_lines,
+    write_motive,
+    write_ndi,
+    write_nexus,
+    write_qualisys,
+    write_tracker,
+    write_trc,
+)
 from read_support import write
 from scipy.spatial.transform import Rotation
 
@@ -46,11 +58,11 @@ def read_or_refused(path: Path) -> str:
     return "read"
 
 
-@pytest.mark.parametrize("version", ["1.2", "1.23", "1.24", "1.25"])
+@pytest.mark.parametrize("version", ["1.2", "1.21", "1.23", "1.24", "1.25"])
 def test_every_version_of_motives_header_gives_the_same_recording(tmp_path: Path, version: str):
     """Labels of the header lines, a time code and parents come and go; the poses do not."""
     tool = moving_tool(0)
-    log = read_log(write_motive(tmp_path / "take.csv", tool, version=version, labelled=version != "1.2"))
+    log = read_log(write_motive(tmp_path / "take.csv", tool, version=version, labelled=version not in ("1.2", "1.21")))
     assert_sees(log, tool)
     np.testing.assert_allclose(log.time, tool.time, atol=1e-6)
     assert log.remarks == ("tracker_cp is the body tool.",)
@@ -157,7 +169,7 @@ def test_decimal_commas_inside_cells_are_numbers(tmp_path: Path):
     assert_turns_alike(read_log(path), tool)
 
 
-@pytest.mark.parametrize("writer", [write_motive, write_tracker, write_nexus, write_trc])
+@pytest.mark.parametrize("writer", [write_motive, write_tracker, write_nexus, write_trc, write_qualisys, write_ndi])
 def test_a_byte_order_mark_changes_nothing(tmp_path: Path, writer):
     """Windows puts one before the first word."""
     path = writer(tmp_path / "a.txt", moving_tool(11))
@@ -166,7 +178,7 @@ def test_a_byte_order_mark_changes_nothing(tmp_path: Path, writer):
     np.testing.assert_array_equal(read_log(path).tracker_cp.position, plain)
 
 
-@pytest.mark.parametrize("writer", [write_motive, write_tracker, write_nexus, write_trc])
+@pytest.mark.parametrize("writer", [write_motive, write_tracker, write_nexus, write_trc, write_qualisys, write_ndi])
 def test_a_file_cut_off_inside_a_line_is_refused(tmp_path: Path, writer):
     """Half a number is another number: never read."""
     whole = writer(tmp_path / "a.txt", moving_tool(12)).read_bytes().rstrip()
@@ -176,7 +188,7 @@ def test_a_file_cut_off_inside_a_line_is_refused(tmp_path: Path, writer):
             read_log(write(tmp_path / "cut.txt", whole[:size]))
 
 
-@pytest.mark.parametrize("writer", [write_motive, write_tracker, write_nexus, write_trc])
+@pytest.mark.parametrize("writer", [write_motive, write_tracker, write_nexus, write_trc, write_qualisys, write_ndi])
 def test_damaged_bytes_are_refused_or_read_but_never_crash(tmp_path: Path, writer):
     """Whatever is changed in the file, the answer is a log or a LogError that names the file."""
     whole = bytearray(writer(tmp_path / "a.txt", moving_tool(13, n=12)).read_bytes())
@@ -240,3 +252,77 @@ def test_a_body_and_markers_cannot_both_be_the_tool(tmp_path: Path):
     path = write_motive(tmp_path / "take.csv", moving_tool(18))
     with pytest.raises(LogError, match="not both"):
         read_log(path, columns=mapping(tmp_path / "m.toml", {"body": "tool", "markers": ("a",)}))
+
+
+@pytest.mark.parametrize("above", [1, 0])
+def test_a_vicon_export_without_its_title_is_known_by_its_axes(tmp_path: Path, above: int):
+    """The rate is the line above the names; where it is missing too, the mapping file says it."""
+    tool = moving_tool(19)
+    path = write_nexus(tmp_path / "trial.csv", tool, above=above)
+    rate = write_lines(tmp_path / "m.toml", ["rate = 100.0"])
+    log = read_log(path, columns=None if above else rate)
+    assert_turns_alike(log, tool)
+    np.testing.assert_allclose(np.diff(log.time), 0.01)
+    if not above:
+        with pytest.raises(LogError, match=r"expected the rate in Hz.*rate = 100\.0"):
+            read_log(path)
+
+
+@pytest.mark.parametrize("virtual", ["named", "unnamed"])
+def test_virtual_markers_of_a_trc_file_are_not_on_the_tool(tmp_path: Path, virtual: str):
+    """Neither those that line 4 calls V_ nor columns without a name change the pose; named, they are read."""
+    tool = moving_tool(20)
+    path = write_trc(tmp_path / "a.trc", tool, virtual=virtual)
+    log = read_log(path)
+    assert_turns_alike(log, tool)
+    name = "V_mid" if virtual == "named" else "V_unnamed_6"
+    assert f"virtual markers are left out unless named: {name}." in log.remarks
+    alone = read_log(path, columns=mapping(tmp_path / "m.toml", {"markers": (name,)}))
+    np.testing.assert_allclose(alone.tracker_cp.position, tool.markers[:, :2].mean(axis=1) + 0.007, atol=2e-6)
+
+
+@pytest.mark.parametrize("titled", [True, False])
+@pytest.mark.parametrize("kind", ["3D", "6D"])
+def test_qualisys_bodies_and_markers_are_read(tmp_path: Path, kind: str, titled: bool):
+    """With or without the line of column names; the matrix stands column by column, the residual is the error."""
+    tool = moving_tool(21)
+    log = read_log(write_qualisys(tmp_path / "a.tsv", tool, kind=kind, titled=titled))
+    (assert_sees if kind == "6D" else assert_turns_alike)(log, tool)
+    np.testing.assert_allclose(log.time, tool.time, atol=1e-6)
+    if kind == "6D":
+        np.testing.assert_allclose(log.extra["marker_rms"][~tool.hidden], 1e-4)
+
+
+def test_one_of_qualisys_bodies_is_chosen(tmp_path: Path):
+    """The same choice as with the other systems."""
+    path = write_qualisys(tmp_path / "a.tsv", moving_tool(22), names=("tool", "base"), lost="NULL")
+    with pytest.raises(LogError, match="2 bodies: tool, base"):
+        read_log(path)
+    assert_sees(read_log(path, columns=mapping(tmp_path / "m.toml", {"body": "base"})), moving_tool(22))
+
+
+@pytest.mark.parametrize("form", ["track", "toolbox", "capi"])
+def test_ndi_tools_are_read(tmp_path: Path, form: str):
+    """Tools are named without port and serial number; a tool that was not seen is missing; frames count at 60 Hz."""
+    tool = moving_tool(23)
+    log = read_log(write_ndi(tmp_path / "a.csv", tool, form=form))
+    assert_sees(log, tool)
+    assert log.remarks[0] == "tracker_cp is the body tool."
+    assert any("60 Hz" in r for r in log.remarks) == (form != "track")
+    np.testing.assert_allclose(log.time - log.time[0], tool.time, atol=1e-6 if form == "track" else 0.5 / 60)
+    np.testing.assert_allclose(log.extra["marker_rms"][~tool.hidden], 2.5e-4)
+
+
+def test_one_of_ndis_tools_is_chosen(tmp_path: Path):
+    """Groups of columns are told apart however many markers each tool has."""
+    tool = moving_tool(24)
+    for form in ("track", "toolbox", "capi"):
+        path = write_ndi(tmp_path / f"{form}.csv", tool, form=form, names=("tool", "base"))
+        log = read_log(path, columns=mapping(tmp_path / "m.toml", {"body": "base"}))
+        np.testing.assert_allclose(log.tracker_cp.position[~tool.hidden], tool.position[~tool.hidden] + 1, atol=2e-6)
+    with pytest.raises(LogError, match="Export rotations as quaternions"):
+        read_log(
+            write_lines(
+                tmp_path / "b.csv", ["Tools,Port 1,Frame,Face,State,Rz,Ry,Rx,Tx,Ty,Tz,Error", "1,Port 1,1,1,OK"]
+            )
+        )

@@ -2,8 +2,9 @@
 
 Line 1 holds pairs of keys and values (`Format Version`, `Rotation Type`, `Length Units`, ...). Above each column stand
 its `Type`, `Name`, `ID`, in newer versions `Parent`, a line of quantities (`Rotation`, `Position`,
-`Mean Marker Error`), and the line of axes that begins with `Frame`. Older versions leave the labels of these lines
-out. Euler angles turn about the body's own axes in the order that `Rotation Type` names.
+`Mean Marker Error`), and the line of axes that begins with `Frame`. Up to 1.21 the labels of these lines are left out
+and the time is `Time`, later `Time (Seconds)`. Euler angles turn about the body's own axes in the order that
+`Rotation Type` names.
 """
 
 from __future__ import annotations
@@ -65,9 +66,9 @@ def _take(export: Export) -> Take:
     items = _items(export, heading)
     stop = export.stop(heading + 1)
     axes = export.cells(heading)
-    clock = next((k for k, cell in enumerate(axes) if cell.startswith("Time (")), None)
+    clock = next((k for k, cell in enumerate(axes) if cell == "Time" or cell.startswith("Time (")), None)
     if clock is None:
-        raise LogError("expected a column Time (Seconds) in Motive's CSV.")
+        raise LogError("expected a column Time or Time (Seconds) in Motive's CSV.")
     width = max(len(export.cells(k)) for k in range(1, heading + 1))
     text = {k for k, cell in enumerate(axes) if cell == "TimeCode"}
     columns = [k for k in range(1, width) if k not in text]

@@ -107,13 +107,15 @@ class Export:
             raise LogError(f"expected a number in cell {column + 1} of line {line + 1}, got {cell!r}.") from None
 
 
-def read_export(path: Path) -> Export:
-    """Read the lines of a file; its delimiter is taken from the line that begins with "Frame".
+def read_export(path: Path, delimiter: str | None = None) -> Export:
+    """Read the lines of a file.
 
     Parameters
     ----------
     path : Path
         A text export.
+    delimiter : str, optional
+        Between cells; taken from the line that begins with "Frame" when not given.
 
     Raises
     ------
@@ -123,7 +125,7 @@ def read_export(path: Path) -> Export:
     text = path.read_bytes().decode(encoding_of(path), errors="replace")
     lines = text.splitlines()
     heading = next((line.lstrip('"') for line in lines if line.lstrip('"').startswith("Frame")), "")
-    export = Export(lines, next((d for d in "\t;," if d in heading), ","))
+    export = Export(lines, delimiter or next((d for d in "\t;," if d in heading), ","))
     if len(lines) > 1 and not text.endswith(("\n", "\r")) and _count(export, -1) < _count(export, -2):
         raise LogError(f"the file is cut off inside line {len(lines)}.")
     return export

@@ -2,7 +2,8 @@
 
 A file is made of sections, an empty line between them. A section is a title (`Objects`, `Segments`, `Trajectories`),
 the rate in Hz, a line of names, each over the first of its columns, a line of axes that begins with `Frame,Sub Frame`,
-a line of units, and the samples. Tracker puts `Global Angle` and, in newer versions, the kind of angle before the name.
+a line of units, and the samples. Title and units may be missing, and with them the rate. Tracker puts `Global Angle`
+and, in newer versions, the kind of angle before the name.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.logs.orientation import CONVERTERS, quaternion_from_euler
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["TITLES", "read"]
+__all__ = ["TITLES", "is_heading", "read"]
 
 BODIES = ("Objects", "Segments")
 MARKERS = ("Trajectories",)
@@ -71,25 +72,56 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
         The file is cut off, too large, in an unknown unit, or holds neither objects, segments nor trajectories.
     """
     export, options = read_export(path), settings.columns.mocap
-    starts = [k for k in range(len(export)) if export.cells(k)[:1] and export.cells(k)[0] in TITLES]
+    sections = [_heading(export, k) for k in range(len(export)) if is_heading(export.cells(k))]
     wanted = MARKERS if options.markers is not None else (*BODIES, *MARKERS)
-    usable = sorted((k for k in starts if export.cells(k)[0] in wanted), key=lambda k: wanted.index(export.cells(k)[0]))
+    usable = sorted((h for h in sections if h.title in wanted), key=lambda h: wanted.index(h.title))
     if not usable:
-        found = ", ".join(export.cells(k)[0] for k in starts)
+        found = ", ".join(h.title for h in sections)
         raise LogError(f"expected a section {', '.join(wanted)} in Vicon's export, found {found}.")
-    return log_of(_take(_section(export, usable[0]), options), options)
+    return log_of(_take(_section(export, usable[0], settings.columns.rate), options), options)
 
 
-def _section(export: Export, start: int) -> Section:
-    if start + 5 > len(export) or export.cells(start + 3)[:1] != ("Frame",):
-        raise LogError(f"expected rate, names, axes and units below {export.cells(start)[0]} (line {start + 1}).")
+def is_heading(cells: Sequence[str]) -> bool:
+    """Whether a line is the one of axes, from which a section is known whether it has a title or not.
+
+    Parameters
+    ----------
+    cells : sequence of str
+        Of the line.
+    """
+    return len(cells) > 1 and cells[0] == "Frame" and cells[1] in ("Sub Frame", "SubFrame")
+
+
+@dataclass(frozen=True)
+class Heading:
+    """Where a section's line of axes is, and its title: by what the axes say where the export has none."""
+
+    line: int
+    title: str
+
+
+def _heading(export: Export, line: int) -> Heading:
+    above = [export.cells(k)[0] for k in range(max(line - 3, 0), line) if export.cells(k)]
+    axes = export.cells(line)
+    guessed = BODIES[0] if "TX" in axes else MARKERS[0] if "X" in axes else "Devices"
+    return Heading(line, next((title for title in above if title in TITLES), guessed))
+
+
+def _section(export: Export, heading: Heading, stated: float | None) -> Section:
+    line = heading.line
+    if line < 1 or line + 1 >= len(export):
+        raise LogError(f"expected rate, names, axes, units and samples around line {line + 1}.")
+    cell = next(iter(export.cells(line - 2)), "") if line > 1 else ""
     try:
-        rate = float(export.cells(start + 1)[0])
-    except (IndexError, ValueError):
-        raise LogError(f"expected the rate in Hz in line {start + 2}, got {export.lines[start + 1]!r}.") from None
-    columns = _columns(export.cells(start + 2), export.cells(start + 3), export.cells(start + 4))
-    table = export.numbers(start + 5, export.stop(start + 5), range(len(columns)))
-    return Section(export.cells(start)[0], rate, columns, table)
+        rate = stated or float(cell)
+    except ValueError:
+        hint = "Say rate = 100.0 in a mapping file."
+        raise LogError(f"expected the rate in Hz in line {line - 1}, got {cell!r}.", hint=hint) from None
+    units = export.cells(line + 1)
+    start = line + 1 if units and units[0] else line + 2  # some exports have no line of units
+    columns = _columns(export.cells(line - 1), export.cells(line), units if start > line + 1 else ())
+    table = export.numbers(start, export.stop(start), range(len(columns)))
+    return Section(heading.title, rate, columns, table)
 
 
 def _columns(names: Sequence[str], axes: Sequence[str], units: Sequence[str]) -> list[Column]:
