@@ -127,7 +127,8 @@ def _time(table: Table, found: ColumnMap) -> FloatArray:
     """Seconds: the sum of the columns of time, each scaled; or the samples counted at a rate."""
     if found.rate is not None:
         return np.arange(len(table)) / found.rate + found.time_offset
-    return (table.stack(found.times or ("time",)) * np.asarray(found.time_scale)).sum(axis=1) + found.time_offset
+    columns = table.stack(found.times or ("time",)) * np.asarray(found.time_scale)
+    return np.asarray(columns.sum(axis=1) + found.time_offset)
 
 
 def _static(table: Table, found: ColumnMap) -> bool:

@@ -129,6 +129,6 @@ def _time(table: FloatArray, names: Sequence[str], rate: float | None) -> tuple[
 
 def _body(values: FloatArray) -> Body:
     position = values[:, 4:7] * MILLIMETRE
-    hidden = np.isnan(position).any(axis=1)
+    hidden = np.asarray(np.isnan(position).any(axis=1))
     quaternion = unit_quaternions(np.where(hidden[:, None], np.nan, values[:, :4]))
     return Body(PoseSignal(position, quaternion), np.where(hidden, np.nan, values[:, 7] * MILLIMETRE))

@@ -88,7 +88,7 @@ def _time(table: FloatArray, clock: int, header: Mapping[str, Sequence[str]]) ->
 
 def _body(part: FloatArray) -> Body:
     position, _ = seen_only(part[:, :3] * MILLIMETRE)
-    hidden = np.isnan(position).any(axis=1)
+    hidden = np.asarray(np.isnan(position).any(axis=1))
     matrix = np.where(hidden[:, None], np.nan, part[:, MATRIX][:, BY_ROWS])
     error = np.where(hidden, np.nan, part[:, RESIDUAL] * MILLIMETRE)
     return Body(PoseSignal(position, CONVERTERS["matrix"](matrix)), error)
