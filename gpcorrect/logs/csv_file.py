@@ -1,30 +1,34 @@
-"""Text tables, with or without a header line."""
+"""Text tables, with or without a header line; `#` comments; cells parted by a mark or by blanks."""
 
 from __future__ import annotations
 
 import csv
+import mmap
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 from pyarrow import csv as arrow_csv
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import ColumnMap, CsvOptions, ReadSettings
 from gpcorrect.logs.table import Table, complete, log_from_table
-from gpcorrect.types import CalibrationLog
+from gpcorrect.logs.trajectories import recognised
+from gpcorrect.types import CalibrationLog, FloatArray
 
 __all__ = ["encoding_of", "read"]
 
 MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None"]
 
 DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
-LOOK_AHEAD = 20  # lines of data that are looked at for decimal commas
+LOOK_AHEAD = 20  # lines of data that are looked at for decimal commas, and to know a kind of trajectory
+COMMENT = "#"
 BYTE_ORDER_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
 
 
@@ -42,6 +46,12 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
         The table is empty, too large, ragged, has text where numbers belong, or has no header and no mapping.
     """
     dialect = _sniff(path, settings.columns.csv)
+    if not settings.columns.used:
+        known = recognised(dialect.names, _first_rows(path, dialect), settings.columns)
+        if known is not None:
+            mapping, remark = known
+            log = log_from_table(_table(path, dialect, mapping), mapping, settings.disorder)
+            return replace(log, remarks=(remark, *log.remarks))
     headless = dialect.names == tuple(str(k) for k in range(len(dialect.names)))
     if headless and not settings.mapped:
         raise LogError(
@@ -49,6 +59,14 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
             hint="Give a mapping file with column numbers from 0, such as tracker_cp.position = [1, 2, 3].",
         )
     return log_from_table(_table(path, dialect, settings.columns), settings.columns, settings.disorder)
+
+
+def _first_rows(path: Path, dialect: Dialect) -> FloatArray:
+    """Numbers `(n, columns)` of the first samples that are complete; NaN for text."""
+    with dialect.records(path) as records:
+        rows = [cells for _, cells in islice(records, LOOK_AHEAD) if len(cells) == len(dialect.names)]
+    numbers = [[float(c) if _is_number(c, ".") else np.nan for c in (c.replace(",", ".") for c in row)] for row in rows]
+    return np.array(numbers, dtype=np.float64).reshape(len(rows), len(dialect.names))
 
 
 def _table(path: Path, dialect: Dialect, mapping: ColumnMap) -> Table:
@@ -65,9 +83,13 @@ def _table(path: Path, dialect: Dialect, mapping: ColumnMap) -> Table:
 def _parse(path: Path, dialect: Dialect, without: tuple[str, ...]) -> Table:
     wanted = [name for name in dialect.names if name not in without]
     encoding = "utf8" if dialect.encoding.startswith("utf-8") else dialect.encoding
+    source, skip = path, dialect.header_lines
+    if dialect.cleaned:
+        with dialect.lines(path) as lines:
+            source, skip, encoding = pa.BufferReader("\n".join(text for _, text in lines).encode()), 0, "utf8"
     arrow = arrow_csv.read_csv(
-        path,
-        arrow_csv.ReadOptions(column_names=list(dialect.names), skip_rows=dialect.header_lines, encoding=encoding),
+        source,
+        arrow_csv.ReadOptions(column_names=list(dialect.names), skip_rows=skip, encoding=encoding),
         arrow_csv.ParseOptions(delimiter=dialect.delimiter),
         arrow_csv.ConvertOptions(
             column_types=dict.fromkeys(wanted, pa.float64()),
@@ -122,7 +144,9 @@ class Dialect:
     header_lines : int
         Lines of the file before the first sample.
     delimiter, decimal, encoding : str
-        As in the file.
+        As in the file; the delimiter " " stands for any number of blanks.
+    comments : bool
+        Whether lines of the file begin with `#`.
     """
 
     names: tuple[str, ...]
@@ -130,6 +154,26 @@ class Dialect:
     delimiter: str
     decimal: str
     encoding: str
+    comments: bool = False
+
+    @property
+    def cleaned(self) -> bool:
+        """Whether lines are changed, or left out, before they are parsed."""
+        return self.comments or self.delimiter == " "
+
+    @contextmanager
+    def lines(self, path: Path) -> Iterator[Iterator[tuple[int, str]]]:
+        """Give an iterator over (line number, text) below the header, without comments, one blank for many.
+
+        Parameters
+        ----------
+        path : Path
+            The table.
+        """
+        with path.open(encoding=self.encoding, errors="replace") as file:
+            below = ((n, line.strip("\r\n")) for n, line in enumerate(file, start=1) if n > self.header_lines)
+            samples = ((n, line) for n, line in below if not line.lstrip().startswith(COMMENT))
+            yield ((n, " ".join(line.split()) if self.delimiter == " " else line) for n, line in samples)
 
     @contextmanager
     def records(self, path: Path) -> Iterator[Iterator[tuple[int, list[str]]]]:
@@ -140,6 +184,11 @@ class Dialect:
         path : Path
             The table.
         """
+        if self.cleaned:
+            with self.lines(path) as lines:
+                cut = ((n, next(csv.reader([text], delimiter=self.delimiter), [])) for n, text in lines)
+                yield ((n, cells) for n, cells in cut if cells)
+            return
         with path.open(encoding=self.encoding, errors="replace", newline="") as file:
             for _ in islice(file, self.header_lines):
                 pass
@@ -179,19 +228,22 @@ def _sniff(path: Path, options: CsvOptions) -> Dialect:
     """
     encoding = encoding_of(path)
     with path.open(encoding=encoding, errors="replace", newline="") as file:
-        numbered = ((n, line.rstrip("\r\n")) for n, line in enumerate(file, start=1) if n > options.skip)
-        lines = list(islice(((n, line) for n, line in numbered if line.strip()), LOOK_AHEAD + 1))
+        numbered = ((n, line.strip("\r\n")) for n, line in enumerate(file, start=1) if n > options.skip)
+        comment, lines = _beginning((n, line) for n, line in numbered if line.strip())
     if not lines:
         raise LogError("expected a table, found no line of text.")
     number, first = lines[0]
-    delimiter = options.delimiter or next((d for d in "\t;," if d in first), ",")
-    rows = list(csv.reader((text for _, text in lines), delimiter=delimiter))
+    delimiter = options.delimiter or next((d for d in "\t;," if d in first), None) or _blanks(lines)
+    rows = [_cut(text, delimiter) for _, text in lines]
     commas = delimiter != "," and any(DECIMAL_COMMA.fullmatch(cell) for row in rows for cell in row)
     decimal = options.decimal or ("," if commas else ".")
     numbers = all(cell.strip() == "" or _is_number(cell, decimal) for cell in rows[0])
     headed = not numbers if options.header is None else options.header
     if headed and len(lines) == 1:
         raise LogError("the table has column names but no samples.")
+    above = _cut(comment.lstrip(f"{COMMENT} \t"), delimiter)
+    if not headed and options.header is None and len(above) == len(rows[0]) > 1:  # names in a comment
+        headed, number, rows[0] = True, number - 1, above
     found = tuple((cell.strip() or f"column_{k}") if headed else str(k) for k, cell in enumerate(rows[0]))
     names = options.names or found
     twice = [name for name, count in Counter(names).items() if count > 1]
@@ -199,7 +251,37 @@ def _sniff(path: Path, options: CsvOptions) -> Dialect:
         raise LogError(f"the table has more than one column named {', '.join(twice)}.", hint="Rename them.")
     if len(names) != len(found):
         raise LogError(f"csv.names gives {len(names)} names, the table has {len(found)} columns.")
-    return Dialect(names, number if headed else number - 1, delimiter, decimal, encoding)
+    return Dialect(
+        names, number if headed else number - 1, delimiter, decimal, encoding, bool(comment) or _has_comments(path)
+    )
+
+
+def _beginning(lines: Iterator[tuple[int, str]]) -> tuple[str, list[tuple[int, str]]]:
+    """Last comment above the table, "" for none, and the first lines of the table with their numbers."""
+    comment, found = "", list[tuple[int, str]]()
+    for number, line in lines:
+        if not line.lstrip().startswith(COMMENT):
+            found.append((number, line))
+        elif not found:
+            comment = line
+        if len(found) > LOOK_AHEAD:
+            break
+    return comment, found
+
+
+def _has_comments(path: Path) -> bool:
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        return content.find(b"\n#") >= 0
+
+
+def _blanks(lines: Sequence[tuple[int, str]]) -> str:
+    """Return " " for lines of as many words each, two or more; else the comma."""
+    words = {len(text.split()) for _, text in lines}
+    return " " if len(words) == 1 and words.pop() > 1 else ","
+
+
+def _cut(text: str, delimiter: str) -> list[str]:
+    return next(csv.reader([" ".join(text.split()) if delimiter == " " else text], delimiter=delimiter), [])
 
 
 def encoding_of(path: Path) -> str:

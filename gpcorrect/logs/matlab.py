@@ -1,4 +1,4 @@
-"""MATLAB files: version 5 to 7 through scipy, version 7.3 (HDF5) through h5py.
+"""MATLAB files: version 5 to 7 through scipy, version 7.3 (HDF5) through h5py; and HDF5 files of other programs.
 
 Variables and fields of structures become columns by their names; a matrix `q` of k columns becomes `q_1` to `q_k`.
 Where one structure holds everything its name is left out. MATLAB may keep samples along either direction: it is the
@@ -21,10 +21,10 @@ from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.logs.table import Table, log_from_table, orientation_names, position_names
 from gpcorrect.types import CalibrationLog, FloatArray
 
-__all__ = ["MARKS", "read"]
+__all__ = ["HDF5", "MARKS", "read"]
 
 HDF5 = b"\x89HDF\r\n\x1a\n"  # first bytes of every such file
-MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", HDF5)
+MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 NUMERIC = "iufb"  # kinds of NumPy types
 DAMAGES = (ValueError, TypeError, OSError, EOFError, LookupError, NotImplementedError, MemoryError, zlib.error)
 HEADER_BYTES, TAG_BYTES, COMPRESSED = 128, 8, 15  # of a version 5 file: its head, a variable's, and what marks zlib
@@ -112,7 +112,9 @@ def _version_73(path: Path, max_bytes: int) -> Found:
     try:
         import h5py
     except ImportError as error:
-        raise MissingExtraError("h5py", extra="matlab", purpose="Reading MATLAB files of version 7.3") from error
+        raise MissingExtraError(
+            "h5py", extra="matlab", purpose="Reading HDF5 and MATLAB files of version 7.3"
+        ) from error
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     left_out: list[str] = []
     total = 0
@@ -126,7 +128,14 @@ def _version_73(path: Path, max_bytes: int) -> Found:
         total += int(item.size or 0) * NUMBER
         check_memory(total, max_bytes)
         if item.dtype.kind in NUMERIC and kind != b"char" and "MATLAB_empty" not in item.attrs:
-            arrays[dotted] = np.asarray(item[()]).T  # MATLAB writes the last direction first
+            values = np.asarray(item[()])
+            arrays[dotted] = values.T if "MATLAB_class" in item.attrs else values  # MATLAB's last direction comes first
+        elif item.dtype.names:  # a table of named columns
+            fields = {
+                f"{dotted}.{n}": np.asarray(item[n]) for n in item.dtype.names if item.dtype[n].base.kind in NUMERIC
+            }
+            arrays.update(fields)
+            left_out.extend(f"{dotted}.{n}" for n in item.dtype.names if f"{dotted}.{n}" not in fields)
         else:
             left_out.append(dotted)
 
@@ -142,7 +151,7 @@ def _columns(arrays: Mapping[str, np.ndarray[Any, Any]]) -> tuple[dict[str, Floa
     """Columns of the variables that have a value for every sample; the names of the others."""
     lengths = Counter(max(a.shape) for a in arrays.values() if a.size > 1)
     if not lengths:
-        raise LogError("the MATLAB file holds no variable with samples.", hint=NO_ROWS)
+        raise LogError("the file holds no variable with samples.", hint=NO_ROWS)
     count = max(lengths, key=lambda n: (lengths[n], n))
     columns: dict[str, FloatArray] = {}
     left_out: list[str] = []

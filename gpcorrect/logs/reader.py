@@ -63,6 +63,7 @@ FORMATS = (
     Format("MCAP", (".mcap",), (b"\x89MCAP0\r\n",), rosbag.read, whole=False),
     Format("ROS 2 database", (".db3",), (b"SQLite format 3\0",), rosbag.read, whole=False),
     Format("MATLAB", (".mat",), matlab.MARKS, matlab.read),
+    Format("HDF5", (".h5", ".hdf5"), (matlab.HDF5,), matlab.read),
     Format("OptiTrack Motive CSV", (), (b"Format Version,",), motive.read, text=True),
     Format("Vicon CSV", (), VICON, vicon.read, text=True, line=AXES),
     Format("Qualisys TSV", (), qualisys.MARKS, qualisys.read, text=True),
