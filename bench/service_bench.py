@@ -136,17 +136,22 @@ def service_and_echo(model: Path, *, routed: bool) -> Iterator[tuple[ClientSetti
             patience = {"timeout": PATIENT, "connect_timeout": PATIENT}
             yield ClientSettings((ends[0],), **patience), ClientSettings((ends[1],), **patience)
             return
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        end = free_endpoint()
-        router, client = folder / "router.json5", folder / "client.json5"
-        router.write_text(json.dumps(nested({**COMMON, "mode": "router", "listen/endpoints": [end]})))
-        peer = {**COMMON, **CLIENT, "mode": "client", "namespace": "gpcorrect", "connect/endpoints": [end]}
-        client.write_text(json.dumps(nested(peer)))
+        router, client = routed(Path(stack.enter_context(tempfile.TemporaryDirectory())))
         stack.enter_context(process(run_router, str(router)))
         stack.enter_context(process(serve_model, str(model), ServerSettings(config_file=client)))
         stack.enter_context(process(serve_echo, ServerSettings(config_file=client)))
         settings = ClientSettings(config_file=client, timeout=PATIENT, connect_timeout=PATIENT)
         yield settings, settings
+
+
+def routed(folder: Path) -> tuple[Path, Path]:
+    """Write the configurations of a router, and of its clients and servers."""
+    end = free_endpoint()
+    router, client = folder / "router.json5", folder / "client.json5"
+    router.write_text(json.dumps(nested({**COMMON, "mode": "router", "listen/endpoints": [end]})))
+    peer = {**COMMON, **CLIENT, "mode": "client", "namespace": "gpcorrect", "connect/endpoints": [end]}
+    client.write_text(json.dumps(nested(peer)))
+    return router, client
 
 
 def nested(flat: dict[str, Any]) -> dict[str, Any]:

@@ -36,4 +36,4 @@ def print_table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
 def save_results(name: str, results: Any) -> None:
     """Write the results as JSON beside the others."""
     RESULTS.mkdir(exist_ok=True)
-    (RESULTS / f"{name}.json").write_text(json.dumps(results, indent=2))
+    (RESULTS / f"{name}.json").write_text(json.dumps(results, indent=2, default=str))

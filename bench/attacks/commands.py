@@ -13,7 +13,8 @@ import numpy as np
 import zenoh
 from service_bench import free_endpoint
 
-from attacks.lab import Lab, Scenario, Seen, held, waited
+from attacks.lab import Lab, Scenario, Seen
+from attacks.programs import held, waited
 from attacks.relay import relay
 from gpcorrect.calibration import JointCorrector, load
 from gpcorrect_service import ClientSettings

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -12,11 +9,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-from service_bench import PATIENT, free_endpoint
+from service_bench import free_endpoint
 
-__all__ = ["Lab", "Scenario", "Seen", "waited"]
+from attacks.programs import Program
+
+__all__ = ["Lab", "Scenario", "Seen", "fitted"]
 
 
 @dataclass(frozen=True)
@@ -76,12 +74,12 @@ class Lab:
     @cached_property
     def model(self) -> Path:
         """A model file of poses."""
-        return self._given or _fitted(self.folder / "monday.gpc", reaches=4)
+        return self._given or fitted(self.folder / "monday.gpc", reaches=4)
 
     @cached_property
     def other_model(self) -> Path:
         """Another one, of the same arm and frames, that answers differently."""
-        return _fitted(self.folder / "tuesday.gpc", reaches=5)
+        return fitted(self.folder / "tuesday.gpc", reaches=5)
 
     @cached_property
     def joint_model(self) -> Path:
@@ -94,8 +92,7 @@ class Lab:
         save(fit_model(log, FitSettings(method="linear", time_offset="none"), task=JointCorrector).corrector, path)
         return path
 
-    @contextmanager
-    def program(self, *words: str, ready: str) -> Iterator[subprocess.Popen[str]]:
+    def program(self, *words: str, ready: str) -> Program:
         """Run `gpcorrect WORDS` until the block ends, however that process was stopped meanwhile.
 
         Parameters
@@ -106,23 +103,7 @@ class Lab:
             Text on its standard error by which it is known to answer.
         """
         log = self.folder / f"{words[0]}-{time.monotonic_ns()}.log"
-        with log.open("w") as stream:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "gpcorrect", *words], stdout=stream, stderr=stream, text=True
-            )
-        try:
-            waited(lambda: ready in log.read_text() or process.poll() is not None)
-            if process.poll() is not None:
-                raise RuntimeError(f"gpcorrect {' '.join(words)} ended: {log.read_text()}")
-            yield process
-        finally:
-            process.send_signal(signal.SIGCONT)
-            process.terminate()
-            try:
-                process.wait(10.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+        return Program([sys.executable, "-m", "gpcorrect", *words], log, ready)
 
     @contextmanager
     def server(self, model: Path, *words: str) -> Iterator[tuple[str, int]]:
@@ -152,27 +133,7 @@ class Lab:
             yield end, process.pid
 
 
-@contextmanager
-def held(pid: int) -> Iterator[None]:
-    """Stop a process for as long as the block lasts."""
-    os.kill(pid, signal.SIGSTOP)
-    try:
-        yield
-    finally:
-        os.kill(pid, signal.SIGCONT)
-
-
-def waited(done: Callable[[], Any]) -> Any:
-    """Return the first true answer."""
-    until = time.monotonic() + PATIENT
-    while not (found := done()):
-        if time.monotonic() > until:
-            raise TimeoutError("waited in vain")
-        time.sleep(0.02)
-    return found
-
-
-def _fitted(path: Path, reaches: int) -> Path:
+def fitted(path: Path, reaches: int) -> Path:
     from gpcorrect.calibration import FitSettings, fit_corrector, save
     from gpcorrect.sim import debridement_log
 

@@ -7,7 +7,8 @@ from contextlib import suppress
 import numpy as np
 from service_bench import PATIENT
 
-from attacks.lab import Lab, Scenario, Seen, waited
+from attacks.lab import Lab, Scenario, Seen
+from attacks.programs import waited
 from gpcorrect.calibration import load
 from gpcorrect_service import ClientSettings, CorrectionClient, ServiceError
 from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose

@@ -12,7 +12,8 @@ from typing import Any
 import zenoh
 from service_bench import free_endpoint
 
-from attacks.lab import Lab, Scenario, Seen, waited
+from attacks.lab import Lab, Scenario, Seen
+from attacks.programs import waited
 from gpcorrect.calibration import load
 from gpcorrect_service.crtk import Bus, BusSettings, Pose
 from gpcorrect_service.crtk.messages import TOPICS, Report

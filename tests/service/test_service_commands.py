@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ from service_support import PATIENT, endpoint_of, free_port, store_process
 from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, fit_model, kind_of, save
 from gpcorrect.cli import main
 from gpcorrect.types import CalibrationLog, LogMeta
+from gpcorrect_service import CorrectionClient
 from gpcorrect_service.server.models import load_joint_model
 
 Run = Callable[..., tuple[int, str]]
@@ -116,3 +118,18 @@ def test_joint_models_are_stored_and_served_too(tmp_path: Path, run: Run) -> Non
     answer = model.corrector.stream().correct(1.0, np.array([0.1, 0.1, 0.02]))
     np.testing.assert_allclose(answer.joints, [0.11, 0.08, 0.023], atol=1e-4)
     assert model.corrector.types == "RRP"
+
+
+def test_a_server_whose_log_finds_no_room_answers(model_files: tuple[Path, Path]) -> None:
+    """`gpcorrect serve` starts, and answers, where standard error is on a full disk."""
+    endpoint = endpoint_of(free_port())
+    command = [sys.executable, "-m", "gpcorrect", "serve", str(model_files[0]), "--endpoint", endpoint]
+    with (
+        Path("/dev/full").open("wb", buffering=0) as full,
+        subprocess.Popen(command, stdout=full, stderr=full) as process,
+        CorrectionClient(endpoint, timeout=PATIENT, connect_timeout=PATIENT) as client,
+    ):
+        try:
+            assert client.health().state == "ENABLED"
+        finally:
+            process.kill()

@@ -78,6 +78,25 @@ def test_identity_without_a_good_answer_before_is_an_error() -> None:
                 ask()
 
 
+def test_an_answer_beyond_the_timeout_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A planner that is held up between its two attempts hears STALE, however quick the second one is."""
+    with server_process() as server, server.client(timeout=1.0) as client:
+        client.correct(POSE)
+        attempt, held_up = client._attempt, []
+
+        def _held(*arguments: object) -> object:
+            if not held_up:
+                held_up.append(True)
+                time.sleep(1.1)
+                return ServiceError("NO_SERVICE", "no reply came")
+            return attempt(*arguments)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(client, "_attempt", _held)
+        with pytest.raises(ServiceError, match="STALE"):
+            client.correct(POSE)
+        assert client.correct(POSE).status == "OK"
+
+
 def test_a_stream_stays_with_its_model() -> None:
     """Two replicas with different models never take turns: the other's answers are refused until the planner agrees."""
     with (

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
+import os
 import threading
 import time
 
@@ -17,11 +19,11 @@ from gpcorrect_service.server.queues import WorkerQueue
 class Works:
     """Notes what was worked on and what overflowed; works only while its gate is open."""
 
-    def __init__(self, *, workers: int = 1, capacity: int = 3) -> None:
+    def __init__(self, *, workers: int = 1, capacity: int = 3, log: io.StringIO | None = None) -> None:
         self.gate, self.began = threading.Event(), threading.Semaphore(0)
         self.done: list[int] = []
         self.refused: list[int] = []
-        self.log = io.StringIO()
+        self.log = log or io.StringIO()
         self.queue: WorkerQueue[int] = WorkerQueue(
             "test",
             self.work,
@@ -72,6 +74,24 @@ def test_a_failing_item_leaves_the_worker_alive() -> None:
     assert works.end()
     assert works.done == [7]
     assert json.loads(works.log.getvalue())["exception"][0]["exc_value"] == "a bad item"
+
+
+class FullDisk(io.StringIO):
+    """Finds no room for anything."""
+
+    def write(self, text: str) -> int:
+        """Refuse."""
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_full_disk_under_the_log_leaves_the_worker_alive() -> None:
+    """A failing item whose log line cannot be written is lost with it, and the next item is worked on."""
+    works = Works(log=FullDisk())
+    works.gate.set()
+    works.queue.offer(-1)
+    works.queue.offer(7)
+    assert works.end()
+    assert works.done == [7]
 
 
 def test_sealed_lane_takes_nothing_and_finishes() -> None:

@@ -103,24 +103,25 @@ class AsyncCorrectionClient(ClientBase):
         querier = self._queriers.get(question.kind)
         if querier is None:
             querier = await asyncio.to_thread(self._querier, question.kind)
-        if querier.fresh:
-            await self._await_server(querier)
+        if querier.fresh:  # only the first question waits for a server to appear
+            querier.fresh = False
+            await self._await_server(querier, time.monotonic() + self._settings.connect_timeout)
+        asked = time.monotonic()
         answer = await self._attempt(querier, querier.first, question)
         if isinstance(answer, ServiceError):
             if not querier.matched:
-                await self._await_server(querier)
+                await self._await_server(querier, asked + question.patience)
             elif answer.status in ("NO_SERVICE", "OTHER_MODEL"):
                 querier.suspect()
             answer = await self._attempt(querier, querier.second, question)
         if isinstance(answer, ServiceError):
             raise answer
+        question.require_wanted(time.monotonic() - asked)
         return answer
 
-    async def _await_server(self, querier: Querier) -> None:
-        loop = asyncio.get_running_loop()
-        until = loop.time() + querier.patience()
+    async def _await_server(self, querier: Querier, until: float) -> None:
         while not querier.matched:
-            if loop.time() > until:
+            if time.monotonic() > until:
                 raise querier.silence()
             await asyncio.sleep(POLL_SECONDS)
 

@@ -149,22 +149,24 @@ class CorrectionClient(ClientBase):
     def _ask_servers(self, question: Question[R]) -> R:
         require_own_process()
         querier = self._queriers.get(question.kind) or self._querier(question.kind)
-        if querier.fresh:
-            self._await_server(querier)
+        if querier.fresh:  # only the first question waits for a server to appear
+            querier.fresh = False
+            self._await_server(querier, time.monotonic() + self._settings.connect_timeout)
+        asked = time.monotonic()
         answer = self._attempt(querier, querier.first, question)
         if isinstance(answer, ServiceError):
             # Asked only now: looking at who matches costs a tenth of a query.
             if not querier.matched:
-                self._await_server(querier)
+                self._await_server(querier, asked + question.patience)
             elif answer.status in ("NO_SERVICE", "OTHER_MODEL"):
                 querier.suspect()
             answer = self._attempt(querier, querier.second, question)
         if isinstance(answer, ServiceError):
             raise answer
+        question.require_wanted(time.monotonic() - asked)
         return answer
 
-    def _await_server(self, querier: Querier) -> None:
-        until = time.monotonic() + querier.patience()
+    def _await_server(self, querier: Querier, until: float) -> None:
         while not querier.matched:
             if time.monotonic() > until:
                 raise querier.silence()

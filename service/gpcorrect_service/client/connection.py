@@ -66,7 +66,6 @@ class Querier:
             for target in (zenoh.QueryTarget.BEST_MATCHING, zenoh.QueryTarget.ALL)
         )
         self._settings = settings
-        self._timeout = timeout
         self._trusted_from = -math.inf
         self.fresh = True
 
@@ -84,12 +83,6 @@ class Querier:
     def second(self) -> zenoh.Querier:
         """Whom to ask when that fails."""
         return self._everyone
-
-    def patience(self) -> float:
-        """Return how long, s, to wait for a server to appear: only the first question may wait longer."""
-        fresh, self.fresh = self.fresh, False
-        connect = self._settings.connect_timeout
-        return connect if fresh else min(connect, self._timeout)
 
     def suspect(self) -> None:
         """Note that the nearest server is silent or has another model: for a while it is not asked alone."""

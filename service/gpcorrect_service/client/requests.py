@@ -55,7 +55,7 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
     read : callable
         From zenoh's reply to the planner's; raises the server's refusal.
     patience : float
-        s after which a reply is too old to be used.
+        s after which a reply of one attempt is too old to be used; for both together it is twice that.
     fallback : callable or None
         From the failure to the answer that replaces it; None raises the failure.
     """
@@ -85,17 +85,29 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
         if (
             reply.ok is not None and waited > self.patience
         ):  # a process that is stopped finds replies of long ago when it goes on
-            return ServiceError(
-                "STALE",
-                f"the reply came {waited:.3f} s after its question; {self.patience:.3f} s were allowed.",
-                hint="The planner or the network was held up: ask again.",
-            )
+            return _stale(waited, self.patience)
         try:
             return self.read(reply)
         except ServiceError as error:
             if error.status not in WORTH_A_RETRY:
                 raise
             return error
+
+    def require_wanted(self, waited: float) -> None:
+        """Refuse to hand out an answer that is older than the caller allowed, whatever held it up and where.
+
+        Parameters
+        ----------
+        waited : float
+            s since the caller asked, every attempt included.
+
+        Raises
+        ------
+        ServiceError
+            STALE.
+        """
+        if waited > 2 * self.patience:
+            raise _stale(waited, 2 * self.patience)
 
     def rescue(self, error: ServiceError) -> R:
         """Return the fallback.
@@ -284,6 +296,14 @@ class RequestBuilder:
             return self._codec.decode(form, sample.payload.to_bytes())
         except ServiceError as error:
             raise no_service(f"a reply that is not the service's ({error.message})") from error
+
+
+def _stale(waited: float, allowed: float) -> ServiceError:
+    return ServiceError(
+        "STALE",
+        f"the reply came {waited:.3f} s after its question; {allowed:.3f} s were allowed.",
+        hint="The planner or the network was held up: ask again.",
+    )
 
 
 def _accepted(reply: zenoh.Reply) -> zenoh.Sample:

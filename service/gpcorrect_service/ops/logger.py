@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Protocol, TextIO, cast
 
 import structlog
@@ -20,9 +21,30 @@ class Logger(Protocol):
     error: Callable[..., Any]
 
 
+class _Unfailing:
+    """A stream that may be full, or gone: what cannot be written is lost, and whoever logs goes on.
+
+    Parameters
+    ----------
+    stream : TextIO
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> None:
+        with suppress(OSError):
+            self._stream.write(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            self._stream.flush()
+
+
 def open_logger(stream: TextIO | None = None, **facts: Any) -> Logger:
     """Return a logger whose every line carries some facts.
 
+    A line that cannot be written (a full disk) is lost: no query and no worker ends for its log.
     structlog is not configured globally: a planner that serves from its own process keeps its own logging.
 
     Parameters
@@ -33,7 +55,7 @@ def open_logger(stream: TextIO | None = None, **facts: Any) -> Logger:
         Ready for JSON.
     """
     logger = structlog.wrap_logger(
-        structlog.WriteLogger(stream or sys.stderr),
+        structlog.WriteLogger(cast(TextIO, _Unfailing(stream or sys.stderr))),
         processors=[
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
