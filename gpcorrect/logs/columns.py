@@ -109,6 +109,9 @@ class BagOptions(_Section):
     base: str | None = None
     max_gap: Annotated[float, Field(gt=0)] | None = None
     shifts: dict[str, float] = {}
+    topics: dict[
+        Literal["setpoint_cp", "measured_cp", "tracker_cp", "setpoint_js", "measured_js", "external_js"], str
+    ] = {}
 
 
 class MocapOptions(_Section):

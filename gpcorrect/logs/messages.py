@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -13,7 +14,9 @@ from gpcorrect.logs.orientation import unit_quaternions
 from gpcorrect.logs.streams import Stream
 from gpcorrect.types import FloatArray, IntArray, LogMeta, PoseSignal
 
-__all__ = ["Decoded", "Recorded", "Times", "joint_row", "joint_streams", "pose_row", "pose_streams"]
+__all__ = ["Decoded", "Recorded", "Times", "array_row", "joint_row", "joint_streams", "pose_row", "pose_streams"]
+
+NO_ROTATION = (math.nan,) * 4
 
 # Signals in a JointState, in the order of its fields.
 JOINT_SIGNALS = {
@@ -51,25 +54,47 @@ class Recorded:
         receive : int
             When it was received, ns since 1970.
         """
-        stamp = (message.hdr if hasattr(message, "hdr") else message.header).stamp
-        self.stamp.append(stamp.sec * 10**9 + stamp.nanosec)
+        header = getattr(message, "hdr", None) or getattr(message, "header", None)
+        self.stamp.append(0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec)
         self.receive.append(receive)
         self.rows.append(self.extract(message))
 
 
 def pose_row(message: Any) -> tuple[float, ...]:
-    """Position and quaternion wxyz of a message.
+    """Position and quaternion wxyz of a message; NaN for the quaternion of a point.
 
     Parameters
     ----------
     message : object
-        PoseStamped or TransformStamped.
+        Pose, PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped or PointStamped.
     """
-    if hasattr(message, "pose"):
-        p, q = message.pose.position, message.pose.orientation
-    else:
+    if hasattr(message, "point"):
+        return message.point.x, message.point.y, message.point.z, *NO_ROTATION
+    if hasattr(message, "transform"):
         p, q = message.transform.translation, message.transform.rotation
+    else:
+        pose = getattr(message, "pose", message)
+        pose = getattr(pose, "pose", pose)  # inside the one with a covariance
+        p, q = pose.position, pose.orientation
     return p.x, p.y, p.z, q.w, q.x, q.y, q.z
+
+
+def array_row(place: int | None) -> Callable[[Any], tuple[float, ...]]:
+    """Make a function that takes one pose out of a PoseArray; NaN where the array is too short.
+
+    Parameters
+    ----------
+    place : int or None
+        Which one, counted from 0; None for the only one.
+    """
+
+    def row(message: Any) -> tuple[float, ...]:
+        count, k = len(message.poses), place or 0
+        if place is None and count > 1:
+            raise LogError(f"an array holds {count} poses.", hint="Choose one by its place, counted from 0: /poses[1].")
+        return pose_row(message.poses[k]) if k < count else (math.nan,) * 3 + NO_ROTATION
+
+    return row
 
 
 def joint_row(message: Any) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
@@ -141,7 +166,7 @@ def pose_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
     quaternion = unit_quaternions(table[:, 3:])
     bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())
     remarks = (f"{bad} samples of {name} have no valid rotation; it counts as missing.",) if bad else ()
-    pose = PoseSignal(table[:, :3], quaternion)
+    pose = PoseSignal(table[:, :3], None if np.isnan(table[:, 3:]).all() else quaternion)
     return Decoded((Stream(name, times.stamp, pose, times.receive, recorded.topic),), remarks)
 
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gpcorrect.errors import GpCorrectError, LogError, MissingExtraError
-from gpcorrect.logs.columns import BagOptions, ReadSettings
-from gpcorrect.logs.messages import Recorded, Times, joint_row, joint_streams, pose_row, pose_streams
+from gpcorrect.logs.columns import ReadSettings
+from gpcorrect.logs.messages import Recorded, Times, array_row, joint_row, joint_streams, pose_row, pose_streams
 from gpcorrect.logs.raven2 import RAVEN_STATE_DEFINITION, RAVEN_STATE_TYPE, raven_row, raven_streams
 from gpcorrect.logs.streams import combine
+from gpcorrect.logs.tf import TF_TYPES, Tree, frames_of
+from gpcorrect.logs.topics import choose_topics, element_of
 from gpcorrect.types import CalibrationLog, LogMeta
 
 if TYPE_CHECKING:
@@ -22,35 +24,6 @@ __all__ = ["read"]
 
 LARGEST_PAGE = 65536  # bytes; SQLite writes it as 1
 DAMAGED = "the recording cannot be read, it may be cut off or still being written"
-
-POSE_TYPES = frozenset({"geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped"})
-JOINT_TYPES = frozenset({"sensor_msgs/msg/JointState"})
-ROBOT_TOPICS = {
-    "setpoint_cp": POSE_TYPES,
-    "measured_cp": POSE_TYPES,
-    "setpoint_js": JOINT_TYPES,
-    "measured_js": JOINT_TYPES,
-    "external_js": JOINT_TYPES,
-}
-TRACKER_WORDS = (
-    "track",
-    "marker",
-    "mocap",
-    "motion_capture",
-    "vrpn",
-    "optitrack",
-    "vicon",
-    "qualisys",
-    "phasespace",
-    "polaris",
-    "ndi",
-    "atracsys",
-    "fusion",
-    "aruco",
-    "apriltag",
-    "camera",
-    "fiducial",
-)
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
@@ -70,8 +43,8 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """
     options = settings.columns.bag
     with _opened(path) as bag:
-        choice = _choose_topics({c.topic: c.msgtype for c in bag.connections if c.msgcount}, options)
-        recorded = _record(bag, choice)
+        choice = choose_topics({c.topic: c.msgtype for c in bag.connections if c.msgcount}, options)
+        recorded = _record(bag, choice.topics)
         origin = bag.start_time
     remarks, parts = list(choice.remarks), []
     for kind, messages in recorded.items():
@@ -87,16 +60,48 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     return replace(log, meta=meta, remarks=(*remarks, *log.remarks))
 
 
-def _record(bag: AnyReader, choice: Choice) -> dict[str, Recorded]:
-    """Messages of the chosen topics, by kind."""
-    recorded = {}
-    for kind, topic in choice.topics.items():
-        extract = raven_row if kind == "raven_state" else joint_row if kind.endswith("_js") else pose_row
-        recorded[topic] = Recorded(topic, extract)
-    connections = [c for c in bag.connections if c.topic in recorded]
+def _record(bag: AnyReader, topics: Mapping[str, str]) -> dict[str, Recorded]:
+    """Messages of the chosen sources, by kind; transforms are read where a pair of frames, or nothing, was chosen."""
+    types = {c.topic: c.msgtype for c in bag.connections}
+    recorded: dict[str, list[Recorded]] = {}
+    kinds: dict[str, Recorded] = {}
+    for kind, source in topics.items():
+        topic, place = element_of(source)
+        if not frames_of(source):
+            kinds[kind] = Recorded(source, _extract(kind, types[topic], place))
+            recorded.setdefault(topic, []).append(kinds[kind])
+    tree = Tree()
+    wanted = not topics or any(frames_of(source) for source in topics.values())
+    connections = [c for c in bag.connections if c.topic in recorded or (wanted and c.msgtype in TF_TYPES)]
     for connection, receive, raw in bag.messages(connections=connections):
-        recorded[connection.topic].add(bag.deserialize(raw, connection.msgtype), receive)
-    return {kind: recorded[topic] for kind, topic in choice.topics.items() if recorded[topic].rows}
+        message = bag.deserialize(raw, connection.msgtype)
+        if connection.topic in recorded:
+            for one in recorded[connection.topic]:
+                one.add(message, receive)
+        else:
+            tree.add(message, receive, static=connection.topic.endswith("tf_static"))
+    for kind, source in (topics or {"tracker_cp": _only_pair(tree) if wanted else ""}).items():
+        pair = frames_of(source)
+        if pair:
+            kinds[kind] = tree.pose(*pair)
+    return {kind: kinds[kind] for kind in kinds if kinds[kind].rows}
+
+
+def _extract(kind: str, msgtype: str, place: int | None) -> Callable[[Any], Any]:
+    if kind == "raven_state":
+        return raven_row
+    if kind.endswith("_js"):
+        return joint_row
+    return array_row(place) if msgtype.endswith("/PoseArray") else pose_row
+
+
+def _only_pair(tree: Tree) -> str:
+    """Pair of frames of the only transform that moves."""
+    moving = tree.moving()
+    if len(moving) != 1:
+        hint = 'Choose one, or any pair of frames: [bag] tracker_topic = "/tf:base->tool".'
+        raise LogError(f"expected one moving transform, found {', '.join(moving) or 'none'}.", hint=hint)
+    return moving[0]
 
 
 @contextmanager
@@ -151,93 +156,3 @@ def _damage() -> tuple[type[Exception], ...]:
 
         errors.append(apsw.Error)
     return tuple(errors)
-
-
-@dataclass(frozen=True)
-class Choice:
-    """What to read: a topic for each kind of message, and what had to be decided."""
-
-    topics: Mapping[str, str]
-    remarks: tuple[str, ...] = ()
-
-
-def _choose_topics(types: Mapping[str, str], options: BagOptions) -> Choice:
-    """Choose one robot and at most one tracker among topics and their message types."""
-    tracker, remarks = _tracker(types, options)
-    robots: dict[str, dict[str, str]] = {}  # topics by CRTK name, by namespace
-    for topic, kind in types.items():
-        space, _, name = topic.rpartition("/")
-        if topic != tracker and kind in ROBOT_TOPICS.get(name, ()):
-            robots.setdefault(_slashed(space), {})[name] = topic
-    raven = [topic for topic, kind in types.items() if kind.endswith("/raven_state")]
-    if raven and (options.arm is not None or (options.namespace is None and not robots)):
-        topics = {"raven_state": _only(raven, "RAVEN-II state topic")}
-    else:
-        topics, remark = _robot(robots, options.namespace)
-        remarks += remark
-    if tracker:
-        topics = {**topics, "tracker_cp": tracker}
-    if not topics:
-        listed = ", ".join(f"{t} ({k})" for t, k in sorted(types.items())) or "none"
-        raise LogError("the recording holds no CRTK, RAVEN-II or tracker topic.", hint=f"Topics: {listed}.")
-    return Choice(topics, tuple(remarks))
-
-
-def _slashed(name: str) -> str:
-    return "/" + name.strip("/")
-
-
-def _robot(robots: dict[str, dict[str, str]], wanted: str | None) -> tuple[dict[str, str], list[str]]:
-    """Topics of one robot: the one wanted, the only one, or the one that all other namespaces are part of."""
-    listed = ", ".join(sorted(robots)) or "none"
-    if wanted is not None:
-        if _slashed(wanted) not in robots:
-            raise LogError(f"there is no robot {wanted}.", hint=f"Namespaces here: {listed}.")
-        return robots[_slashed(wanted)], []
-    if not robots:
-        return {}, []
-    root = min(robots, key=len)
-    parts = [space for space in robots if space != root]
-    if all(space.startswith(root.rstrip("/") + "/") for space in parts):
-        remark = f"read {root}; its parts {', '.join(sorted(parts))} were left out."
-        return robots[root], [remark] if parts else []
-    raise LogError(f"the recording holds several robots: {listed}.", hint="Choose one with namespace.")
-
-
-def _tracker(types: Mapping[str, str], options: BagOptions) -> tuple[str, list[str]]:
-    """Topic of the tracker, "" for none."""
-    poses = [topic for topic, kind in types.items() if kind in POSE_TYPES]
-    if options.tracker_topic is not None:
-        wanted = options.tracker_topic and _slashed(options.tracker_topic)
-        if wanted and wanted not in poses:
-            raise LogError(f"there is no pose topic {wanted}.", hint=f"Pose topics here: {', '.join(poses)}.")
-        return wanted, []
-    free = [
-        topic
-        for topic in poses
-        if not topic.endswith("_cp") or topic.endswith("/tracker_cp") or _is_tracking(topic, types)
-    ]
-    named = [topic for topic in free if _has_tracker_word(topic)]
-    found = named or free
-    if not found:
-        return "", []
-    topic = _only(found, "topic that may be the tracker")
-    return topic, [f"{topic} was taken for the tracker."]
-
-
-def _has_tracker_word(topic: str) -> bool:
-    return any(word in topic.lower() for word in TRACKER_WORDS)
-
-
-def _is_tracking(topic: str, types: Mapping[str, str]) -> bool:
-    """Whether a CRTK pose is a tracker's: its namespace only measures, and sounds like one."""
-    space, _, name = topic.rpartition("/")
-    others = [f"{space}/{other}" for other in ROBOT_TOPICS if other != "measured_cp"]
-    return name == "measured_cp" and _has_tracker_word(space) and not any(t in types for t in others)
-
-
-def _only(topics: Sequence[str], what: str) -> str:
-    if len(topics) > 1:
-        hint = "Choose one with tracker_topic, or none with an empty name."
-        raise LogError(f"the recording holds more than one {what}: {', '.join(sorted(topics))}.", hint=hint)
-    return topics[0]

@@ -115,6 +115,42 @@ def transform_stamped(
     return Post(topic, "geometry_msgs/msg/TransformStamped", stamp if receive is None else receive, make)
 
 
+def message(topic: str, msgtype: str, stamp: int, receive: int, fill: Callable[[Any], dict[str, Any]]) -> Post:
+    """Make a message of any type from its fields; `fill` is given the types, and the header comes first."""
+
+    def make(types: Any) -> Any:
+        given = fill(types)
+        names = types[msgtype].__annotations__
+        head = {"header": header(types, stamp)} if "header" in names else {}
+        return types[msgtype](**head, **given)
+
+    return Post(topic, msgtype, receive, make)
+
+
+def plain_pose(types: Any, position: Sequence[float], wxyz: Sequence[float]) -> Any:
+    """Make a Pose, without a header."""
+    w, x, y, z = wxyz
+    point = types["geometry_msgs/msg/Point"](*position)
+    return types["geometry_msgs/msg/Pose"](point, types["geometry_msgs/msg/Quaternion"](x, y, z, w))
+
+
+def transforms(topic: str, pairs: Sequence[tuple[str, str, Sequence[float], Sequence[float]]], stamp: int) -> Post:
+    """Make a TFMessage of (parent, child, position, quaternion wxyz)."""
+
+    def make(types: Any) -> Any:
+        made = []
+        for parent, child, position, (w, x, y, z) in pairs:
+            head = header(types, stamp)
+            head.frame_id = parent
+            moved = types["geometry_msgs/msg/Vector3"](*position)
+            turned = types["geometry_msgs/msg/Quaternion"](x, y, z, w)
+            transform = types["geometry_msgs/msg/Transform"](moved, turned)
+            made.append(types["geometry_msgs/msg/TransformStamped"](head, child, transform))
+        return types["tf2_msgs/msg/TFMessage"](made)
+
+    return Post(topic, "tf2_msgs/msg/TFMessage", stamp, make)
+
+
 def joint_state(
     topic: str, position: FloatArray, stamp: int, *, velocity: FloatArray | None = None, names: str = "abcdef"
 ) -> Post:

@@ -1,0 +1,159 @@
+"""Transforms that ROS nodes publish on /tf and /tf_static: a tree of frames, and the pose of one frame in another."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.errors import LogError
+from gpcorrect.logs.messages import Recorded, pose_row
+from gpcorrect.logs.streams import Stream, interpolate
+from gpcorrect.types import FloatArray, PoseSignal
+
+__all__ = ["TF_TYPES", "Tree", "frames_of", "source_name"]
+
+TF_TYPES = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
+
+
+def source_name(parent: str, child: str) -> str:
+    """Write a pair of frames as users name it, such as `/tf:base->tool`.
+
+    Parameters
+    ----------
+    parent, child : str
+        The pose of the child in the parent is meant.
+    """
+    return f"/tf:{parent.strip('/')}->{child.strip('/')}"
+
+
+def frames_of(name: str) -> tuple[str, str] | None:
+    """Parent and child of a name such as `/tf:base->tool`; None for the name of a topic.
+
+    Parameters
+    ----------
+    name : str
+        As the user wrote it.
+    """
+    match = re.fullmatch(r"/?tf:/?(.+?)\s*->\s*/?(.+)", name.strip())
+    return (match[1], match[2]) if match else None
+
+
+@dataclass
+class Tree:
+    """Transforms by child frame, as they are read.
+
+    Parameters
+    ----------
+    edges : dict of str to (parent, Recorded)
+        A child has one parent.
+    still : set of str
+        Children whose transform was published as static.
+    """
+
+    edges: dict[str, tuple[str, Recorded]] = field(default_factory=dict)
+    still: set[str] = field(default_factory=set)
+
+    def add(self, message: Any, receive: int, *, static: bool) -> None:
+        """Add the transforms of a message.
+
+        Parameters
+        ----------
+        message : object
+            TFMessage.
+        receive : int
+            ns since 1970.
+        static : bool
+            Whether it came from /tf_static.
+        """
+        for transform in message.transforms:
+            child = transform.child_frame_id.strip("/")
+            parent = transform.header.frame_id.strip("/")
+            if child not in self.edges or self.edges[child][0] != parent:
+                self.edges[child] = (parent, Recorded(source_name(parent, child), pose_row))
+            self.edges[child][1].add(transform, receive)
+            if static:
+                self.still.add(child)
+
+    def moving(self) -> list[str]:
+        """Pairs of neighbouring frames that move, named as a source."""
+        return [
+            source_name(parent, child)
+            for child, (parent, recorded) in self.edges.items()
+            if child not in self.still and len(set(recorded.rows)) > 1
+        ]
+
+    def pose(self, parent: str, child: str) -> Recorded:
+        """Pose of one frame in another at the stamps of the moving transform between them that is published most.
+
+        Parameters
+        ----------
+        parent, child : str
+            Frames.
+
+        Raises
+        ------
+        LogError
+            There is no such frame, nothing connects the two, or nothing between them moves.
+        """
+        up, down = self._to_root(parent), self._to_root(child)
+        common = next((frame for frame in up if frame in down), None)
+        if common is None:
+            known = sorted({*self.edges, *(p for p, _ in self.edges.values())})
+            raise LogError(f"no transforms lead from {parent} to {child}.", hint=f"Frames here: {', '.join(known)}.")
+        up, down = up[: up.index(common)], down[: down.index(common)]
+        moving = [frame for frame in (*down, *up) if frame not in self.still]
+        if not moving:
+            raise LogError(
+                f"nothing moves between {parent} and {child}.", hint=f"What moves: {', '.join(self.moving())}."
+            )
+        lead = self.edges[max(moving, key=lambda frame: len(self.edges[frame][1].rows))][1]
+        found = Recorded(source_name(parent, child), pose_row, list(lead.stamp), list(lead.receive), list(lead.rows))
+        if (up, down) != ([], [child]) or lead is not self.edges[child][1]:
+            found.rows = self._composed(up, down, np.array(lead.stamp))
+        return found
+
+    def _to_root(self, frame: str) -> list[str]:
+        """Return the frame and those above it."""
+        path = [frame]
+        while path[-1] in self.edges and self.edges[path[-1]][0] not in path:
+            path.append(self.edges[path[-1]][0])
+        return path
+
+    def _composed(self, up: list[str], down: list[str], stamp: Any) -> list[tuple[float, ...]]:
+        """Poses at these stamps, NaN where one of the transforms has a gap."""
+        T = np.broadcast_to(np.eye(4), (len(stamp), 4, 4))
+        for frame in reversed(down):
+            T = T @ self._at(frame, stamp)
+        above = np.broadcast_to(np.eye(4), (len(stamp), 4, 4))
+        for frame in reversed(up):
+            above = above @ self._at(frame, stamp)
+        T = se3.invert(above) @ T
+        rows = np.full((len(stamp), 7), np.nan)
+        seen = np.isfinite(T).all(axis=(1, 2))
+        rows[seen] = np.hstack(se3.to_parts(T[seen]))
+        return list(_tuples(rows))
+
+    def _at(self, frame: str, stamp: Any) -> FloatArray:
+        """Poses `(n, 4, 4)` of a frame in its parent; NaN in gaps."""
+        recorded = self.edges[frame][1]
+        rows = np.array(recorded.rows, dtype=np.float64)
+        T = np.full((len(stamp), 4, 4), np.nan)
+        if frame in self.still:
+            T[:] = se3.from_parts(rows[-1, :3], rows[-1, 3:])
+            return T
+        origin = int(stamp[0])
+        stream = Stream("tf", (np.array(recorded.stamp) - origin) / 1e9, PoseSignal(rows[:, :3], rows[:, 3:]))
+        pose = cast(PoseSignal, interpolate(stream, (stamp - origin) / 1e9))
+        quaternion = np.asarray(pose.quaternion)
+        seen = np.isfinite(pose.position).all(axis=1) & np.isfinite(quaternion).all(axis=1)
+        T[seen] = se3.from_parts(pose.position[seen], quaternion[seen])
+        return T
+
+
+def _tuples(rows: FloatArray) -> Iterable[tuple[float, ...]]:
+    return (tuple(row) for row in rows.tolist())

@@ -1,0 +1,212 @@
+"""Which topics of a ROS recording are what: one robot, at most one tracker, by names and types of message."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from gpcorrect.errors import LogError
+from gpcorrect.logs.columns import BagOptions
+from gpcorrect.logs.tf import TF_TYPES, frames_of
+
+__all__ = ["JOINT_TYPES", "POSE_TYPES", "Choice", "choose_topics", "element_of", "slashed"]
+
+PLAIN = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
+OTHER = (
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseArray",
+    "geometry_msgs/msg/PointStamped",
+    "geometry_msgs/msg/Pose",
+)
+POSE_TYPES = frozenset(PLAIN + OTHER)
+JOINT_TYPES = frozenset({"sensor_msgs/msg/JointState"})
+ROBOT_TOPICS = {
+    "setpoint_cp": POSE_TYPES,
+    "measured_cp": POSE_TYPES,
+    "setpoint_js": JOINT_TYPES,
+    "measured_js": JOINT_TYPES,
+    "external_js": JOINT_TYPES,
+}
+TRACKER_WORDS = (
+    "track",
+    "marker",
+    "mocap",
+    "motion_capture",
+    "vrpn",
+    "optitrack",
+    "vicon",
+    "qualisys",
+    "phasespace",
+    "polaris",
+    "ndi",
+    "atracsys",
+    "fusion",
+    "aruco",
+    "apriltag",
+    "camera",
+    "fiducial",
+)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What to read: a topic for each kind of message, and what had to be decided.
+
+    Parameters
+    ----------
+    topics : mapping of str to str
+        Signals of poses, CRTK names of joint states, or "raven_state"; to topics, poses of an array (`/poses[1]`) or
+        pairs of frames (`/tf:base->tool`).
+    remarks : tuple of str
+        What had to be decided.
+    """
+
+    topics: Mapping[str, str]
+    remarks: tuple[str, ...] = ()
+
+
+def slashed(name: str) -> str:
+    """Return a topic or namespace with one slash before it, which some recorders leave out.
+
+    Parameters
+    ----------
+    name : str
+        Of a topic.
+    """
+    return "/" + name.strip("/")
+
+
+def element_of(source: str) -> tuple[str, int | None]:
+    """Topic and place of a pose of an array, such as `/poses[1]`; no place for other sources.
+
+    Parameters
+    ----------
+    source : str
+        As in :class:`Choice`.
+    """
+    match = re.fullmatch(r"(.*)\[(\d+)\]", source)
+    return (match[1], int(match[2])) if match else (source, None)
+
+
+def choose_topics(types: Mapping[str, str], options: BagOptions) -> Choice:
+    """Choose one robot and at most one tracker.
+
+    Parameters
+    ----------
+    types : mapping of str to str
+        Types of message by topic.
+    options : BagOptions
+        What the user chose.
+
+    Raises
+    ------
+    LogError
+        There is no such topic, or more than one robot or tracker.
+    """
+    tracker, remarks = _tracker(types, options)
+    topics: dict[str, str] = {
+        kind: _stated(types, kind, name) for kind, name in options.topics.items() if kind != "tracker_cp"
+    }
+    raven = [topic for topic, kind in types.items() if kind.endswith("/raven_state")]
+    if not topics:
+        robots = _robots(types, tracker)
+        if raven and (options.arm is not None or (options.namespace is None and not robots)):
+            topics = {"raven_state": _only(raven, "RAVEN-II state topic")}
+        else:
+            topics, remark = _robot(robots, options.namespace)
+            remarks += remark
+    if tracker:
+        topics = {**topics, "tracker_cp": tracker}
+    if not topics and not TF_TYPES & set(types.values()):
+        listed = ", ".join(f"{t} ({k})" for t, k in sorted(types.items())) or "none"
+        hint = f"Say which they are in a mapping file, under [bag.topics]. Topics: {listed}."
+        raise LogError("the recording holds no CRTK, RAVEN-II or tracker topic.", hint=hint)
+    return Choice(topics, tuple(remarks))
+
+
+def _stated(types: Mapping[str, str], kind: str, name: str) -> str:
+    """Return the source that the user names for a kind of signal, as the recording writes it."""
+    wanted = JOINT_TYPES if kind.endswith("_js") else POSE_TYPES
+    if frames_of(name) and wanted is POSE_TYPES:
+        return name
+    topic, place = element_of(name)
+    fitting = [t for t in types if types[t] in wanted]
+    found = next((t for t in fitting if slashed(t) == slashed(topic)), None)
+    if found is None:
+        what = "joint state" if wanted is JOINT_TYPES else "pose"
+        raise LogError(
+            f"there is no {what} topic {name}.", hint=f"{what.capitalize()} topics here: {', '.join(fitting)}."
+        )
+    return found if place is None else f"{found}[{place}]"
+
+
+def _robots(types: Mapping[str, str], tracker: str) -> dict[str, dict[str, str]]:
+    """Topics by CRTK name, by namespace."""
+    robots: dict[str, dict[str, str]] = {}
+    for topic, kind in types.items():
+        space, _, name = slashed(topic).rpartition("/")
+        if topic != element_of(tracker)[0] and kind in ROBOT_TOPICS.get(name, ()):
+            robots.setdefault(slashed(space), {})[name] = topic
+    return robots
+
+
+def _robot(robots: dict[str, dict[str, str]], wanted: str | None) -> tuple[dict[str, str], list[str]]:
+    """Topics of one robot: the one wanted, the only one, or the one that all other namespaces are part of."""
+    listed = ", ".join(sorted(robots)) or "none"
+    if wanted is not None:
+        if slashed(wanted) not in robots:
+            raise LogError(f"there is no robot {wanted}.", hint=f"Namespaces here: {listed}.")
+        return robots[slashed(wanted)], []
+    if not robots:
+        return {}, []
+    root = min(robots, key=len)
+    parts = [space for space in robots if space != root]
+    if all(space.startswith(root.rstrip("/") + "/") for space in parts):
+        remark = f"read {root}; its parts {', '.join(sorted(parts))} were left out."
+        return robots[root], [remark] if parts else []
+    raise LogError(f"the recording holds several robots: {listed}.", hint="Choose one with namespace.")
+
+
+def _tracker(types: Mapping[str, str], options: BagOptions) -> tuple[str, list[str]]:
+    """Topic of the tracker, "" for none; messages that hold nothing but a stamped pose come before others."""
+    stated = options.topics.get("tracker_cp", options.tracker_topic)
+    if stated is not None:
+        return (_stated(types, "tracker_cp", stated) if stated else ""), []
+    taken = {slashed(element_of(topic)[0]) for topic in options.topics.values()}
+    free = [
+        topic
+        for topic, kind in types.items()
+        if kind in POSE_TYPES and slashed(topic) not in taken and _may_track(topic, types)
+    ]
+    for named in (True, False):
+        for kinds in (PLAIN, OTHER):
+            found = [t for t in free if types[t] in kinds and (_has_tracker_word(t) or not named)]
+            if found:
+                topic = _only(found, "topic that may be the tracker")
+                return topic, [f"{topic} was taken for the tracker."]
+    return "", []
+
+
+def _may_track(topic: str, types: Mapping[str, str]) -> bool:
+    name = slashed(topic)
+    return not name.endswith("_cp") or name.endswith("/tracker_cp") or _is_tracking(name, {slashed(t) for t in types})
+
+
+def _has_tracker_word(topic: str) -> bool:
+    return any(word in topic.lower() for word in TRACKER_WORDS)
+
+
+def _is_tracking(topic: str, topics: set[str]) -> bool:
+    """Whether a CRTK pose is a tracker's: its namespace only measures, and sounds like one."""
+    space, _, name = topic.rpartition("/")
+    others = {f"{space}/{other}" for other in ROBOT_TOPICS if other != "measured_cp"}
+    return name == "measured_cp" and _has_tracker_word(space) and not others & topics
+
+
+def _only(topics: Sequence[str], what: str) -> str:
+    if len(topics) > 1:
+        hint = "Choose one with tracker_topic, or none with an empty name."
+        raise LogError(f"the recording holds more than one {what}: {', '.join(sorted(topics))}.", hint=hint)
+    return topics[0]
