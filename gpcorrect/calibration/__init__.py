@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.task import Corrector, Measured
     from gpcorrect.calibration.tool_position import PositionEstimator
     from gpcorrect.calibration.update import Update, update_model
-    from gpcorrect.calibration.uses import Use, with_uses
+    from gpcorrect.calibration.uses import PURPOSES, Use, for_purpose, with_uses
     from gpcorrect.calibration.zigzags import DIRECTIONS, Direction, TimedPath, direction_named, timed, zigzag
 
 _HOMES = {
@@ -67,7 +67,7 @@ _HOMES = {
     "task": ("Corrector", "Measured"),
     "tool_position": ("PositionEstimator",),
     "update": ("Update", "update_model"),
-    "uses": ("Use", "with_uses"),
+    "uses": ("PURPOSES", "Use", "for_purpose", "with_uses"),
     "zigzags": ("DIRECTIONS", "Direction", "TimedPath", "direction_named", "timed", "zigzag"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
@@ -77,6 +77,7 @@ __all__ = [
     "DIRECTIONS",
     "LEARNERS",
     "METHODS",
+    "PURPOSES",
     "TASKS",
     "Ageing",
     "CommandCorrector",
@@ -114,6 +115,7 @@ __all__ = [
     "fit_corrector",
     "fit_model",
     "folds_of",
+    "for_purpose",
     "held_out",
     "holds",
     "joint_errors",

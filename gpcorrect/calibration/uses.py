@@ -13,7 +13,7 @@ from gpcorrect.logs import ValidationReport
 from gpcorrect.logs.checks import Finding
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["Use", "uses_of", "with_uses"]
+__all__ = ["PURPOSES", "Use", "for_purpose", "uses_of", "with_uses"]
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,55 @@ def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[Validation
     uses = uses_of(log)
     if not all(use.refusal for use in uses):
         return report, uses
-    first = uses[0]
+    hint = TRACKER_HINT if log.signals == ("tracker_cp",) else uses[0].hint
     what = f"no command can learn from it. {'; '.join(f'{use.command}: {use.refusal}' for use in uses)}"
-    unusable = Finding("error", "unusable", "", what, first.hint)
+    unusable = Finding("error", "unusable", "", what, hint)
     return replace(report, findings=(unusable, *report.findings)), uses
+
+
+def for_purpose(report: ValidationReport, log: CalibrationLog, purpose: str) -> ValidationReport:
+    """Judge a recording by one purpose: what it would be refused for is an error, what it does not use is none.
+
+    Errors about signals that the purpose does not learn from become warnings; that there is no command, or nothing
+    from outside, is left to the purpose.
+
+    Parameters
+    ----------
+    report : ValidationReport
+        Of the same recording.
+    log : CalibrationLog
+        A recording.
+    purpose : str
+        One of :data:`PURPOSES`.
+    """
+    known = PURPOSES[purpose]
+    findings = [f for f in report.findings if f.code not in ("no_command", "no_observation")]
+    findings = [
+        replace(f, severity="warning")
+        if f.severity == "error" and f.signal in log.signals and f.signal not in known.uses
+        else f
+        for f in findings
+    ]
+    try:
+        known.require(log)
+    except GpCorrectError as error:
+        what = f"not for {purpose}: {error.message.removeprefix(f'{log.name}: ')}"
+        findings.append(Finding("error", "unusable", "", what, error.hint))
+    rank = {"error": 0, "warning": 1, "info": 2}
+    return replace(report, findings=tuple(sorted(findings, key=lambda f: rank[f.severity])))
+
+
+def _require_tracker(log: CalibrationLog) -> None:
+    """Refuse what cannot go beside a robot's recording."""
+    if log.tracker_cp is None:
+        raise LogError("there is no tracker_cp.", hint="Say in a mapping file what the tracker saw.")
+    if log.static:
+        raise LogError(
+            "there is no time to match with the robot's.", hint="Say the time, or a rate, in a mapping file."
+        )
+    seen = int(log.tracker_cp.finite.sum())
+    if seen < LIMITS.fewest_samples:
+        raise LogError(f"at least {LIMITS.fewest_samples} samples with a position are needed, got {seen}.")
 
 
 def _require_motors(log: CalibrationLog) -> None:
@@ -88,3 +133,32 @@ _REQUIRE: dict[str, Callable[[CalibrationLog], object]] = {
     "joint fit": require_joints,
     "discrepancy": _require_motors,
 }
+
+
+@dataclass(frozen=True)
+class Purpose:
+    """What a recording is for: which signals matter, and what refuses it.
+
+    Parameters
+    ----------
+    uses : tuple of str
+        Signals that are learned from.
+    require : callable
+        Raises where the recording would be refused.
+    """
+
+    uses: tuple[str, ...]
+    require: Callable[[CalibrationLog], object]
+
+
+PURPOSES = {
+    "fit": Purpose(("setpoint_cp", "measured_cp", "tracker_cp"), require_poses),
+    "joint": Purpose((*CalibrationLog.JOINTS, *CalibrationLog.SCALARS), require_joints),
+    "tracker": Purpose(("tracker_cp",), _require_tracker),
+    "discrepancy": Purpose(
+        (*CalibrationLog.JOINTS, *CalibrationLog.SCALARS, "tracker_cp", "measured_cp"), _require_motors
+    ),
+}
+"""What `gpcorrect validate --for` takes."""
+
+TRACKER_HINT = "A tracker's own file goes beside the robot's (--tracker-log); look at it with validate --for tracker."

@@ -24,6 +24,10 @@ COMMANDS = {
         "gpcorrect.cli.validate:validate",
         "Look at a recording before fitting: rates, gaps, stamps, frozen signals, units, limits, swapped arms.",
     ),
+    "convert": (
+        "gpcorrect.cli.validate:convert",
+        "Write a recording of any known format as a native log: SI units, one clock, a column a number.",
+    ),
     "fit": (
         "gpcorrect.cli.fit:fit",
         "Learn what to command from recordings, and measure it on trajectories that were held out.",

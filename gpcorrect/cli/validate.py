@@ -1,21 +1,33 @@
-"""`gpcorrect validate`: the dry run of a recording."""
+"""`gpcorrect validate` and `convert`: the dry run of a recording, and its native form."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from gpcorrect.cli.console import out, plain_table, print_json
-from gpcorrect.cli.options import Arm, Columns, Json, Namespace, Tracker, TrackerLog, seconds_ahead
+from gpcorrect.cli.options import (
+    Arm,
+    Columns,
+    Json,
+    Namespace,
+    Reading,
+    Tracker,
+    TrackerLog,
+    one_of,
+    seconds_ahead,
+    takes_reading,
+)
 
 if TYPE_CHECKING:
     from gpcorrect.calibration import Use
     from gpcorrect.logs import ValidationReport
 
-__all__ = ["validate"]
+__all__ = ["convert", "validate"]
 
 STYLE = {"error": "bold red", "warning": "yellow", "info": "dim"}
 
@@ -30,6 +42,14 @@ def validate(
     time_offset: Annotated[
         str, typer.Option(help="Clock of --tracker-log: auto (matched by the motion), none, or seconds it runs ahead.")
     ] = "auto",
+    purpose: Annotated[
+        str | None,
+        typer.Option(
+            "--for",
+            help="Judge by one purpose: fit, joint, tracker (a file for --tracker-log), discrepancy.",
+            show_default=False,
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Look at a recording before fitting: rates, gaps, stamps, frozen signals, units, limits, swapped arms.
@@ -41,8 +61,10 @@ def validate(
     gpcorrect validate monday.bag --namespace PSM2
 
     gpcorrect validate robot.csv --tracker-log "Take 2026-11-21.csv"
+
+    gpcorrect validate "Take 2026-11-21.csv" --for tracker
     """
-    from gpcorrect.calibration import with_uses
+    from gpcorrect.calibration import PURPOSES, Use, for_purpose, with_uses
     from gpcorrect.logs import read_log, validate_log, with_tracker
 
     recording = read_log(
@@ -50,13 +72,48 @@ def validate(
     )
     if tracker_log is not None:
         recording = with_tracker(recording, read_log(tracker_log, columns=columns), seconds_ahead(time_offset))
-    report, uses = with_uses(validate_log(recording), recording)
+    uses: tuple[Use, ...]
+    if purpose is None:
+        report, uses = with_uses(validate_log(recording), recording)
+    else:
+        one_of(purpose, tuple(PURPOSES), "--for")
+        report = for_purpose(validate_log(recording), recording, purpose)
+        uses = (Use(purpose),) if report.ok else ()
     if json:
         print_json({**report.to_dict(), "uses": {use.command: use.refusal or True for use in uses}})
     else:
         _show(report, uses)
     if not report.ok:
         raise typer.Exit(2)
+
+
+@takes_reading
+def convert(
+    log: Annotated[Path, typer.Argument(help="Recording to read.", show_default=False)],
+    output: Annotated[
+        Path, typer.Argument(help="Native log to write: CSV or Parquet by its ending.", show_default=False)
+    ],
+    reading: Reading,
+    json: Json = False,
+) -> None:
+    """Write a recording of any known format as a native log: SI units, one clock, a column a number.
+
+    Example: gpcorrect convert monday.bag monday.parquet --namespace PSM2
+    """
+    from gpcorrect.atomic import require_new
+    from gpcorrect.logs import require_writable, write_log
+
+    require_writable(output)
+    require_new(output)
+    recording = replace(reading, as_is=True).log([log])
+    write_log(recording, output)
+    if json:
+        facts = {"output": str(output), "samples": len(recording), "signals": list(recording.signals)}
+        print_json({**facts, "extra_columns": sorted(recording.extra), "remarks": list(recording.remarks)})
+        return
+    for remark in recording.remarks:
+        out.print(f"[dim]read    [/] {remark}")
+    out.print(f"{len(recording)} samples of {', '.join(recording.signals)} -> {output}")
 
 
 def _show(report: ValidationReport, uses: tuple[Use, ...]) -> None:

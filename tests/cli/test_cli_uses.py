@@ -11,6 +11,7 @@ import pytest
 from cli_support import CommandLine, assert_refused, written
 from support import small_log
 
+from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 
@@ -52,6 +53,43 @@ def test_a_good_recording_says_for_what(gpcorrect: CommandLine, log_file: Path) 
     assert dry.code == 0
     assert "can be used for fit (0 errors" in dry.out
     assert "not for  joint fit: joint calibration needs setpoint_jp" in dry.out
+
+
+def test_a_trackers_own_file_passes_for_its_purpose(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """Judged by all commands it is unusable, and the hint says how to judge it; for the tracker it is fine."""
+    path = written(replace(small_log(), setpoint_cp=None), tmp_path / "take.csv")
+    dry = gpcorrect("validate", path)
+    assert dry.code == 2
+    assert "--for tracker" in dry.out
+    fit = gpcorrect("validate", path, "--for", "tracker", "--json")
+    assert fit.code == 0
+    assert not {"unusable", "no_command"} & {f["code"] for f in fit.json["findings"]}
+    assert gpcorrect("validate", path, "--for", "fit").code == 2
+
+
+def test_each_purpose_judges_its_own_signals(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """A tracker in millimetres spoils a fit, not a joint calibration; without external_jp there is none of those."""
+    q = np.random.default_rng(0).normal(size=(960, 2)).cumsum(axis=0) / 50
+    log = small_log()
+    wrong = replace(log, tracker_cp=PoseSignal(1e3 * log.tracker_cp.position), measured_jp=q, external_jp=1.01 * q)
+    path = written(replace(wrong, time=np.arange(960) / 50), tmp_path / "both.csv")
+    codes = {purpose: gpcorrect("validate", path, "--for", purpose).code for purpose in ("fit", "joint", "tracker")}
+    assert codes == {"fit": 2, "joint": 0, "tracker": 2}
+    assert_refused(gpcorrect("validate", path, "--for", "lunch"), "--for is fit, joint, tracker or discrepancy")
+
+
+def test_converting_gives_the_same_recording(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """A native log reads back as it was read, extra columns too; nothing is overwritten."""
+    text = "# a run\n" + "".join(f"{t} {x} {2 * x} {3 * x} 0 0 0 1\n" for t, x in enumerate((0.1, 0.2, 0.4)))
+    (tmp_path / "run.txt").write_text(text)
+    target = tmp_path / "run.parquet"
+    done = gpcorrect("convert", tmp_path / "run.txt", target, "--json")
+    assert done.json["signals"] == ["tracker_cp"]
+    one, two = read_log(tmp_path / "run.txt"), read_log(target)
+    np.testing.assert_array_equal(one.tracker_cp.position, two.tracker_cp.position)
+    np.testing.assert_array_equal(one.tracker_cp.quaternion, two.tracker_cp.quaternion)
+    assert_refused(gpcorrect("convert", tmp_path / "run.txt", target), "not overwritten")
+    assert_refused(gpcorrect("convert", tmp_path / "run.txt", tmp_path / "run.bag"), ".csv or .parquet")
 
 
 def test_a_joint_recording_is_no_error_for_want_of_poses(gpcorrect: CommandLine, tmp_path: Path) -> None:
