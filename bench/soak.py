@@ -135,7 +135,9 @@ def shown(spans: Sequence[Span], tallies: Sequence[Tally], growth: list[list[Any
     examples = [example for tally in tallies for example in tally.examples]
     for example in examples[:20]:
         print(example)
-    save_results("soak", {"given": vars(given), "rows": rows, "growth": growth, "examples": examples[:1000]})
+    save_results(
+        "soak", {"given": vars(given), "spans": spans, "rows": rows, "growth": growth, "examples": examples[:1000]}
+    )
     return any(tally.broken for tally in tallies) or spans[-1].name == "end"
 
 
@@ -145,9 +147,13 @@ def _row(name: str, parts: list[tuple[Span, Tally]]) -> list[str]:
 
     refused = sum((tally.refused for _, tally in parts), start=type(parts[0][1].refused)())
     said = ", ".join(f"{number} {status}" for status, number in refused.most_common())
-    back = f"{max(span.back for span, _ in parts):.1f}"
+    back = _after(max(span.back for span, _ in parts))
     first = [name, str(len(parts)), *(total(what) for what in ("asked", "answered", "not OK", "lost", "skipped"))]
     return [*first, said, back, *(total(what) for what in ("wrong", "stale", "mixed"))]
+
+
+def _after(seconds: float) -> str:
+    return f"after {seconds:.1f} s" if np.isfinite(seconds) else "in a later span"
 
 
 def look(place: Site, samples: dict[str, list[dict[str, float]]]) -> None:
