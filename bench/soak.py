@@ -111,9 +111,7 @@ def soak(
         due += given.every
         back = seconds_until_seen(place, given.replicas, due - time.monotonic())
         spans.append(Span(began, name, back))
-        print(
-            f"{until - began:7.0f} s left: {name}: {happened}; {given.replicas} replicas after {back:.1f} s", flush=True
-        )
+        print(f"{until - began:7.0f} s left: {name}: {happened}; all there {_after(back)}", flush=True)
     if not np.isfinite(seconds_until_seen(place, given.replicas, RETURN)):
         print("BROKEN: a replica did not come back:", *(replica.log[-1000:] for replica in place.replicas), sep="\n")
         spans.append(Span(time.monotonic(), "end", np.inf))

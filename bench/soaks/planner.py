@@ -45,6 +45,11 @@ class Planner:
         self._given, self._file = given, file
         self._rng = np.random.default_rng(given["seed"])
         self._places = np.array(given["poses"])  # (n, 13) poses and twists
+        self._corners = np.vstack([self._places[:, :7], self._places[:1, :7]])
+        ways = np.diff(self._corners[:, :3], axis=0)
+        self._lengths = np.linalg.norm(ways, axis=1)
+        self._ends = np.cumsum(self._lengths)
+        self._twists = np.hstack([SPEED * ways / self._lengths[:, None], np.zeros_like(ways)])
         self._streams = count()
         self._clients: dict[bool, CorrectionClient] = {}
 
@@ -119,9 +124,10 @@ class Planner:
             return ()
         if kind == "path":
             times = STEP * np.arange(ROWS)
-            return np.array([self._along(at + time)[0] for time in times]), times
+            return self._along(at + times)[0], times
         if kind == "stream":
-            return self._along(at)
+            poses, twists = self._along(np.array([at]))
+            return poses[0], twists[0]
         one, other = places[rng.integers(len(places), size=2)]
         pose = _between(one[:7], other[:7], rng.random())
         if kind == "nonsense":
@@ -131,26 +137,23 @@ class Planner:
             pose[:3] += rng.choice([-FAR, FAR], size=3)
         return pose, other[7:]
 
-    def _along(self, at: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return pose and twist on the way through the places, `at` seconds after the beginning."""
-        points = np.vstack([self._places[:, :7], self._places[:1, :7]])
-        lengths = np.linalg.norm(np.diff(points[:, :3], axis=0), axis=1)
-        ends = np.cumsum(lengths)
-        gone = (SPEED * at) % ends[-1]
-        leg = int(np.searchsorted(ends, gone, side="right"))
-        share = 1.0 - (ends[leg] - gone) / lengths[leg]
-        direction = (points[leg + 1, :3] - points[leg, :3]) / lengths[leg]
-        return _between(points[leg], points[leg + 1], share), np.append(SPEED * direction, np.zeros(3))
+    def _along(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return poses (n, 7) and twists (n, 6) on the way through the places, (n,) seconds after the beginning."""
+        gone = (SPEED * at) % self._ends[-1]
+        leg = np.searchsorted(self._ends, gone, side="right")
+        share = 1.0 - (self._ends[leg] - gone) / self._lengths[leg]
+        return _between(self._corners[leg], self._corners[leg + 1], share[:, None]), self._twists[leg]
 
     def _write(self, record: Record) -> None:
         pickle.dump(tuple(record), self._file, protocol=pickle.HIGHEST_PROTOCOL)
 
 
-def _between(one: np.ndarray, other: np.ndarray, share: float) -> np.ndarray:
-    """Return a pose on the straight way between two."""
-    near = other if one[3:] @ other[3:] >= 0 else np.append(other[:3], -other[3:])
-    pose = (1 - share) * one + share * near
-    pose[3:] /= np.linalg.norm(pose[3:])
+def _between(one: np.ndarray, other: np.ndarray, share: Any) -> np.ndarray:
+    """Return poses (..., 7) on the straight way between two."""
+    side = np.where((one[..., 3:] * other[..., 3:]).sum(axis=-1, keepdims=True) >= 0, 1.0, -1.0)
+    pose = (1 - share) * one + share * other
+    pose[..., 3:] = (1 - share) * one[..., 3:] + share * side * other[..., 3:]
+    pose[..., 3:] /= np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
     return pose
 
 
