@@ -82,7 +82,10 @@ def _count(record: Record, tally: Tally, correctors: dict[str, object], held: di
         for name in _wrongs(record, correctors, held):
             tally.counts[name] += 1
             took = record.came - record.asked
-            tally.examples.append(f"{name}: {record.kind} at {record.asked:.3f}, {took:.4f} s, {record.replica}")
+            tally.examples.append(
+                f"{name}: {record.kind} at {record.asked:.3f}, {took:.4f} s of {record.allowed} s, "
+                f"{record.starved:.4f} s without a core, {record.replica}"
+            )
 
 
 def _wrongs(record: Record, correctors: dict[str, object], held: dict[int, str]) -> list[str]:

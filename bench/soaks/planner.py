@@ -50,6 +50,7 @@ class Planner:
         self._lengths = np.linalg.norm(ways, axis=1)
         self._ends = np.cumsum(self._lengths)
         self._twists = np.hstack([SPEED * ways / self._lengths[:, None], np.zeros_like(ways)])
+        self._schedule = os.open("/proc/thread-self/schedstat", os.O_RDONLY)
         self._streams = count()
         self._clients: dict[bool, CorrectionClient] = {}
 
@@ -100,7 +101,7 @@ class Planner:
             allowed += CONNECT
             self._asked_before.add(key)
         code, reply = "", None
-        asked = time.monotonic()
+        starved, asked = self._starved(), time.monotonic()
         try:
             if kind == "health":
                 client.health()
@@ -109,7 +110,7 @@ class Planner:
         except ServiceError as error:
             code = error.status
         came = time.monotonic()
-        record = Record(kind, asked, came, allowed, self._stream, question, code)
+        record = Record(kind, asked, came, allowed, self._stream, question, code, starved=self._starved() - starved)
         if reply is not None:
             meta, answer = reply.meta, answer_of(reply.answer)
             record = record._replace(model_hash=meta.model_hash, replica=meta.replica, answer=answer)
@@ -117,6 +118,10 @@ class Planner:
         if code == "OTHER_MODEL":  # here the robot would come to rest
             client.change_model()
             self._stream = next(self._streams)
+
+    def _starved(self) -> float:
+        """Return for how long this thread has waited for a core since it began, s."""
+        return int(os.pread(self._schedule, 64, 0).split()[1]) / 1e9
 
     def _question(self, kind: str, at: float) -> tuple[np.ndarray, ...]:
         rng, places = self._rng, self._places

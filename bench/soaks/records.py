@@ -32,6 +32,8 @@ class Record(NamedTuple):
         Whose answer it is.
     answer : tuple
         Arrays position, quaternion, std, interval95, and reasons.
+    starved : float
+        s in which the planner could have run, and had no core.
     """
 
     kind: str
@@ -44,6 +46,7 @@ class Record(NamedTuple):
     model_hash: str = ""
     replica: str = ""
     answer: tuple[Any, ...] = ()
+    starved: float = 0.0
 
 
 def answer_of(correction: Any) -> tuple[np.ndarray, ...]:
