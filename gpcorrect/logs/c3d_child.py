@@ -30,17 +30,29 @@ def main(path: str, most_bytes: int) -> int:
         resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))
     except ImportError:  # only where the system has limits
         pass
-    import ezc3d
-
     try:
-        arrays = _arrays(ezc3d.c3d(path))
-    except (OSError, RuntimeError, ValueError, LookupError, MemoryError) as error:
+        arrays = _read(path)
+    except (ImportError, OSError, RuntimeError, ValueError, LookupError, AssertionError, MemoryError) as error:
         sys.stderr.write(str(error))
         return UNREADABLE
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
     sys.stdout.buffer.write(buffer.getvalue())
     return 0
+
+
+def _read(path: str) -> dict[str, Any]:
+    """Read with ezc3d; with the library c3d, where it is installed, what ezc3d does not support."""
+    import ezc3d
+
+    try:
+        return _arrays(ezc3d.c3d(path))
+    except RuntimeError as error:
+        if "not supported" not in str(error):
+            raise
+        from gpcorrect.logs import c3d_fallback
+
+        return c3d_fallback.arrays(path)
 
 
 def _arrays(content: Any) -> dict[str, Any]:

@@ -29,7 +29,7 @@ MEMORY = 2 * 1024**3  # bytes for a small file
 MEMORY_SHARE = 40  # bytes for each byte of the file beyond that
 BLOCK = 512  # bytes; of the C3D format
 HEADER_MARK = 0x50  # second byte of every C3D file
-BIG_ENDIAN = bytes([86])  # processor code of files in big-endian order
+DEC, BIG_ENDIAN = bytes([85]), bytes([86])  # processor codes: of swapped words in floating point numbers, big-endian
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
@@ -53,7 +53,8 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
         raise MissingExtraError("ezc3d", extra="c3d", purpose="Reading C3D files")
     _check_whole(path)
     content = _load(path)
-    given = content["labels"].tolist()  # markers that share a label get names of their own
+    given = content["labels"].tolist()[: content["points"].shape[1]]  # some programs name more than they write
+    # Markers that share a label get names of their own.
     labels = [name if given.count(name) == 1 else f"{name}#{k + 1}" for k, name in enumerate(given)]
     unit = str(content["unit"])
     remarks = [] if unit else ["the file states no unit; millimetres were assumed, as usual in C3D."]
@@ -98,7 +99,10 @@ def _check_whole(path: Path) -> None:
         if len(head) < BLOCK or head[1] != HEADER_MARK:
             raise LogError("the file does not begin like a C3D file.")
         file.seek(max(head[0] - 1, 0) * BLOCK)
-        order = ">" if file.read(4)[3:] == BIG_ENDIAN else "<"
+        processor = file.read(4)[3:]
+    order = ">" if processor == BIG_ENDIAN else "<"
+    if processor == DEC:  # the sign is in the other word
+        head = head[:12] + head[14:16] + head[12:14] + head[16:]
     count, analog, first, last, _, scale, start = struct.unpack(f"{order}5HfH", head[2:18])
     number = 4 if scale < 0 else 2  # bytes; a negative scale marks floating point data
     expected = (start - 1) * BLOCK + max(last - first + 1, 0) * (4 * count + analog) * number

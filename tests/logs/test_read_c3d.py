@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 from read_support import write
 from scipy.spatial.transform import Rotation
+from support import ROOT
 
 from gpcorrect.errors import DataError, DegenerateError, LogError, MissingExtraError
 from gpcorrect.logs import c3d_file, read_log
 from gpcorrect.logs.mocap.tool import configuration, tool_poses
+
+sys.path.append(str(ROOT / "bench"))
+from formats.c3d_bytes import write_c3d_bytes
 
 BODY = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.07, 0], [0, 0, 0.05], [0.04, 0.05, 0.02]])
 N = 40
@@ -229,6 +233,23 @@ def test_a_reader_of_its_own_sees_what_ezc3d_sees(tmp_path: Path):
     ours = c3d_file._load(path)
     theirs = ezc3d.c3d(str(path))["data"]["points"][:3]
     np.testing.assert_array_equal(ours["points"], np.moveaxis(theirs, 0, -1).swapaxes(0, 1))
+
+
+@pytest.mark.parametrize("order", ["intel", "dec", "mips"])
+def test_every_order_of_bytes_and_labels_beyond_the_points_are_read(tmp_path: Path, order: str):
+    """Files written byte by byte; ezc3d does not read MIPS order, the library c3d does. Cut off, they are refused."""
+    if order == "mips":
+        pytest.importorskip("c3d", reason="the library c3d reads what ezc3d does not")
+    _, at, points = motion(16)
+    points[3] = np.nan
+    path = write_c3d_bytes(tmp_path / "a.c3d", 1e3 * points, [*LABELS, "spare", "none"], 125.0, order)
+    log = read_log(path)
+    np.testing.assert_allclose(np.delete(log.tracker_cp.position, 3, axis=0), np.delete(at, 3, axis=0), atol=1e-6)
+    assert np.isnan(log.tracker_cp.position[3]).all()
+    np.testing.assert_allclose(np.diff(log.time), 1 / 125)
+    whole = path.read_bytes()
+    with pytest.raises(LogError, match="cut off"):
+        read_log(write(tmp_path / "cut.c3d", whole[: len(whole) - 1024]))
 
 
 def test_a_missing_library_names_the_extra_that_brings_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
