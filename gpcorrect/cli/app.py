@@ -24,6 +24,10 @@ COMMANDS = {
         "gpcorrect.cli.validate:validate",
         "Look at a recording before fitting: rates, gaps, stamps, frozen signals, units, limits, swapped arms.",
     ),
+    "topics": (
+        "gpcorrect.cli.validate:topics",
+        "List what is in a recording, topics, bodies, markers or columns, and propose a mapping file.",
+    ),
     "convert": (
         "gpcorrect.cli.validate:convert",
         "Write a recording of any known format as a native log: SI units, one clock, a column a number.",

@@ -1,9 +1,9 @@
-"""`gpcorrect validate` and `convert`: the dry run of a recording, and its native form."""
+"""`gpcorrect validate`, `topics` and `convert`: the dry run of a recording, what is in it, and its native form."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration import Use
     from gpcorrect.logs import ValidationReport
 
-__all__ = ["convert", "validate"]
+__all__ = ["convert", "topics", "validate"]
 
 STYLE = {"error": "bold red", "warning": "yellow", "info": "dim"}
 
@@ -85,6 +85,39 @@ def validate(
         _show(report, uses)
     if not report.ok:
         raise typer.Exit(2)
+
+
+def topics(
+    log: Annotated[Path, typer.Argument(help="Recording to look into.", show_default=False)],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Write the proposed mapping file here.", show_default=False),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """List what is in a recording, topics, bodies, markers or columns, and propose a mapping file.
+
+    Example: gpcorrect topics monday.bag --output map.toml
+    """
+    from gpcorrect.atomic import atomic_path, require_new
+    from gpcorrect.logs.contents import contents_of
+
+    if output is not None:
+        require_new(output)
+    found = contents_of(log)
+    if output is not None:
+        with atomic_path(output) as temporary:
+            temporary.write_text(found.mapping, encoding="utf-8")
+    if json:
+        print_json({"format": found.title, "parts": [asdict(part) for part in found.parts], "mapping": found.mapping})
+        return
+    table = plain_table("name", "kind", "samples", "")
+    for part in found.parts:
+        table.add_row(part.name, part.kind, str(part.samples), part.detail)
+    out.print(f"{log}: {found.title}")
+    out.print(table, markup=False)
+    out.print(f"a mapping file ({output or 'save it and give it with --columns'}):")
+    typer.echo(found.mapping, nl=False)
 
 
 @takes_reading

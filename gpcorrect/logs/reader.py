@@ -20,7 +20,7 @@ from gpcorrect.logs.order import Disorder
 from gpcorrect.logs.sidecar import read_sidecar, sidecar_path
 from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
-__all__ = ["read_log", "recording_digest"]
+__all__ = ["format_of", "read_log", "recording_digest"]
 
 FARTHEST = 1e6  # m or rad: beyond it, in whatever unit, no arm has been
 HEAD = 1 << 16  # bytes that tell a format: the header of a motion capture export names hundreds of markers
@@ -167,6 +167,23 @@ def _possible(log: CalibrationLog) -> CalibrationLog:
             kept = np.where(wrong, np.nan, table)
             changed[name] = PoseSignal(kept, value.quaternion) if pose else kept
     return replace(log, **changed, remarks=(*log.remarks, *remarks)) if changed else log
+
+
+def format_of(path: Path) -> Format:
+    """Tell the format of a recording.
+
+    Parameters
+    ----------
+    path : Path
+        A file, or the folder of a ROS 2 recording.
+
+    Raises
+    ------
+    LogError
+        The file is missing, or of no known format.
+    """
+    with _naming(path):
+        return _format(path)
 
 
 def _format(path: Path) -> Format:

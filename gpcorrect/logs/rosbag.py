@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from gpcorrect.types import CalibrationLog, LogMeta
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-__all__ = ["read"]
+__all__ = ["Topic", "read", "topics_of"]
 
 LARGEST_PAGE = 65536  # bytes; SQLite writes it as 1
 DAMAGED = "the recording cannot be read, it may be cut off or still being written"
@@ -58,6 +58,43 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     log = combine(streams, options.base, options.max_gap, shifts=options.shifts, disorder=settings.disorder)
     meta = next((part.meta for part in parts if part.meta != LogMeta()), LogMeta())
     return replace(log, meta=meta, remarks=(*remarks, *log.remarks))
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a recording: its type of message, how many there are, and how many a second."""
+
+    name: str
+    msgtype: str
+    count: int
+    rate: float
+
+
+def topics_of(path: Path) -> tuple[list[Topic], dict[str, int]]:
+    """Topics of a recording; and the pairs of frames whose transform moves, with their messages.
+
+    Parameters
+    ----------
+    path : Path
+        A ROS recording.
+
+    Raises
+    ------
+    LogError
+        The recording is damaged.
+    MissingExtraError
+        The library rosbags is not installed.
+    """
+    with _opened(path) as bag:
+        seconds = (bag.end_time - bag.start_time) / 1e9
+        used = sorted((c for c in bag.connections if c.msgcount), key=lambda c: c.topic)
+        rate = 1.0 / seconds if seconds > 0 else 0.0
+        topics = [Topic(c.topic, c.msgtype, c.msgcount, (c.msgcount - 1) * rate) for c in used]
+        tree, transforms = Tree(), [c for c in used if c.msgtype in TF_TYPES]
+        for connection, receive, raw in bag.messages(connections=transforms) if transforms else ():
+            message = bag.deserialize(raw, connection.msgtype)
+            tree.add(message, receive, static=connection.topic.endswith("tf_static"))
+    return topics, {r.topic: len(r.rows) for _, r in tree.edges.values() if r.topic in tree.moving()}
 
 
 def _record(bag: AnyReader, topics: Mapping[str, str]) -> dict[str, Recorded]:

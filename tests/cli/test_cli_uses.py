@@ -78,6 +78,21 @@ def test_each_purpose_judges_its_own_signals(gpcorrect: CommandLine, tmp_path: P
     assert_refused(gpcorrect("validate", path, "--for", "lunch"), "--for is fit, joint, tracker or discrepancy")
 
 
+def test_the_proposed_mapping_is_one_that_reads(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """What `topics` writes is what it prints, and the recording is read with it; nothing is overwritten."""
+    rows = "".join(f"{t},{x},{2 * x},{3 * x}\n" for t, x in enumerate((0.1, 0.2, 0.4)))
+    (tmp_path / "run.csv").write_text("stamp,ndi x,ndi y,ndi z\n" + rows)
+    mapping = tmp_path / "map.toml"
+    shown = gpcorrect("topics", tmp_path / "run.csv", "--output", mapping)
+    assert shown.code == 0
+    assert mapping.read_text() in shown.out
+    assert all(name in shown.out for name in ("stamp", "ndi x", "ndi y", "ndi z"))
+    np.testing.assert_allclose(
+        read_log(tmp_path / "run.csv", columns=mapping).tracker_cp.position[:, 2], [0.3, 0.6, 1.2]
+    )
+    assert_refused(gpcorrect("topics", tmp_path / "run.csv", "--output", mapping), "not overwritten")
+
+
 def test_converting_gives_the_same_recording(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """A native log reads back as it was read, extra columns too; nothing is overwritten."""
     text = "# a run\n" + "".join(f"{t} {x} {2 * x} {3 * x} 0 0 0 1\n" for t, x in enumerate((0.1, 0.2, 0.4)))

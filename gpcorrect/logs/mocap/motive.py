@@ -22,7 +22,7 @@ from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.logs.orientation import quaternion_from_euler, unit_quaternions
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["read"]
+__all__ = ["read", "take"]
 
 TYPES = ("Rigid Body", "Marker", "Rigid Body Marker", "Bone", "Bone Marker")
 BODY, MARKER = "Rigid Body", "Marker"
@@ -54,7 +54,18 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is cut off, too large, or its header is not one of Motive's.
     """
-    return log_of(_take(read_export(path)), settings.columns.mocap)
+    return log_of(take(path, settings), settings.columns.mocap)
+
+
+def take(path: Path, settings: ReadSettings) -> Take:
+    """Read all that was recorded; which of it is the tool is not asked.
+
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
+    """
+    return _take(read_export(path))
 
 
 def _take(export: Export) -> Take:

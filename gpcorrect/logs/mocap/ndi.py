@@ -22,7 +22,7 @@ from gpcorrect.logs.mocap.text import Export, read_export
 from gpcorrect.logs.orientation import unit_quaternions
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["MARKS", "read"]
+__all__ = ["MARKS", "read", "take"]
 
 MARKS = (b"Tools,Port", b"#Tools,ToolInfo", b"ToolCount,ToolInfo")
 POSE = ("Q0", "Qx", "Qy", "Qz", "Tx", "Ty", "Tz", "Error")
@@ -45,7 +45,18 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is cut off, its lines hold other columns than its header names, or angles instead of quaternions.
     """
-    return log_of(_take(read_export(path, ","), settings.columns.rate), settings.columns.mocap)
+    return log_of(take(path, settings), settings.columns.mocap)
+
+
+def take(path: Path, settings: ReadSettings) -> Take:
+    """Read all that was recorded; which of it is the tool is not asked.
+
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
+    """
+    return _take(read_export(path, ","), settings.columns.rate)
 
 
 def _take(export: Export, rate: float | None) -> Take:

@@ -19,7 +19,7 @@ from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["MARKS", "read"]
+__all__ = ["MARKS", "read", "take"]
 
 MARKS = (b"NO_OF_FRAMES\t", b"FILE_VERSION\t")
 MILLIMETRE = 1e-3
@@ -41,7 +41,18 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is cut off, too large, or not of the layout above.
     """
-    return log_of(_take(read_export(path, "\t")), settings.columns.mocap)
+    return log_of(take(path, settings), settings.columns.mocap)
+
+
+def take(path: Path, settings: ReadSettings) -> Take:
+    """Read all that was recorded; which of it is the tool is not asked.
+
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
+    """
+    return _take(read_export(path, "\t"))
 
 
 def _take(export: Export) -> Take:

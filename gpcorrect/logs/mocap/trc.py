@@ -16,7 +16,7 @@ from gpcorrect.logs.mocap.take import Take, log_of, scale_of
 from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["read"]
+__all__ = ["read", "take"]
 
 KEYS, VALUES, NAMES, _, DATA = range(1, 6)  # lines, counted from 0
 FIRST = 2  # column of the first marker, after frame and time
@@ -36,7 +36,18 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is cut off, too large, of another layout, or in an unknown unit.
     """
-    return log_of(_take(read_export(path)), settings.columns.mocap)
+    return log_of(take(path, settings), settings.columns.mocap)
+
+
+def take(path: Path, settings: ReadSettings) -> Take:
+    """Read all that was recorded; which of it is the tool is not asked.
+
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
+    """
+    return _take(read_export(path))
 
 
 def _take(export: Export) -> Take:

@@ -22,7 +22,7 @@ from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.logs.orientation import CONVERTERS, quaternion_from_euler
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["TITLES", "is_heading", "read"]
+__all__ = ["TITLES", "is_heading", "read", "take"]
 
 BODIES = ("Objects", "Segments")
 MARKERS = ("Trajectories",)
@@ -71,6 +71,17 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is cut off, too large, in an unknown unit, or holds neither objects, segments nor trajectories.
     """
+    return log_of(take(path, settings), settings.columns.mocap)
+
+
+def take(path: Path, settings: ReadSettings) -> Take:
+    """Read all that was recorded; which of it is the tool is not asked.
+
+    Parameters
+    ----------
+    path, settings
+        See :func:`gpcorrect.logs.read_log`.
+    """
     export, options = read_export(path), settings.columns.mocap
     sections = [_heading(export, k) for k in range(len(export)) if is_heading(export.cells(k))]
     wanted = MARKERS if options.markers is not None else (*BODIES, *MARKERS)
@@ -78,7 +89,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     if not usable:
         found = ", ".join(h.title for h in sections)
         raise LogError(f"expected a section {', '.join(wanted)} in Vicon's export, found {found}.")
-    return log_of(_take(_section(export, usable[0], settings.columns.rate), options), options)
+    return _take(_section(export, usable[0], settings.columns.rate), options)
 
 
 def is_heading(cells: Sequence[str]) -> bool:

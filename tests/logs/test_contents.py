@@ -1,0 +1,86 @@
+"""What is in a recording, and mapping files that are proposed: they are accepted and read what was planted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mocap_support import moving_tool, write_motive, write_ndi, write_trc
+from read_support import START, joint_state, pose_stamped, random_pose, transforms, write, write_bag
+
+from gpcorrect.errors import LogError
+from gpcorrect.logs import read_log
+from gpcorrect.logs.contents import contents_of
+from gpcorrect.types import CalibrationLog
+
+N = 12
+POSE = random_pose(np.random.default_rng(0), N)
+TICKS = [START + k * 10_000_000 for k in range(N)]
+
+
+def read_as_proposed(path: Path) -> CalibrationLog:
+    return read_log(path, columns=write(path.parent / "proposed.toml", contents_of(path).mapping))
+
+
+def test_topics_are_listed_with_type_count_and_rate(tmp_path: Path):
+    told = [pose_stamped("/PSM1/setpoint_cp", POSE.position[k], POSE.quaternion[k], t) for k, t in enumerate(TICKS)]
+    joints = [joint_state("/joint_states", POSE.position[k], t) for k, t in enumerate(TICKS)]
+    moving = [transforms("/tf", [("a", "b", POSE.position[k], POSE.quaternion[k])], t) for k, t in enumerate(TICKS)]
+    bag = write_bag(tmp_path / "r", told + joints + moving, "mcap")
+    found = contents_of(bag)
+    listed = {part.name: (part.kind, part.samples) for part in found.parts}
+    assert listed["/PSM1/setpoint_cp"] == ("geometry_msgs/msg/PoseStamped", N)
+    assert listed["/tf:a->b"] == ("transform", N)
+    assert '# measured_js = "/joint_states"' in found.mapping
+    assert '# tracker_cp = "/tf:a->b"' in found.mapping
+    log = read_as_proposed(bag)
+    np.testing.assert_array_equal(log.setpoint_cp.position, POSE.position)
+    free = write(tmp_path / "all.toml", found.mapping.replace("# ", ""))
+    assert read_log(bag, columns=free).signals == ("setpoint_cp", "tracker_cp", "measured_jp")
+
+
+def test_bodies_and_markers_are_listed_and_one_is_proposed(tmp_path: Path):
+    tool = moving_tool(1)
+    two = write_ndi(tmp_path / "ndi.csv", tool, names=("tool", "base"))
+    assert [part.name for part in contents_of(two).parts] == ["tool", "base"]
+    assert contents_of(two).mapping == '[mocap]\nbody = "tool"\n# body = "base"\n'
+    for path in (two, write_motive(tmp_path / "m.csv", tool), write_trc(tmp_path / "a.trc", tool)):
+        assert read_as_proposed(path).tracker_cp is not None
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "stamp_ns,cmd_x,cmd_y,cmd_z,marker_x_mm,marker_y_mm,marker_z_mm,q1,q2,q3",
+        "time [ns],goal.px,goal.py,goal.pz,vicon tx [mm],vicon ty [mm],vicon tz [mm],joint_1,joint_2,joint_3",
+    ],
+)
+def test_columns_are_proposed_by_their_names(tmp_path: Path, names: str):
+    """What the names say is mapped, with its unit; joints of which nothing is said are left to the user."""
+    rows = np.column_stack([POSE.position, 1e3 * POSE.position, POSE.position])
+    lines = [",".join([str(t), *map(repr, row.tolist())]) for t, row in zip(TICKS, rows, strict=True)]
+    path = write(tmp_path / "lab.csv", "\n".join([names, *lines]) + "\n")
+    log = read_as_proposed(path)
+    np.testing.assert_allclose(np.diff(log.time), 0.01, atol=1e-6)
+    np.testing.assert_allclose(log.setpoint_cp.position, POSE.position)
+    np.testing.assert_allclose(log.tracker_cp.position, POSE.position, rtol=1e-12)
+    assert "# [measured_jp]" in contents_of(path).mapping
+
+
+def test_quaternions_go_with_their_position(tmp_path: Path):
+    header = "sec,nanosec,pos_x,pos_y,pos_z,rot_w,rot_x,rot_y,rot_z"
+    lines = [
+        f"{k},500000000," + ",".join(map(repr, [*POSE.position[k].tolist(), *POSE.quaternion[k].tolist()]))
+        for k in range(N)
+    ]
+    log = read_as_proposed(write(tmp_path / "a.csv", "\n".join([header, *lines]) + "\n"))
+    np.testing.assert_allclose(log.time, np.arange(N) + 0.5)
+    np.testing.assert_array_equal(log.tracker_cp.quaternion, POSE.quaternion)
+
+
+def test_what_cannot_be_read_is_refused_by_name(tmp_path: Path):
+    with pytest.raises(LogError, match=r"nothing\.xyz"):
+        contents_of(write(tmp_path / "nothing.xyz", b"\0\1"))
+    with pytest.raises(LogError, match=r"gone\.csv"):
+        contents_of(tmp_path / "gone.csv")
