@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
@@ -95,6 +96,32 @@ def test_an_answer_beyond_the_timeout_is_none(monkeypatch: pytest.MonkeyPatch) -
         with pytest.raises(ServiceError, match="STALE"):
             client.correct(POSE)
         assert client.correct(POSE).status == "OK"
+
+
+def shared_memory() -> set[str]:
+    """Return the zenoh segments that this process has open."""
+    files = (f"/proc/self/fd/{name}" for name in os.listdir("/proc/self/fd"))
+    return {os.readlink(file) for file in files if os.path.islink(file) and ".zenoh" in os.readlink(file)}
+
+
+def test_closed_clients_leave_no_file_open() -> None:
+    """Clients that come and go with errors whose tracebacks live on do not let this process's open files grow."""
+    errors = []
+    with server_process() as server:
+        with server.client() as client:
+            client.health()
+        before = len(shared_memory())
+        for _ in range(5):
+            with server.client() as client:
+                querier = client._querier("correct")
+                try:
+                    client.correct([np.nan, *POSE[1:]])
+                except ServiceError as error:
+                    errors.append(error)
+        del querier
+        errors.clear()
+        gc.collect()
+        wait_for(lambda: len(shared_memory()) <= before + 1)
 
 
 def test_a_stream_stays_with_its_model() -> None:
@@ -271,6 +298,20 @@ def test_a_router_that_comes_back_is_found_again(tmp_path: Path) -> None:
             client.correct(POSE)
         with child(route_in_child, again, (again, str(files["router"]))):
             assert answering_pid(client) == server.pid
+
+
+def test_a_client_that_another_thread_closes_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A question under way when its client is closed ends with NO_SERVICE."""
+    with server_process() as server, server.client(timeout=1.0) as client:
+        client.correct(POSE)
+
+        def _closing(*_: object) -> ServiceError:
+            client.close()
+            return ServiceError("NO_SERVICE", "no reply came")
+
+        monkeypatch.setattr(client, "_attempt", _closing)
+        with pytest.raises(ServiceError, match="NO_SERVICE"):
+            client.correct(POSE)
 
 
 def test_a_closed_client_says_so() -> None:

@@ -71,8 +71,11 @@ class Querier:
 
     @property
     def matched(self) -> bool:
-        """Whether some server declares this key now."""
-        return matched(self._nearest)
+        """Whether some server declares this key now; none does once the client was closed, in whichever thread."""
+        try:
+            return matched(self._nearest)
+        except zenoh.ZError:
+            return False
 
     @property
     def first(self) -> zenoh.Querier:
@@ -110,6 +113,16 @@ class Querier:
             )
         except zenoh.ZError as error:
             raise self.silence() from error
+
+    def close(self) -> None:
+        """Take the key back, while its session is open.
+
+        A zenoh querier that is freed after its session was closed leaves the session's shared memory mapped, and the
+        traceback of an error holds on to one until Python collects it.
+        """
+        for one in (self._nearest, self._everyone):
+            with suppress(zenoh.ZError):
+                one.undeclare()
 
     def silence(self) -> ServiceError:
         """Return the error of a query that nobody answered."""
@@ -203,6 +216,8 @@ class ClientBase:
             return
         with self._lock:
             self._closed = True
+            for querier in self._queriers.values():
+                querier.close()
             self._queriers.clear()
             self._session = None
             # A server that hangs does not say goodbye: zenoh gives up on it after its own while, and so is it closed.
