@@ -122,7 +122,7 @@ class Querier:
         """
         for one in (self._nearest, self._everyone):
             with suppress(zenoh.ZError):
-                one.undeclare()
+                one.undeclare()  # type: ignore[no-untyped-call]
 
     def silence(self) -> ServiceError:
         """Return the error of a query that nobody answered."""
