@@ -54,7 +54,8 @@ __all__ = [
 Logs = Annotated[
     list[Path],
     typer.Argument(
-        help="Recordings: CSV, Parquet, NPY, MATLAB, ROS 1 or ROS 2 bags, C3D, TRC, Motive, Vicon.", show_default=False
+        help="Recordings: CSV, Parquet, NPY, MATLAB, HDF5, ROS 1 or 2 bags, C3D, TRC, Motive, Vicon, Qualisys, NDI.",
+        show_default=False,
     ),
 ]
 Columns = Annotated[
@@ -65,7 +66,7 @@ Tracker = Annotated[str | None, typer.Option(help="Topic of the outside tracker 
 TrackerLog = Annotated[
     Path | None,
     typer.Option(
-        help="Recording of the outside tracker on a clock of its own: a Motive, Vicon, TRC or C3D file.",
+        help="Recording of the outside tracker on a clock of its own: a Motive, Vicon, Qualisys, NDI, TRC or C3D file.",
         show_default=False,
     ),
 ]

@@ -92,8 +92,8 @@ def read_log(
     Parameters
     ----------
     path : str or Path
-        A CSV, Parquet, npy, bag, db3, MCAP, MATLAB, C3D or TRC file, an export of Motive or Vicon, or the folder of a
-        ROS 2 recording.
+        A CSV, Parquet, npy, bag, db3, MCAP, MATLAB, HDF5, C3D or TRC file, an export of Motive, Vicon, Qualisys or NDI,
+        or the folder of a ROS 2 recording.
     columns : str or Path, optional
         Mapping file for a foreign table; its sections [bag] and [mocap] say more about those formats.
     namespace : str, optional
