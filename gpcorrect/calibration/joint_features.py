@@ -1,4 +1,4 @@
-"""Features of a joint path: position, velocity, effort, memory, or the whole state.
+"""Features of a joint path: position, velocity, effort, memory, lags, or the whole state.
 
 Where effects look alike in a training motion, none of them may be learned: a joint that never turns back holds its
 slack on one side, like an offset; a joint that moves at one speed shows friction and damping as one. A calibration that
@@ -15,17 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpcorrect.calibration.coupled_play import CoupledPlay, learn_coupled_play
-from gpcorrect.calibration.joint_path import JointPath
-from gpcorrect.calibration.memory import play_states
+from gpcorrect.calibration.joint_path import JointPath, usual_steps
+from gpcorrect.calibration.memory import lagged, left_out_squares, play_states
+from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["FeatureKind", "JointFeatures", "law_penalties"]
 
-FeatureKind = Literal["position", "velocity", "effort", "memory", "state"]
+FeatureKind = Literal["position", "velocity", "effort", "memory", "lags", "state"]
 
 LADDER = (0.02, 0.1, 0.3)
 """Radii of single plays beside the coupled one, in units of half the joints' ranges; chosen by hand on dvrk_random."""
+LAGS = 4
+"""Time constants of creep and drag, evenly spaced in their logarithm; chosen by hand."""
+SHORTEST_LAG, LONGEST_LAG = 2.0, 60.0
+"""Usual steps, and s, between which they lie: below, a lag is the velocity; above, an arm rests before it has settled;
+chosen by hand."""
+CLEARLY = 0.95
+"""Fraction of a joint's squared error without lags that it must come under with them; chosen by hand."""
 SLACK = 0.05
 """Half ranges that a joint must turn back by to show its slack; chosen by hand."""
 FEWEST_TURNS = 8
@@ -34,7 +42,7 @@ MOVING = 0.05
 """Of a joint's highest speed: below it the joint rests; chosen by hand."""
 LEAST_SPEEDS = 1.5
 """Ratio of faster to slower motion, to separate what grows with speed from what does not; chosen by hand."""
-PLAIN, REMEMBERED, OTHERS = 1e-5, 1e-2, 0.3
+PLAIN, REMEMBERED, SLOW, OTHERS = 1e-5, 1e-2, 0.1, 0.3
 """Penalties on squared weights of the linear law, for unit spreads: see :func:`law_penalties`; chosen by hand."""
 
 
@@ -50,6 +58,8 @@ class JointFeatures:
         Middle and half of the range of each joint in training, rad or m.
     play : CoupledPlay or None
         The coupled play of `memory`.
+    lags : (t,) array
+        Time constants of `lags`, s.
     n_state : int
         Columns of `state`.
     used : (k,) int array
@@ -60,6 +70,7 @@ class JointFeatures:
     centre: FloatArray
     half: FloatArray
     play: CoupledPlay | None
+    lags: FloatArray
     n_state: int
     used: IntArray
 
@@ -93,6 +104,7 @@ class JointFeatures:
             centre=(low + high) / 2,
             half=np.maximum((high - low) / 2, 1e-12),
             play=None,
+            lags=_time_constants(path),
             n_state=0 if path.state is None else path.state.shape[1],
             used=np.zeros(0, dtype=np.int64),
         )
@@ -101,9 +113,17 @@ class JointFeatures:
         turning = _turns_back(scaled, path.new)
         if "memory" in features.kinds:
             features = replace(features, play=learn_coupled_play(scaled, errors, path.new, rows, turning))
-        shown = {"memory": np.tile(turning, 1 + len(LADDER)), "velocity": _has_many_speeds(path.velocity[rows])}
+        shown = {
+            "lags": np.tile(_has_many_speeds(path.velocity[rows]), LAGS),
+            "memory": np.tile(turning, 1 + len(LADDER)),
+            "velocity": _has_many_speeds(path.velocity[rows]),
+        }
         masks = [shown.get(kind, np.ones(size, dtype=bool)) for kind, size in features._sizes]
         used = np.flatnonzero(np.concatenate(masks))
+        if "lags" in features.kinds:
+            slow = np.concatenate([np.full(size, kind == "lags") for kind, size in features._sizes])[used]
+            X = replace(features, used=used).transform(path)
+            used = used if _earned(X, slow, errors, rows) else used[~slow]
         if used.size == 0:
             raise DataError(
                 f"this motion shows nothing of {', '.join(features.kinds)}: one speed, no turning back.",
@@ -145,9 +165,10 @@ class JointFeatures:
 
     @property
     def smooth(self) -> IntArray:
-        """Columns on which the error may depend in a curved way: all but the ladder of single plays."""
-        single = len(self.centre) * len(LADDER)
-        curved = [np.arange(size) < (size - single if kind == "memory" else size) for kind, size in self._sizes]
+        """Columns on which the error may depend in a curved way: all but the ladder of single plays and the lags."""
+        dof = len(self.centre)
+        plain = {"memory": dof * len(LADDER), "lags": dof * LAGS}
+        curved = [np.arange(size) < size - plain.get(kind, 0) for kind, size in self._sizes]
         return np.flatnonzero(np.concatenate(curved)[self.used])
 
     @property
@@ -179,7 +200,7 @@ class JointFeatures:
     def _sizes(self) -> list[tuple[FeatureKind, int]]:
         """Kinds with their numbers of columns, before any is left out."""
         dof = len(self.centre)
-        sizes = {"memory": dof * (1 + len(LADDER)), "state": self.n_state}
+        sizes = {"memory": dof * (1 + len(LADDER)), "lags": dof * LAGS, "state": self.n_state}
         return [(kind, sizes.get(kind, dof)) for kind in self.kinds]
 
     def _columns(self, kind: FeatureKind, path: JointPath) -> FloatArray:
@@ -197,6 +218,9 @@ class JointFeatures:
                 steps = np.diff(scaled, axis=0, prepend=scaled[:1])
                 ladder = play_states(steps, self.ladder, np.cumsum(path.new)) / self.ladder
                 return np.hstack([self.play.lags(scaled, path.new), ladder.reshape(len(scaled), -1)])
+            case "lags":
+                behind = scaled[:, None] - lagged(scaled, path.time, path.new, self.lags)
+                return behind.reshape(len(scaled), -1)
             case "state":
                 assert path.state is not None
                 return path.state
@@ -231,13 +255,30 @@ def law_penalties(features: JointFeatures, targets: int, owned: bool) -> FloatAr
     """
     kinds, owners = features.origins
     penalties = np.full((len(kinds), targets), PLAIN)
+    penalties[kinds == "lags"] = SLOW
     if "effort" not in features.kinds or not owned:
         return penalties
     past = np.isin(kinds, ("velocity", "memory"))
     penalties[past] = REMEMBERED
     foreign = owners[:, None] != np.arange(targets)
-    penalties[(past | (kinds == "effort"))[:, None] & foreign] = OTHERS
+    penalties[(past | np.isin(kinds, ("effort", "lags")))[:, None] & foreign] = OTHERS
     return penalties
+
+
+def _earned(X: FloatArray, slow: BoolArray, errors: FloatArray, rows: IntArray) -> bool:
+    """Return whether some joint's errors in left-out parts are clearly better predicted with the lags among `X`."""
+    known = rows[np.isfinite(X[rows]).all(axis=1) & np.isfinite(errors[rows]).all(axis=1)]
+    folds = np.arange(len(known)) * LIMITS.folds // max(len(known), 1)
+    if len(known) < LIMITS.fewest_samples:
+        return False
+    with_, without = (left_out_squares(X[known][:, columns], errors[known], folds) for columns in (slow | True, ~slow))
+    return bool((with_ < CLEARLY * without).any())
+
+
+def _time_constants(path: JointPath) -> FloatArray:
+    """Return the time constants `(t,)` that a path can show, s."""
+    shortest = SHORTEST_LAG * usual_steps(path)[0]
+    return np.geomspace(shortest, max(LONGEST_LAG, 10 * shortest), LAGS)
 
 
 def _turns_back(path: FloatArray, new: BoolArray) -> BoolArray:

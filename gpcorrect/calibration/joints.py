@@ -324,7 +324,7 @@ def _default_features(log: CalibrationLog, settings: FitSettings) -> tuple[str, 
         return ("position",)
     effort = log.measured_jf if settings.direction == "estimate" else None
     logged = () if effort is None or not np.isfinite(effort).any() else ("effort",)
-    past = ("velocity", "memory") if settings.method == "gp" and not log.static else ()
+    past = ("velocity", "memory", "lags") if settings.method in ("gp", "trees", "auto") and not log.static else ()
     return ("position", *logged, *past)
 
 

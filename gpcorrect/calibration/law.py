@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.domain import Bounds, Domain
-from gpcorrect.calibration.learners import CableModel, GPMap, NetworkMap, PolynomialMap
+from gpcorrect.calibration.learners import CableModel, GPMap, MixedMap, NetworkMap, PolynomialMap, TreesMap
 from gpcorrect.correction import Reason
 from gpcorrect.gpr import IntervalCalibration
 from gpcorrect.types import BoolArray, FloatArray, IntArray
@@ -41,7 +41,7 @@ class Law:
 
     Parameters
     ----------
-    learned : GPMap, PolynomialMap, NetworkMap or CableModel
+    learned : a map of gpcorrect.calibration.learners
         Mean, standard deviation and novelty of the residual.
     intervals : IntervalCalibration
         What turns standard deviations into 95 % intervals that hold on unseen trajectories.
@@ -53,7 +53,7 @@ class Law:
         Added to every residual: where the zeros stand now.
     """
 
-    learned: GPMap | PolynomialMap | NetworkMap | CableModel
+    learned: GPMap | PolynomialMap | NetworkMap | TreesMap | MixedMap | CableModel
     intervals: IntervalCalibration
     domain: Domain
     bounds: Bounds

@@ -16,13 +16,14 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numba import njit
 
 from gpcorrect import se3
 from gpcorrect.calibration.joint_map import JointMap
 from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
 
-__all__ = ["History", "MemoryMap", "advance", "choose_memory", "play_states"]
+__all__ = ["History", "MemoryMap", "advance", "choose_memory", "lag_step", "lagged", "left_out_squares", "play_states"]
 
 LADDER = (1.0, 3.0)  # radii over the smallest of them; chosen by hand
 SMALLEST = (0.0125, 0.025, 0.05, 0.1, 0.2)
@@ -195,7 +196,7 @@ def choose_memory(
     scaled = errors[known] / np.maximum(errors[known].std(axis=0), 1e-300)
     ranges = [(joints, _half_range(_steps(joints, history.command), history.labels)) for joints in candidates]
     maps = [MemoryMap(smallest * np.outer(LADDER, half), joints) for joints, half in ranges for smallest in SMALLEST]
-    squares = [_left_out_squares(m.transform(history)[known], scaled, folds[known]) for m in maps]
+    squares = [left_out_squares(m.transform(history)[known], scaled, folds[known]).mean() for m in maps]
     return maps[int(np.argmin(squares))]
 
 
@@ -223,12 +224,65 @@ def _steps(joints: JointMap | None, poses: PoseSignal) -> FloatArray:
     return np.hstack([linear, se3.rotvec_from_matrix(np.swapaxes(before, -1, -2) @ rotations)])
 
 
-def _left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray) -> float:
-    """Mean square of Y `(n, m)` at left-out folds after a linear function of F `(n, d)` fitted to the others."""
-    A, total = np.hstack([F, np.ones((len(F), 1))]), 0.0
+def left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray) -> FloatArray:
+    """Return the mean square `(m,)` of targets in left-out folds after a linear function of features.
+
+    Parameters
+    ----------
+    F, Y : (n, d) and (n, m) arrays
+        Features and targets.
+    folds : (n,) int array
+        What is left out together.
+    """
+    A, total = np.hstack([F, np.ones((len(F), 1))]), np.zeros(Y.shape[1])
     for fold in np.unique(folds):
         out: BoolArray = folds == fold
         inside = A[~out]
         normal = inside.T @ inside + RIDGE * len(inside) * np.eye(A.shape[1])
-        total += float(((Y[out] - A[out] @ np.linalg.solve(normal, inside.T @ Y[~out])) ** 2).sum())
-    return total / Y.size
+        total += ((Y[out] - A[out] @ np.linalg.solve(normal, inside.T @ Y[~out])) ** 2).sum(axis=0)
+    return total / len(Y)
+
+
+@njit(cache=True)
+def lag_step(behind: FloatArray, q: FloatArray, step: float, constants: FloatArray) -> FloatArray:
+    """Return where lags `(t, d)` stand a step later, with the path now at `q` (d,).
+
+    Parameters
+    ----------
+    behind : (t, d) array
+        Where they stood.
+    q : (d,) array
+        Where the path is now.
+    step : float
+        s.
+    constants : (t,) array
+        Time constants, s.
+    """
+    moved: FloatArray = q + (behind - q) * np.exp(-step / constants).reshape(-1, 1)
+    return moved
+
+
+@njit(cache=True)
+def lagged(path: FloatArray, time: FloatArray, new: BoolArray, constants: FloatArray) -> FloatArray:
+    """Return what first-order lags `(n, t, d)` make of a path; where `new`, they stand where it stands.
+
+    dy/dt = (q - y) / tau between samples, q held at its new value: what creeps after the motors and settles at rest.
+
+    Parameters
+    ----------
+    path : (n, d) array
+        Positions.
+    time : (n,) array
+        s.
+    new : (n,) mask
+        Where a path starts.
+    constants : (t,) array
+        Time constants tau, s.
+    """
+    followed = np.empty((len(path), len(constants), path.shape[1]))
+    for t in range(len(path)):
+        if new[t]:
+            followed[t] = path[t]
+        else:
+            followed[t] = lag_step(followed[t - 1], path[t], time[t] - time[t - 1], constants)
+    return followed

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from gpcorrect.calibration.joint_features import JointFeatures
-from gpcorrect.calibration.memory import advance
+from gpcorrect.calibration.memory import advance, lag_step
 from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
@@ -43,7 +43,8 @@ class PathFollower:
     def reset(self) -> None:
         """Forget the path."""
         self._past: deque[tuple[float, FloatArray]] = deque(maxlen=MOST_PAST)
-        self._memory: tuple[FloatArray, FloatArray, FloatArray] | None = None  # path, joints and lags so far
+        self._memory: tuple[FloatArray, FloatArray, FloatArray] | None = None  # path, joints and plays so far
+        self._lags: FloatArray | None = None
 
     @property
     def new(self) -> bool:
@@ -110,6 +111,8 @@ class PathFollower:
                 return self._velocity(time, q) / features.half
             case "memory":
                 return self._remember(features, features.scaled(q))
+            case "lags":
+                return self._behind(time, features.scaled(q))
         given = effort if kind == "effort" else state
         size = len(features.centre) if kind == "effort" else features.n_state
         return np.full(size, np.nan) if given is None else given
@@ -134,3 +137,12 @@ class PathFollower:
             joints, lags = features.play.advance(joints, path), advance(lags, path - before, features.ladder)
         self._memory = path, joints, lags
         return np.concatenate([path - joints, (lags / features.ladder).ravel()])
+
+    def _behind(self, time: float, path: FloatArray) -> FloatArray:
+        """Advance the lags to `path` (d,), in units of half the ranges, and return how far they are behind."""
+        constants = self._features.lags
+        if self._lags is None:
+            self._lags = np.tile(path, (len(constants), 1))
+        else:
+            self._lags = lag_step(self._lags, path, time - self._past[-1][0], constants)
+        return (path - self._lags).ravel()

@@ -26,7 +26,8 @@ class FitSettings:
         A learner of :data:`gpcorrect.calibration.LEARNERS`.
     features : tuple of str
         What the learner sees; empty for the task's own choice. Poses: "pose" (or "euler": the angles of Mahler et al.
-        2014), "velocity", "memory". Joints and tool position: "position", "velocity", "effort", "memory", "state".
+        2014), "velocity", "memory". Joints and tool position: "position", "velocity", "effort", "memory", "lags",
+        "state".
     clean : bool
         Reject faulty samples first.
     cleaning : CleaningSettings

@@ -22,10 +22,12 @@ joint_app = typer.Typer(
     no_args_is_help=True, help="Joint-space calibration: reported joints to true ones, or commands."
 )
 
-Method = Annotated[str, typer.Option(help="One of offset, linear, quadratic, network, ukf, gp.")]
+Method = Annotated[str, typer.Option(help="One of offset, linear, quadratic, network, ukf, gp, trees, auto.")]
 Features = Annotated[
     str | None,
-    typer.Option(help="position, velocity, effort, memory, state; the method's own when absent.", show_default=False),
+    typer.Option(
+        help="position, velocity, effort, memory, lags, state; the method's own when absent.", show_default=False
+    ),
 ]
 Input = Annotated[
     str | None,

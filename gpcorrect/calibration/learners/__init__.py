@@ -1,9 +1,11 @@
 """Learners by name: a new one is a file here and a line in the registry."""
 
+from gpcorrect.calibration.learners.auto import Auto, MixedMap
 from gpcorrect.calibration.learners.gp import GP, GPMap
 from gpcorrect.calibration.learners.learner import Fitted, Learner, TargetMap
 from gpcorrect.calibration.learners.network import Network, NetworkMap
 from gpcorrect.calibration.learners.polynomial import Polynomial, PolynomialMap, Scaler
+from gpcorrect.calibration.learners.trees import Trees, TreesMap
 from gpcorrect.calibration.learners.ukf import Cable, CableFilter, CableModel
 from gpcorrect.errors import DataError
 
@@ -14,10 +16,12 @@ __all__ = [
     "Fitted",
     "GPMap",
     "Learner",
+    "MixedMap",
     "NetworkMap",
     "PolynomialMap",
     "Scaler",
     "TargetMap",
+    "TreesMap",
     "learner_named",
 ]
 
@@ -28,6 +32,8 @@ LEARNERS: dict[str, Learner] = {
     "network": Network(),
     "ukf": Cable(),
     "gp": GP(),
+    "trees": Trees(),
+    "auto": Auto(),
 }
 
 

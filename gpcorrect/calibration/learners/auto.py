@@ -1,0 +1,105 @@
+"""The learners together, each target by the mixture that predicts left-out trajectories best.
+
+Weights are not negative and sum to one (stacked regression, Breiman 1996), so that no mixture is more than its members
+say, and what all of them say stays. They are found on the predictions of samples that no member was fitted to, which
+are the ones that the intervals rest on too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.learners.gp import GP, GPMap
+from gpcorrect.calibration.learners.learner import Fitted
+from gpcorrect.calibration.learners.polynomial import Polynomial, PolynomialMap
+from gpcorrect.calibration.learners.trees import Trees, TreesMap
+from gpcorrect.calibration.settings import FitSettings
+from gpcorrect.gpr import LeftOut
+from gpcorrect.types import FloatArray, Progress
+
+__all__ = ["Auto", "MixedMap"]
+
+ONE = 1e3
+"""Weight of the sum of the weights, beside errors of unit mean square: a sum off by 1e-6 costs as much as the noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class MixedMap:
+    """A weighted mean of maps, and the deviations and novelty of the Gaussian process among them.
+
+    Parameters
+    ----------
+    gp : GPMap
+        Which also says where it knows nothing.
+    trees : TreesMap
+    linear : PolynomialMap
+    weights : (3, m) array
+        Of each, in this order; columns sum to 1.
+    """
+
+    gp: GPMap
+    trees: TreesMap
+    linear: PolynomialMap
+    weights: FloatArray
+
+    @property
+    def extrapolates(self) -> bool:
+        """True: the linear law does."""
+        return True
+
+    def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`.
+
+        Parameters
+        ----------
+        X : (n, d) array
+            Inputs.
+        """
+        mean, std, novelty = self.gp.predict(X)
+        means = (mean, self.trees.mean(X), self.linear.mean(X))
+        return sum_of(self.weights, means), std, novelty
+
+
+class Auto:
+    """The learner of :class:`MixedMap`."""
+
+    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+        """See :class:`Learner`."""
+        gp, trees, linear = (part.fit(samples, layout, settings, progress) for part in (GP(), Trees(), Polynomial(1)))
+        errors = [part.left_out.errors for part in (gp, trees, linear)]
+        weights = stacking_weights(errors)
+        left_out = LeftOut(sum_of(weights, errors), gp.left_out.std, gp.left_out.novelty)
+        zero = None if gp.zero is None else weights[0] * gp.zero
+        return Fitted(MixedMap(gp.learned, trees.learned, linear.learned, weights), left_out, zero)
+
+
+def stacking_weights(errors: list[FloatArray]) -> FloatArray:
+    """Return weights `(k, m)`, not negative and summing to 1, under which left-out errors are smallest.
+
+    Parameters
+    ----------
+    errors : k arrays (n, m)
+        Of each member at the same samples.
+    """
+    columns = np.stack(errors, axis=-1)
+    weights = []
+    for part in np.moveaxis(columns, 1, 0):
+        scaled = part / np.sqrt(np.mean(part**2))
+        found, _ = nnls(np.vstack([scaled / np.sqrt(len(part)), np.full((1, part.shape[1]), ONE)]), _target(len(part)))
+        weights.append(found / found.sum())
+    return np.array(weights).T
+
+
+def _target(n: int) -> FloatArray:
+    """No error, and a sum of one."""
+    return np.append(np.zeros(n), ONE)
+
+
+def sum_of(weights: FloatArray, parts: list[FloatArray] | tuple[FloatArray, ...]) -> FloatArray:
+    """Return the weighted sum `(n, m)` of parts `(n, m)` under weights `(k, m)`."""
+    total: FloatArray = np.einsum("km,knm->nm", weights, np.stack(list(parts)))
+    return total

@@ -1,0 +1,78 @@
+"""Boosted trees, the mixture of learners, and lags that a recording has to earn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from joint_logs import joint_log
+from sklearn.ensemble import HistGradientBoostingRegressor
+
+from gpcorrect.calibration import FitSettings, JointCorrector, JointStream, fit_model
+from gpcorrect.calibration.learners import trees
+from gpcorrect.calibration.learners.auto import stacking_weights
+from gpcorrect.calibration.learners.trees import TreesMap
+from gpcorrect.calibration.memory import lagged
+from gpcorrect.types import CalibrationLog, FloatArray
+
+
+def creeping(log: CalibrationLog, constant: float, share: float) -> CalibrationLog:
+    """Return a log whose joints also creep: a share of every motion arrives by a first-order lag."""
+    assert log.measured_jp is not None
+    assert log.external_jp is not None
+    q, time = log.measured_jp, log.time
+    slow = lagged(q, time, np.arange(len(q)) == 0, np.array([constant]))[:, 0]
+    return replace(log, measured_jf=None, external_jp=log.external_jp - share * (q - slow))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_table_of_trees_answers_as_scikit_learn(seed: int) -> None:
+    """On inputs seen, unseen and at the edges of floating point."""
+    rng = np.random.default_rng(seed)
+    X, Y = rng.standard_normal((400, 3)), rng.standard_normal((400, 2))
+    table = TreesMap.fit(X, Y, seed)
+    asked = np.vstack([X, 3.0 * rng.standard_normal((200, 3)), np.full((1, 3), 1e300), np.full((1, 3), -1e300)])
+    options = {"max_iter": trees.ROUNDS, "learning_rate": trees.RATE, "min_samples_leaf": trees.LEAST_IN_LEAF}
+    for k, y in enumerate(Y.T):
+        peer = HistGradientBoostingRegressor(early_stopping=False, random_state=seed, **options).fit(X, y)
+        np.testing.assert_allclose(table.mean(asked)[:, k], peer.predict(asked), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_mixture_is_never_worse_than_its_best_member(seed: int) -> None:
+    """Weights are shares, an exact member takes all, and no member alone has smaller errors."""
+    rng = np.random.default_rng(seed)
+    common = rng.standard_normal((300, 2))
+    errors = [s * common + rng.standard_normal((300, 2)) for s in (0.5, 1.0, 2.0)]
+    weights = stacking_weights(errors)
+    assert (weights >= 0).all()
+    np.testing.assert_allclose(weights.sum(axis=0), 1.0)
+    mixed = np.einsum("km,knm->nm", weights, np.stack(errors))
+    assert ((mixed**2).sum(axis=0) <= (1 + 1e-6) * np.min([(e**2).sum(axis=0) for e in errors], axis=0)).all()
+    np.testing.assert_allclose(stacking_weights([errors[0], 0.0 * common, errors[2]])[1], 1.0, atol=1e-6)
+
+
+def held_out_rmse(log: CalibrationLog, **changes: object) -> tuple[FloatArray, JointCorrector]:
+    """Return errors on the last trajectories of a model of the others, and the model."""
+    last = log.trajectory >= log.trajectory.max() - 1
+    settings = FitSettings(inducing=100, **changes)  # type: ignore[arg-type]
+    model: JointCorrector = fit_model(log.select(~last), settings, task=JointCorrector).corrector
+    measured = model.measure(log.select(last), np.ones(int(last.sum()), dtype=bool))
+    return np.sqrt((measured.corrected**2).mean(axis=0)), model
+
+
+def test_lags_are_learned_where_joints_creep_and_nowhere_else() -> None:
+    """With creep of 2 s the lags make errors smaller; without, none is used. A stream follows them as the path does."""
+    log = creeping(joint_log(3, trajectories=8), constant=2.0, share=0.1)
+    without, _ = held_out_rmse(log, features=("position", "velocity", "memory"))
+    with_lags, model = held_out_rmse(log)
+    assert (with_lags < 0.95 * without).all()
+    assert "lags" in model.view.features.origins[0]
+    path, stream = model.correct_log(log).joints, JointStream(model)
+    assert path is not None
+    assert log.measured_jp is not None
+    live = [stream.correct(float(t), q).joints for t, q in zip(log.time[:200], log.measured_jp, strict=False)]
+    np.testing.assert_allclose(live, path[:200], atol=1e-9)
+    _, plain = held_out_rmse(replace(joint_log(3, trajectories=8), measured_jf=None))
+    assert "lags" not in plain.view.features.origins[0]
