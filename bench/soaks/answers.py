@@ -105,7 +105,11 @@ def _same(record: Record, correctors: dict[str, object]) -> bool:
     """Whether the model that an answer names gives it."""
     model = correctors[record.model_hash]
     expected = answer_of((model.correct_path if record.kind == "path" else model.correct)(*record.question))
-    return all(
-        np.shape(one) == np.shape(other) and np.allclose(one, other, rtol=0, atol=TOLERANCE, equal_nan=True)
-        for one, other in zip(record.answer, expected, strict=True)
-    )
+    return all(_equal(one, other) for one, other in zip(record.answer, expected, strict=True))
+
+
+def _equal(one: np.ndarray, other: np.ndarray) -> bool:
+    if one.shape != other.shape:
+        return False
+    # Nearly always the same bytes, which takes a fiftieth of the time.
+    return one.tobytes() == other.tobytes() or np.allclose(one, other, rtol=0, atol=TOLERANCE, equal_nan=True)
