@@ -104,6 +104,22 @@ def shared_memory() -> set[str]:
     return {os.readlink(file) for file in files if os.path.islink(file) and ".zenoh" in os.readlink(file)}
 
 
+def test_an_answer_counts_its_age_from_the_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A planner that is held up after it asked, before anything is sent, hears STALE."""
+    with server_process() as server, server.client(timeout=1.0) as client:
+        client.correct(POSE)
+        build = client._build.correct
+
+        def _held(*arguments: object) -> object:
+            question = build(*arguments)  # type: ignore[arg-type]
+            time.sleep(1.1)
+            return question
+
+        monkeypatch.setattr(client._build, "correct", _held)
+        with pytest.raises(ServiceError, match="STALE"):
+            client.correct(POSE)
+
+
 def test_closed_clients_leave_no_file_open() -> None:
     """Clients that come and go with errors whose tracebacks live on do not let this process's open files grow."""
     errors = []

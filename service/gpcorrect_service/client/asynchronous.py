@@ -103,10 +103,11 @@ class AsyncCorrectionClient(ClientBase):
         querier = self._queriers.get(question.kind)
         if querier is None:
             querier = await asyncio.to_thread(self._querier, question.kind)
+        asked = question.begun
         if querier.fresh:  # only the first question waits for a server to appear
             querier.fresh = False
             await self._await_server(querier, time.monotonic() + self._settings.connect_timeout)
-        asked = time.monotonic()
+            asked = time.monotonic()
         answer = await self._attempt(querier, querier.first, question)
         if isinstance(answer, ServiceError):
             if not querier.matched:

@@ -149,10 +149,11 @@ class CorrectionClient(ClientBase):
     def _ask_servers(self, question: Question[R]) -> R:
         require_own_process()
         querier = self._queriers.get(question.kind) or self._querier(question.kind)
+        asked = question.begun
         if querier.fresh:  # only the first question waits for a server to appear
             querier.fresh = False
             self._await_server(querier, time.monotonic() + self._settings.connect_timeout)
-        asked = time.monotonic()
+            asked = time.monotonic()
         answer = self._attempt(querier, querier.first, question)
         if isinstance(answer, ServiceError):
             # Asked only now: looking at who matches costs a tenth of a query.

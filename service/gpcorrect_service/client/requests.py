@@ -56,6 +56,8 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
         From zenoh's reply to the planner's; raises the server's refusal.
     patience : float
         s after which a reply of one attempt is too old to be used; for both together it is twice that.
+    begun : float
+        When the caller asked, s of the monotonic clock.
     fallback : callable or None
         From the failure to the answer that replaces it; None raises the failure.
     """
@@ -66,6 +68,7 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
     attachment: bytes
     read: Callable[[zenoh.Reply], R]
     patience: float
+    begun: float
     fallback: Callable[[ServiceError], R] | None = None
 
     def answer(self, reply: zenoh.Reply, waited: float) -> R | ServiceError:
@@ -276,6 +279,7 @@ class RequestBuilder:
         fallback: Callable[[ServiceError], R] | None = None,
         deadline: float | None = None,
     ) -> Question[R]:
+        begun = time.monotonic()
         payload = b"" if body is None else self._codec.encode(body)
         if len(payload) > MAX_MESSAGE_BYTES:
             raise ServiceError(
@@ -289,7 +293,8 @@ class RequestBuilder:
             deadline=deadline or self._settings.timeout_of(kind) / 2,
         )
         patience = self._settings.timeout_of(kind) / 2
-        return Question(kind, payload, self._codec.encoding(kind), self._codec.encode(meta), read, patience, fallback)
+        encoding, attachment = self._codec.encoding(kind), self._codec.encode(meta)
+        return Question(kind, payload, encoding, attachment, read, patience, begun, fallback)
 
     def _decoded(self, form: type[S], sample: zenoh.Sample) -> S:
         try:
