@@ -18,10 +18,10 @@ import numpy as np
 
 from gpcorrect.atomic import atomic_path
 from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.codec import pack, unpack
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.tool_position import PositionEstimator
+from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray
 

@@ -1,32 +1,20 @@
-"""C3D motion capture recordings, through ezc3d in a process of its own."""
+"""C3D motion capture recordings, through ezc3d."""
 
 from __future__ import annotations
 
-import importlib.util
-import io
 import struct
-import subprocess
-import sys
-import zipfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gpcorrect.errors import LogError, MissingExtraError
-from gpcorrect.logs.c3d_child import UNREADABLE
 from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.mocap.take import Take, log_of, scale_of
 from gpcorrect.types import CalibrationLog
 
 __all__ = ["read"]
 
-CHILD = Path(__file__).with_name("c3d_child.py")
-PATIENCE = 30.0  # s for a small file; a sound one takes a second
-PACE = 2e6  # bytes/s beyond that; ezc3d reads a hundred times faster
-MEMORY = 2 * 1024**3  # bytes for a small file
-MEMORY_SHARE = 40  # bytes for each byte of the file beyond that
 BLOCK = 512  # bytes; of the C3D format
 HEADER_MARK = 0x50  # second byte of every C3D file
 DEC, BIG_ENDIAN = bytes([85]), bytes([86])  # processor codes: of swapped words in floating point numbers, big-endian
@@ -49,10 +37,19 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     MissingExtraError
         The library ezc3d is not installed.
     """
-    if importlib.util.find_spec("ezc3d") is None:
-        raise MissingExtraError("ezc3d", extra="c3d", purpose="Reading C3D files")
+    try:
+        import ezc3d
+    except ImportError as error:
+        raise MissingExtraError("ezc3d", extra="c3d", purpose="Reading C3D files") from error
     _check_whole(path)
-    content = _load(path)
+    try:
+        content = _arrays(ezc3d.c3d(str(path)))
+    except RuntimeError as error:
+        if "not supported" not in str(error):
+            raise
+        from gpcorrect.logs import c3d_fallback
+
+        content = c3d_fallback.arrays(str(path))
     given = content["labels"].tolist()[: content["points"].shape[1]]  # some programs name more than they write
     # Markers that share a label get names of their own.
     labels = [name if given.count(name) == 1 else f"{name}#{k + 1}" for k, name in enumerate(given)]
@@ -67,29 +64,19 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     return log_of(Take(frames / rate, markers=markers, remarks=remarks), settings.columns.mocap)
 
 
-def _load(path: Path) -> Mapping[str, Any]:
-    """Arrays that the child process read.
-
-    Raises
-    ------
-    LogError
-        It refused the file, crashed, or did not come to an end.
-    """
-    size = path.stat().st_size
-    patience, memory = PATIENCE + size / PACE, MEMORY + MEMORY_SHARE * size
-    command = [sys.executable, "-P", str(CHILD), str(path), str(memory)]
-    try:
-        done = subprocess.run(command, capture_output=True, timeout=patience, check=False)
-    except subprocess.TimeoutExpired as error:
-        raise LogError(f"the C3D file is damaged: reading it did not end within {patience:.0f} s.") from error
-    if done.returncode == UNREADABLE:
-        message = done.stderr.decode(errors="replace").strip()
-        raise LogError(f"the C3D file cannot be read, it may be cut off: {message}.")
-    try:
-        with np.load(io.BytesIO(done.stdout), allow_pickle=False) as arrays:
-            return dict(arrays)
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
-        raise LogError(f"the C3D file is damaged: it crashed its reader (status {done.returncode}).") from error
+def _arrays(content: Any) -> dict[str, Any]:
+    """Points `(n, m, 3)`, residuals `(n, m)`, labels, unit, rate and first frame."""
+    point = content["parameters"]["POINT"]
+    names = [point[key]["value"] for key in ("LABELS", "LABELS2", "LABELS3", "LABELS4") if key in point]
+    points = np.asarray(content["data"]["points"])[:3]
+    return {
+        "points": np.moveaxis(points, 0, -1).swapaxes(0, 1),
+        "residuals": np.asarray(content["data"]["meta_points"]["residuals"])[0].T,
+        "labels": np.array([label.strip() for part in names for label in part], dtype=str),
+        "unit": "".join(point["UNITS"]["value"]).strip() if "UNITS" in point else "",
+        "rate": float(np.ravel(point["RATE"]["value"])[0]) if "RATE" in point else 0.0,
+        "first": int(content["header"]["points"]["first_frame"]),
+    }
 
 
 def _check_whole(path: Path) -> None:

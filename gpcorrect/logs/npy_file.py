@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -29,10 +28,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is damaged, too large, holds pickled objects, or is a plain array without a mapping.
     """
-    try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, OSError, SyntaxError, TokenError) as error:
-        raise LogError(f"the array cannot be read: {error}.", hint="Arrays of objects are not read.") from error
+    array = np.load(path, mmap_mode="r", allow_pickle=False)
     columns = _fields(array) if array.dtype.names else _numbered(array, settings.mapped)
     return log_from_table(Table(columns, "row {}".format), settings.columns, settings.disorder)
 

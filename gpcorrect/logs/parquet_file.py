@@ -33,12 +33,9 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is damaged, too large, or does not hold a log.
     """
-    try:
-        with parquet.ParquetFile(path) as file:
-            check_memory(file.metadata.num_rows * max(file.metadata.num_columns, 1) * NUMBER, settings.max_bytes)
-            arrow = file.read()
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        raise LogError(f"the Parquet file cannot be read, it may be cut off: {error}.") from error
+    with parquet.ParquetFile(path) as file:
+        check_memory(file.metadata.num_rows * max(file.metadata.num_columns, 1) * NUMBER, settings.max_bytes)
+        arrow = file.read()
     numbers = {name: _numbers(arrow.column(k)) for k, name in enumerate(arrow.column_names)}
     if len(numbers) < len(arrow.column_names):
         raise LogError("the table has more than one column of the same name.", hint="Rename them.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.errors import DataError, GpCorrectError, LogError
+from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import c3d_file, csv_file, matlab, npy_file, parquet_file, rosbag
+from gpcorrect.logs.apart import Reader, parse, parse_apart
 from gpcorrect.logs.columns import DEFAULT_MAX_BYTES, ColumnMap, ReadSettings, load_columns
 from gpcorrect.logs.mocap import motive, ndi, qualisys, trc, vicon
 from gpcorrect.logs.order import Disorder
@@ -28,7 +29,7 @@ HEAD = 1 << 16  # bytes that tell a format: the header of a motion capture expor
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: what its files are called, how they begin, who reads them, and whether as a whole.
+    """A file format: what its files are called, how they begin, who reads them, whether as a whole, and whether apart.
 
     A text without a first word of its own is known by a `line` near its beginning.
     """
@@ -36,10 +37,11 @@ class Format:
     title: str
     suffixes: tuple[str, ...]
     marks: tuple[bytes, ...]
-    read: Callable[[Path, ReadSettings], CalibrationLog]
+    read: Reader
     text: bool = False
     whole: bool = True
     line: re.Pattern[bytes] | None = None
+    apart: bool = False
 
     def begins(self, head: bytes) -> bool:
         """Whether a file is of this format; a text may begin with empty lines and a byte order mark.
@@ -57,24 +59,24 @@ ENDS = (b"\r", b"\n", b",", b";", b"\t", b'"')  # of a title that stands alone i
 VICON = tuple(title.encode() + end for title in vicon.TITLES for end in ENDS)
 AXES = re.compile(rb'^"?Frame"?[,;\t]"?Sub ?Frame', re.MULTILINE)  # of Vicon's exports without a title
 FORMATS = (
-    Format("Parquet", (".parquet", ".pq"), (b"PAR1",), parquet_file.read),
+    Format("Parquet", (".parquet", ".pq"), (b"PAR1",), parquet_file.read, apart=True),
     Format("NumPy", (".npy",), (b"\x93NUMPY",), npy_file.read),
-    Format("ROS 1 bag", (".bag",), (b"#ROSBAG V",), rosbag.read, whole=False),
-    Format("MCAP", (".mcap",), (b"\x89MCAP0\r\n",), rosbag.read, whole=False),
-    Format("ROS 2 database", (".db3",), (b"SQLite format 3\0",), rosbag.read, whole=False),
-    Format("MATLAB", (".mat",), matlab.MARKS, matlab.read),
-    Format("HDF5", (".h5", ".hdf5"), (matlab.HDF5,), matlab.read),
+    Format("ROS 1 bag", (".bag",), (b"#ROSBAG V",), rosbag.read, whole=False, apart=True),
+    Format("MCAP", (".mcap",), (b"\x89MCAP0\r\n",), rosbag.read, whole=False, apart=True),
+    Format("ROS 2 database", (".db3",), (b"SQLite format 3\0",), rosbag.read, whole=False, apart=True),
+    Format("MATLAB", (".mat",), matlab.MARKS, matlab.read, apart=True),
+    Format("HDF5", (".h5", ".hdf5"), (matlab.HDF5,), matlab.read, apart=True),
     Format("OptiTrack Motive CSV", (), (b"Format Version,",), motive.read, text=True),
     Format("Vicon CSV", (), VICON, vicon.read, text=True, line=AXES),
     Format("Qualisys TSV", (), qualisys.MARKS, qualisys.read, text=True),
     Format("NDI CSV", (), ndi.MARKS, ndi.read, text=True),
     Format("TRC", (".trc",), (b"PathFileType",), trc.read, text=True),
-    Format("C3D", (".c3d",), (), c3d_file.read),
+    Format("C3D", (".c3d",), (), c3d_file.read, apart=True),
     Format("CSV", (".csv", ".tsv", ".txt"), (), csv_file.read),
 )
 """A new format is a new file with a `read` function, and one line here."""
 
-FOLDER = Format("folder of a ROS 2 recording", (), (), rosbag.read, whole=False)
+FOLDER = Format("ROS 2", (), (), rosbag.read, whole=False, apart=True)
 
 
 def read_log(
@@ -131,22 +133,12 @@ def read_log(
         found = _format(source)
         if found.whole:
             _check_size(source, max_bytes)
-        log = _possible(_parsed(found, source, settings))
+        log = _possible((parse_apart if found.apart else parse)(found.title, found.read, source, settings))
         meta = LogMeta() if columns and sidecar_path(source) == Path(columns) else read_sidecar(source)
         stated = {name: value for name, value in asdict(meta).items() if value}  # the sidecar comes first
         digest = recording_digest(source)
         meta = replace(log.meta, **stated)
         return replace(log, name=str(source), meta=meta, digest=digest, recordings=(digest,))
-
-
-def _parsed(found: Format, source: Path, settings: ReadSettings) -> CalibrationLog:
-    try:
-        return found.read(source, settings)
-    except (GpCorrectError, OSError):
-        raise
-    except Exception as error:  # damaged bytes make parsers raise whatever they stumble over
-        what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        raise LogError(f"the {found.title} cannot be read, it may be damaged: {what}.") from error
 
 
 def _possible(log: CalibrationLog) -> CalibrationLog:

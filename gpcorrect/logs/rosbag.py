@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -162,9 +162,9 @@ def _opened(path: Path) -> Iterator[AnyReader]:
     try:
         with AnyReader([path], default_typestore=store) as bag:
             yield bag
-    except GpCorrectError:
+    except (GpCorrectError, MemoryError):
         raise
-    except _damage() as error:
+    except Exception as error:
         hint = "A ROS 1 bag without its index can be repaired with: rosbag reindex."
         raise LogError(f"{DAMAGED}: {error}.", hint=hint if path.suffix == ".bag" else "") from error
 
@@ -177,19 +177,3 @@ def _check_length(database: Path) -> None:
     expected = (LARGEST_PAGE if page == 1 else page) * pages
     if database.stat().st_size < expected:
         raise LogError(f"{DAMAGED}: expected {expected} bytes, found {database.stat().st_size}.")
-
-
-def _damage() -> tuple[type[Exception], ...]:
-    """List what rosbags and the database library below it raise on damaged bytes (found by damaging some)."""
-    from rosbags.highlevel import AnyReaderError
-    from rosbags.rosbag1 import ReaderError as Ros1Error
-    from rosbags.rosbag2 import ReaderError as Ros2Error
-    from rosbags.typesys import TypesysError
-
-    errors: list[type[Exception]] = [AnyReaderError, Ros1Error, Ros2Error, TypesysError]
-    errors += [ValueError, TypeError, AssertionError, OverflowError, MemoryError, LookupError, EOFError]
-    with suppress(ImportError):
-        import apsw
-
-        errors.append(apsw.Error)
-    return tuple(errors)

@@ -22,6 +22,7 @@ __all__ = ["INDEX", "Table", "complete", "joint_names", "log_from_table", "orien
 INDEX = ("time", "trajectory", "session")
 CLOCK = r"time|stamp|clock|^t$|^sec|second"  # a column of such a name may be the time of a table that names none
 STATIC = "there is no time: static poses without a clock, each row a motion of its own."
+NAMED = 3  # missing columns of a joint signal that a remark names
 LARGEST_WHOLE = 2.0**53  # beyond it not every whole number is a float
 
 
@@ -283,7 +284,7 @@ def _joints(signal: str, names: Collection[str], remarks: list[str]) -> ArrayCol
     numbers = sorted(int(n.rpartition("_")[2]) for n in names if n != signal and _signal_of(n) == signal)
     if not numbers:
         return None
-    columns = joint_names(signal, numbers[-1])
+    columns = joint_names(signal, min(numbers[-1], len(numbers) + NAMED))  # a name may end in whatever number
     missing = [n for n in columns if n not in names]
     if missing:
         remarks.append(f"{signal} is left out: it lacks {', '.join(missing)}.")

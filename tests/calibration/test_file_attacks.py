@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import scipy.io
 from joint_logs import joint_log
 from support import short_search, small_log
 
@@ -158,24 +157,3 @@ def test_impossible_numbers_count_as_missing_and_are_said(tmp_path: Path) -> Non
     assert not read.tracker_cp.finite[[3, 5]].any()
     assert read.tracker_cp.finite.sum() == len(log) - 2
     assert any("2 samples of tracker_cp" in remark for remark in read.remarks)
-
-
-def test_whatever_a_parser_raises_is_a_damaged_recording(tmp_path: Path) -> None:
-    """Mutated MATLAB files are read or refused in words, whatever the libraries below raise."""
-    log, rng = small_log(trajectories=2), np.random.default_rng(1)
-    assert log.tracker_cp is not None
-    variables = {
-        "time": log.time,
-        "tracker_cp": log.tracker_cp.position,
-        "trajectory": log.trajectory,
-        "note": {"a": 1},
-    }
-    scipy.io.savemat(tmp_path / "good.mat", variables, do_compression=True)
-    good = (tmp_path / "good.mat").read_bytes()
-    for _ in range(200):
-        damaged = bytearray(good)
-        for place in rng.integers(116, 400, rng.integers(1, 4)):
-            damaged[place] = rng.integers(256)
-        (tmp_path / "bad.mat").write_bytes(damaged)
-        with suppress(LogError):
-            read_log(tmp_path / "bad.mat", max_bytes=50_000_000)

@@ -12,8 +12,8 @@ import pytest
 from support import small_log
 
 from gpcorrect.calibration import CommandCorrector, load, save
-from gpcorrect.calibration.codec import pack
 from gpcorrect.calibration.model_file import SCHEMA, seal_of
+from gpcorrect.codec import pack
 from gpcorrect.errors import ArtifactError
 
 ALPHA = "model.law.learned.predictor.parts.0.alpha"

@@ -11,8 +11,8 @@ import pytest
 from cleaning_synthetic import World, make_log, scattered
 from support import real_data
 
-from gpcorrect.calibration.codec import pack, unpack
 from gpcorrect.cleaning import TOOL, CleaningReport, FittedCleaner, Reason, clean_with, fit_cleaner, joint_pair
+from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import LogError
 from gpcorrect.logs import read_log
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, LogMeta, PoseSignal

@@ -10,7 +10,6 @@ import pytest
 from cleaning_synthetic import World, _moved, make_log, scattered
 from support import real_data
 
-from gpcorrect.calibration.codec import pack, unpack
 from gpcorrect.cleaning import (
     CleaningReport,
     CleaningSettings,
@@ -20,6 +19,7 @@ from gpcorrect.cleaning import (
     clean_with,
     fit_cleaner,
 )
+from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal

@@ -19,7 +19,8 @@ from read_support import (
 from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import LogError, MissingExtraError
-from gpcorrect.logs import read_log
+from gpcorrect.logs import read_log, rosbag
+from gpcorrect.logs.columns import ReadSettings
 
 KINDS = ("bag", "mcap", "db3", "folder")
 STEP = 10_000_000  # ns
@@ -223,20 +224,6 @@ def test_a_recording_cut_off_anywhere_is_refused(tmp_path: Path, kind: str):
         assert str(caught.value).startswith(str(cut))
 
 
-@pytest.mark.parametrize("kind", ["bag", "mcap", "db3"])
-def test_damaged_bytes_give_a_log_or_a_log_error(tmp_path: Path, kind: str):
-    rng = np.random.default_rng(5)
-    whole = write_bag(tmp_path / "r", robot(), kind).read_bytes()
-    for _ in range(15):
-        damaged = bytearray(whole)
-        for place in rng.integers(20, len(whole), 6):
-            damaged[place] = rng.integers(256)
-        try:
-            read_log(write(tmp_path / f"bad.{kind}", bytes(damaged)), disorder="keep")
-        except LogError:
-            continue
-
-
 def test_a_bag_without_its_index_says_how_to_repair_it(tmp_path: Path):
     whole = write_bag(tmp_path / "r", robot(), "bag").read_bytes()
     with pytest.raises(LogError, match=r"may be cut off or still being written.*rosbag reindex"):
@@ -247,4 +234,4 @@ def test_a_missing_library_names_the_extra_that_brings_it(tmp_path: Path, monkey
     bag = write_bag(tmp_path / "r", robot(), "bag")
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(MissingExtraError, match=r"rosbags, which is not installed.*gpcorrect\[ros\]"):
-        read_log(bag)
+        rosbag.read(bag, ReadSettings())

@@ -11,6 +11,7 @@ from support import ROOT
 
 from gpcorrect.errors import DataError, DegenerateError, LogError, MissingExtraError
 from gpcorrect.logs import c3d_file, read_log
+from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.mocap.tool import configuration, tool_poses
 
 sys.path.append(str(ROOT / "bench"))
@@ -184,55 +185,9 @@ def test_bad_recordings_are_refused(tmp_path: Path):
 def test_a_recording_cut_off_anywhere_is_refused(tmp_path: Path):
     whole = write_c3d(tmp_path / "a.c3d", motion(12)[2] * 1e3, LABELS).read_bytes()
     used = len(whole.rstrip(b"\0"))
-    for size in np.linspace(1, used - 600, 40).astype(int):
+    for size in np.linspace(1, used - 600, 8).astype(int):
         with pytest.raises(LogError, match=r"cut off|does not begin"):
             read_log(write(tmp_path / "cut.c3d", whole[:size]))
-
-
-def test_damaged_bytes_are_refused_or_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """ezc3d asks for all memory on some damaged files and crashes on others; here the answer is a log or a LogError."""
-    whole = write_c3d(tmp_path / "a.c3d", motion(0)[2] * 1e3, LABELS).read_bytes()
-    monkeypatch.setattr(c3d_file, "PATIENCE", 4.0)
-    refused = 0
-    for seed in (3, 22, 30):  # alone, ezc3d never ended on 3 and crashed on 22
-        rng = np.random.default_rng(seed)
-        damaged = bytearray(whole)
-        for place in rng.integers(0, min(len(damaged), 3000), rng.integers(1, 5)):
-            damaged[place] = rng.integers(0, 256)
-        try:
-            read_log(write(tmp_path / "damaged.c3d", bytes(damaged)))
-        except LogError:
-            refused += 1
-    assert refused >= 2
-
-
-@pytest.mark.parametrize(
-    ("program", "said"),
-    [
-        ("while True: pass", "did not end within 1 s"),
-        ("import os; os.abort()", "crashed its reader"),
-        ("print('half an answer')", "crashed its reader"),
-    ],
-)
-def test_a_reader_that_hangs_or_crashes_is_ended(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str, said: str
-):
-    """Whatever happens to the process that reads, this one goes on with a message."""
-    path = write_c3d(tmp_path / "a.c3d", motion(0)[2] * 1e3, LABELS)
-    monkeypatch.setattr(c3d_file, "CHILD", write(tmp_path / "child.py", program))
-    monkeypatch.setattr(c3d_file, "PATIENCE", 1.0)
-    with pytest.raises(LogError, match=rf"a\.c3d: the C3D file is damaged.*{said}"):
-        read_log(path)
-
-
-def test_a_reader_of_its_own_sees_what_ezc3d_sees(tmp_path: Path):
-    """The process between changes no number."""
-    import ezc3d
-
-    path = write_c3d(tmp_path / "a.c3d", motion(15)[2] * 1e3, LABELS)
-    ours = c3d_file._load(path)
-    theirs = ezc3d.c3d(str(path))["data"]["points"][:3]
-    np.testing.assert_array_equal(ours["points"], np.moveaxis(theirs, 0, -1).swapaxes(0, 1))
 
 
 @pytest.mark.parametrize("order", ["intel", "dec", "mips"])
@@ -256,4 +211,4 @@ def test_a_missing_library_names_the_extra_that_brings_it(tmp_path: Path, monkey
     path = write_c3d(tmp_path / "a.c3d", motion(13)[2], LABELS)
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     with pytest.raises(MissingExtraError, match=r"ezc3d, which is not installed.*gpcorrect\[c3d\]"):
-        read_log(path)
+        c3d_file.read(path, ReadSettings())

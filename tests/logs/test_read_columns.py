@@ -198,3 +198,11 @@ def test_samples_without_a_time_follow_at_the_stated_rate(tmp_path: Path):
     assert not log.static
     with pytest.raises(LogError, match="the time or a rate, not both"):
         read_log(table, columns=write(tmp_path / "m.toml", 'time = "x"\n' + text))
+
+
+def test_a_number_in_a_columns_name_is_no_size(tmp_path: Path):
+    """A joint of a huge number leaves its signal out, names the first missing columns, and takes no memory."""
+    table = "time,tracker_cp_x,tracker_cp_y,tracker_cp_z,measured_jp_1,measured_jp_611111111111\n0,0,0,0,1,2\n"
+    log = read_log(write(tmp_path / "a.csv", table))
+    assert log.measured_jp is None
+    assert any("measured_jp is left out: it lacks measured_jp_2, " in remark for remark in log.remarks)

@@ -12,7 +12,8 @@ from scipy.io import savemat
 
 from gpcorrect import se3
 from gpcorrect.errors import LogError, MissingExtraError
-from gpcorrect.logs import read_log
+from gpcorrect.logs import matlab, read_log
+from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.types import CalibrationLog
 
 N = 30
@@ -143,5 +144,5 @@ def test_a_missing_library_names_the_extra_that_brings_it(tmp_path: Path, monkey
     new, old = write_73(tmp_path / "new.mat", content), write_5(tmp_path / "old.mat", content)
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(MissingExtraError, match=r"h5py, which is not installed.*gpcorrect\[matlab\]"):
-        read_log(new)
-    assert len(read_log(old)) == N
+        matlab.read(new, ReadSettings())
+    assert len(matlab.read(old, ReadSettings())) == N

@@ -8,10 +8,9 @@ subclasses, are ever built.
 from __future__ import annotations
 
 import types
-import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -23,6 +22,14 @@ T = TypeVar("T")
 Arrays = dict[str, Any]
 ARRAY = "array:"  # marks, in the JSON, where an array stood
 TYPE = "type"  # names the class of a dataclass; no field may be called so
+PLAIN: dict[Any, tuple[type, ...]] = {
+    float: (float, int),
+    int: (int,),
+    bool: (bool,),
+    str: (str,),
+    types.NoneType: (types.NoneType,),
+}
+"""What JSON may hold for each plain type."""
 
 
 def pack(value: Any, prefix: str) -> tuple[Any, Arrays]:
@@ -84,26 +91,33 @@ def _unpack(hint: Any, data: Any, arrays: Mapping[str, Any]) -> Any:
         return _unpack(_member(inner, data), data, arrays)
     if is_dataclass(hint):
         return _dataclass(hint, data, arrays)
-    if isinstance(data, str) and data.startswith(ARRAY):
-        name = data.removeprefix(ARRAY)
-        if name not in arrays:
-            raise DataError(f"the array {name} is missing.")
-        value = np.array(arrays[name])
-        value.setflags(write=False)
-        return value
-    if origin is tuple:
-        if not isinstance(data, list):
-            raise DataError(f"cannot rebuild {hint} from {type(data).__name__}.")
-        kinds = inner[:1] * len(data) if Ellipsis in inner else inner
+    if origin is np.ndarray:
+        return _array(hint, data, arrays)
+    if origin in (tuple, Sequence) and isinstance(data, list):
+        kinds = inner[:1] * len(data) if origin is Sequence or Ellipsis in inner else inner
         return tuple(_unpack(kind, item, arrays) for kind, item in zip(kinds, data, strict=True))
-    if origin is typing.Literal or data is None or isinstance(data, bool | int | float | str | dict | list):
+    if origin is Mapping and isinstance(data, dict):
+        return {name: _unpack(inner[1], item, arrays) for name, item in data.items()}
+    if hint is Any or (data in inner if origin is Literal else type(data) in PLAIN.get(hint, ())):
         return data
     raise DataError(f"cannot rebuild {hint} from {type(data).__name__}.")
 
 
+def _array(hint: Any, data: Any, arrays: Mapping[str, Any]) -> Any:
+    name = data.removeprefix(ARRAY) if isinstance(data, str) and data.startswith(ARRAY) else ""
+    if name not in arrays:
+        raise DataError(f"the array {name or data} is missing.")
+    value = np.array(arrays[name])
+    kind = get_args(get_args(hint)[1])[0]
+    if value.dtype != kind:
+        raise DataError(f"the array {name} holds {value.dtype}, expected {np.dtype(kind)}.")
+    value.setflags(write=False)
+    return value
+
+
 def _member(members: tuple[Any, ...], data: Any) -> Any:
     """Return which of a union's members the data are of: the class that they name, or the only one that is no class."""
-    if data is None:
+    if data is None and types.NoneType in members:
         return types.NoneType
     named = data.get(TYPE) if isinstance(data, dict) else None
     for member in members:

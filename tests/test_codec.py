@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from gpcorrect.calibration.codec import pack, unpack
+from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
@@ -66,3 +66,31 @@ def test_missing_arrays_and_foreign_fields_are_refused() -> None:
         unpack(Tree, {**data, "tip": {"type": "Root", "size": 1.0}}, arrays)
     with pytest.raises(DataError, match="does not have the fields"):
         unpack(Tree, {**data, "more": 1}, arrays)
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        ("limit", "3.5"),
+        ("limit", True),
+        ("pair", [0.1, 3]),
+        ("pair", [0.1]),
+        ("leaves", {}),
+        ("leaf", {"type": "Leaf", "weights": "array:tree.leaf.weights", "scale": [1.0]}),
+        ("leaf", {"type": "Leaf", "weights": 1.0, "scale": 1.0}),
+        ("leaf", None),
+    ],
+)
+def test_what_is_not_of_its_type_is_refused(place: str, value: object) -> None:
+    """A number, word, list or array of another type than the hint says never reaches the class."""
+    data, arrays = pack(make_tree(), "tree")
+    with pytest.raises((DataError, ValueError)):
+        unpack(Tree, {**data, place: value}, arrays)
+
+
+def test_an_array_of_another_type_is_refused() -> None:
+    """Text, or single precision, is no array of float64."""
+    data, arrays = pack(make_tree(), "tree")
+    name = "tree.leaf.weights"
+    with pytest.raises(DataError, match="holds <U32, expected float64"):
+        unpack(Tree, data, {**arrays, name: arrays[name].astype(str)})

@@ -1,0 +1,279 @@
+"""Altered and forged model files: each is refused in the project's words, or answers as it did before.
+
+A third of the changes leave digests and seal as they were, as an accident or an editor would; a third carry fresh ones,
+as only this project's code makes them; a third are to the bytes of the file.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from support import ROOT
+
+from fuzzing.mutations import BYTES
+from fuzzing.trial import FAULTS, Trial, tried
+from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, PositionEstimator, fit_model, save
+from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
+from gpcorrect.errors import GpCorrectError
+from gpcorrect.sim import debridement_log, preset, random_reaches_log
+from gpcorrect.types import CalibrationLog
+
+sys.path.insert(0, str(ROOT / "tests"))
+from joint_logs import joint_log
+
+POSES = (("gp", {}), ("gp", {"rigid": False}), ("offset", {}), ("linear", {}), ("quadratic", {}), ("network", {}))
+JOINTS = ("offset", "linear", "quadratic", "network", "gp", "ukf")
+POSITIONS = ("linear", "gp")
+QUICK = {"inducing": 12, "layers": (5,), "epochs": 5, "time_offset": "none"}
+SAME = 1e-9  # m, rad: answers that differ by rounding
+VALUES = (
+    None,
+    "x",
+    "array:model",
+    "",
+    -1,
+    0,
+    1,
+    7,
+    0.5,
+    1e300,
+    -1e300,
+    10**30,
+    float("nan"),
+    float("inf"),
+    True,
+    False,
+)
+VALUES = (*VALUES, [], [[]], {}, {"type": "Law"}, {"type": 3}, [1, "y"], [None], "x" * 10_000, [0] * 1000)
+
+
+@dataclass(frozen=True)
+class Model:
+    """A sound model file, and a recording that it is asked about."""
+
+    name: str
+    path: Path
+    log: CalibrationLog
+
+
+def fuzz_models(count: int, seed: int = 0, only: str = "") -> dict[str, Any]:
+    """Change every kind of model file, and the state of a store, `count` times; return what came of it, by kind."""
+    with TemporaryDirectory() as folder:
+        found = {m.name: change(m, count, seed) for m in models(Path(folder), only)}
+        if only in "store":
+            found["store"] = change_store(Path(folder), count, seed)
+    return found
+
+
+def models(folder: Path, only: str = "") -> Iterator[Model]:
+    """Fit a small one of every task and learner."""
+    simulated = preset("raven2_left")
+    assert simulated.T_tracker_base is not None
+    frame = (*simulated.T_tracker_base.translation, *simulated.T_tracker_base.rotvec)
+    reaches = random_reaches_log("raven2_left", 10, 0, faults=False, model=simulated)
+    logs = {
+        None: debridement_log(1, reaches=10, faults=False),
+        JointCorrector: joint_log(1, trajectories=8, seconds=10.0),
+        PositionEstimator: replace(reaches, meta=replace(reaches.meta, tracker_base=frame)),
+    }
+    wanted = [(f"pose {m}{' not rigid' if more else ''}", None, m, more) for m, more in POSES]
+    wanted += [(f"joints {m}", JointCorrector, m, {}) for m in JOINTS]
+    wanted += [(f"tool position {m}", PositionEstimator, m, {}) for m in POSITIONS]
+    for name, task, method, more in wanted:
+        if only not in name:
+            continue
+        log = logs[task]
+        settings = FitSettings(**{**QUICK, "method": method, "clean": name == "pose gp", **more})
+        path = folder / f"{name.replace(' ', '_')}.gpc"
+        save(fit_model(log, settings, **({"task": task} if task else {})).corrector, path)
+        yield Model(name, path, log.select(log.trajectory < 2))
+
+
+def change(model: Model, count: int, seed: int) -> dict[str, Any]:
+    """Change one model file again and again; print what must not come through."""
+    header, arrays = read_parts(model.path)
+    whole, before = model.path.read_bytes(), answers(model.path, model.log)
+    forged = model.path.with_suffix(".forged")
+
+    def work(number: int) -> tuple[str, str]:
+        rng = np.random.default_rng((seed, number))
+        way = WAYS[rng.integers(len(WAYS))]
+        forged.write_bytes(way(rng, header, arrays, whole))
+        try:
+            after = answers(forged, model.log)
+        except GpCorrectError as error:
+            return ("refused", str(error)) if error.message.strip() else ("traceback", "an error without words")
+        if after.shape == before.shape and np.allclose(after, before, rtol=0, atol=SAME, equal_nan=True):
+            return "same", way.__name__
+        if way is forged_anew:
+            return "forged", "answers as it did to the check queries, otherwise elsewhere"
+        return "traceback", "it answers otherwise, and was not refused"
+
+    return _counted(model.name, work, count)
+
+
+def change_store(folder: Path, count: int, seed: int) -> dict[str, Any]:
+    """Change the state of a model store again and again."""
+    store = ModelStore(folder / "store")
+    path = next(models(folder, "pose linear")).path
+    for name in ("a", "b"):
+        store.activate(store.add(path, now=0.0, name=name))
+    file = folder / "store" / "store.json"
+    whole = file.read_bytes()
+
+    def work(number: int) -> tuple[str, str]:
+        rng = np.random.default_rng((seed, number))
+        state = json.loads(whole)
+        if rng.random() < 0.7:
+            change_tree(rng, state)
+            text = json.dumps(state).encode()
+        else:
+            text = BYTES[rng.integers(len(BYTES))](rng, whole)
+        file.write_bytes(text)
+        try:
+            names = [entry.id for entry in store.models()]
+            active = store.active()
+            store.history()
+            if active is not None:
+                store.verified(active)
+            for name in names:
+                store.find(name)
+        except GpCorrectError as error:
+            return ("refused", str(error)) if error.message.strip() else ("traceback", "an error without words")
+        return "same" if json.loads(text) == json.loads(whole) else "read", ""
+
+    return _counted("store", work, count)
+
+
+def _counted(name: str, work: Any, count: int) -> dict[str, Any]:
+    counts, slowest, largest = Counter[str](), 0.0, 0
+    for trial in tried(work, count):
+        counts[trial.outcome] += 1
+        slowest, largest = max(slowest, trial.seconds), max(largest, trial.grown)
+        if trial.outcome in FAULTS:
+            _report(name, trial)
+    found = {**counts, "slowest s": round(slowest, 2), "most MB": largest >> 20}
+    print(f"{name}: {found}", flush=True)
+    return found
+
+
+def _report(name: str, trial: Trial) -> None:
+    print(
+        f"{name} {trial.number}: {trial.outcome} after {trial.seconds:.1f} s: {trial.said.strip()[-900:]}", flush=True
+    )
+
+
+def answers(path: Path, log: CalibrationLog) -> np.ndarray[Any, Any]:
+    """Load a model, describe it, and measure it on a recording."""
+    with np.errstate(all="ignore"):
+        model = load_any(path)
+        json.dumps(model.summary)
+        measured = model.measure(log, np.ones(len(log), dtype=bool))
+        return np.hstack([measured.corrected, measured.interval95])
+
+
+def altered(rng: np.random.Generator, header: Any, arrays: Any, _: bytes) -> bytes:
+    """Change a number, a word or an array, and nothing else: digests and seal stay."""
+    header, arrays = deepcopy(header), dict(arrays)
+    if arrays and rng.random() < 0.4:
+        name = list(arrays)[rng.integers(len(arrays))]
+        value = np.array(arrays[name])
+        if value.size and value.dtype.kind == "f":
+            value.flat[rng.integers(value.size)] *= 1 + 10.0 ** rng.integers(-12, 3)
+        elif value.size:
+            value.flat[rng.integers(value.size)] += 1
+        arrays[name] = value
+    else:
+        change_tree(rng, header if rng.random() < 0.5 else header["model"])
+    return archive(header, arrays)
+
+
+def forged_anew(rng: np.random.Generator, header: Any, arrays: Any, _: bytes) -> bytes:
+    """Change the structure, and write fresh digests and a fresh seal."""
+    header, arrays = deepcopy(header), dict(arrays)
+    for _ in range(rng.integers(1, 3)):
+        if arrays and rng.random() < 0.4:
+            change_array(rng, arrays)
+        else:
+            change_tree(rng, header if rng.random() < 0.1 else header["model"])
+    header["digests"] = {name: _digest(np.asarray(value)) for name, value in arrays.items()}
+    header["seal"] = seal_of(header)
+    return archive(header, arrays)
+
+
+def bytes_changed(rng: np.random.Generator, header: Any, arrays: Any, whole: bytes) -> bytes:
+    """Change the bytes of the file."""
+    return BYTES[rng.integers(len(BYTES))](rng, whole)
+
+
+WAYS = (altered, forged_anew, bytes_changed)
+
+
+def change_array(rng: np.random.Generator, arrays: dict[str, Any]) -> None:
+    """Give an array another shape, type or numbers, another's place, or none."""
+    names = list(arrays)
+    name, other = (names[k] for k in rng.integers(len(names), size=2))
+    old = np.asarray(arrays[name])
+    huge = np.full(old.shape, [1e300, -1e300, np.inf, np.nan, 0.0, -1.0][rng.integers(6)])
+    ways = [
+        old[:-1] if old.ndim else old[None],
+        old.reshape(-1),
+        old[None],
+        np.zeros((0, 3)),
+        huge,
+        huge.astype(old.dtype),
+    ]
+    ways += [old.astype(t) for t in ("f4", "i8", "U", "c16", ">f8", "?")]
+    ways += [arrays[other], old.T, np.concatenate([old.reshape(-1)] * 2), -old.astype(float)]
+    if rng.random() < 0.1:
+        del arrays[name]
+    elif rng.random() < 0.1:
+        arrays[f"{name}.more"] = old
+    else:
+        arrays[name] = ways[rng.integers(len(ways))]
+
+
+def change_tree(rng: np.random.Generator, tree: Any) -> None:
+    """Change a place of a JSON tree: another value, a place gone, a number scaled, a list longer, a level more."""
+    spots = list(_places(tree))
+    if not spots:
+        return
+    node, key = spots[rng.integers(len(spots))]
+    way, old = rng.integers(6), node[key]
+    if way == 0 and isinstance(node, dict):
+        del node[key]
+    elif way == 1 and isinstance(old, int | float) and not isinstance(old, bool):
+        node[key] = old * [-1, 0, 2, 1e6, 1e300, 1e-300][rng.integers(6)]
+    elif way == 2:
+        node[key] = [old]
+    elif way == 3 and isinstance(old, list):
+        node[key] = old + old if rng.random() < 0.5 else old[:-1]
+    elif way == 4 and isinstance(node, dict):
+        node[f"{key}_"] = old
+    else:
+        node[key] = deepcopy(VALUES[rng.integers(len(VALUES))])
+
+
+def _places(node: Any) -> Iterator[tuple[Any, Any]]:
+    keys = list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
+    for key in keys:
+        yield node, key
+        yield from _places(node[key])
+
+
+def archive(header: Any, arrays: Any) -> bytes:
+    """Write the bytes of a model file."""
+    out = io.BytesIO()
+    contents = {"header": np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)}
+    np.savez(out, **contents, **{name: np.asarray(value) for name, value in arrays.items()})
+    return out.getvalue()
