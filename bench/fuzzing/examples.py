@@ -91,6 +91,7 @@ def examples(folder: Path) -> list[Example]:
     add("mat 5 compressed", write_5(place("mat 5 compressed") / "a.mat", content), (*BYTES, unpacked_flipped))
     add("mat 5", _uncompressed(place("mat 5") / "a.mat", content))
     add("mat 7.3", write_73(place("mat 7.3") / "a.mat", content))
+    add("hdf5", _hierarchical(place("hdf5") / "a.h5", content))
     add("c3d", write_c3d(place("c3d") / "a.c3d", motion(0)[2] * 1e3, LABELS))
     for name, write in (("motive", write_motive), ("tracker", write_tracker), ("nexus", write_nexus)):
         add(name, write(place(name) / "a.csv", tool), TEXT)
@@ -135,6 +136,15 @@ def _uncompressed(path: Path, content: dict[str, Any]) -> Path:
     from scipy.io import savemat
 
     savemat(path, content, do_compression=False)
+    return path
+
+
+def _hierarchical(path: Path, content: dict[str, Any]) -> Path:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name, values in content.items():
+            file.create_dataset(name, data=values, compression="gzip")
     return path
 
 

@@ -28,7 +28,10 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is damaged, too large, holds pickled objects, or is a plain array without a mapping.
     """
-    array = np.load(path, mmap_mode="r", allow_pickle=False)
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+    except ValueError as error:
+        raise LogError(f"the array cannot be read: {error}.", hint="Arrays of objects are not read.") from error
     columns = _fields(array) if array.dtype.names else _numbered(array, settings.mapped)
     return log_from_table(Table(columns, "row {}".format), settings.columns, settings.disorder)
 

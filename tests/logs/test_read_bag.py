@@ -217,7 +217,7 @@ def test_backward_header_stamps_are_refused_or_dropped(tmp_path: Path):
 def test_a_recording_cut_off_anywhere_is_refused(tmp_path: Path, kind: str):
     whole = write_bag(tmp_path / "r", robot(), kind).read_bytes()
     cut = tmp_path / f"cut.{kind}"
-    for size in np.linspace(1, len(whole) - 1, 24).astype(int):
+    for size in np.linspace(1, len(whole) - 1, 6).astype(int):
         write(cut, whole[:size])
         with pytest.raises(LogError) as caught:
             read_log(cut)

@@ -34,7 +34,7 @@ def test_the_content_decides_where_the_name_says_otherwise(tmp_path: Path):
         ("a.parquet", b"", "the file is empty"),
         ("a.npy", b"", "the file is empty"),
         ("a.bag", b"", "cannot be read"),
-        ("a.npy", b"\x93NUMPY\x01\x00", "NumPy file cannot be read"),
+        ("a.npy", b"\x93NUMPY\x01\x00", "cannot be read"),
         ("a.parquet", b"PAR1 and no more", "Parquet file cannot be read"),
     ],
 )
