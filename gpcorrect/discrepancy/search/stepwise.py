@@ -5,7 +5,7 @@ Forward steps by held-out nats, refinement before the next step, backward deleti
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -199,16 +199,26 @@ def gain_over(
 
 
 def _merged(state: Search, threshold: float) -> Search:
-    """Put one effect in the place of two on one joint where it explains as much: two off-grid guesses of one thing."""
+    """Put one effect in the place of two where it explains as much: two off-grid guesses of one thing.
+
+    On one joint any effect may; for two at different places that show in common channels, a fuller shape of either.
+    (An insertion that is dragged along from where it was homed is off by a constant, which a tracker alone takes for a
+    longer tool as well.)
+    """
+    most: dict[Hashable, int] = {}
+    for trace in state.traces:
+        most[trace.candidate.key] = max(trace.candidate.extra, most.get(trace.candidate.key, 0))
     for a, b in combinations(state.fitted, 2):
-        if a.candidate.joint != b.candidate.joint:
+        one_joint = a.candidate.joint == b.candidate.joint
+        may_be_fuller = any(most.get(m.candidate.key, 0) > m.candidate.extra for m in (a, b))
+        if not one_joint and not (may_be_fuller and state.alike(a.candidate, b.candidate)):
             continue
         rest = tuple(m for m in state.fitted if m is not a and m is not b)
         bare = state.linearise_near(rest, a.candidate)
         both = state.touched(a.candidate) & state.touched(b.candidate)
         pair = gain_over(state, bare, state.fitted, b, both)
         touched = state.touched(a.candidate)
-        others = rank(state, bare, [a.candidate, b.candidate], touched)[:1]
+        others = rank(state, bare, [a.candidate, b.candidate], touched)[:1] if one_joint else []
         fuller = rank(state, bare, channels=touched, beyond=[a.candidate, b.candidate])  # such as one that has a home
         for leader in [*(r for r in others if r.nats > 0.8 * pair), *fuller]:
             fitted = state.refit((*rest, leader.fit), leader.candidate)

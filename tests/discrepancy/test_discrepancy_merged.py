@@ -1,0 +1,49 @@
+"""One effect with a home stands for two that would each explain a part of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gpcorrect.discrepancy.search.candidates import all_candidates
+from gpcorrect.discrepancy.search.prepared import prepare_data
+from gpcorrect.discrepancy.search.state import start_search
+from gpcorrect.discrepancy.search.stepwise import search
+from gpcorrect.sim import machine_of, model_from_dict, simulate
+from gpcorrect.sim.effects import CableCoupling
+from gpcorrect.sim.plan import Segment, plan_of
+from gpcorrect.types import CalibrationLog
+
+MODEL = model_from_dict(
+    {"arm": "raven2_left", "joints": [1, 2, 3], "log_rate_hz": 25, "noise": {"tracker_white": 1e-4}}
+)
+HOME = 0.4  # rad from where the joint is zero
+
+
+def recorded(seed: int, runs: int = 12, seconds: float = 6.0) -> CalibrationLog:
+    """Return a recording of a tracker alone, in which the shoulder's cable drags the insertion from its home on."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, 0.01)[:, None]
+    middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.7, 0.6, 0.05])
+    segments = []
+    for _ in range(runs):
+        rate, phase = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 2 * np.pi, 3)
+        path = middle + swing * np.sin(rate * t + phase)
+        segments.append(Segment(path, np.zeros(len(path), dtype=np.int64), 0, 0.0, 0.2))
+    coupling = CableCoupling(joint=3, source=2, coefficient=0.006, home=HOME)
+    log = simulate(machine_of(MODEL).with_effects(coupling), plan_of(segments, 100.0), seed=seed)
+    return replace(log, external_jp=None)
+
+
+def test_a_home_is_no_second_effect_elsewhere() -> None:
+    """Seen by a tracker, the constant that a coupling leaves without its home looks like a longer tool as well."""
+    dataset = prepare_data(recorded(1), MODEL, np.random.default_rng(0)).dataset
+    wanted = [
+        c for c in all_candidates(dataset.scene)
+        if (c.name, c.joint) in {("cable_coupling", 3), ("dh_error", "tool")}
+        and "drag" not in {k.parameter.name for k in c.coordinates}
+    ]  # fmt: skip
+    found = search(start_search(dataset, wanted)).fitted
+    assert [f.candidate.name for f in found] == ["cable_coupling"]
+    assert abs(found[0].effect.home - HOME) < 0.1  # type: ignore[attr-defined]
