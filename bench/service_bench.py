@@ -136,7 +136,7 @@ def service_and_echo(model: Path, *, routed: bool) -> Iterator[tuple[ClientSetti
             patience = {"timeout": PATIENT, "connect_timeout": PATIENT}
             yield ClientSettings((ends[0],), **patience), ClientSettings((ends[1],), **patience)
             return
-        router, client = routed(Path(stack.enter_context(tempfile.TemporaryDirectory())))
+        router, client = router_site(Path(stack.enter_context(tempfile.TemporaryDirectory())))
         stack.enter_context(process(run_router, str(router)))
         stack.enter_context(process(serve_model, str(model), ServerSettings(config_file=client)))
         stack.enter_context(process(serve_echo, ServerSettings(config_file=client)))
@@ -144,7 +144,7 @@ def service_and_echo(model: Path, *, routed: bool) -> Iterator[tuple[ClientSetti
         yield settings, settings
 
 
-def routed(folder: Path) -> tuple[Path, Path]:
+def router_site(folder: Path) -> tuple[Path, Path]:
     """Write the configurations of a router, and of its clients and servers."""
     end = free_endpoint()
     router, client = folder / "router.json5", folder / "client.json5"

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from attacks.programs import Program, SettableClock, waited
-from service_bench import PATIENT, routed
+from service_bench import PATIENT, router_site
 
 from gpcorrect.calibration import ModelStore, load
 from gpcorrect_service import ClientSettings
@@ -49,7 +49,7 @@ class Site:
         self.store = ModelStore(disk / "store")
         self.entries = [self.store.add(path, now=float(i), name=path.stem) for i, path in enumerate(models)]
         self.store.activate(self.entries[0])
-        self.router_config, self.client_config = routed(folder)
+        self.router_config, self.client_config = router_site(folder)
         self.settings = ClientSettings(config_file=self.client_config, connect_timeout=PATIENT)
         self.router = self._program("router", [*GPCORRECT, "router", str(self.router_config)], folder, "routing")
         self.replicas: list[Program] = []
