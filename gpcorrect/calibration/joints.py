@@ -61,6 +61,11 @@ class JointCorrector(Corrector):
     usual_step: float
     shortest_step: float
 
+    def __post_init__(self) -> None:
+        sizes = {"offset": len(self.offset), "zero": len(self.law.zero), "moving": len(self.view.moving)}
+        if len(set(sizes.values())) > 1 or len(self.view.rest) != len(self.view.types):
+            raise DataError(f"a model of {len(self.view.types)} joints does not fit together: {sizes}.")
+
     @classmethod
     def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
         """See :class:`Corrector`."""

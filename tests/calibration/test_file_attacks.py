@@ -157,3 +157,12 @@ def test_impossible_numbers_count_as_missing_and_are_said(tmp_path: Path) -> Non
     assert not read.tracker_cp.finite[[3, 5]].any()
     assert read.tracker_cp.finite.sum() == len(log) - 2
     assert any("2 samples of tracker_cp" in remark for remark in read.remarks)
+
+
+def test_numbers_that_no_check_query_asks_for_must_fit_as_well(tmp_path: Path) -> None:
+    """The fixed offset is for comparison only: of another length, its model was loaded and failed when measured."""
+    settings = FitSettings(method="linear", features=("position",))
+    model: JointCorrector = fit_model(joint_log(1, trajectories=4), settings, task=JointCorrector).corrector
+    for forged in ({"offset": np.zeros(7)}, {"view": replace(model.view, rest=np.zeros(2))}):
+        with pytest.raises(DataError, match="does not fit together"):
+            replace(model, **forged)
