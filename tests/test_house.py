@@ -79,7 +79,7 @@ def test_what_shows_a_hazard_is_there() -> None:
     """Every test, bench and group of scenarios that the table of hazards names exists."""
     page = (ROOT / "docs" / "risk.md").read_text()
     files = {path.stem for path in ROOT.glob("tests/**/test_*.py")}
-    groups = {path.stem for path in (ROOT / "bench" / "attacks").glob("*.py")}
+    groups = {path.stem for folder in ("attacks", "fuzzing") for path in (ROOT / "bench" / folder).glob("*.py")}
     assert set(re.findall(r"\btest_\w+", page)) <= files
     assert set(re.findall(r"--only (\w+)", page)) <= groups
     assert all((ROOT / path).exists() for path in re.findall(r"`((?:tests|bench)/[\w/]+(?:\.py)?)", page))

@@ -33,10 +33,10 @@ def test_fit_and_evaluate_say_what_other_programs_rely_on(gpcorrect: CommandLine
 
 
 def test_compare_has_a_row_for_every_method(gpcorrect: CommandLine, joints: Path) -> None:
-    """Raw and six methods, each with every joint."""
+    """Raw and every learner, each with every joint."""
     result = gpcorrect("joint", "compare", joints, "--json").json
     names = [row["method"] for row in result["methods"]]
-    assert names == ["raw", "offset", "linear", "quadratic", "network", "ukf", "gp"]
+    assert names == ["raw", "offset", "linear", "quadratic", "network", "ukf", "gp", "trees", "auto"]
     assert all(len(row["errors"]) == 3 for row in result["methods"])
 
 
