@@ -18,7 +18,7 @@ from gpcorrect.errors import DataError, MissingExtraError
 from gpcorrect.parallel import ClusterError, each, each_as_done, workers
 from gpcorrect.types import Progress
 
-pytest.importorskip("distributed")
+pytest.importorskip("distributed", reason="clusters need distributed: pip install 'gpcorrect[cluster]'")
 
 
 @pytest.fixture(scope="module")

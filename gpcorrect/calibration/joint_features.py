@@ -268,11 +268,12 @@ def law_penalties(features: JointFeatures, targets: int, owned: bool) -> FloatAr
 def _earned(X: FloatArray, slow: BoolArray, errors: FloatArray, rows: IntArray) -> bool:
     """Return whether some joint's errors in left-out parts are clearly better predicted with the lags among `X`."""
     known = rows[np.isfinite(X[rows]).all(axis=1) & np.isfinite(errors[rows]).all(axis=1)]
-    folds = np.arange(len(known)) * LIMITS.folds // max(len(known), 1)
     if len(known) < LIMITS.fewest_samples:
         return False
-    with_, without = (left_out_squares(X[known][:, columns], errors[known], folds) for columns in (slow | True, ~slow))
-    return bool((with_ < CLEARLY * without).any())
+    folds = np.arange(len(known)) * LIMITS.folds // len(known)
+    with_lags = left_out_squares(X[known], errors[known], folds)
+    without = left_out_squares(X[known][:, ~slow], errors[known], folds)
+    return bool((with_lags < CLEARLY * without).any())
 
 
 def _time_constants(path: JointPath) -> FloatArray:

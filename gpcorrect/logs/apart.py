@@ -24,11 +24,13 @@ from gpcorrect import errors
 from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.logs.columns import ReadSettings
+from gpcorrect.logs.mocap.take import Take, log_of
 from gpcorrect.types import CalibrationLog
 
 __all__ = ["Reader", "parse", "parse_apart"]
 
-Reader = Callable[[Path, ReadSettings], CalibrationLog]
+Reader = Callable[[Path, ReadSettings], CalibrationLog | Take]
+"""Of a format: what it reads is a log, or what cameras saw, of which the tool is still to be chosen."""
 
 PATIENCE = 8.0
 """s of processor time for a small file, start included; a sound one takes less than one."""
@@ -64,7 +66,8 @@ def parse(title: str, read: Reader, path: Path, settings: ReadSettings) -> Calib
         The file cannot be read.
     """
     try:
-        return read(path, settings)
+        found = read(path, settings)
+        return log_of(found, settings.columns.mocap) if isinstance(found, Take) else found
     except GpCorrectError:
         raise
     except OSError as error:

@@ -10,8 +10,7 @@ import numpy as np
 
 from gpcorrect.errors import LogError, MissingExtraError
 from gpcorrect.logs.columns import ReadSettings
-from gpcorrect.logs.mocap.take import Take, log_of, scale_of
-from gpcorrect.types import CalibrationLog
+from gpcorrect.logs.mocap.take import Take, scale_of
 
 __all__ = ["read"]
 
@@ -20,10 +19,8 @@ HEADER_MARK = 0x50  # second byte of every C3D file
 DEC, BIG_ENDIAN = bytes([85]), bytes([86])  # processor codes: of swapped words in floating point numbers, big-endian
 
 
-def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read the tool's pose from its markers; the fit's error becomes the extra column `marker_rms` (m).
-
-    A marker is hidden where its residual is negative. Three markers and more give poses, one gives positions.
+def read(path: Path, settings: ReadSettings) -> Take:
+    """Read markers; one is hidden where its residual is negative.
 
     Parameters
     ----------
@@ -61,7 +58,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
         raise LogError(f"expected markers at a rate, got {len(labels)} markers at {rate:g} Hz.")
     frames = int(content["first"]) + np.arange(len(points))
     markers = {name: points[:, k] for k, name in enumerate(labels)}
-    return log_of(Take(frames / rate, markers=markers, remarks=remarks), settings.columns.mocap)
+    return Take(frames / rate, markers=markers, remarks=remarks)
 
 
 def _arrays(content: Any) -> dict[str, Any]:

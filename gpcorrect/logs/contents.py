@@ -10,7 +10,6 @@ import numpy as np
 from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.logs import rosbag
 from gpcorrect.logs.columns import BagOptions, ColumnMap, ReadSettings
-from gpcorrect.logs.mocap import motive, ndi, qualisys, trc, vicon
 from gpcorrect.logs.mocap.take import Take
 from gpcorrect.logs.mocap.tool import bodies_of
 from gpcorrect.logs.proposal import propose_columns, quoted
@@ -20,8 +19,6 @@ from gpcorrect.logs.topics import JOINT_TYPES, POSE_TYPES, choose_topics
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 __all__ = ["Contents", "Part", "contents_of"]
-
-TAKES = {module.read: module.take for module in (motive, ndi, qualisys, trc, vicon)}
 
 
 @dataclass(frozen=True)
@@ -84,9 +81,8 @@ def contents_of(path: str | Path) -> Contents:
     try:
         if found.read is rosbag.read:
             return _of_bag(found.title, source)
-        if found.read in TAKES:
-            return _of_take(found.title, TAKES[found.read](source, settings))
-        return _of_log(found.title, found.read(source, settings))
+        recorded = found.read(source, settings)
+        return _of_take(found.title, recorded) if isinstance(recorded, Take) else _of_log(found.title, recorded)
     except GpCorrectError as error:
         raise LogError(error.message, hint=error.hint, path=str(source)) from error
 

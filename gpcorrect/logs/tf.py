@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -136,7 +135,7 @@ class Tree:
         rows = np.full((len(stamp), 7), np.nan)
         seen = np.isfinite(T).all(axis=(1, 2))
         rows[seen] = np.hstack(se3.to_parts(T[seen]))
-        return list(_tuples(rows))
+        return [tuple(row) for row in rows.tolist()]
 
     def _at(self, frame: str, stamp: Any) -> FloatArray:
         """Poses `(n, 4, 4)` of a frame in its parent; NaN in gaps."""
@@ -153,7 +152,3 @@ class Tree:
         seen = np.isfinite(pose.position).all(axis=1) & np.isfinite(quaternion).all(axis=1)
         T[seen] = se3.from_parts(pose.position[seen], quaternion[seen])
         return T
-
-
-def _tuples(rows: FloatArray) -> Iterable[tuple[float, ...]]:
-    return (tuple(row) for row in rows.tolist())

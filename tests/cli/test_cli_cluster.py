@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from cli_support import CommandLine, assert_refused
 
-pytest.importorskip("distributed")
+pytest.importorskip("distributed", reason="clusters need distributed: pip install 'gpcorrect[cluster]'")
 pytestmark = pytest.mark.slow
 
 NOMINAL = """

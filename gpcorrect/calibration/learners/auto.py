@@ -7,6 +7,7 @@ are the ones that the intervals rest on too.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,16 +53,10 @@ class MixedMap:
         return True
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`.
-
-        Parameters
-        ----------
-        X : (n, d) array
-            Inputs.
-        """
+        """See :class:`TargetMap`."""
         mean, std, novelty = self.gp.predict(X)
         means = (mean, self.trees.mean(X), self.linear.mean(X))
-        return sum_of(self.weights, means), std, novelty
+        return _sum(self.weights, means), std, novelty
 
 
 class Auto:
@@ -72,7 +67,7 @@ class Auto:
         gp, trees, linear = (part.fit(samples, layout, settings, progress) for part in (GP(), Trees(), Polynomial(1)))
         errors = [part.left_out.errors for part in (gp, trees, linear)]
         weights = stacking_weights(errors)
-        left_out = LeftOut(sum_of(weights, errors), gp.left_out.std, gp.left_out.novelty)
+        left_out = LeftOut(_sum(weights, errors), gp.left_out.std, gp.left_out.novelty)
         zero = None if gp.zero is None else weights[0] * gp.zero
         return Fitted(MixedMap(gp.learned, trees.learned, linear.learned, weights), left_out, zero)
 
@@ -88,18 +83,14 @@ def stacking_weights(errors: list[FloatArray]) -> FloatArray:
     columns = np.stack(errors, axis=-1)
     weights = []
     for part in np.moveaxis(columns, 1, 0):
-        scaled = part / np.sqrt(np.mean(part**2))
-        found, _ = nnls(np.vstack([scaled / np.sqrt(len(part)), np.full((1, part.shape[1]), ONE)]), _target(len(part)))
+        scaled = part / np.sqrt(np.mean(part**2) * len(part))
+        to_one = np.full((1, part.shape[1]), ONE)
+        found, _ = nnls(np.vstack([scaled, to_one]), np.append(np.zeros(len(part)), ONE))
         weights.append(found / found.sum())
     return np.array(weights).T
 
 
-def _target(n: int) -> FloatArray:
-    """No error, and a sum of one."""
-    return np.append(np.zeros(n), ONE)
-
-
-def sum_of(weights: FloatArray, parts: list[FloatArray] | tuple[FloatArray, ...]) -> FloatArray:
-    """Return the weighted sum `(n, m)` of parts `(n, m)` under weights `(k, m)`."""
-    total: FloatArray = np.einsum("km,knm->nm", weights, np.stack(list(parts)))
+def _sum(weights: FloatArray, parts: Sequence[FloatArray]) -> FloatArray:
+    """Return the weighted sum `(n, m)` of k parts `(n, m)` under weights `(k, m)`."""
+    total: FloatArray = np.einsum("km,knm->nm", weights, np.stack(parts))
     return total

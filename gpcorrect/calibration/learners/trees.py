@@ -6,7 +6,7 @@ their nodes, so that a model file holds numbers only and an answer needs no scik
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -19,7 +19,7 @@ from gpcorrect.types import FloatArray, IntArray, Progress
 __all__ = ["Trees", "TreesMap"]
 
 ROUNDS, RATE, LEAST_IN_LEAF = 200, 0.08, 20
-"""Trees of each target, their learning rate, samples in a leaf: near scikit-learn's own defaults (100, 0.1, 20)."""
+"""Trees of each target, their learning rate, samples in a leaf; chosen by hand."""
 CHUNK = 2_000_000
 """Nodes that are looked at together: bounds the memory of an answer to a long path."""
 
@@ -105,7 +105,7 @@ class TreesMap:
             base=np.array([float(np.squeeze(model._baseline_prediction)) for model in grown]),
             std=np.zeros(Y.shape[1]),
         )
-        return cls(**{**vars(learned), "std": (Y - learned.mean(X)).std(axis=0)})
+        return replace(learned, std=(Y - learned.mean(X)).std(axis=0))
 
     @property
     def extrapolates(self) -> bool:
@@ -138,13 +138,7 @@ class TreesMap:
         return at
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`.
-
-        Parameters
-        ----------
-        X : (n, d) array
-            Inputs.
-        """
+        """See :class:`TargetMap`."""
         mean = self.mean(X)
         return mean, np.broadcast_to(self.std, mean.shape), np.zeros(len(X))
 

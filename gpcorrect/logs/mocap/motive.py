@@ -17,12 +17,12 @@ import numpy as np
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import ReadSettings
-from gpcorrect.logs.mocap.take import Body, Take, log_of, scale_of
+from gpcorrect.logs.mocap.take import Body, Take, scale_of
 from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.logs.orientation import quaternion_from_euler, unit_quaternions
-from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["read", "take"]
+__all__ = ["read"]
 
 TYPES = ("Rigid Body", "Marker", "Rigid Body Marker", "Bone", "Bone Marker")
 BODY, MARKER = "Rigid Body", "Marker"
@@ -41,8 +41,8 @@ class Item:
     error: int | None
 
 
-def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read the tool's pose: a rigid body, or labelled markers.
+def read(path: Path, settings: ReadSettings) -> Take:
+    """Read rigid bodies and markers.
 
     Parameters
     ----------
@@ -54,21 +54,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is cut off, too large, or its header is not one of Motive's.
     """
-    return log_of(take(path, settings), settings.columns.mocap)
-
-
-def take(path: Path, settings: ReadSettings) -> Take:
-    """Read all that was recorded; which of it is the tool is not asked.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-    """
-    return _take(read_export(path))
-
-
-def _take(export: Export) -> Take:
+    export = read_export(path)
     cells = export.cells(0)
     header = dict(zip(cells[::2], cells[1::2], strict=False))
     heading = next((k for k in range(1, len(export)) if export.cells(k)[:1] == ("Frame",)), None)

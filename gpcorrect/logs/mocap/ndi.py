@@ -17,12 +17,12 @@ import numpy as np
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import ReadSettings
-from gpcorrect.logs.mocap.take import Body, Take, log_of
-from gpcorrect.logs.mocap.text import Export, read_export
+from gpcorrect.logs.mocap.take import Body, Take
+from gpcorrect.logs.mocap.text import read_export
 from gpcorrect.logs.orientation import unit_quaternions
-from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["MARKS", "read", "take"]
+__all__ = ["MARKS", "read"]
 
 MARKS = (b"Tools,Port", b"#Tools,ToolInfo", b"ToolCount,ToolInfo")
 POSE = ("Q0", "Qx", "Qy", "Qz", "Tx", "Ty", "Tz", "Error")
@@ -32,8 +32,8 @@ FRAME_RATE = 60.0  # Hz at which Polaris and Vega count frames, whatever their r
 PER_MARKER = 4  # cells: state and position
 
 
-def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read the pose of a tool.
+def read(path: Path, settings: ReadSettings) -> Take:
+    """Read the poses of tools.
 
     Parameters
     ----------
@@ -45,21 +45,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is cut off, its lines hold other columns than its header names, or angles instead of quaternions.
     """
-    return log_of(take(path, settings), settings.columns.mocap)
-
-
-def take(path: Path, settings: ReadSettings) -> Take:
-    """Read all that was recorded; which of it is the tool is not asked.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-    """
-    return _take(read_export(path, ","), settings.columns.rate)
-
-
-def _take(export: Export, rate: float | None) -> Take:
+    export = read_export(path, ",")
     names = _layout(export.cells(0))
     rows = [
         (line, _tools(cells, names, line))
@@ -73,7 +59,7 @@ def _take(export: Export, rate: float | None) -> Take:
     if odd is not None:
         raise LogError(f"line {odd} holds another number of tools than line 2.")
     table = np.array([[values for _, values in tools] for _, tools in rows])  # (n, tools, columns)
-    time, remarks = _time(table[:, 0], names, rate)
+    time, remarks = _time(table[:, 0], names, settings.columns.rate)
     place = [names.index(name) for name in POSE]
     bodies = {label: _body(table[:, k][:, place]) for k, label in enumerate(labels)}
     return Take(time, bodies=bodies, remarks=remarks, tracker="NDI")

@@ -14,12 +14,12 @@ import numpy as np
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import ReadSettings
-from gpcorrect.logs.mocap.take import Body, Take, log_of
-from gpcorrect.logs.mocap.text import Export, read_export, seen_only
+from gpcorrect.logs.mocap.take import Body, Take
+from gpcorrect.logs.mocap.text import read_export, seen_only
 from gpcorrect.logs.orientation import CONVERTERS
-from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["MARKS", "read", "take"]
+__all__ = ["MARKS", "read"]
 
 MARKS = (b"NO_OF_FRAMES\t", b"FILE_VERSION\t")
 MILLIMETRE = 1e-3
@@ -28,8 +28,8 @@ RESIDUAL, MATRIX = 6, slice(7, 16)  # columns of a body
 BY_ROWS = [0, 3, 6, 1, 4, 7, 2, 5, 8]  # from a matrix written column by column
 
 
-def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read the tool's pose: a rigid body, or labelled markers.
+def read(path: Path, settings: ReadSettings) -> Take:
+    """Read rigid bodies, or markers.
 
     Parameters
     ----------
@@ -41,21 +41,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is cut off, too large, or not of the layout above.
     """
-    return log_of(take(path, settings), settings.columns.mocap)
-
-
-def take(path: Path, settings: ReadSettings) -> Take:
-    """Read all that was recorded; which of it is the tool is not asked.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-    """
-    return _take(read_export(path, "\t"))
-
-
-def _take(export: Export) -> Take:
+    export = read_export(path, "\t")
     start = next((k for k in range(len(export)) if _begins_samples(export.cells(k))), len(export))
     header = {cells[0]: cells[1:] for cells in map(export.cells, range(start)) if cells}
     kind = "".join(header.get("DATA_INCLUDED", ())[:1])

@@ -12,19 +12,18 @@ from pathlib import Path
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import ReadSettings
-from gpcorrect.logs.mocap.take import Take, log_of, scale_of
+from gpcorrect.logs.mocap.take import Take, scale_of
 from gpcorrect.logs.mocap.text import Export, read_export, seen_only
-from gpcorrect.types import CalibrationLog
 
-__all__ = ["read", "take"]
+__all__ = ["read"]
 
 KEYS, VALUES, NAMES, _, DATA = range(1, 6)  # lines, counted from 0
 FIRST = 2  # column of the first marker, after frame and time
 VIRTUAL = "V_"
 
 
-def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read the tool's pose from its markers.
+def read(path: Path, settings: ReadSettings) -> Take:
+    """Read markers.
 
     Parameters
     ----------
@@ -36,21 +35,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     LogError
         The file is cut off, too large, of another layout, or in an unknown unit.
     """
-    return log_of(take(path, settings), settings.columns.mocap)
-
-
-def take(path: Path, settings: ReadSettings) -> Take:
-    """Read all that was recorded; which of it is the tool is not asked.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-    """
-    return _take(read_export(path))
-
-
-def _take(export: Export) -> Take:
+    export = read_export(path)
     if len(export) <= DATA or not export.lines[NAMES].startswith("Frame#"):
         raise LogError("expected Frame#, Time and the names of the markers in line 4 of a TRC file.")
     header = dict(zip(export.cells(KEYS), export.cells(VALUES), strict=False))

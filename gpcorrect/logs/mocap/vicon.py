@@ -17,12 +17,12 @@ import numpy as np
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import MocapOptions, ReadSettings
-from gpcorrect.logs.mocap.take import Body, Take, log_of, scale_of
+from gpcorrect.logs.mocap.take import Body, Take, scale_of
 from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.logs.orientation import CONVERTERS, quaternion_from_euler
-from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["TITLES", "is_heading", "read", "take"]
+__all__ = ["TITLES", "is_heading", "read"]
 
 BODIES = ("Objects", "Segments")
 MARKERS = ("Trajectories",)
@@ -58,8 +58,8 @@ class Section:
         return found
 
 
-def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read the tool's pose: an object or segment, or markers.
+def read(path: Path, settings: ReadSettings) -> Take:
+    """Read objects or segments, or markers.
 
     Parameters
     ----------
@@ -70,17 +70,6 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     ------
     LogError
         The file is cut off, too large, in an unknown unit, or holds neither objects, segments nor trajectories.
-    """
-    return log_of(take(path, settings), settings.columns.mocap)
-
-
-def take(path: Path, settings: ReadSettings) -> Take:
-    """Read all that was recorded; which of it is the tool is not asked.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
     """
     export, options = read_export(path), settings.columns.mocap
     sections = [_heading(export, k) for k in range(len(export)) if is_heading(export.cells(k))]

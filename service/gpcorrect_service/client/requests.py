@@ -85,9 +85,8 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
         ServiceError
             The failure is final.
         """
-        if (
-            reply.ok is not None and waited > self.patience
-        ):  # a process that is stopped finds replies of long ago when it goes on
+        # A process that was stopped finds replies of long ago when it goes on.
+        if reply.ok is not None and waited > self.patience:
             return _stale(waited, self.patience)
         try:
             return self.read(reply)
