@@ -6,6 +6,7 @@ something else: beside what stays, that is looked for anew, and at once where it
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -80,8 +81,10 @@ class _ModelSelection:
         On each fit, by its identity.
     dropped : list of Named
         Taken out so far.
-    swaps, searches : int
-        Rivals put in place since the last search, and searches made.
+    swaps : int
+        Rivals put in place since the last search.
+    searches : Counter
+        Searches made for what was taken out at each joint: one joint may not use up another's.
     filled : int
         How many of the dropped the last search has looked for a replacement of.
     """
@@ -92,7 +95,7 @@ class _ModelSelection:
     assessments: dict[int, Assessment] = field(default_factory=dict)
     dropped: list[Named] = field(default_factory=list)
     swaps: int = 0
-    searches: int = 0
+    searches: Counter[int | str] = field(default_factory=Counter)
     filled: int = 0
 
     def step(self) -> bool:
@@ -129,9 +132,10 @@ class _ModelSelection:
     def _search_again(self) -> bool:
         """Look for what the effects taken out since the last search had stood in for, if they leave a hole."""
         gone, self.filled = self.dropped[self.filled :], len(self.dropped)
-        if self.searches == NAMING.searches or not any(n.fit.at_edge or n.nats > NAMING.hole for n in gone):
+        holes = {n.fit.candidate.joint for n in gone if n.fit.at_edge or n.nats > NAMING.hole}
+        if all(self.searches[joint] >= NAMING.searches for joint in holes):
             return False
-        self.searches += 1
+        self.searches.update(holes)
         found = search_on(self.search, rounds=NAMING.search_rounds, refused=[n.fit.candidate for n in self.dropped])
         found_more = found is not self.search
         if found_more:
