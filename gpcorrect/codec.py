@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -133,7 +133,8 @@ def _dataclass(hint: Any, data: Any, arrays: Mapping[str, Any]) -> Any:
     named = data.get(TYPE) if isinstance(data, dict) else None
     kind = next((one for one in (hint, *hint.__subclasses__()) if one.__name__ == named), hint)
     hints = get_type_hints(kind)
-    names = [f.name for f in fields(kind) if f.init]
-    if not isinstance(data, dict) or set(data) != {TYPE, *names} or data[TYPE] != kind.__name__:
+    names = {f.name: f for f in fields(kind) if f.init}
+    needed = {name for name, f in names.items() if f.default is MISSING and f.default_factory is MISSING}
+    if not isinstance(data, dict) or not {TYPE, *needed} <= set(data) <= {TYPE, *names} or named != kind.__name__:
         raise DataError(f"the stored {kind.__name__} does not have the fields {', '.join(names)}.")
-    return kind(**{name: _unpack(hints[name], data[name], arrays) for name in names})
+    return kind(**{name: _unpack(hints[name], data[name], arrays) for name in names if name in data})

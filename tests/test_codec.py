@@ -66,6 +66,14 @@ def test_missing_arrays_and_foreign_fields_are_refused() -> None:
         unpack(Tree, {**data, "tip": {"type": "Root", "size": 1.0}}, arrays)
     with pytest.raises(DataError, match="does not have the fields"):
         unpack(Tree, {**data, "more": 1}, arrays)
+    with pytest.raises(DataError, match="does not have the fields"):
+        unpack(Tree, {name: value for name, value in data.items() if name != "tip"}, arrays)
+
+
+def test_a_field_that_files_of_before_lack_has_its_default() -> None:
+    """Only where the class has one."""
+    data, arrays = pack(make_tree(), "tree")
+    assert unpack(Tree, {name: value for name, value in data.items() if name != "limit"}, arrays).limit is None
 
 
 @pytest.mark.parametrize(

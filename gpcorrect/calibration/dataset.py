@@ -117,6 +117,8 @@ class Layout:
         How far outside its training range an input may always be.
     inducing : int
         Points of the Gaussian process where the settings say nothing.
+    fading : (f,) int array
+        Columns, velocities, whose linear effect fades outside the training range.
     """
 
     targets: tuple[int, ...]
@@ -125,6 +127,7 @@ class Layout:
     penalties: FloatArray | None
     slack: FloatArray
     inducing: int
+    fading: IntArray
 
 
 def path_starts(time: FloatArray, session: IntArray, known: BoolArray) -> BoolArray:

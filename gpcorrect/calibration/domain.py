@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 
 from gpcorrect.calibration.settings import LIMITS
-from gpcorrect.types import BoolArray, FloatArray, frozen_array
+from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
 __all__ = ["Bounds", "Domain"]
 
@@ -28,19 +28,24 @@ class Domain:
         Fraction of prior variance left above which a query is outside; infinite for learners that know no novelty.
     spread : (m,) array
         Root mean square of the training targets: how wrong an answer may be where nothing is known.
+    fading : (f,) int array
+        Bounded inputs that an extrapolating law is not asked of outside: see :meth:`clip`.
     """
 
     low: FloatArray
     high: FloatArray
     novelty: float
     spread: FloatArray
+    fading: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
         for name in ("low", "high", "spread"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
 
     @classmethod
-    def of(cls, X: FloatArray, slack: FloatArray, novelty: float, targets: FloatArray) -> Self:
+    def of(
+        cls, X: FloatArray, slack: FloatArray, novelty: float, targets: FloatArray, fading: IntArray | None = None
+    ) -> Self:
         """Return the region of training inputs.
 
         Parameters
@@ -53,10 +58,13 @@ class Domain:
             See above.
         targets : (n, m) array
             What was to be predicted.
+        fading : (f,) int array, optional
+            See above.
         """
         low, high = np.percentile(X, LIMITS.range_quantiles, axis=0)
         margin = np.maximum(LIMITS.margin * (high - low), slack)
-        return cls(low - margin, high + margin, novelty, np.sqrt((targets**2).mean(axis=0)))
+        region = cls(low - margin, high + margin, novelty, np.sqrt((targets**2).mean(axis=0)))
+        return region if fading is None else replace(region, fading=fading)
 
     def widened(self, other: Self) -> Self:
         """Return the region that holds both, with the novelty and spread of this one.
@@ -67,18 +75,30 @@ class Domain:
             Of the same inputs.
         """
         low, high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
-        return type(self)(low, high, self.novelty, self.spread)
+        return replace(self, low=low, high=high)
 
     def clip(self, X: FloatArray) -> FloatArray:
-        """Return inputs `(..., D)` clipped to their ranges, for laws that extrapolate.
+        """Return inputs `(..., D)` as a law that extrapolates reads them: inside the region.
+
+        Positions, slacks and loads stay at the region's edge. Rates fade: across the margin around their training range
+        they go back to its middle, so that outside the region they change nothing. (Held at the edge, a velocity law
+        of slow motion made joint 1 of a dVRK 2.3 times worse than no correction on a faster recording.)
 
         Parameters
         ----------
         X : (..., D) array
             Inputs.
         """
-        bounded = X[..., : len(self.low)]
-        return np.concatenate([np.clip(bounded, self.low, self.high), X[..., len(self.low) :]], axis=-1)
+        inputs = X.copy()
+        inputs[..., : len(self.low)] = np.clip(X[..., : len(self.low)], self.low, self.high)
+        if self.fading.size:
+            low, high = self.low[self.fading], self.high[self.fading]
+            middle, half = (low + high) / 2, np.maximum((high - low) / 2, np.finfo(float).tiny)
+            trained = 1 / (1 + 2 * LIMITS.margin)  # of the region, without its margins
+            place = (inputs[..., self.fading] - middle) / half
+            share = np.clip((1 - np.abs(place)) / (1 - trained), 0, 1)
+            inputs[..., self.fading] = middle + share * half * np.clip(place, -trained, trained)
+        return inputs
 
     def holds(self, X: FloatArray, novelty: FloatArray) -> BoolArray:
         """Return which inputs `(n, D)` with novelties `(n,)` lie inside.

@@ -154,10 +154,11 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     errors, std = fitted.left_out.errors[known], fitted.left_out.std[known]
     correction = target - samples.origin[rows]
     intervals = IntervalCalibration.fit(errors, np.maximum(std, np.finfo(float).tiny), samples.trajectory[rows][known])
+    bounded, novelty = X[:, : len(layout.slack)], novelty_limit(fitted.left_out.novelty)
     law = Law(
         learned=fitted.learned,
         intervals=intervals.widened(_few_motions(samples.motions)),
-        domain=Domain.of(X[:, : len(layout.slack)], layout.slack, novelty_limit(fitted.left_out.novelty), correction),
+        domain=Domain.of(bounded, layout.slack, novelty, correction, layout.fading),
         bounds=Bounds.of(correction, layout.targets),
         zero=np.zeros(target.shape[1]) if fitted.zero is None else fitted.zero,
     )

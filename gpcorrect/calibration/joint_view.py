@@ -177,6 +177,7 @@ def joint_layout(features: JointFeatures, targets: int, *, owned: bool, inducing
         penalties=law_penalties(features, targets, owned),
         slack=np.zeros(len(features.used)),
         inducing=inducing,
+        fading=np.flatnonzero(features.origins[0] == "velocity"),
     )
 
 

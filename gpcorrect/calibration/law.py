@@ -11,6 +11,7 @@ from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.learners import CableModel, GPMap, MixedMap, NetworkMap, PolynomialMap, TreesMap
 from gpcorrect.correction import Reason
+from gpcorrect.errors import DataError
 from gpcorrect.gpr import IntervalCalibration
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
@@ -58,6 +59,14 @@ class Law:
     domain: Domain
     bounds: Bounds
     zero: FloatArray
+
+    def __post_init__(self) -> None:
+        together, limits = sum(self.bounds.sizes), (len(self.bounds.sizes), len(self.bounds.largest))
+        if not len(self.zero) == len(self.domain.spread) == together or limits[0] != limits[1]:
+            raise DataError(
+                f"a law of {len(self.zero)} numbers does not fit together: it bounds {together} of them in"
+                f" {limits[0]} groups with {limits[1]} limits, and knows the spread of {len(self.domain.spread)}."
+            )
 
     def predict(self, samples: Samples) -> Prediction:
         """Return predictions for samples, in order; those of one path follow each other.

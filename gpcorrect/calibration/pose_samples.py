@@ -162,6 +162,7 @@ def pose_layout(features: FeatureMap, states: MemoryMap | None) -> Layout:
         penalties=None,
         slack=features.slack,
         inducing=INDUCING,
+        fading=np.array(features.groups[-1] if features.uses_velocity else (), dtype=np.int64),
     )
 
 

@@ -22,6 +22,7 @@ class Cause:
 
     name: str
     extra: int = 0
+    joint: int = 1
 
     @property
     def key(self) -> str:

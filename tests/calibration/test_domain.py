@@ -1,0 +1,58 @@
+"""The region of trust: what laws that extrapolate read of inputs outside it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import real_data
+
+from gpcorrect.calibration import FitSettings, JointCorrector, evaluate_model
+from gpcorrect.calibration.domain import Domain
+from gpcorrect.calibration.fit import fit_model
+from gpcorrect.logs import read_log
+
+REGION = Domain.of(
+    np.random.default_rng(0).uniform(-1.0, 3.0, (2000, 2)),
+    np.zeros(2),
+    1.0,
+    np.ones((2000, 1)),
+    fading=np.array([1]),
+)
+
+
+def test_rates_fade_to_the_middle_and_positions_stay_at_the_edge() -> None:
+    """Inside the training range nothing changes; outside the region a rate is at its middle, a position at the edge."""
+    inside = np.random.default_rng(1).uniform(-0.9, 2.9, (100, 2))
+    np.testing.assert_allclose(REGION.clip(inside), inside, atol=1e-12)
+    far = np.array([[9.0, 9.0], [-9.0, -9.0], [9.0, REGION.high[1]]])
+    read = REGION.clip(far)
+    np.testing.assert_allclose(read[:, 0], np.where(far[:, 0] > 0, REGION.high[0], REGION.low[0]))
+    np.testing.assert_allclose(read[:, 1], (REGION.low[1] + REGION.high[1]) / 2)
+
+
+def test_what_a_law_reads_of_a_rate_never_jumps() -> None:
+    """Along a rate's line steps stay below a few times the line's own, and it never goes beyond its training range."""
+    line = np.linspace(-8.0, 8.0, 4001)
+    read = REGION.clip(np.column_stack([np.ones_like(line), line]))[:, 1]
+    assert np.abs(np.diff(read)).max() < 2.5 * np.diff(line).max()
+    assert read.min() > -1.1
+    assert read.max() < 3.1
+
+
+def test_a_region_from_before_rates_faded_clips_as_it_did() -> None:
+    """Model files without the list of rates answer as they were fitted."""
+    before = replace(REGION, fading=np.zeros(0, dtype=np.int64))
+    assert before.clip(np.array([[0.0, 9.0]]))[0, 1] == REGION.high[1]
+
+
+@pytest.mark.slow
+def test_a_faster_recording_is_not_made_worse_by_what_slow_motion_taught() -> None:
+    """Joint 1 of the dVRK, learned from slow random motion and used on fast picking, was 2.3 times worse than raw."""
+    slow, fast = read_log(real_data("dvrk_random.csv")), read_log(real_data("dvrk_pick_place.parquet"))
+    corrector = fit_model(slow, FitSettings(method="linear"), task=JointCorrector).corrector
+    errors = evaluate_model(corrector, fast).dirty_errors
+    ratio = [c["rmse"] / r["rmse"] for c, r in zip(errors["corrected"], errors["raw"], strict=True)]
+    assert ratio[0] < 1.05
+    assert max(ratio[3], ratio[5]) < 0.5
