@@ -5,8 +5,8 @@
 Prints the root-mean-square error of every joint as a multiple of the error without correction, which no joint should
 exceed by more than a twentieth; how many samples are said to be inside the training region; and how many of the 95 %
 intervals hold. An offset that changed between two recordings (another homing) cannot be known: `rezeroed` is the same
-after `joint rezero` on the first minute, which is then not judged (of the first session). Beside it, as a peer, a ridge regression on joints
-(scikit-learn's default).
+after `joint rezero` on the first minute, judged on the rest of that session. Beside it, as a peer, a ridge regression
+on joints (scikit-learn's default).
 """
 
 from __future__ import annotations
