@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import re
 from collections.abc import Iterator
 from typing import get_args
@@ -83,3 +85,36 @@ def test_what_shows_a_hazard_is_there() -> None:
     assert set(re.findall(r"\btest_\w+", page)) <= files
     assert set(re.findall(r"--only (\w+)", page)) <= groups
     assert all((ROOT / path).exists() for path in re.findall(r"`((?:tests|bench)/[\w/]+(?:\.py)?)", page))
+
+
+def test_scripts_import_what_is_there() -> None:
+    """Every name that a script of bench/ takes from another one, or from the packages, exists."""
+    bench = ROOT / "bench"
+    trees = {path: ast.parse(path.read_text()) for path in bench.rglob("*.py")}
+    taken = [
+        (path, node.module, alias.name)
+        for path, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module
+        for alias in node.names
+    ]
+    for path, module, name in taken:
+        place = bench / module.replace(".", "/")
+        if (tree := trees.get(place.with_suffix(".py"))) is not None:
+            assert name in _defined(tree), f"{path} takes {name} from {module}"
+        elif module.split(".")[0].startswith("gpcorrect") and not hasattr(importlib.import_module(module), name):
+            importlib.import_module(f"{module}.{name}")
+
+
+def _defined(tree: ast.Module) -> set[str]:
+    """Names that a module binds at its top."""
+    found = set()
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            found |= {alias.asname or alias.name for alias in node.names}
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found |= {one.id for target in targets for one in ast.walk(target) if isinstance(one, ast.Name)}
+    return found

@@ -1,114 +1,105 @@
 """Foreign bytes against every key: each is to be answered with one of the service's own words, and the server to live.
 
-Two fuzzers: Hypothesis draws requests that are nearly right (numbers at the edges of floating point, wrong lengths,
-missing and unknown fields) for the handlers in process, where a million pass in minutes; a byte fuzzer sends random,
-cut and flipped payloads to a real server over zenoh.
+Requests that are nearly right, random, cut and flipped ones, and samples of the stream, for the handlers in process,
+where a million pass in minutes; and mangled ones for a real server over zenoh.
 """
 
 from __future__ import annotations
 
-import io
+import resource
+import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import msgspec
 import numpy as np
 import zenoh
-from hypothesis import HealthCheck, Phase, given, seed, settings
-from hypothesis import strategies as st
-from service_bench import PATIENT, a_model, free_endpoint, process, serve_model, typical_query
+from attacks.lab import Lab
+from msgspec import structs
+from service_bench import PATIENT, free_endpoint, process, serve_model, typical_query
 
+from fuzzing.bodies import nearly_right
+from fuzzing.samples import foreign_samples
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose
 from gpcorrect_service.protocol.codec import CODECS, JSON, MSGPACK, error_codec
-from gpcorrect_service.protocol.messages import CorrectPathRequest, CorrectRequest, ErrorAnswer, Kind
+from gpcorrect_service.protocol.messages import (
+    CorrectJointsRequest,
+    CorrectPathRequest,
+    CorrectRequest,
+    ErrorAnswer,
+    Kind,
+)
 from gpcorrect_service.protocol.sessions import open_client
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import Active, load_model
+from gpcorrect_service.server.models import Active, load_joint_model, load_model
 from gpcorrect_service.server.requests import Clock, Handler, Request, RequestParser
 
 OVER_ZENOH = 0.02  # share of the payloads that a real server gets
 KINDS: tuple[Kind, ...] = ("correct", "correct_path", "correct_joints", "admin/activate", "admin/state")
-LAWFUL = {"OK", "EXTRAPOLATING", "LIMITED", "BAD_INPUT", "NO_MODEL", "BUSY", "STALE"}
-
-numbers = st.floats(width=64) | st.integers(-(10**20), 10**20)
-anything = st.recursive(st.none() | st.booleans() | numbers | st.text(max_size=8), lambda x: st.lists(x, max_size=9))
-places = st.lists(st.floats(-0.2, 0.2), min_size=3, max_size=3)
-rows = places.map(lambda place: [*place, 1.0, 0.0, 0.0, 0.0]) | places | st.lists(numbers, max_size=9)
-table = st.lists(rows, min_size=1, max_size=6)
-more = {"unknown": anything}
-bodies = st.one_of(
-    st.fixed_dictionaries({"pose": rows}, optional={"twist": rows | anything}),
-    st.fixed_dictionaries({"pose": rows | anything}, optional=more),
-    st.fixed_dictionaries({"poses": table, "times": st.lists(st.floats(-10.0, 10.0), max_size=6).map(sorted)}),
-    st.fixed_dictionaries({"poses": table | anything, "times": rows | anything}, optional=more),
-    st.fixed_dictionaries({"q": table | anything, "times": rows | anything}, optional={"efforts": table, **more}),
-)
+MOST_SECONDS = 1.0  # of processor time for one answer
+LAWFUL = {"OK", "EXTRAPOLATING", "LIMITED", "BAD_INPUT", "NO_MODEL", "BUSY", "STALE", "MISSING"}
 
 
 def fuzz_payloads(count: int, model: Path | None = None) -> dict[str, Any]:
-    """Ask every handler, and a real server, with `count` payloads; return the statuses that came, and print them."""
+    """Ask every handler, and a real server, with `count` payloads; return what came, and print it."""
     results = {}
-    with a_model(model) as file:
-        nearly = round(count / 4)
-        for name, ask, payloads in (
-            ("nearly right", nearly_right, nearly),
-            ("random, cut and flipped", random_bytes, count - nearly),
-            ("over zenoh", over_zenoh, round(count * OVER_ZENOH)),
+    with TemporaryDirectory() as folder:
+        lab = Lab(Path(folder), model)
+        handlers, nearly = answerers(lab), round(count / 4)
+        for name, statuses, payloads in (
+            ("nearly right", lambda n: asked(handlers, nearly_right_payloads(lab), n), nearly),
+            ("random, cut and flipped", lambda n: asked(handlers, mangled_payloads(lab), n), count - 2 * nearly),
+            ("samples of joints", lambda n: foreign_samples(lab, n), nearly),
+            ("over zenoh", lambda n: over_zenoh(lab.model, n), round(count * OVER_ZENOH)),
         ):
-            results[name] = dict(ask(file, payloads))
-            print(f"{name}: {sum(results[name].values())} payloads: {results[name]}", flush=True)
+            results[name] = dict(statuses(payloads))
+            print(f"{name}: {payloads} payloads: {results[name]}; {resident_mb():.0f} MB at most", flush=True)
     unlawful = sum(n for counts in results.values() for status, n in counts.items() if status not in LAWFUL)
-    print(f"payloads that were not answered with one of the service's own words, or INTERNAL: {unlawful}")
-    return {**results, "unlawful": unlawful}
+    print(f"payloads that were not answered with one of the service's own words, or INTERNAL, or late: {unlawful}")
+    return {**results, "unlawful": unlawful, "most MB": resident_mb()}
 
 
-def answerers(model: Path) -> list[Handler]:
-    parser = RequestParser(
-        Active(load_model(model)), arm="arm1", replica="r", logger=open_logger(io.StringIO()), clock=Clock()
-    )
+def answerers(lab: Lab) -> list[Handler]:
+    active = Active(load_model(lab.model), load_joint_model(lab.joint_model))
+    parser = RequestParser(active, arm="arm1", replica="r", logger=open_logger(sys.stderr), clock=Clock())
     handlers = Corrections(parser).handlers()
     return [handlers["correct"], handlers["correct_path"], handlers["correct_joints"]]
 
 
-def nearly_right(model: Path, count: int) -> Counter[str]:
+def asked(handlers: list[Handler], payloads: Iterator[Request], count: int) -> Counter[str]:
+    """Ask each of the handlers with every payload; count statuses, and answers that took more than a second."""
     counts: Counter[str] = Counter()
-    ask = answerers(model)
+    for request in islice(payloads, count // len(handlers)):
+        for handler in handlers:
+            began = time.process_time()
+            counts[handler(structs.replace(request, arrived=time.monotonic())).status] += 1
+            counts["late"] += time.process_time() - began > MOST_SECONDS
+    return +counts
 
-    @seed(1)
-    @settings(
-        max_examples=max(1, count // (len(ask) * len(CODECS))),
-        database=None,
-        deadline=None,
-        phases=[Phase.generate],
-        suppress_health_check=list(HealthCheck),
-    )
-    @given(body=bodies)
-    def one(body: dict[str, Any]) -> None:
+
+def nearly_right_payloads(lab: Lab) -> Iterator[Request]:
+    draw, joints = Random(1), len(load_joint_model(lab.joint_model).corrector.types)
+    while True:
+        body = nearly_right(draw, joints)
         for codec, encode in ((JSON, msgspec.json.encode), (MSGPACK, msgspec.msgpack.encode)):
-            try:
-                payload = encode(body)
-            except (OverflowError, msgspec.MsgspecError):
-                continue
-            for handler in ask:
-                counts[handler(Request(payload, codec.media_type, b"", time.monotonic())).status] += 1
-
-    one()
-    return counts
+            with suppress(OverflowError, msgspec.MsgspecError):  # what cannot be written
+                yield Request(encode(body), codec.media_type, b"", 0.0)
 
 
-def random_bytes(model: Path, count: int) -> Counter[str]:
-    counts: Counter[str] = Counter()
-    ask, rng = answerers(model), np.random.default_rng(2)
-    whole = good_payloads(model)
-    for i in range(count):
+def mangled_payloads(lab: Lab) -> Iterator[Request]:
+    rng, whole = np.random.default_rng(2), [*good_payloads(lab.model), *good_joints(lab.joint_model)]
+    while True:
         payload, encoding = mangled(rng, whole)
-        attachment = rng.bytes(rng.integers(40)) if rng.random() < 0.1 else b""
-        counts[ask[i % len(ask)](Request(payload, encoding, attachment, time.monotonic())).status] += 1
-    return counts
+        yield Request(payload, encoding, rng.bytes(rng.integers(40)) if rng.random() < 0.1 else b"", 0.0)
 
 
 def good_payloads(model: Path) -> list[tuple[bytes, str]]:
@@ -117,6 +108,12 @@ def good_payloads(model: Path) -> list[tuple[bytes, str]]:
     path = CorrectPathRequest((tuple(pose),) * 5, (0.0, 0.1, 0.2, 0.3, 0.4))
     plain = [(codec.encode(one), codec.media_type) for codec in CODECS.values() for one in (body, path)]
     return [*plain, (write_pose(StampedPose(tuple(pose), 1, 0, "tracker")), CDR_ENCODING)]
+
+
+def good_joints(model: Path) -> list[tuple[bytes, str]]:
+    joints = len(load_joint_model(model).corrector.types)
+    body = CorrectJointsRequest(((0.1,) * joints, (0.11,) * joints), (0.0, 0.1), ((0.0,) * joints,) * 2, (0, 0))
+    return [(codec.encode(body), codec.media_type) for codec in CODECS.values()]
 
 
 def mangled(rng: np.random.Generator, whole: list[tuple[bytes, str]]) -> tuple[bytes, str]:
@@ -160,3 +157,7 @@ def status_of(querier: zenoh.Querier, payload: bytes, encoding: str) -> str:
         return "OK"
     codec = error_codec(str(replies[0].err.encoding))
     return "zenoh's error" if codec is None else codec.decode(ErrorAnswer, replies[0].err.payload.to_bytes()).status
+
+
+def resident_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

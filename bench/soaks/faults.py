@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import zenoh
 from attacks.programs import SettableClock, held
-from fuzz import KINDS, good_payloads, mangled
+from fuzzing.payloads import KINDS, good_payloads, mangled
 
 from gpcorrect_service import ServiceError
 from gpcorrect_service.protocol.codec import error_codec

@@ -7,10 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpcorrect_service.crtk.bus import read_message
-from gpcorrect_service.crtk.messages import TOPICS, JointState, OperatingState, Pose, Text, checked_stamp
+from gpcorrect_service.crtk.messages import TOPICS, JointState, OperatingState, Pose, Text
 from gpcorrect_service.crtk.ros import RmwNode, attachment, from_cdr, gid_of, read_attachment, rmw_key, to_cdr, to_ros
 from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.limits import checked_stamp
 
 MESSAGES = [
     ("measured_js", JointState(1.5, (0.1, -0.2), (1.0, 2.0), (3.0, 4.0))),
@@ -56,7 +57,7 @@ def test_bytes_that_are_no_message_are_refused(data, name):
             assert isinstance(read_message(data, encoding, TOPICS[name]), TOPICS[name].form)
 
 
-@pytest.mark.parametrize("stamp", [0.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("stamp", [0.0, -1.0, float("nan"), float("inf"), 1.7e18])
 def test_a_stamp_says_when(stamp):
     with pytest.raises(ServiceError, match="stamp"):
         checked_stamp(stamp)

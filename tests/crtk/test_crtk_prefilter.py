@@ -1,3 +1,4 @@
+import math
 from contextlib import suppress
 
 import numpy as np
@@ -53,6 +54,18 @@ def test_a_robot_that_is_not_ready_gets_no_command(state):
     for answer in (answering.servo, answering.move):
         with pytest.raises(ServiceError, match="Enable and home"):
             answer(pose(1.1))
+
+
+@pytest.mark.parametrize("stamp", [math.nan, math.inf, 0.0, 1.7e18])
+def test_a_state_whose_stamp_says_nothing_lets_no_command_pass(stamp):
+    """A state stamped with no number, or in ns, is refused; without a good one nobody knows how old a command is."""
+    answering = prefilter()
+    with pytest.raises(ServiceError, match="stamp"):
+        answering.robot_is(OperatingState(stamp, "ENABLED", True, False))
+    with pytest.raises(ServiceError, match="not known"):
+        answering.servo(pose(1.1))
+    answering.robot_is(OperatingState(1.0, "ENABLED", True, False))
+    answering.servo(pose(1.1))
 
 
 class Wall:

@@ -26,10 +26,10 @@ from gpcorrect_service.crtk.messages import (
     State,
     Text,
     checked_numbers,
-    checked_stamp,
 )
 from gpcorrect_service.protocol.clocks import OLDEST
 from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.limits import checked_stamp
 
 __all__ = ["ArmServer", "ArmServerSettings", "CommandedArm", "SensedArm"]
 

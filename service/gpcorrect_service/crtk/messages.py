@@ -17,7 +17,7 @@ from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import JointState, Numbers, Row
 
 __all__ = ["STATES", "TOPICS", "Event", "Heartbeat", "JointState", "Message", "OperatingState", "Pose", "Report"]
-__all__ += ["State", "Text", "Topic", "checked_numbers", "checked_stamp"]
+__all__ += ["State", "Text", "Topic", "checked_numbers"]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"  # name of the ROS type
 State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
@@ -85,24 +85,6 @@ class Report(msgspec.Struct, frozen=True):
 
 
 Message = JointState | Pose | OperatingState | Text | Event | Heartbeat | Report
-
-
-def checked_stamp(stamp: float) -> float:
-    """Return a stamp that says when.
-
-    Parameters
-    ----------
-    stamp : float
-        s.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: it is 0, negative or not finite.
-    """
-    if not (math.isfinite(stamp) and stamp > 0):
-        raise ServiceError("BAD_INPUT", f"the stamp is {stamp}.", hint="Stamp messages with the robot's clock, s.")
-    return stamp
 
 
 def checked_numbers(numbers: Sequence[float | None], count: int, what: str) -> Numbers:

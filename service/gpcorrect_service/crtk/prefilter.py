@@ -20,7 +20,7 @@ from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 from gpcorrect_service.crtk.bus import Bus
-from gpcorrect_service.crtk.messages import OperatingState, Pose, Report, Text, checked_stamp
+from gpcorrect_service.crtk.messages import OperatingState, Pose, Report, Text
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.protocol.answer import PoseAnswer, pack
 from gpcorrect_service.protocol.clocks import OLDEST, StreamClock
@@ -31,6 +31,7 @@ from gpcorrect_service.protocol.limits import (
     check_frame,
     check_inside,
     checked_pose,
+    checked_stamp,
     checked_twist,
 )
 from gpcorrect_service.server.models import Model
@@ -116,9 +117,16 @@ class Prefilter:
         Parameters
         ----------
         state : OperatingState
+
+        Raises
+        ------
+        ServiceError
+            BAD_INPUT: its stamp does not say when, so that nobody knows how old it is; the state is not known then.
         """
         now = self._monotonic()
         with self._lock:
+            self._state = None
+            checked_stamp(state.stamp)
             if not _ready(state):
                 # A robot that is enabled again may have been held up, or its clock set: learned anew, and not from
                 # what waited.
@@ -283,7 +291,7 @@ class FilterServer:
         self._prefilter, self._bus, self._logger = prefilter, bus, logger
         self._waiting: Queue[tuple[str, Correct, Pose]] = Queue(WAITING)
         self._refused = 0
-        bus.subscribe("operating_state", prefilter.robot_is)
+        bus.subscribe("operating_state", self._robot_is)
         for name, answer in (("servo_cp", prefilter.servo), ("move_cp", prefilter.move)):
             bus.subscribe(name, self._queueing(f"corrected/{name}", answer), lambda error: self._refuse(0.0, error))
 
@@ -315,6 +323,12 @@ class FilterServer:
         self._bus.publish(out, command)
         self._bus.publish("corrected/report", report)
 
+    def _robot_is(self, state: OperatingState) -> None:
+        try:
+            self._prefilter.robot_is(state)
+        except ServiceError as error:
+            self._refuse(0.0, error)
+
     def _queueing(self, out: str, answer: Correct) -> Callable[[Pose], None]:
         def _receive(message: Pose) -> None:
             # Where the queue is full the newest pose is the one that counts.
@@ -332,7 +346,7 @@ class FilterServer:
     def _refuse(self, stamp: float, error: ServiceError) -> None:
         self._bus.publish("error", Text(stamp, str(error)))
         if self._refused % LOG_EVERY == 0:
-            self._logger.warning("pose refused", status=error.status, cause=error.message, refused=self._refused + 1)
+            self._logger.warning("message refused", status=error.status, cause=error.message, refused=self._refused + 1)
         self._refused += 1
 
 

@@ -16,7 +16,8 @@ from gpcorrect_service.protocol.messages import Row
 
 __all__ = ["LIMITS", "Limits", "bad_input", "check_command", "check_frame"]
 __all__ += ["check_inside", "check_times"]
-__all__ += ["checked_joints", "checked_path", "checked_pose", "checked_rows", "checked_twist", "position_limit"]
+__all__ += ["checked_joints", "checked_path", "checked_pose", "checked_rows", "checked_stamp", "checked_twist"]
+__all__ += ["position_limit"]
 
 POSITION, POSE, TWIST = 3, 7, 6
 
@@ -79,6 +80,24 @@ def position_limit(info: Mapping[str, Any]) -> float:
         return LIMITS.room
     corners = np.array([region["position_min"], region["position_max"]], dtype=np.float64)
     return max(LIMITS.room, LIMITS.reach * float(np.linalg.norm(np.abs(corners).max(axis=0))))
+
+
+def checked_stamp(stamp: float) -> float:
+    """Return a stamp that says when.
+
+    Parameters
+    ----------
+    stamp : float
+        s.
+
+    Raises
+    ------
+    ServiceError
+        BAD_INPUT: it is 0, negative, not finite, or of another unit.
+    """
+    if not 0 < stamp <= LIMITS.latest:
+        raise bad_input(f"the stamp is {stamp}.", "Stamp messages with the robot's clock, in s and not in ns.")
+    return stamp
 
 
 def checked_pose(pose: Sequence[float], limit: float) -> FloatArray:

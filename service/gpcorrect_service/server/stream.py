@@ -17,7 +17,7 @@ from gpcorrect_service.protocol.answer import EstimateAnswer, pack
 from gpcorrect_service.protocol.clocks import StreamClock
 from gpcorrect_service.protocol.codec import codec_of
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.limits import bad_input, check_inside, checked_joints, checked_rows
+from gpcorrect_service.protocol.limits import bad_input, check_inside, checked_joints, checked_rows, checked_stamp
 from gpcorrect_service.protocol.messages import JointState
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.bounds import RateBound
@@ -122,8 +122,7 @@ class Estimator:
     def _stream_for(self, model: JointModel, state: JointState) -> JointStream:
         """Return the path that this sample goes on with; it begins anew with a model, a session or another clock."""
         last, rate = self._last, self._settings.stream_rate
-        if not (np.isfinite(state.stamp) and state.stamp > 0):
-            raise bad_input(f"the stamp of the sample is {state.stamp}.", "Stamp samples in s.")
+        checked_stamp(state.stamp)
         if self._stream is None or model is not self._model:
             self._model, self._stream = model, model.corrector.stream()
             self._bound = RateBound(np.full(len(model.corrector.types), rate)) if np.isfinite(rate) else None
