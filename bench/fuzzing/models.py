@@ -22,7 +22,7 @@ from support import ROOT
 
 from fuzzing.mutations import BYTES
 from fuzzing.trial import FAULTS, Trial, tried
-from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, PositionEstimator, fit_model, save
+from gpcorrect.calibration import LEARNERS, FitSettings, JointCorrector, ModelStore, PositionEstimator, fit_model, save
 from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.sim import debridement_log, preset, random_reaches_log
@@ -31,9 +31,9 @@ from gpcorrect.types import CalibrationLog
 sys.path.insert(0, str(ROOT / "tests"))
 from joint_logs import joint_log
 
-POSES = (("gp", {}), ("gp", {"rigid": False}), ("offset", {}), ("linear", {}), ("quadratic", {}), ("network", {}))
-JOINTS = ("offset", "linear", "quadratic", "network", "gp", "ukf")
-POSITIONS = ("linear", "gp")
+POSES = (("gp", {"rigid": False}), *((method, {}) for method in LEARNERS if method != "ukf"))  # ukf: of joints only
+JOINTS = tuple(LEARNERS)
+POSITIONS = ("linear", "network", "gp")
 QUICK = {"inducing": 12, "layers": (5,), "epochs": 5, "time_offset": "none"}
 SAME = 1e-9  # m, rad: answers that differ by rounding
 VALUES = (

@@ -77,6 +77,7 @@ def test_missing_numbers_are_flagged_and_cost_nothing_else() -> None:
         (CorrectJointsRequest(Q, (0.0, 1e9, 2e18)), "seconds"),
         (CorrectJointsRequest(Q, TIMES, efforts=Q[:1]), "1 efforts"),
         (CorrectJointsRequest(Q, TIMES, sessions=(1,)), "1 sessions"),
+        (CorrectJointsRequest(Q, TIMES, sessions=(0, 0, 2**63)), "sessions"),
         (CorrectJointsRequest(((0.1, 0.2),) * 3, TIMES), "knows 3 joints"),
         (CorrectJointsRequest(((0.1, 0.2, 50.0),) * 3, TIMES), "joint 3 is 50"),
         (CorrectJointsRequest(((170.0, 0.2, 0.05),) * 3, TIMES), "joint 1 is 170"),
@@ -167,6 +168,15 @@ def test_bad_stamps_are_refused_and_counted(stream: MakeStream, stamp: float) ->
         assert live.send(stamp, [0.5] * 3, codec=MSGPACK) is None
     assert live.count("BAD_INPUT") == 1
     assert live.send(2.1, [0.1] * 3).joints == pytest.approx([0.1 - SLACK] * 3)
+
+
+def test_a_session_beyond_64_bits_is_refused(stream: MakeStream) -> None:
+    """JSON can hold a session that no answer could repeat: the sample is refused and counted."""
+    live, codec = stream(), CODECS["json"]
+    state = codec.encode(JointState(1.0, (0.0,) * 3)).replace(b'"session":0', b'"session":' + b"9" * 20)
+    assert b"9" * 20 in state
+    assert live.estimator.estimate(StreamSample(state, codec.encoding("joint_state"), NOW)) is None
+    assert live.count("BAD_INPUT") == 1
 
 
 def test_old_samples_are_answered_and_called_stale(stream: MakeStream) -> None:

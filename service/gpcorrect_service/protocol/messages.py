@@ -6,7 +6,7 @@ SI units; poses are `x y z qw qx qy qz`; null where a number does not exist.
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
@@ -48,6 +48,7 @@ Kind = Literal[
 KINDS: tuple[Kind, ...] = get_args(Kind)
 Numbers = tuple[float, ...]
 Row = tuple[float | None, ...]
+Session = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]  # what MessagePack and arrays of numbers hold
 
 
 class CorrectRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -74,7 +75,7 @@ class CorrectJointsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     q: tuple[Row, ...]
     times: Numbers
     efforts: tuple[Row, ...] | None = None
-    sessions: tuple[int, ...] | None = None
+    sessions: tuple[Session, ...] | None = None
 
 
 class JointState(msgspec.Struct, frozen=True):
@@ -84,7 +85,7 @@ class JointState(msgspec.Struct, frozen=True):
     position: Row
     velocity: Row | None = None
     effort: Row | None = None
-    session: int = 0
+    session: Session = 0
 
 
 class ModelAnswer(msgspec.Struct, frozen=True):
