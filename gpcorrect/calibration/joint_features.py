@@ -114,16 +114,14 @@ class JointFeatures:
         if "memory" in features.kinds:
             features = replace(features, play=learn_coupled_play(scaled, errors, path.new, rows, turning))
         shown = {
-            "lags": np.tile(_has_many_speeds(path.velocity[rows]), LAGS),
+            "lags": np.tile(_has_many_speeds(path.velocity[rows]), LAGS * features.n_lagged),
             "memory": np.tile(turning, 1 + len(LADDER)),
             "velocity": _has_many_speeds(path.velocity[rows]),
         }
         masks = [shown.get(kind, np.ones(size, dtype=bool)) for kind, size in features._sizes]
         used = np.flatnonzero(np.concatenate(masks))
         if "lags" in features.kinds:
-            slow = np.concatenate([np.full(size, kind == "lags") for kind, size in features._sizes])[used]
-            X = replace(features, used=used).transform(path)
-            used = used if _earned(X, slow, errors, rows) else used[~slow]
+            used = features._earned(path, errors, rows, used)
         if used.size == 0:
             raise DataError(
                 f"this motion shows nothing of {', '.join(features.kinds)}: one speed, no turning back.",
@@ -167,7 +165,7 @@ class JointFeatures:
     def smooth(self) -> IntArray:
         """Columns on which the error may depend in a curved way: all but the ladder of single plays and the lags."""
         dof = len(self.centre)
-        plain = {"memory": dof * len(LADDER), "lags": dof * LAGS}
+        plain = {"memory": dof * len(LADDER), "lags": dof * LAGS * self.n_lagged}
         curved = [np.arange(size) < size - plain.get(kind, 0) for kind, size in self._sizes]
         return np.flatnonzero(np.concatenate(curved)[self.used])
 
@@ -197,10 +195,54 @@ class JointFeatures:
         return tuple(sentences)
 
     @property
+    def n_lagged(self) -> int:
+        """Signals of each joint that `lags` follow: its position, and its effort where efforts are features."""
+        return 2 if "effort" in self.kinds else 1
+
+    def lagged_signals(self, scaled: FloatArray, effort: FloatArray | None) -> FloatArray:
+        """Return what `lags` follow `(..., d)` or `(..., 2 d)`: scaled positions, then efforts.
+
+        Parameters
+        ----------
+        scaled : (..., d) array
+            Joints in units of half their ranges.
+        effort : (..., d) array or None
+            As logged.
+        """
+        if self.n_lagged == 1:
+            return scaled
+        return np.concatenate([scaled, np.full(scaled.shape, np.nan) if effort is None else effort], axis=-1)
+
+    def _earned(self, path: JointPath, errors: FloatArray, rows: IntArray, used: IntArray) -> IntArray:
+        """Return the columns `used` without those lags that do not pay: of efforts, then of positions.
+
+        They pay where some joint's errors in left-out parts are clearly better predicted with them.
+        """
+        dof = len(self.centre)
+        signal = np.concatenate(
+            [
+                np.arange(size) // dof % self.n_lagged if kind == "lags" else np.full(size, -1)
+                for kind, size in self._sizes
+            ]
+        )[used]
+        X = replace(self, used=used).transform(path)
+        known = rows[np.isfinite(X[rows]).all(axis=1) & np.isfinite(errors[rows]).all(axis=1)]
+        paid = signal < 0
+        if len(known) < LIMITS.fewest_samples:
+            return used[paid]
+        folds = np.arange(len(known)) * LIMITS.folds // len(known)
+        squares = left_out_squares(X[known][:, paid], errors[known], folds)
+        for number in reversed(range(self.n_lagged)):
+            more = left_out_squares(X[known][:, paid | (signal == number)], errors[known], folds)
+            if (more < CLEARLY * squares).any():
+                paid, squares = paid | (signal == number), more
+        return used[paid]
+
+    @property
     def _sizes(self) -> list[tuple[FeatureKind, int]]:
         """Kinds with their numbers of columns, before any is left out."""
         dof = len(self.centre)
-        sizes = {"memory": dof * (1 + len(LADDER)), "lags": dof * LAGS, "state": self.n_state}
+        sizes = {"memory": dof * (1 + len(LADDER)), "lags": dof * LAGS * self.n_lagged, "state": self.n_state}
         return [(kind, sizes.get(kind, dof)) for kind in self.kinds]
 
     def _columns(self, kind: FeatureKind, path: JointPath) -> FloatArray:
@@ -219,8 +261,8 @@ class JointFeatures:
                 ladder = play_states(steps, self.ladder, np.cumsum(path.new)) / self.ladder
                 return np.hstack([self.play.lags(scaled, path.new), ladder.reshape(len(scaled), -1)])
             case "lags":
-                behind = scaled[:, None] - lagged(scaled, path.time, path.new, self.lags)
-                return behind.reshape(len(scaled), -1)
+                signals = self.lagged_signals(scaled, path.effort)
+                return lagged(signals, path.time, path.new, self.lags).reshape(len(scaled), -1)
             case "state":
                 assert path.state is not None
                 return path.state
@@ -263,17 +305,6 @@ def law_penalties(features: JointFeatures, targets: int, owned: bool) -> FloatAr
     foreign = owners[:, None] != np.arange(targets)
     penalties[(past | np.isin(kinds, ("effort", "lags")))[:, None] & foreign] = OTHERS
     return penalties
-
-
-def _earned(X: FloatArray, slow: BoolArray, errors: FloatArray, rows: IntArray) -> bool:
-    """Return whether some joint's errors in left-out parts are clearly better predicted with the lags among `X`."""
-    known = rows[np.isfinite(X[rows]).all(axis=1) & np.isfinite(errors[rows]).all(axis=1)]
-    if len(known) < LIMITS.fewest_samples:
-        return False
-    folds = np.arange(len(known)) * LIMITS.folds // len(known)
-    with_lags = left_out_squares(X[known], errors[known], folds)
-    without = left_out_squares(X[known][:, ~slow], errors[known], folds)
-    return bool((with_lags < CLEARLY * without).any())
 
 
 def _time_constants(path: JointPath) -> FloatArray:

@@ -244,34 +244,39 @@ def left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray) -> FloatArra
 
 
 @njit(cache=True)
-def lag_step(behind: FloatArray, q: FloatArray, step: float, constants: FloatArray) -> FloatArray:
-    """Return where lags `(t, d)` stand a step later, with the path now at `q` (d,).
+def lag_step(behind: FloatArray, moved: FloatArray, step: float, constants: FloatArray) -> FloatArray:
+    """Return by how much lags `(t, d)` are behind a signal that moved evenly by `moved` (d,) during `step`.
+
+    d behind / dt = d signal / dt - behind / tau, solved exactly: samples between two others change nothing.
 
     Parameters
     ----------
     behind : (t, d) array
-        Where they stood.
-    q : (d,) array
-        Where the path is now.
+        By how much they were.
+    moved : (d,) array
+        What the signal moved by; where that is not known it is taken to have stood.
     step : float
         s.
     constants : (t,) array
-        Time constants, s.
+        Time constants tau, s.
     """
-    moved: FloatArray = q + (behind - q) * np.exp(-step / constants).reshape(-1, 1)
-    return moved
+    after = np.empty_like(behind)
+    for t in range(len(constants)):
+        left = np.exp(-step / constants[t])
+        share = (1.0 - left) * constants[t] / step
+        for j in range(len(moved)):
+            after[t, j] = behind[t, j] * left + (moved[j] * share if np.isfinite(moved[j]) else 0.0)
+    return after
 
 
 @njit(cache=True)
-def lagged(path: FloatArray, time: FloatArray, new: BoolArray, constants: FloatArray) -> FloatArray:
-    """Return what first-order lags `(n, t, d)` make of a path; where `new`, they stand where it stands.
-
-    dy/dt = (q - y) / tau between samples, q held at its new value: what creeps after the motors and settles at rest.
+def lagged(signal: FloatArray, time: FloatArray, new: BoolArray, constants: FloatArray) -> FloatArray:
+    """Return by how much first-order lags `(n, t, d)` are behind a signal; where `new`, by nothing.
 
     Parameters
     ----------
-    path : (n, d) array
-        Positions.
+    signal : (n, d) array
+        Positions or efforts; where one is not known, it is taken to have stood.
     time : (n,) array
         s.
     new : (n,) mask
@@ -279,10 +284,12 @@ def lagged(path: FloatArray, time: FloatArray, new: BoolArray, constants: FloatA
     constants : (t,) array
         Time constants tau, s.
     """
-    followed = np.empty((len(path), len(constants), path.shape[1]))
-    for t in range(len(path)):
-        if new[t]:
-            followed[t] = path[t]
+    behind = np.zeros((len(signal), len(constants), signal.shape[1]))
+    last = np.full(signal.shape[1], np.nan)
+    for i in range(len(signal)):
+        if new[i]:
+            last = signal[i].copy()
         else:
-            followed[t] = lag_step(followed[t - 1], path[t], time[t] - time[t - 1], constants)
-    return followed
+            behind[i] = lag_step(behind[i - 1], signal[i] - last, time[i] - time[i - 1], constants)
+            last = np.where(np.isfinite(signal[i]), signal[i], last)
+    return behind

@@ -44,7 +44,7 @@ class PathFollower:
         """Forget the path."""
         self._past: deque[tuple[float, FloatArray]] = deque(maxlen=MOST_PAST)
         self._memory: tuple[FloatArray, FloatArray, FloatArray] | None = None  # path, joints and plays so far
-        self._lags: FloatArray | None = None
+        self._lags: tuple[FloatArray, FloatArray] | None = None  # signals where last known, and lags behind them
 
     @property
     def new(self) -> bool:
@@ -112,7 +112,7 @@ class PathFollower:
             case "memory":
                 return self._remember(features, features.scaled(q))
             case "lags":
-                return self._behind(time, features.scaled(q))
+                return self._behind(time, features.lagged_signals(features.scaled(q), effort))
         given = effort if kind == "effort" else state
         size = len(features.centre) if kind == "effort" else features.n_state
         return np.full(size, np.nan) if given is None else given
@@ -138,11 +138,13 @@ class PathFollower:
         self._memory = path, joints, lags
         return np.concatenate([path - joints, (lags / features.ladder).ravel()])
 
-    def _behind(self, time: float, path: FloatArray) -> FloatArray:
-        """Advance the lags to `path` (d,), in units of half the ranges, and return how far they are behind."""
+    def _behind(self, time: float, signals: FloatArray) -> FloatArray:
+        """Return by how much the lags are behind their signals `(s,)` now."""
         constants = self._features.lags
         if self._lags is None:
-            self._lags = np.tile(path, (len(constants), 1))
+            self._lags = signals, np.zeros((len(constants), len(signals)))
         else:
-            self._lags = lag_step(self._lags, path, time - self._past[-1][0], constants)
-        return (path - self._lags).ravel()
+            last, behind = self._lags
+            behind = lag_step(behind, signals - last, time - self._past[-1][0], constants)
+            self._lags = np.where(np.isfinite(signals), signals, last), behind
+        return self._lags[1].ravel()

@@ -14,6 +14,7 @@ from gpcorrect.calibration.learners import trees
 from gpcorrect.calibration.learners.auto import stacking_weights
 from gpcorrect.calibration.learners.trees import TreesMap
 from gpcorrect.calibration.memory import lagged
+from gpcorrect.errors import DataError
 from gpcorrect.types import CalibrationLog, FloatArray
 
 
@@ -22,8 +23,8 @@ def creeping(log: CalibrationLog, constant: float, share: float) -> CalibrationL
     assert log.measured_jp is not None
     assert log.external_jp is not None
     q, time = log.measured_jp, log.time
-    slow = lagged(q, time, np.arange(len(q)) == 0, np.array([constant]))[:, 0]
-    return replace(log, measured_jf=None, external_jp=log.external_jp - share * (q - slow))
+    behind = lagged(q, time, np.arange(len(q)) == 0, np.array([constant]))[:, 0]
+    return replace(log, measured_jf=None, external_jp=log.external_jp - share * behind)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -39,6 +40,21 @@ def test_the_table_of_trees_answers_as_scikit_learn(seed: int) -> None:
         np.testing.assert_allclose(table.mean(asked)[:, k], peer.predict(asked), rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("part", "at", "to"), [("left", 0, 0), ("right", 0, 10**6), ("roots", 1, -1), ("target", 3, 7), ("roots", 0, 10**6)]
+)
+def test_trees_that_lead_nowhere_are_refused(part: str, at: int, to: int) -> None:
+    """A damaged file makes no endless walk, and reads no memory that is not the trees'."""
+    rng = np.random.default_rng(0)
+    table = TreesMap.fit(rng.standard_normal((200, 2)), rng.standard_normal((200, 1)), 0)
+    damaged = getattr(table, part).copy()
+    damaged[at] = to
+    with pytest.raises(DataError, match="damaged"):
+        replace(table, **{part: damaged})
+    with pytest.raises(DataError, match="2 inputs"):
+        table.mean(np.zeros((1, 1)))
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_mixture_is_never_worse_than_its_best_member(seed: int) -> None:
     """Weights are shares, an exact member takes all, and no member alone has smaller errors."""
@@ -51,6 +67,23 @@ def test_a_mixture_is_never_worse_than_its_best_member(seed: int) -> None:
     mixed = np.einsum("km,knm->nm", weights, np.stack(errors))
     assert ((mixed**2).sum(axis=0) <= (1 + 1e-6) * np.min([(e**2).sum(axis=0) for e in errors], axis=0)).all()
     np.testing.assert_allclose(stacking_weights([errors[0], 0.0 * common, errors[2]])[1], 1.0, atol=1e-6)
+
+
+def test_lags_do_not_depend_on_how_often_a_motion_is_sampled() -> None:
+    """Samples between two others, on the line through them, change nothing; unknown ones are taken to have stood."""
+    rng = np.random.default_rng(0)
+    coarse = np.cumsum(rng.uniform(0.05, 0.5, 40))
+    signal, constants = rng.standard_normal((40, 2)), np.array([0.1, 3.0])
+    fine = np.unique(np.concatenate([coarse, rng.uniform(coarse[0], coarse[-1], 500)]))
+    between = np.column_stack([np.interp(fine, coarse, column) for column in signal.T])
+    one = lagged(signal, coarse, np.arange(40) == 0, constants)
+    other = lagged(between, fine, np.arange(len(fine)) == 0, constants)
+    np.testing.assert_allclose(other[np.searchsorted(fine, coarse)], one, atol=1e-12)
+    signal[20:25, 1] = np.nan
+    held = np.where(np.isfinite(signal), signal, signal[19])
+    np.testing.assert_array_equal(
+        lagged(signal, coarse, np.arange(40) == 0, constants), lagged(held, coarse, np.arange(40) == 0, constants)
+    )
 
 
 def held_out_rmse(log: CalibrationLog, **changes: object) -> tuple[FloatArray, JointCorrector]:

@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.learners.gp import GP, GPMap
-from gpcorrect.calibration.learners.learner import Fitted
+from gpcorrect.calibration.learners.learner import Fitted, Learner
 from gpcorrect.calibration.learners.polynomial import Polynomial, PolynomialMap
 from gpcorrect.calibration.learners.trees import Trees, TreesMap
 from gpcorrect.calibration.settings import FitSettings
@@ -36,15 +36,14 @@ class MixedMap:
     ----------
     gp : GPMap
         Which also says where it knows nothing.
-    trees : TreesMap
-    linear : PolynomialMap
-    weights : (3, m) array
-        Of each, in this order; columns sum to 1.
+    others : tuple of TreesMap or PolynomialMap
+        The other k - 1.
+    weights : (k, m) array
+        Of each, the Gaussian process first; columns sum to 1.
     """
 
     gp: GPMap
-    trees: TreesMap
-    linear: PolynomialMap
+    others: tuple[TreesMap | PolynomialMap, ...]
     weights: FloatArray
 
     @property
@@ -55,21 +54,23 @@ class MixedMap:
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """See :class:`TargetMap`."""
         mean, std, novelty = self.gp.predict(X)
-        means = (mean, self.trees.mean(X), self.linear.mean(X))
-        return _sum(self.weights, means), std, novelty
+        return _sum(self.weights, [mean, *(other.mean(X) for other in self.others)]), std, novelty
 
 
 class Auto:
-    """The learner of :class:`MixedMap`."""
+    """The learner of :class:`MixedMap`: of the Gaussian process, trees with and without a law before, and the law."""
 
     def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
         """See :class:`Learner`."""
-        gp, trees, linear = (part.fit(samples, layout, settings, progress) for part in (GP(), Trees(), Polynomial(1)))
-        errors = [part.left_out.errors for part in (gp, trees, linear)]
+        members: list[Learner] = [GP(), Trees(), Polynomial(1)]
+        if layout.penalties is not None:
+            members.append(Trees(after_law=False))
+        gp, *others = (member.fit(samples, layout, settings, progress) for member in members)
+        errors = [part.left_out.errors for part in (gp, *others)]
         weights = stacking_weights(errors)
         left_out = LeftOut(_sum(weights, errors), gp.left_out.std, gp.left_out.novelty)
         zero = None if gp.zero is None else weights[0] * gp.zero
-        return Fitted(MixedMap(gp.learned, trees.learned, linear.learned, weights), left_out, zero)
+        return Fitted(MixedMap(gp.learned, tuple(part.learned for part in others), weights), left_out, zero)
 
 
 def stacking_weights(errors: list[FloatArray]) -> FloatArray:

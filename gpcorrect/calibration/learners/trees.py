@@ -1,4 +1,7 @@
-"""Boosted trees: what a general learner makes of the same inputs, jumps and thresholds included.
+"""Boosted trees, after a linear law where the task has one: what jumps and thresholds a smooth field cannot follow.
+
+The linear law goes on where trees stop, at a load above all that was recorded; on the spindle of docs/joint.md, trees
+alone were twice as wrong as after it.
 
 scikit-learn grows them (histogram gradient boosting, after Ke et al. 2017); what is stored and asked is a table of
 their nodes, so that a model file holds numbers only and an answer needs no scikit-learn.
@@ -10,26 +13,29 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
+from numba import njit
 
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.learners.learner import Fitted, cross_predicted
+from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 __all__ = ["Trees", "TreesMap"]
 
 ROUNDS, RATE, LEAST_IN_LEAF = 200, 0.08, 20
 """Trees of each target, their learning rate, samples in a leaf; chosen by hand."""
-CHUNK = 2_000_000
-"""Nodes that are looked at together: bounds the memory of an answer to a long path."""
 
 
 @dataclass(frozen=True, eq=False)
 class TreesMap:
-    """Sums of regression trees, the trees of all targets in one table of nodes.
+    """A linear law and sums of regression trees of what it leaves, the trees of all targets in one table of nodes.
 
     Parameters
     ----------
+    linear : PolynomialMap or None
+        Of degree 1.
     feature : (k,) int array
         Input that a node looks at; -1 in leaves.
     threshold : (k,) array
@@ -42,14 +48,13 @@ class TreesMap:
         First node of each tree.
     target : (t,) int array
         Which target a tree adds to.
-    depth : int
-        Steps from any root to its leaves, at most.
     base : (m,) array
         Sum of no trees.
     std : (m,) array
         Standard deviation of what is left in training.
     """
 
+    linear: PolynomialMap | None
     feature: IntArray
     threshold: FloatArray
     left: IntArray
@@ -57,12 +62,21 @@ class TreesMap:
     value: FloatArray
     roots: IntArray
     target: IntArray
-    depth: int
     base: FloatArray
     std: FloatArray
 
+    def __post_init__(self) -> None:
+        k, own = len(self.feature), np.flatnonzero(self.feature >= 0)
+        after = [(side[own] > own).all() and (side[own] < k).all() for side in (self.left, self.right)]
+        sizes = {len(part) for part in (self.feature, self.threshold, self.left, self.right, self.value)}
+        inside = ((self.roots >= 0) & (self.roots < k)).all() and (
+            (self.target >= 0) & (self.target < len(self.base))
+        ).all()
+        if len(sizes) > 1 or not (all(after) and inside) or len(self.roots) != len(self.target):
+            raise DataError("the stored trees are damaged: nodes do not lead to leaves.")
+
     @classmethod
-    def fit(cls, X: FloatArray, Y: FloatArray, seed: int) -> Self:
+    def fit(cls, X: FloatArray, Y: FloatArray, seed: int, penalties: FloatArray | None = None) -> Self:
         """Grow the trees of each target.
 
         Parameters
@@ -71,9 +85,13 @@ class TreesMap:
             Inputs and targets.
         seed : int
             Of the samples that bins are made from.
+        penalties : (d, m) array, optional
+            Of a linear law that comes before; none without.
         """
         from sklearn.ensemble import HistGradientBoostingRegressor
 
+        linear = None if penalties is None else PolynomialMap.fit(X, Y, 1, penalties)
+        left = Y if linear is None else Y - linear.mean(X)
         grown = [
             HistGradientBoostingRegressor(
                 max_iter=ROUNDS,
@@ -82,7 +100,7 @@ class TreesMap:
                 early_stopping=False,
                 random_state=seed,
             ).fit(X, y)
-            for y in Y.T
+            for y in left.T
         ]
         # scikit-learn has no public table of these trees; a test holds this one against its own predictions.
         tables: list[tuple[int, Any]] = [
@@ -94,6 +112,7 @@ class TreesMap:
         leaf, own = nodes["is_leaf"].astype(bool), np.arange(len(nodes))
         shift = np.repeat(roots, sizes)
         learned = cls(
+            linear=linear,
             feature=np.where(leaf, -1, nodes["feature_idx"]).astype(np.int64),
             threshold=np.where(leaf, 0.0, nodes["num_threshold"]),
             left=np.where(leaf, own, nodes["left"] + shift).astype(np.int64),
@@ -101,7 +120,6 @@ class TreesMap:
             value=np.where(leaf, nodes["value"], 0.0),
             roots=roots,
             target=np.array([k for k, _ in tables]),
-            depth=int(nodes["depth"].max()),
             base=np.array([float(np.squeeze(model._baseline_prediction)) for model in grown]),
             std=np.zeros(Y.shape[1]),
         )
@@ -109,8 +127,8 @@ class TreesMap:
 
     @property
     def extrapolates(self) -> bool:
-        """False: a tree's answer outside its training inputs is that of the nearest leaf."""
-        return False
+        """Whether there is a linear law; a tree's answer outside its training inputs is that of the nearest leaf."""
+        return self.linear is not None
 
     def mean(self, X: FloatArray) -> FloatArray:
         """Return means `(n, m)` at inputs `(n, d)`.
@@ -120,22 +138,11 @@ class TreesMap:
         X : (n, d) array
             Inputs.
         """
-        mean = np.tile(self.base, (len(X), 1))
-        for start in range(0, len(X), step := max(1, CHUNK // len(self.roots))):
-            rows = X[start : start + step]
-            values = self.value[self._leaves(rows)]
-            for k in range(len(self.base)):
-                mean[start : start + step, k] += values[:, self.target == k].sum(axis=1)
+        if X.shape[1] <= self.feature.max():
+            raise DataError(f"the trees look at {self.feature.max() + 1} inputs, got {X.shape[1]}.")
+        mean = np.tile(self.base, (len(X), 1)) if self.linear is None else self.base + self.linear.mean(X)
+        _add_leaves(mean, X, self.feature, self.threshold, self.left, self.right, self.value, self.roots, self.target)
         return mean
-
-    def _leaves(self, X: FloatArray) -> IntArray:
-        """Return the leaf `(n, t)` that each input reaches in each tree, all of them a level at a time."""
-        at = np.tile(self.roots, (len(X), 1))
-        row = np.arange(len(X))[:, None]
-        for _ in range(self.depth):
-            goes_left = X[row, self.feature[at]] <= self.threshold[at]  # in a leaf, both ways stay
-            at = np.where(goes_left, self.left[at], self.right[at])
-        return at
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """See :class:`TargetMap`."""
@@ -143,13 +150,43 @@ class TreesMap:
         return mean, np.broadcast_to(self.std, mean.shape), np.zeros(len(X))
 
 
+@njit(cache=True)
+def _add_leaves(
+    mean: FloatArray,
+    X: FloatArray,
+    feature: IntArray,
+    threshold: FloatArray,
+    left: IntArray,
+    right: IntArray,
+    value: FloatArray,
+    roots: IntArray,
+    target: IntArray,
+) -> None:
+    """Add to means `(n, m)` the leaves that their inputs reach; children stand behind their parents."""
+    for i in range(len(X)):
+        for t in range(len(roots)):
+            at = roots[t]
+            while feature[at] >= 0:
+                at = left[at] if X[i, feature[at]] <= threshold[at] else right[at]
+            mean[i, target[t]] += value[at]
+
+
+@dataclass(frozen=True)
 class Trees:
-    """The learner of :class:`TreesMap`."""
+    """The learner of :class:`TreesMap`.
+
+    Parameters
+    ----------
+    after_law : bool
+        Whether the trees take what the task's linear law leaves.
+    """
+
+    after_law: bool = True
 
     def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
         """See :class:`Learner`."""
 
         def _learn(part: Samples) -> TreesMap:
-            return TreesMap.fit(*part.learnable(), settings.seed)
+            return TreesMap.fit(*part.learnable(), settings.seed, layout.penalties if self.after_law else None)
 
         return Fitted(_learn(samples), cross_predicted(_learn, samples, LIMITS.folds))
