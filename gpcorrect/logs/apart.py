@@ -13,8 +13,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -27,7 +27,7 @@ from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.mocap.take import Take, log_of
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["Reader", "parse", "parse_apart"]
+__all__ = ["Reader", "damage_named", "parse", "parse_apart"]
 
 Reader = Callable[[Path, ReadSettings], CalibrationLog | Take]
 """Of a format: what it reads is a log, or what cameras saw, of which the tool is still to be chosen."""
@@ -65,9 +65,22 @@ def parse(title: str, read: Reader, path: Path, settings: ReadSettings) -> Calib
     OSError
         The file cannot be read.
     """
-    try:
+    with damage_named(title):
         found = read(path, settings)
         return log_of(found, settings.columns.mocap) if isinstance(found, Take) else found
+
+
+@contextmanager
+def damage_named(title: str) -> Iterator[None]:
+    """Turn whatever a parser raises on damaged bytes into a LogError; errors in words pass.
+
+    Parameters
+    ----------
+    title : str
+        Name of the format.
+    """
+    try:
+        yield
     except GpCorrectError:
         raise
     except OSError as error:

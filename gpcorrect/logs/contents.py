@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gpcorrect.errors import GpCorrectError, LogError
+from gpcorrect.errors import LogError
 from gpcorrect.logs import rosbag
+from gpcorrect.logs.apart import damage_named
 from gpcorrect.logs.columns import BagOptions, ColumnMap, ReadSettings
 from gpcorrect.logs.mocap.take import Take
 from gpcorrect.logs.mocap.tool import bodies_of
 from gpcorrect.logs.proposal import propose_columns, quoted
-from gpcorrect.logs.reader import format_of
+from gpcorrect.logs.reader import format_of, naming
 from gpcorrect.logs.table import joint_names, orientation_names, position_names
 from gpcorrect.logs.topics import JOINT_TYPES, POSE_TYPES, choose_topics
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
@@ -78,13 +79,11 @@ def contents_of(path: str | Path) -> Contents:
     source = Path(path)
     found = format_of(source)
     settings = ReadSettings(ColumnMap(rate=1.0), mapped=True, disorder="keep")
-    try:
+    with naming(source), damage_named(found.title):
         if found.read is rosbag.read:
             return _of_bag(found.title, source)
         recorded = found.read(source, settings)
         return _of_take(found.title, recorded) if isinstance(recorded, Take) else _of_log(found.title, recorded)
-    except GpCorrectError as error:
-        raise LogError(error.message, hint=error.hint, path=str(source)) from error
 
 
 def _of_bag(title: str, path: Path) -> Contents:

@@ -21,7 +21,7 @@ from gpcorrect.logs.order import Disorder
 from gpcorrect.logs.sidecar import read_sidecar, sidecar_path
 from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
-__all__ = ["format_of", "read_log", "recording_digest"]
+__all__ = ["format_of", "naming", "read_log", "recording_digest"]
 
 FARTHEST = 1e6  # m or rad: beyond it, in whatever unit, no arm has been
 HEAD = 1 << 16  # bytes that tell a format: the header of a motion capture export names hundreds of markers
@@ -129,7 +129,7 @@ def read_log(
     given = {"namespace": namespace, "tracker_topic": tracker_topic, "arm": arm}
     bag = mapping.bag.model_copy(update={k: v for k, v in given.items() if v is not None})
     settings = ReadSettings(mapping.model_copy(update={"bag": bag}), columns is not None, disorder, max_bytes)
-    with _naming(source):
+    with naming(source):
         found = _format(source)
         if found.whole:
             _check_size(source, max_bytes)
@@ -174,7 +174,7 @@ def format_of(path: Path) -> Format:
     LogError
         The file is missing, or of no known format.
     """
-    with _naming(path):
+    with naming(path):
         return _format(path)
 
 
@@ -203,8 +203,14 @@ def _known() -> str:
 
 
 @contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    """Put the name of the file into every error on the way out."""
+def naming(path: Path) -> Iterator[None]:
+    """Put the name of the file into every error on the way out.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
     try:
         yield
     except (LogError, DataError) as error:

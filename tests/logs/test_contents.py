@@ -84,3 +84,10 @@ def test_what_cannot_be_read_is_refused_by_name(tmp_path: Path):
         contents_of(write(tmp_path / "nothing.xyz", b"\0\1"))
     with pytest.raises(LogError, match=r"gone\.csv"):
         contents_of(tmp_path / "gone.csv")
+
+
+@pytest.mark.parametrize(("name", "mark"), [("a.parquet", b"PAR1"), ("b.mat", b"MATLAB 5.0 MAT-file")])
+def test_damage_is_said_in_words(tmp_path: Path, name: str, mark: bytes):
+    damaged = write(tmp_path / name, mark + np.random.default_rng(0).bytes(1000))
+    with pytest.raises(LogError, match=rf"{name}: .*may be damaged"):
+        contents_of(damaged)
