@@ -7,9 +7,9 @@ two columns of the matrix, smooth everywhere. Euler angles are there for compari
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class FeatureMap:
     Raises
     ------
     DataError
-        Unknown kinds, or not exactly one of "pose" and "euler".
+        Unknown kinds, or not exactly one of "pose" and "euler"; or what :meth:`fit` finds has another shape.
     """
 
     kinds: Sequence[str]
@@ -70,6 +70,8 @@ class FeatureMap:
         object.__setattr__(self, "kinds", tuple(self.kinds))
         object.__setattr__(self, "R_mean", frozen_array(self.R_mean))
         object.__setattr__(self, "spread", frozen_array(self.spread))
+        if self.R_mean.shape != (3, 3) or self.spread.shape not in ((0,), (self.n_features,)):
+            raise DataError(f"a feature map of {self.n_features} features was expected, got {self.spread.shape}.")
 
     @property
     def uses_velocity(self) -> bool:
@@ -120,7 +122,7 @@ class FeatureMap:
             finite = rotations[np.isfinite(rotations).all(axis=(1, 2))]
             R_mean = se3.rotation_mean(finite)
             kind: RotationKind = "euler" if "euler" in self.kinds else _rotation_kind(finite, R_mean)
-            known = replace(self, rotation=kind, R_mean=R_mean)
+            known = replace(self, rotation=kind, R_mean=R_mean, spread=np.empty(0))
         raw = known._raw(positions, rotations, twists)
         raw = raw[known.usable(raw)]
         if len(raw) < 2:
@@ -203,36 +205,6 @@ class FeatureMap:
         parts += [turning] if self.uses_velocity and self.has_orientation else []
         slack: FloatArray = np.concatenate(parts) / self.spread
         return slack
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what was learned as lists and text."""
-        return {
-            "kinds": list(self.kinds),
-            "rotation": self.rotation,
-            "R_mean": self.R_mean.tolist(),
-            "spread": self.spread.tolist(),
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Rebuild a fitted map from :meth:`to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            From :meth:`to_dict`.
-
-        Raises
-        ------
-        DataError
-            The dictionary does not describe a fitted map.
-        """
-        features = cls(data["kinds"], data["rotation"], np.array(data["R_mean"]), np.array(data["spread"]))
-        if features.R_mean.shape != (3, 3) or features.spread.shape != (features.n_features,):
-            raise DataError(
-                f"a feature map of {features.n_features} features was expected, got {features.spread.shape}."
-            )
-        return features
 
 
 def _rotation_kind(rotations: FloatArray, R_mean: FloatArray) -> RotationKind:

@@ -7,9 +7,8 @@ raised until left-out trajectories are covered as promised.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -84,21 +83,6 @@ class IntervalCalibration:
         """
         half: FloatArray = std * self.factor
         return half
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the factors as a list."""
-        return {"factor": self.factor.tolist()}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Rebuild a calibration from :meth:`to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            From :meth:`to_dict`.
-        """
-        return cls(np.array(data["factor"]))
 
 
 def coverage_by_group(errors: FloatArray, half_widths: FloatArray, groups: IntArray) -> FloatArray:

@@ -7,14 +7,12 @@ c_oj w_j^2)`, `w = P k`: the shared kernel lets one product `P k` serve every ou
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Self
 
 import numpy as np
 
 from gpcorrect.gpr.compiled import Tables, predict_one, tables
-from gpcorrect.gpr.kernels import Kernel, kernel_named
+from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.types import FloatArray, frozen_array
 
 __all__ = ["Predictor", "SharedPredictor"]
@@ -57,13 +55,9 @@ class SharedPredictor:
 
     def __post_init__(self) -> None:
         # C order always: another layout would round otherwise, and a reloaded model must answer to the last bit.
-        for name in self._names():
+        for name in (f.name for f in fields(self) if f.name != "kernel"):
             object.__setattr__(self, name, frozen_array(np.ascontiguousarray(getattr(self, name))))
         object.__setattr__(self, "projection", frozen_array(self.projection.astype(np.float32).astype(np.float64)))
-
-    @classmethod
-    def _names(cls) -> tuple[str, ...]:
-        return tuple(f.name for f in fields(cls) if f.name != "kernel")
 
     def mean_std_batch(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Predict inputs `(n, d)`: means `(n, m)`, standard deviations `(n, m)` and novelties `(n,)`.
@@ -84,35 +78,6 @@ class SharedPredictor:
             std[rows] = np.sqrt(left * self.signal + self.noise)
             novelty[rows] = left.min(axis=1)
         return mean, std, novelty
-
-    def to_arrays(self) -> dict[str, FloatArray]:
-        """Return the arrays by name, for a model file; the kernel's name as its letters' codes."""
-        kernel = {
-            "kernel": np.frombuffer(self.kernel.name.encode(), dtype=np.uint8).astype(np.float64),
-            "component_weights": self.kernel.weights,
-            "length_scales": self.kernel.length_scales,
-        }
-        return {**kernel, **{name: getattr(self, name) for name in self._names()}}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Self:
-        """Rebuild a predictor from :meth:`to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of name to array
-            From :meth:`to_arrays`.
-
-        Raises
-        ------
-        KeyError
-            An array is missing.
-        DataError
-            It names a kernel that there is not.
-        """
-        kind = kernel_named(arrays["kernel"].astype(np.uint8).tobytes().decode(errors="replace"))
-        kernel = kind(np.asarray(arrays["component_weights"]), np.asarray(arrays["length_scales"]))
-        return cls(kernel, **{name: np.asarray(arrays[name]) for name in cls._names()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,29 +141,3 @@ class Predictor:
         """
         means, stds, novelties = zip(*[part.mean_std_batch(X) for part in self.parts], strict=True)
         return np.concatenate(means, axis=1), np.concatenate(stds, axis=1), np.max(novelties, axis=0)
-
-    def to_arrays(self) -> dict[str, FloatArray]:
-        """Return the arrays by name, for a model file."""
-        return {f"{i}.{name}": array for i, part in enumerate(self.parts) for name, array in part.to_arrays().items()}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Self:
-        """Rebuild a predictor from :meth:`to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of name to array
-            From :meth:`to_arrays`.
-
-        Raises
-        ------
-        KeyError
-            An array is missing.
-        """
-        count = len({name.split(".")[0] for name in arrays})
-        if count == 0:
-            raise KeyError("a predictor has at least one group of arrays")
-        groups = [
-            {k.removeprefix(f"{i}."): v for k, v in arrays.items() if k.startswith(f"{i}.")} for i in range(count)
-        ]
-        return cls(tuple(map(SharedPredictor.from_arrays, groups)))

@@ -7,7 +7,6 @@ be left out again, at a cost that knows nothing of the other samples.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -17,7 +16,7 @@ from scipy.linalg import blas, cho_factor, cho_solve, solve_triangular
 from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import SharedPredictor
-from gpcorrect.types import FloatArray, Progress, frozen_array
+from gpcorrect.types import FloatArray, Progress
 
 __all__ = ["Statistics", "collect", "posterior", "statistics_of", "updated"]
 
@@ -131,30 +130,6 @@ class Statistics:
         chosen[-1] = True  # an output of pure noise still needs a direction to say so
         projection = solve_triangular(L[:count, :count], U[:, chosen], lower=True, trans="T", check_finite=False).T
         return projection, explained[:, chosen]
-
-    def to_arrays(self) -> dict[str, FloatArray]:
-        """Return arrays for a model file; of the symmetric matrix one half."""
-        return {"G": self.G[np.tril_indices(len(self.G))], "Vy": self.Vy, "n": np.array([self.n, self.inflation])}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Self:
-        """Rebuild from :meth:`to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of name to array
-            From :meth:`to_arrays`.
-
-        Raises
-        ------
-        KeyError
-            An array is missing.
-        """
-        size = len(arrays["Vy"])
-        n, inflation = arrays["n"].tolist()
-        G = np.zeros((size, size))
-        G[np.tril_indices(size)] = arrays["G"]
-        return cls(frozen_array(G + np.tril(G, -1).T), frozen_array(arrays["Vy"]), n, inflation)
 
 
 def collect(

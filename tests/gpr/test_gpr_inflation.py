@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gpr_fields import correlated_noise, smooth_field, stretches
 
+from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import SparseGPR, Statistics, learn_inflation
 from gpcorrect.types import FloatArray, IntArray
@@ -98,5 +99,5 @@ def test_inflation_stays_when_data_come_and_go_and_with_the_file() -> None:
     """Added, taken away and stored statistics keep the inflation of those they belong to."""
     sums = Statistics(np.eye(3), np.ones((3, 2)), 3.0).inflated(10.0)
     other = Statistics(np.eye(3), np.ones((3, 2)), 3.0)
-    for kept in (sums.plus(other), sums.minus(other), Statistics.from_arrays(sums.to_arrays())):
+    for kept in (sums.plus(other), sums.minus(other), unpack(Statistics, *pack(sums, "sums"))):
         assert kept.inflation == 10.0

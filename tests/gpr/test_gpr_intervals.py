@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
@@ -62,13 +60,6 @@ def test_one_trajectory_gives_its_own_quantile() -> None:
     factor = IntervalCalibration.fit(errors, std, np.zeros(200, dtype=int)).factor
     inside = (np.abs(errors) <= factor * std).mean(axis=0)
     np.testing.assert_allclose(inside, 0.95, atol=0.006)
-
-
-def test_a_calibration_survives_json() -> None:
-    """Written and read back it is the same."""
-    intervals = IntervalCalibration(np.array([1.5, 2.5]))
-    again = IntervalCalibration.from_dict(json.loads(json.dumps(intervals.to_dict())))
-    np.testing.assert_array_equal(again.interval95(np.ones(2)), [1.5, 2.5])
 
 
 def test_bad_input_is_refused() -> None:

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.gaussian_process.kernels import RBF, Matern
 
+from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import ExactGPR, Predictor, SparseGPR, WithLinear, conditioned
 from gpcorrect.gpr.kernels import KERNELS, AdditiveRBF, Kernel, component_masks, squared_distances
@@ -78,7 +79,7 @@ def test_the_hot_path_answers_as_the_matrices_do(kind: type[Kernel]) -> None:
     X = rng.normal(size=(60, 3))
     model = SparseGPR(30, 20, feature_groups=[(0, 1), (2,)], kernel=kind.name, n_learn=40)
     predictor = model.fit(X, np.sin(X @ rng.normal(size=(3, 2)))).predictor_
-    reloaded = Predictor.from_arrays(predictor.to_arrays())
+    reloaded = unpack(Predictor, *pack(predictor, "predictor"))
     assert all(type(part.kernel) is kind for part in reloaded.parts)
     queries = np.vstack([3 * rng.normal(size=(20, 3)), X[:20]])
     for one, many in zip(
