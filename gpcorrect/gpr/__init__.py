@@ -3,7 +3,7 @@
 from gpcorrect.gpr.exact import ExactGPR, conditioned
 from gpcorrect.gpr.features import FeatureMap
 from gpcorrect.gpr.inflation import INFLATIONS, LeftOut, learn_inflation
-from gpcorrect.gpr.intervals import IntervalCalibration, coverage_by_group, novelty_limit
+from gpcorrect.gpr.intervals import IntervalCalibration, novelty_limit
 from gpcorrect.gpr.kernels import AdditiveMatern52, AdditiveRBF, Kernel, WithLinear
 from gpcorrect.gpr.predictor import Predictor, SharedPredictor
 from gpcorrect.gpr.sparse import SparseGPR
@@ -24,7 +24,6 @@ __all__ = [
     "Statistics",
     "WithLinear",
     "conditioned",
-    "coverage_by_group",
     "learn_inflation",
     "novelty_limit",
 ]

@@ -81,7 +81,8 @@ def learn_inflation(
     progress = progress or Progress()
     stride = -(-len(X) // JUDGES)
     without, squares = [], np.zeros((len(candidates), len(regressor.learned_)))
-    models = _afresh(regressor, X, Y, folds, groups, times) if _few(groups) else _less(regressor, X, Y, folds)
+    few = groups is not None and len(np.unique(groups)) < FEW
+    models = _afresh(regressor, X, Y, folds, groups, times) if few else _less(regressor, X, Y, folds)
     for fold, model in zip(names, models, strict=True):
         without.append(model)
         judges = np.flatnonzero(folds == fold)[::stride]
@@ -89,10 +90,6 @@ def learn_inflation(
         progress.step("left-out trajectories", len(without) / len(names))
     inflation = tuple(candidates[best] for best in squares.argmin(axis=0))
     return regressor.inflated(inflation), _left_out(without, inflation, X, Y, folds)
-
-
-def _few(groups: IntArray | None) -> bool:
-    return groups is not None and len(np.unique(groups)) < FEW
 
 
 def _less(regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray) -> Iterator[SparseGPR]:

@@ -15,7 +15,7 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray, frozen_array
 
-__all__ = ["IntervalCalibration", "coverage_by_group", "novelty_limit"]
+__all__ = ["IntervalCalibration", "novelty_limit"]
 
 LEVEL = 0.95  # what an interval promises
 FOLDS = 10  # of trajectories, that the level is checked on: the usual number, each trajectory left out once
@@ -83,23 +83,6 @@ class IntervalCalibration:
         """
         half: FloatArray = std * self.factor
         return half
-
-
-def coverage_by_group(errors: FloatArray, half_widths: FloatArray, groups: IntArray) -> FloatArray:
-    """Share `(m,)` of errors `(n, m)` inside their intervals, every group (trajectory) counting alike.
-
-    Parameters
-    ----------
-    errors : (n, m) array
-        Errors.
-    half_widths : (n, m) array
-        Half widths of the intervals, same units.
-    groups : (n,) array
-        Trajectory of each sample.
-    """
-    inside = np.abs(errors) <= half_widths
-    shares: FloatArray = np.mean([inside[groups == group].mean(axis=0) for group in np.unique(groups)], axis=0)
-    return shares
 
 
 def novelty_limit(novelty: FloatArray, share: float = 0.995) -> float:

@@ -30,7 +30,10 @@ from gpcorrect.types import CalibrationLog
 __all__ = ["Reader", "damage_named", "parse", "parse_apart"]
 
 Reader = Callable[[Path, ReadSettings], CalibrationLog | Take]
-"""Of a format: what it reads is a log, or what cameras saw, of which the tool is still to be chosen."""
+"""What reads a format, from path and settings: into a log, or what cameras saw, where the tool is still to be chosen.
+
+It raises a LogError where the file is damaged, cut off, too large or of another layout, and a MissingExtraError where
+the library that reads it is not installed."""
 
 PATIENCE = 8.0
 """s of processor time for a small file, start included; a sound one takes less than one."""

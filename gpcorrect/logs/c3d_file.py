@@ -1,8 +1,9 @@
-"""C3D motion capture recordings, through ezc3d."""
+"""C3D motion capture recordings, through ezc3d; what it refuses (MIPS and SPARC machines) through the slower c3d."""
 
 from __future__ import annotations
 
 import struct
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -20,33 +21,18 @@ DEC, BIG_ENDIAN = bytes([85]), bytes([86])  # processor codes: of swapped words 
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read markers; one is hidden where its residual is negative.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-
-    Raises
-    ------
-    LogError
-        The file is damaged or too large, holds no such marker, or the markers do not give a pose.
-    MissingExtraError
-        The library ezc3d is not installed.
-    """
+    """Read markers; one is hidden where its residual is negative. See :data:`gpcorrect.logs.apart.Reader`."""
     try:
         import ezc3d
     except ImportError as error:
         raise MissingExtraError("ezc3d", extra="c3d", purpose="Reading C3D files") from error
     _check_whole(path)
     try:
-        content = _arrays(ezc3d.c3d(str(path)))
+        content = _arrays_by_ezc3d(ezc3d.c3d(str(path)))
     except RuntimeError as error:
         if "not supported" not in str(error):
             raise
-        from gpcorrect.logs import c3d_fallback
-
-        content = c3d_fallback.arrays(str(path))
+        content = _arrays_by_c3d(path)
     given = content["labels"].tolist()[: content["points"].shape[1]]  # some programs name more than they write
     # Markers that share a label get names of their own.
     labels = [name if given.count(name) == 1 else f"{name}#{k + 1}" for k, name in enumerate(given)]
@@ -61,7 +47,7 @@ def read(path: Path, settings: ReadSettings) -> Take:
     return Take(frames / rate, markers=markers, remarks=remarks)
 
 
-def _arrays(content: Any) -> dict[str, Any]:
+def _arrays_by_ezc3d(content: Any) -> dict[str, Any]:
     """Points `(n, m, 3)`, residuals `(n, m)`, labels, unit, rate and first frame."""
     point = content["parameters"]["POINT"]
     names = [point[key]["value"] for key in ("LABELS", "LABELS2", "LABELS3", "LABELS4") if key in point]
@@ -74,6 +60,26 @@ def _arrays(content: Any) -> dict[str, Any]:
         "rate": float(np.ravel(point["RATE"]["value"])[0]) if "RATE" in point else 0.0,
         "first": int(content["header"]["points"]["first_frame"]),
     }
+
+
+def _arrays_by_c3d(path: Path) -> dict[str, Any]:
+    """Read the same with the library c3d, which the extra brings too."""
+    import c3d
+
+    with warnings.catch_warnings(), path.open("rb") as file:
+        warnings.simplefilter("ignore")  # about parameters that markers do not need
+        reader = c3d.Reader(file)
+        frames = [points[:, :4] for _, points, _ in reader.read_frames()]
+        unit = reader.get("POINT:UNITS")
+        values = np.array(frames, dtype=np.float64).reshape(len(frames), -1, 4)
+        return {
+            "points": values[..., :3],
+            "residuals": values[..., 3],
+            "labels": np.array([label.strip() for label in reader.point_labels], dtype=str),
+            "unit": unit.string_value.strip() if unit is not None else "",
+            "rate": float(reader.point_rate),
+            "first": int(reader.first_frame),
+        }
 
 
 def _check_whole(path: Path) -> None:

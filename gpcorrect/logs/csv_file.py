@@ -33,18 +33,7 @@ BYTE_ORDER_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read a text table.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-
-    Raises
-    ------
-    LogError
-        The table is empty, too large, ragged, has text where numbers belong, or has no header and no mapping.
-    """
+    """Read a text table. See :data:`gpcorrect.logs.apart.Reader`."""
     dialect = _sniff(path, settings.columns.csv)
     if not settings.columns.used:
         known = recognised(dialect.names, _first_rows(path, dialect), settings.columns)

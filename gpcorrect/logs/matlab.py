@@ -37,20 +37,7 @@ Found = tuple[dict[str, np.ndarray[Any, Any]], list[str]]
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read the variables of a MATLAB file as columns.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-
-    Raises
-    ------
-    LogError
-        The file is damaged, too large, or its variables are no samples of one recording.
-    MissingExtraError
-        The file is of version 7.3 and h5py is not installed.
-    """
+    """Read the variables of a MATLAB file as columns. See :data:`gpcorrect.logs.apart.Reader`."""
     with path.open("rb") as file:
         old = file.read(len(MARKS[0])) == MARKS[0]
     arrays, left_out = (_version_5 if old else _version_73)(path, settings.max_bytes)

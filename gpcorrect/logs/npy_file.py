@@ -18,15 +18,7 @@ __all__ = ["read"]
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read an array, a row a sample; a field of k numbers counts as the columns `field_1` to `field_k`.
 
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-
-    Raises
-    ------
-    LogError
-        The file is damaged, too large, holds pickled objects, or is a plain array without a mapping.
+    See :data:`gpcorrect.logs.apart.Reader`.
     """
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)

@@ -21,18 +21,7 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read a Parquet table; a time stamp becomes seconds since 1970.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-
-    Raises
-    ------
-    LogError
-        The file is damaged, too large, or does not hold a log.
-    """
+    """Read a Parquet table; a time stamp becomes seconds since 1970. See :data:`gpcorrect.logs.apart.Reader`."""
     with parquet.ParquetFile(path) as file:
         check_memory(file.metadata.num_rows * max(file.metadata.num_columns, 1) * NUMBER, settings.max_bytes)
         arrow = file.read()

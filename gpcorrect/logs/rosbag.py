@@ -29,17 +29,7 @@ DAMAGED = "the recording cannot be read, it may be cut off or still being writte
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read a recording of ROS topics onto one clock; header stamps count from the start of the recording.
 
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-
-    Raises
-    ------
-    LogError
-        The recording is damaged, or it does not say which topics to take.
-    MissingExtraError
-        The library rosbags is not installed.
+    See :data:`gpcorrect.logs.apart.Reader`.
     """
     options = settings.columns.bag
     with _opened(path) as bag:

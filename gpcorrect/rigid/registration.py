@@ -298,14 +298,11 @@ def _reweighted(pairs: _Pairs, rotation_weight: float | None) -> RigidModel:
     for _ in range(1 + MAX_ROUNDS):
         w = weights / weights.sum()
         model = _position(pairs, w) if rotation_weight is None else _pose(pairs, w, rotation_weight)
-        previous, weights = weights, np.min([_weights_of(r) for r in pairs.norms(model)], axis=0)
+        previous = weights
+        weights = np.min([cauchy_weights(r, component_scale(r)) for r in pairs.norms(model)], axis=0)
         if np.abs(weights - previous).max() < TOLERANCE:
             break
     return model
-
-
-def _weights_of(norms: FloatArray) -> FloatArray:
-    return cauchy_weights(norms, component_scale(norms))
 
 
 def _cross_covariance(pairs: _Pairs, w: FloatArray) -> FloatArray:

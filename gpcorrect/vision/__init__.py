@@ -5,7 +5,7 @@ from gpcorrect.vision.boards import Chessboard, calibrate_lens, find_corners
 from gpcorrect.vision.calibrate import CalibrationReport, calibrate_rig
 from gpcorrect.vision.camera import Camera, Intrinsics
 from gpcorrect.vision.checks import check_fit
-from gpcorrect.vision.files import Rig, read_cameras, read_rig, read_target, target_from_dict, write_cameras
+from gpcorrect.vision.files import Rig, read_cameras, read_rig, read_target, write_cameras
 from gpcorrect.vision.filtering import PoseFilter, Status
 from gpcorrect.vision.place import adjust, poses_from_board, refine_pose
 from gpcorrect.vision.rim import Outline, outline
@@ -69,7 +69,6 @@ __all__ = [
     "read_target",
     "refine_pose",
     "single_ball",
-    "target_from_dict",
     "track",
     "triangulate",
     "write_cameras",

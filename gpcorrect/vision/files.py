@@ -23,7 +23,7 @@ from gpcorrect.vision.camera import Camera, Intrinsics
 from gpcorrect.vision.sources import IMAGES
 from gpcorrect.vision.target import BallSpec, Target, colour_of
 
-__all__ = ["Rig", "RigCamera", "read_cameras", "read_rig", "read_target", "target_from_dict", "write_cameras"]
+__all__ = ["Rig", "RigCamera", "read_cameras", "read_rig", "read_target", "write_cameras"]
 
 FORMAT = "gpcorrect cameras 1"  # of the calibration file
 HINTS = {
@@ -149,17 +149,13 @@ def _read(path: str | Path, model: type[Model], what: str) -> Model:
         raise DataError(f"cannot read the {what} {path}: {error.strerror}.", hint=HINTS[what]) from error
     except ValueError as error:  # what tomllib, json and a wrong encoding raise
         raise DataError(f"{path} is no {what}: {error}.", hint=HINTS[what]) from error
-    return _checked(values, model, what, str(path))
-
-
-def _checked(values: object, model: type[Model], what: str, source: str) -> Model:
     try:
         return model.model_validate(values)
     except ValidationError as error:
         wrong = "; ".join(
             f"{'.'.join(map(str, e['loc']))}: {e['msg'].removeprefix('Value error, ')}" for e in error.errors()[:5]
         )
-        raise DataError(f"{source} is no {what}: {wrong}.", hint=HINTS[what]) from error
+        raise DataError(f"{path} is no {what}: {wrong}.", hint=HINTS[what]) from error
 
 
 def _check_names(names: Sequence[str], path: str | Path) -> None:
@@ -215,24 +211,6 @@ def write_cameras(cameras: Sequence[Camera], path: str | Path) -> None:
         temporary.write_text(json.dumps({"format": FORMAT, "cameras": rows}, indent=1), encoding="utf-8")
 
 
-def target_from_dict(values: Mapping[str, object], source: str = "target") -> Target:
-    """Check plain values and return the target.
-
-    Parameters
-    ----------
-    values : mapping
-        As in a target file: a list `ball` of tables.
-    source : str
-        For messages.
-
-    Raises
-    ------
-    DataError
-        A key is unknown or missing, a value has the wrong type or range, or the balls determine nothing.
-    """
-    return Target(tuple(ball.spec() for ball in _checked(values, _TargetFile, "target file", source).ball))
-
-
 def read_target(path: str | Path) -> Target:
     """Read a target file: a `[[ball]]` table for each ball.
 
@@ -244,7 +222,8 @@ def read_target(path: str | Path) -> Target:
     Raises
     ------
     DataError
-        As :func:`target_from_dict`, or the file cannot be read.
+        It cannot be read, a key is unknown or missing, a value has the wrong type or range, or the balls determine
+        nothing.
     """
     return Target(tuple(ball.spec() for ball in _read(path, _TargetFile, "target file").ball))
 

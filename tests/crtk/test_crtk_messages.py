@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gpcorrect_service.crtk.bus import read_message
 from gpcorrect_service.crtk.messages import TOPICS, JointState, OperatingState, Pose, Text
-from gpcorrect_service.crtk.ros import RmwNode, attachment, from_cdr, gid_of, read_attachment, rmw_key, to_cdr, to_ros
+from gpcorrect_service.crtk.ros import RmwNode, attachment, from_cdr, gid_of, rmw_key, to_cdr, to_ros
 from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import checked_stamp
@@ -77,7 +77,8 @@ def test_attachments_are_33_bytes_as_rmw_zenoh_writes_them():
     assert len(data) == 33
     assert data[16] == 16
     assert int.from_bytes(data[:8], "little") == 7
-    assert read_attachment(data) == (7, 1_700_000_000_123_456_789, gid)
+    assert int.from_bytes(data[8:16], "little") == 1_700_000_000_123_456_789
+    assert data[17:] == gid
 
 
 def test_tokens_tell_the_graph_who_publishes_what():

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from vision_support import cameras_of, intrinsics_of, path_of
 
 from gpcorrect.errors import DataError
-from gpcorrect.vision import END_EFFECTOR, BallSpec, Target, colour_of, outline, target_from_dict
+from gpcorrect.vision import END_EFFECTOR, BallSpec, Target, colour_of, outline, read_target
 from gpcorrect.vision.opencv import cv2
 from gpcorrect.vision.rim import fit_cone
 from gpcorrect.vision.search import Window, detect_everywhere, find_circles
@@ -108,16 +111,22 @@ def test_colours_may_be_named_measured_or_given_as_hues() -> None:
         assert colour_of(given).mask(hsv).tolist() == [[255, 0]]
 
 
-def test_targets_that_cannot_work_are_refused() -> None:
+def test_targets_that_cannot_work_are_refused(tmp_path: Path) -> None:
     """Balls on a line, colours that cannot be told apart, grey, unknown names and unknown keys."""
+
+    def target(*balls: dict[str, object]) -> Target:
+        path = tmp_path / "target.json"
+        path.write_text(json.dumps({"ball": balls}))
+        return read_target(path)
+
     line = [BallSpec(n, colour_of(n), (0.01 * k, 0.0, 0.0)) for k, n in enumerate(("green", "yellow", "red"))]
     with pytest.raises(DataError, match="on a line"):
         Target(tuple(line))
     with pytest.raises(DataError, match="cannot be told apart"):
-        target_from_dict({"ball": [{"name": "a", "hue": 10.0}, {"name": "b", "color": "red"}]})
+        target({"name": "a", "hue": 10.0}, {"name": "b", "color": "red"})
     with pytest.raises(DataError, match="nearly grey"):
         colour_of((120, 121, 119))
     with pytest.raises(DataError, match="no name here"):
-        target_from_dict({"ball": [{"name": "ball", "color": "mauvish"}]})
+        target({"name": "ball", "color": "mauvish"})
     with pytest.raises(DataError, match="size"):
-        target_from_dict({"ball": [{"name": "red", "size": 3}]})
+        target({"name": "red", "size": 3})

@@ -42,18 +42,7 @@ class Item:
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read rigid bodies and markers.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-
-    Raises
-    ------
-    LogError
-        The file is cut off, too large, or its header is not one of Motive's.
-    """
+    """Read rigid bodies and markers. See :data:`gpcorrect.logs.apart.Reader`."""
     export = read_export(path)
     cells = export.cells(0)
     header = dict(zip(cells[::2], cells[1::2], strict=False))

@@ -33,18 +33,7 @@ PER_MARKER = 4  # cells: state and position
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read the poses of tools.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-
-    Raises
-    ------
-    LogError
-        The file is cut off, its lines hold other columns than its header names, or angles instead of quaternions.
-    """
+    """Read the poses of tools. See :data:`gpcorrect.logs.apart.Reader`."""
     export = read_export(path, ",")
     names = _layout(export.cells(0))
     rows = [

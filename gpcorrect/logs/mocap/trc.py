@@ -23,18 +23,7 @@ VIRTUAL = "V_"
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read markers.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-
-    Raises
-    ------
-    LogError
-        The file is cut off, too large, of another layout, or in an unknown unit.
-    """
+    """Read markers. See :data:`gpcorrect.logs.apart.Reader`."""
     export = read_export(path)
     if len(export) <= DATA or not export.lines[NAMES].startswith("Frame#"):
         raise LogError("expected Frame#, Time and the names of the markers in line 4 of a TRC file.")

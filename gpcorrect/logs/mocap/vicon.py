@@ -59,18 +59,7 @@ class Section:
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read objects or segments, or markers.
-
-    Parameters
-    ----------
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-
-    Raises
-    ------
-    LogError
-        The file is cut off, too large, in an unknown unit, or holds neither objects, segments nor trajectories.
-    """
+    """Read objects or segments, or markers. See :data:`gpcorrect.logs.apart.Reader`."""
     export, options = read_export(path), settings.columns.mocap
     sections = [_heading(export, k) for k in range(len(export)) if is_heading(export.cells(k))]
     wanted = MARKERS if options.markers is not None else (*BODIES, *MARKERS)

@@ -71,7 +71,7 @@ class PinnedModels:
         ServiceError
             OTHER_MODEL.
         """
-        task, hashes = _task(kind), self._hashes
+        task, hashes = "joints" if kind == "correct_joints" else "pose", self._hashes
         if not self._hold:
             hashes[task] = meta.model_hash
             return
@@ -131,7 +131,3 @@ class PinnedModels:
         parts = [mapped.position] if mapped.quaternion is None else [mapped.position, mapped.quaternion]
         command: FloatArray = np.hstack(parts).reshape(poses.shape)
         return command
-
-
-def _task(kind: Kind) -> str:
-    return "joints" if kind == "correct_joints" else "pose"

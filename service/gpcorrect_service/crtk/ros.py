@@ -23,7 +23,7 @@ from gpcorrect_service.protocol.cdr import (
     ros_types,
 )
 
-__all__ = ["RmwNode", "attachment", "from_cdr", "gid_of", "read_attachment", "rmw_key", "to_cdr", "to_ros"]
+__all__ = ["RmwNode", "attachment", "from_cdr", "gid_of", "rmw_key", "to_cdr", "to_ros"]
 
 GID_BYTES = 16  # length of a sender's name
 ATTACHMENT = struct.Struct("<qqB16s")
@@ -130,18 +130,6 @@ def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
         Its sender.
     """
     return ATTACHMENT.pack(sequence, stamp_ns, GID_BYTES, gid)
-
-
-def read_attachment(data: bytes) -> tuple[int, int, bytes]:
-    """Return number, time in ns and sender of a message.
-
-    Parameters
-    ----------
-    data : bytes
-        What :func:`attachment` writes.
-    """
-    sequence, stamp_ns, _, gid = ATTACHMENT.unpack(data)
-    return sequence, stamp_ns, gid
 
 
 @dataclass(frozen=True)
