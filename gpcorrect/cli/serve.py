@@ -57,7 +57,7 @@ def serve(
     """
     stop = stop_signal()
     from gpcorrect_service import ServerSettings  # zenoh is an extra; other commands work without it
-    from gpcorrect_service.protocol.correction_bound import CorrectionBound
+    from gpcorrect_service.protocol.bounds import CorrectionBound
     from gpcorrect_service.server.service import serve as serve_model
 
     settings = ServerSettings(

@@ -19,6 +19,7 @@ __all__ = ["IntervalCalibration", "novelty_limit"]
 
 LEVEL = 0.95  # what an interval promises
 FOLDS = 10  # of trajectories, that the level is checked on: the usual number, each trajectory left out once
+INSIDE = 0.995  # of the left-out training samples: chosen by hand, so that the odd one of them is outside
 STEPS = 16  # halvings of the level: finer than one sample in 50 000
 
 
@@ -85,17 +86,15 @@ class IntervalCalibration:
         return half
 
 
-def novelty_limit(novelty: FloatArray, share: float = 0.995) -> float:
-    """Novelty below which this share of left-out training samples lies: a query above it is outside their region.
+def novelty_limit(novelty: FloatArray) -> float:
+    """Novelty below which nearly all left-out training samples lie: a query above it is outside their region.
 
     Parameters
     ----------
     novelty : (n,) array
         Novelties of left-out training samples.
-    share : float
-        Fraction of them that is to lie below.
     """
-    return float(np.quantile(novelty, share))
+    return float(np.quantile(novelty, INSIDE))
 
 
 def _factor(scores: FloatArray, labels: IntArray) -> float:

@@ -2,8 +2,7 @@
 
 from gpcorrect.plots.discrepancy_evidence import nats_waterfall, posterior_bars, signature_correlation
 from gpcorrect.plots.discrepancy_gap import gap_chart
-from gpcorrect.plots.discrepancy_loops import loop_plots
-from gpcorrect.plots.discrepancy_maps import residual_over_joints
+from gpcorrect.plots.discrepancy_residuals import loop_plots, residual_over_joints
 from gpcorrect.plots.held_out import (
     error_by_speed,
     error_distribution,

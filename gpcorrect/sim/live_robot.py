@@ -66,18 +66,16 @@ class LiveRobot:
         Arm, drives, effects and sensors.
     rng : numpy.random.Generator
         Of the sensors' noise.
-    start : float
-        Session time, s.
     block : int
         Servo steps between two looks at where the arm is; see :class:`~gpcorrect.sim.live.LiveArm`.
     """
 
-    def __init__(self, machine: Machine, rng: np.random.Generator, *, start: float = 0.0, block: int = 5) -> None:
+    def __init__(self, machine: Machine, rng: np.random.Generator, *, block: int = 5) -> None:
         self._arm: Arm | None = machine.description
         self._columns = [number - 1 for number in machine.body.joints]
         q = np.zeros(len(self._columns)) if self._arm is None else _start(self._arm)[self._columns]
         self.machine = machine
-        self._live = LiveArm(machine, q, start=start, block=block)
+        self._live = LiveArm(machine, q, block=block)
         self._sensors = Sensors(machine, rng)
         self._setpoint, self._target = q, q
         self._speed = self._speed_limits()

@@ -16,9 +16,8 @@ from gpcorrect.errors import DataError
 from gpcorrect_service import ServiceError
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
-from gpcorrect_service.protocol.correction_bound import CorrectionBound
+from gpcorrect_service.protocol.bounds import CorrectionBound, RateBound, Throttle
 from gpcorrect_service.server.admin import Health
-from gpcorrect_service.server.bounds import RateBound, Throttle
 from gpcorrect_service.server.models import FAULTS_IN_A_ROW, Active, Model
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Clock, RequestParser

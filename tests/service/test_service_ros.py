@@ -19,9 +19,9 @@ from gpcorrect_service import ServiceError
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import OPENMETRICS, Counters
 from gpcorrect_service.protocol.answer import PathAnswer
+from gpcorrect_service.protocol.bounds import CorrectionBound
 from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, read_pose, write_pose
 from gpcorrect_service.protocol.codec import JSON
-from gpcorrect_service.protocol.correction_bound import CorrectionBound
 from gpcorrect_service.protocol.messages import CorrectPathRequest, ErrorAnswer, RequestMeta
 from gpcorrect_service.server.admin import Health
 from gpcorrect_service.server.corrections import Corrections

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,15 +31,10 @@ class PinnedModels:
         SHA-256 of the model that must answer; empty takes the one that answers first.
     hold : bool
         Whether other models are refused at all.
-    monotonic : callable
-        Clock, s.
     """
 
-    def __init__(
-        self, model_hash: str = "", *, hold: bool = True, monotonic: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, model_hash: str = "", *, hold: bool = True) -> None:
         self._hold = hold
-        self._monotonic = monotonic
         self._asked_at = -ASK_AGAIN
         self._registration: tuple[str, RigidModel | None] | None = None
         self.change(model_hash)
@@ -89,7 +83,7 @@ class PinnedModels:
     def wants_registration(self) -> bool:
         """Whether the registration of the model of poses is to be asked for now; true once in a while."""
         held, known = self._hashes.get("pose"), self._registration
-        now = self._monotonic()
+        now = time.monotonic()
         if held is None or (known is not None and known[0] == held) or now < self._asked_at + ASK_AGAIN:
             return False
         self._asked_at = now

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from gpcorrect.errors import DataError
-from gpcorrect_service.protocol.correction_bound import CorrectionBound
+from gpcorrect_service.protocol.bounds import CorrectionBound
 from gpcorrect_service.protocol.errors import EndpointError
 from gpcorrect_service.protocol.messages import Kind
 

@@ -12,8 +12,8 @@ from msgspec.structs import asdict
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.types import FloatArray
 from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, pack
+from gpcorrect_service.protocol.bounds import CorrectionBound
 from gpcorrect_service.protocol.cdr import CDR_ENCODING, read_pose, write_pose
-from gpcorrect_service.protocol.correction_bound import CorrectionBound
 from gpcorrect_service.protocol.limits import (
     LIMITS,
     bad_input,

@@ -24,12 +24,12 @@ from gpcorrect.calibration import ModelStore
 from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.ops.metrics import Counters
+from gpcorrect_service.protocol.bounds import Throttle
 from gpcorrect_service.protocol.live import live_key
 from gpcorrect_service.protocol.messages import Kind
 from gpcorrect_service.protocol.sessions import open_server
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.admin import Admin, Health, load_entry
-from gpcorrect_service.server.bounds import Throttle
 from gpcorrect_service.server.corrections import Corrections
 from gpcorrect_service.server.models import Active, Corrector, JointModel, Model, load_joint_model, load_model
 from gpcorrect_service.server.queues import Dispatcher, Job, WorkerQueue
