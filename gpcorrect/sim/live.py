@@ -25,9 +25,7 @@ from gpcorrect.types import FloatArray
 
 __all__ = ["LiveArm", "Moment"]
 
-SETTLING = (
-    4  # times that a start's load and place are computed from each other; an error shrinks to a few per cent each
-)
+SETTLING = 4  # times that a start's load and place follow from each other; an error shrinks to a few per cent each
 
 
 @dataclass(frozen=True, eq=False)

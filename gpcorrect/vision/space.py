@@ -29,10 +29,7 @@ __all__ = [
 
 LEAST_ANGLE = np.deg2rad(1.0)  # between two rays: one pixel of error is then a tenth of the distance in depth
 USUAL_NOISE_PX = 0.1  # of a centre without a covariance: what this package's outlines have
-STEPS, CONVERGED = (
-    10,
-    1e-9,
-)  # Gauss-Newton ends after so many steps, or at such a step (m and rad): it takes three or four
+STEPS, CONVERGED = 10, 1e-9  # steps of Gauss-Newton, which takes three or four, and its last step (m and rad)
 THIN = 1e-3  # height of a triangle over its spread, below which three balls are on a line
 WORST_CONDITION = 1e14  # of an information matrix in m and rad: beyond it, rounding decides
 LEAST_DEPTH = 1e-9  # m: keeps the projection of a point behind a camera finite

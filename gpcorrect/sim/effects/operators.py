@@ -51,8 +51,7 @@ def play(path: FloatArray, radius: float, memory: Memory | None = None) -> Float
     """
     if not radius >= 0:
         raise DataError(f"the half width of a play must be >= 0, got {radius}.")
-    columns = as_columns(path)
-    return _play(columns, radius, remembered(memory, 1, columns)).reshape(path.shape)
+    return plays(path, np.array([radius]), memory)
 
 
 def plays(path: FloatArray, radii: FloatArray, memory: Memory | None = None) -> FloatArray:
@@ -192,21 +191,6 @@ def remembered(memory: Memory | None, size: int, columns: FloatArray) -> FloatAr
     """
     fresh = np.full((size, columns.shape[1]), np.nan)
     return fresh if memory is None else memory.setdefault("state", fresh)
-
-
-@njit(cache=True)
-def _play(path: FloatArray, radius: float, state: FloatArray) -> FloatArray:
-    output = path.copy()
-    for j in range(path.shape[1]):
-        w = state[0, j]
-        for i in range(len(path)):
-            u = path[i, j]
-            if isnan(u):
-                continue
-            w = u if isnan(w) else min(max(w, u - radius), u + radius)
-            output[i, j] = w
-        state[0, j] = w
-    return output
 
 
 @njit(cache=True)
