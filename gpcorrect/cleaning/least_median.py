@@ -14,10 +14,11 @@ from scipy.special import chdtri as chi2_upper
 
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.rigid import RigidModel, fit_pose, fit_position, pose_residual
+from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
 
-__all__ = ["LeastMedianFit", "evenly_spaced", "least_median", "least_median_plane", "least_median_pose"]
+__all__ = ["LeastMedianFit", "least_median", "least_median_plane", "least_median_pose"]
 
 Model = TypeVar("Model")
 
@@ -214,7 +215,7 @@ def least_median_pose(
     DegenerateError
         No random sample determines a registration.
     """
-    rows = evenly_spaced(np.arange(len(observed)), MOST_POSES)
+    rows = evenly_spaced(len(observed), MOST_POSES)
     observed, command = observed[rows], command[rows]
 
     def registration(few: IntArray) -> RigidModel:
@@ -230,17 +231,3 @@ def least_median_pose(
     return least_median(
         registration, lengths, len(rows), sample_size=POSE_SAMPLE, rng=rng, dimension=3, floor=resolution
     )
-
-
-def evenly_spaced(rows: IntArray, most: int) -> IntArray:
-    """Return at most `most` of the rows (n,), evenly spread over the recording.
-
-    Parameters
-    ----------
-    rows : (n,) array
-        Row numbers.
-    most : int
-        Rows wanted.
-    """
-    chosen: IntArray = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), most)).round().astype(np.int64))]
-    return chosen

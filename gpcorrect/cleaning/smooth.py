@@ -16,10 +16,11 @@ from typing import Self
 
 import numpy as np
 
-from gpcorrect.cleaning.least_median import evenly_spaced, least_median_plane
+from gpcorrect.cleaning.least_median import least_median_plane
 from gpcorrect.cleaning.settings import CleaningSettings
 from gpcorrect.cleaning.signals import Samples
 from gpcorrect.gpr import AdditiveRBF, WithLinear, conditioned
+from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
@@ -249,7 +250,8 @@ def learn_smooth_model(
         Source of the random samples of the trend.
     """
     resolution = settings.resolution(samples.units)
-    rows = evenly_spaced(np.flatnonzero(trusted), settings.field_samples)
+    rows = np.flatnonzero(trusted)
+    rows = rows[evenly_spaced(len(rows), settings.field_samples)]
     planes = [
         least_median_plane(samples.trend_inputs(group)[rows], samples.error[rows, group], rng)
         for group in range(len(samples.units))
@@ -327,7 +329,7 @@ def _cross_predict(train: _Data, asked: _Data, hyper: _Hyper) -> tuple[FloatArra
 
 def _best_hyper(train: _Data) -> _Hyper:
     """Hyperparameters of least median error on the other folds, one after the other."""
-    few = train[evenly_spaced(np.arange(len(train.Y)), SEARCH_SAMPLES)]
+    few = train[evenly_spaced(len(train.Y), SEARCH_SAMPLES)]
 
     def median_error(hyper: _Hyper) -> float:
         lengths = few.lengths(_cross_predict(few, few, hyper)[0], 1.0)

@@ -14,6 +14,7 @@ from gpcorrect.discrepancy.outcome.result import Evidence
 from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.plots.style import COLOURS, new_figure
+from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.sim.body import Body
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -85,7 +86,7 @@ def _panel(ax: Axes, evidence: Evidence, values: FloatArray, column: int, units:
         chosen = np.flatnonzero(rows)
         if len(chosen) == 0:
             continue
-        shown = chosen[np.unique(np.linspace(0, len(chosen) - 1, min(len(chosen), MOST_POINTS)).astype(np.int64))]
+        shown = chosen[evenly_spaced(len(chosen), MOST_POINTS)]
         x, y = along * evidence.motor[:, column], scale * values
         ax.plot(x[shown], y[shown], ".", color=COLOURS[colour], markersize=1.6, alpha=0.35, label=label)
         centre, median = _running_median(x[chosen], y[chosen])

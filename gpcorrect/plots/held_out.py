@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from gpcorrect.calibration import COMPONENTS, METHODS, Measured
 from gpcorrect.plots.style import COLOURS, LABELS, new_figure
+from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
 __all__ = [
@@ -207,7 +208,7 @@ def residual_maps(measured: Measured, position: FloatArray) -> Figure:
     position : (n, 3) array
         Their observed positions, m.
     """
-    shown = _thinned(len(position))
+    shown = evenly_spaced(len(position), MOST_POINTS)
     before, after = (1e3 * np.linalg.norm(e[shown, :3], axis=1) for e in (measured.registered, measured.corrected))
     figure, axes = new_figure(9.0, 6.4, 2, 2)
     scale: dict[str, Any] = {
@@ -239,7 +240,7 @@ def workspace_coverage(train: FloatArray, test: FloatArray, in_domain: BoolArray
     """
     figure, axes = new_figure(9.0, 3.4, 1, 2)
     groups = (
-        (train[_thinned(len(train))], ".", "#c9ced6", 2, "training"),
+        (train[evenly_spaced(len(train), MOST_POINTS)], ".", "#c9ced6", 2, "training"),
         (test[in_domain], ".", COLOURS["corrected"], 2, "held out, in domain"),
         (test[~in_domain], "x", COLOURS["raw"], 4, "held out, outside"),
     )
@@ -295,7 +296,3 @@ def _views(position: FloatArray) -> list[tuple[int, int]]:
 
 def _label_view(ax: Axes, i: int, j: int) -> None:
     ax.set(xlabel=f"{'xyz'[i]} [cm]", ylabel=f"{'xyz'[j]} [cm]", aspect="equal", adjustable="datalim")
-
-
-def _thinned(count: int) -> IntArray:
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(np.int64))
