@@ -13,10 +13,11 @@ from gpcorrect.logs.apart import damage_named
 from gpcorrect.logs.columns import BagOptions, ColumnMap, ReadSettings
 from gpcorrect.logs.mocap.take import Take
 from gpcorrect.logs.mocap.tool import bodies_of
-from gpcorrect.logs.proposal import propose_columns, quoted
+from gpcorrect.logs.proposal import propose_columns
 from gpcorrect.logs.reader import format_of, naming
 from gpcorrect.logs.table import joint_names, orientation_names, position_names
 from gpcorrect.logs.topics import JOINT_TYPES, POSE_TYPES, choose_topics
+from gpcorrect.toml_text import quoted
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 __all__ = ["Contents", "Part", "contents_of"]

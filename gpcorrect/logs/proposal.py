@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from gpcorrect.toml_text import quoted
 from gpcorrect.types import FloatArray
 
-__all__ = ["propose_columns", "quoted"]
+__all__ = ["propose_columns"]
 
 CLOCK = re.compile(r"time|stamp|^t$|^sec|nsec|nanosec", re.IGNORECASE)
 UNITS = {"ns": 1e-9, "nsec": 1e-9, "nanosec": 1e-9, "us": 1e-6, "ms": 1e-3}  # of time, at the end of a name
@@ -21,17 +21,6 @@ ROLES = {
     "external": r"extern|encoder|true",
     "measured": r"meas|act|state|curr|robot|joint_pos",
 }
-
-
-def quoted(text: str) -> str:
-    """Write a string of TOML.
-
-    Parameters
-    ----------
-    text : str
-        Any.
-    """
-    return json.dumps(text, ensure_ascii=False)
 
 
 def propose_columns(columns: Mapping[str, FloatArray]) -> str:

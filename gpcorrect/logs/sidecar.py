@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from dataclasses import asdict
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, StrictStr, ValidationError
 
 from gpcorrect.errors import LogError
+from gpcorrect.toml_text import toml_text
 from gpcorrect.types import LogMeta
 
 __all__ = ["format_sidecar", "read_sidecar", "sidecar_path"]
@@ -86,13 +86,9 @@ def format_sidecar(meta: LogMeta) -> str:
     meta : LogMeta
         What to write.
     """
-    stated = asdict(meta)
-    frame = stated.pop("tracker_base")
-    # A JSON string is a TOML one, but for the delete character.
-    quoted = {name: json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f") for name, text in stated.items()}
-    lines = [f"{name} = {text}" for name, text in quoted.items() if stated[name]]
+    stated = {name: text for name, text in asdict(meta).items() if text}
+    frame = stated.pop("tracker_base", None)
     if frame is not None:
-        numbers = [repr(float(x)) for x in frame]
-        lines += ["", "[T_tracker_base]", f"translation = [{', '.join(numbers[:3])}]"]
-        lines += [f"rotvec = [{', '.join(numbers[3:])}]"]
-    return "".join(f"{line}\n" for line in lines)
+        numbers = [float(x) for x in frame]
+        stated["T_tracker_base"] = {"translation": numbers[:3], "rotvec": numbers[3:]}
+    return toml_text(stated)

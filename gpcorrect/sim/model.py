@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -17,6 +16,7 @@ from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Effect, effect_from_dict, in_order
 from gpcorrect.sim.settings import Noise, NonNegative, Number, Positive, Settings, TrackerFaults
+from gpcorrect.toml_text import toml_text
 
 __all__ = [
     "Controller",
@@ -29,7 +29,6 @@ __all__ = [
     "preset",
     "preset_names",
     "read_model",
-    "toml_text",
     "write_model",
 ]
 
@@ -283,56 +282,3 @@ def _problem(location: tuple[int | str, ...], kind: str, message: str) -> str:
             return f"{key} is missing"
         case _:
             return f"{key}: {message.removeprefix('Value error, ')}"
-
-
-def toml_text(document: Mapping[str, Any]) -> str:
-    """Return TOML that `tomllib` reads back to the same values.
-
-    Parameters
-    ----------
-    document : mapping
-        Text, numbers, truth values, lists of these, tables, and lists of tables. Tables inside a table of the first
-        level, or inside a list, are written inline.
-    """
-    plain = {k: v for k, v in document.items() if not (_is_table(v) or _is_table_list(v))}
-    blocks = ["\n".join(_line(k, v) for k, v in plain.items())]
-    for key, value in document.items():
-        if _is_table(value):
-            blocks.append("\n".join([f"[{_key(key)}]", *(_line(k, v) for k, v in value.items())]))
-        elif _is_table_list(value):
-            blocks += ["\n".join([f"[[{_key(key)}]]", *(_line(k, v) for k, v in table.items())]) for table in value]
-    return "\n\n".join(block for block in blocks if block) + "\n"
-
-
-def _line(key: str, value: Any) -> str:
-    return f"{_key(key)} = {_value(value)}"
-
-
-def _key(key: str) -> str:
-    bare = key.replace("_", "").replace("-", "").isalnum() and key.isascii()
-    return key if bare else _text(key)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return _text(value)
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(_line(k, v) for k, v in value.items()) + " }" if value else "{}"
-    if isinstance(value, Sequence):
-        return "[" + ", ".join(map(_value, value)) + "]"
-    return repr(value)  # int and float: Python's shortest exact form, also inf and nan, is TOML's
-
-
-def _text(value: str) -> str:
-    """Quote text: JSON's escapes are TOML's, but for DEL, which TOML does not take as it is."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, Mapping)
-
-
-def _is_table_list(value: Any) -> bool:
-    return isinstance(value, Sequence) and bool(value) and all(isinstance(v, Mapping) for v in value)

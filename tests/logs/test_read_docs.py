@@ -25,7 +25,7 @@ def test_the_pages_mapping_files_are_accepted_and_its_sidecar_uses_known_keys():
     sidecars = [block for block in blocks if "robot" in block]
     assert len(sidecars) == 1
     assert set(sidecars[0]) <= {f.name for f in fields(LogMeta)} | {"T_tracker_base"}
-    assert format_sidecar(LogMeta(tracker_base=(0.0,) * 6)).startswith("\n[T_tracker_base]")
+    assert format_sidecar(LogMeta(tracker_base=(0.0,) * 6)).startswith("[T_tracker_base]")
     for block in blocks:
         if block not in sidecars:
             ColumnMap.model_validate(block)

@@ -18,7 +18,7 @@ from gpcorrect.sim import (
     write_model,
 )
 from gpcorrect.sim.effects import Backlash, CableStretch, HomingOffset
-from gpcorrect.sim.model import toml_text
+from gpcorrect.toml_text import toml_text
 
 FULL = """
 arm = "raven2_left"

@@ -1,0 +1,68 @@
+"""TOML written: the standard library reads it only."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+__all__ = ["quoted", "toml_text"]
+
+
+def quoted(text: str) -> str:
+    """Write a string: JSON's escapes are TOML's, but for DEL, which TOML does not take as it is.
+
+    Parameters
+    ----------
+    text : str
+        Any.
+    """
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def toml_text(document: Mapping[str, Any]) -> str:
+    """Return TOML that `tomllib` reads back to the same values.
+
+    Parameters
+    ----------
+    document : mapping
+        Text, numbers, truth values, lists of these, tables, and lists of tables. Tables inside a table of the first
+        level, or inside a list, are written inline.
+    """
+    plain = {k: v for k, v in document.items() if not (_is_table(v) or _is_table_list(v))}
+    blocks = ["\n".join(_line(k, v) for k, v in plain.items())]
+    for key, value in document.items():
+        if _is_table(value):
+            blocks.append("\n".join([f"[{_key(key)}]", *(_line(k, v) for k, v in value.items())]))
+        elif _is_table_list(value):
+            blocks += ["\n".join([f"[[{_key(key)}]]", *(_line(k, v) for k, v in table.items())]) for table in value]
+    return "\n\n".join(block for block in blocks if block) + "\n"
+
+
+def _line(key: str, value: Any) -> str:
+    return f"{_key(key)} = {_value(value)}"
+
+
+def _key(key: str) -> str:
+    bare = key.replace("_", "").replace("-", "").isalnum() and key.isascii()
+    return key if bare else quoted(key)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return quoted(value)
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(_line(k, v) for k, v in value.items()) + " }" if value else "{}"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    return repr(value)  # int and float: Python's shortest exact form, also inf and nan, is TOML's
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, Mapping)
+
+
+def _is_table_list(value: Any) -> bool:
+    return isinstance(value, Sequence) and bool(value) and all(isinstance(v, Mapping) for v in value)
