@@ -42,5 +42,4 @@ def robust_scale(lengths: FloatArray, dimension: int = 1) -> FloatArray:
     -------
     () or (k,) array
     """
-    scale: FloatArray = np.asarray(np.median(lengths, axis=0) / median_length(dimension))
-    return scale
+    return np.asarray(np.median(lengths, axis=0) / median_length(dimension))

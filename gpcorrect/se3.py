@@ -272,8 +272,7 @@ def hat(v: FloatArray) -> FloatArray:
     """
     upper = np.zeros((*v.shape[:-1], 3, 3))
     upper[..., 0, 1], upper[..., 0, 2], upper[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    cross: FloatArray = upper - np.swapaxes(upper, -1, -2)
-    return cross
+    return upper - np.swapaxes(upper, -1, -2)
 
 
 def _left_jacobian(rotvec: FloatArray) -> FloatArray:
@@ -303,8 +302,7 @@ def left_jacobian_inverse(rotvec: FloatArray) -> FloatArray:
     half = np.where(small, 1.0, theta) / 2
     c = np.where(small, 1 / 12 + theta**2 / 720, (1 - half / np.tan(half)) / (4 * half**2))
     cross = hat(rotvec)
-    inverse: FloatArray = np.eye(3) - 0.5 * cross + c * (cross @ cross)
-    return inverse
+    return np.eye(3) - 0.5 * cross + c * (cross @ cross)
 
 
 def exp(xi: FloatArray) -> FloatArray:
@@ -330,8 +328,7 @@ def log(T: FloatArray) -> FloatArray:
     """
     rotvec = rotvec_from_matrix(T[..., :3, :3])
     rho = (left_jacobian_inverse(rotvec) @ T[..., :3, 3, None])[..., 0]
-    tangent: FloatArray = np.concatenate([rho, rotvec], axis=-1)
-    return tangent
+    return np.concatenate([rho, rotvec], axis=-1)
 
 
 def rotation_mean(rotations: FloatArray, weights: FloatArray | None = None) -> FloatArray:
@@ -394,5 +391,4 @@ def interpolate_rotations(times: FloatArray, rotations: FloatArray, at: FloatArr
     index = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
     fraction = (at - times[index]) / (times[index + 1] - times[index])
     step = rotvec_from_matrix(rotations[index + 1] @ np.swapaxes(rotations[index], -1, -2))
-    between: FloatArray = matrix_from_rotvec(fraction[:, None] * step) @ rotations[index]
-    return between
+    return matrix_from_rotvec(fraction[:, None] * step) @ rotations[index]

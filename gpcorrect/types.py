@@ -210,8 +210,7 @@ class CalibrationLog:
     def trajectory_ids(self) -> IntArray:
         """Trajectory numbers in the order in which they were recorded."""
         _, first = np.unique(self.trajectory, return_index=True)
-        ids: IntArray = self.trajectory[np.sort(first)]
-        return ids
+        return self.trajectory[np.sort(first)]
 
     def joint_types(self, dof: int) -> str:
         """Return "R" or "P" for each joint: the sidecar's, or a serial surgical arm's, whose third joint inserts.

@@ -65,8 +65,7 @@ def segment_labels(
     longest = _default_gaps(t, motion) if max_gap is None else np.full(t.shape, max_gap)
     follows = used[1:] & used[:-1] & (motion[1:] == motion[:-1]) & (np.diff(t) <= longest[1:])
     starts = used & ~np.concatenate([np.zeros(min(1, t.size), dtype=bool), follows])
-    labels: IntArray = np.where(used, np.cumsum(starts) - 1, -1)
-    return labels
+    return np.where(used, np.cumsum(starts) - 1, -1)
 
 
 def derivative(time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: float | None = None) -> FloatArray:
@@ -319,8 +318,7 @@ def _nearest_row(time: FloatArray, target: FloatArray, low: IntArray, high: IntA
         middle = (left + right) // 2
         later = time[middle] > target
         left, right = np.where(later, left, middle), np.where(later, middle, right)
-    nearest: IntArray = np.where(np.abs(time[left] - target) <= np.abs(time[right] - target), left, right)
-    return nearest
+    return np.where(np.abs(time[left] - target) <= np.abs(time[right] - target), left, right)
 
 
 def _slope_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:

@@ -147,8 +147,7 @@ def _transmission_matrix(side: Side, instrument: Raven2Tool) -> FloatArray:
     ratios = np.array([TR_SHOULDER, TR_ELBOW, TR_INSERTION, TR_ROLL, TR_PITCH, TR_YAW])
     dragged = np.eye(6)
     dragged[3:, 2] = drag, drag, drag if instrument.opposed_jaws else 0.0
-    matrix: FloatArray = dragged @ (ratios[:, None] * joint_rows)
-    return matrix
+    return dragged @ (ratios[:, None] * joint_rows)
 
 
 def _radians(values: ArrayLike) -> FloatArray:

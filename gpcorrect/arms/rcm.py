@@ -167,8 +167,7 @@ def _half_way(w1: FloatArray, w2: FloatArray, start: FloatArray, end: FloatArray
     normal = np.cross(w1, w2)
     square = (1 - a**2 - b**2 - 2 * a * b * c12) / (normal @ normal)
     square = np.where(square > -ROUNDING, np.maximum(square, 0.0), np.nan)
-    direction: FloatArray = a * w1 + b * w2 + sign[:, None] * np.sqrt(square) * normal
-    return direction
+    return a * w1 + b * w2 + sign[:, None] * np.sqrt(square) * normal
 
 
 def _turn(axis: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -185,8 +184,7 @@ def _rotation(axis: FloatArray, angle: FloatArray) -> FloatArray:
 
 def _into(R: FloatArray, vector: FloatArray) -> FloatArray:
     """R^T v, row by row."""
-    turned: FloatArray = (np.swapaxes(R, -1, -2) @ vector[..., None])[..., 0]
-    return turned
+    return (np.swapaxes(R, -1, -2) @ vector[..., None])[..., 0]
 
 
 def _dot(u: FloatArray, v: FloatArray) -> FloatArray:
@@ -207,5 +205,4 @@ def _distance(point: FloatArray, on_lines: FloatArray, directions: FloatArray) -
 def _meeting_point(directions: FloatArray, points: FloatArray) -> FloatArray:
     """Point nearest to two lines in the least-squares sense."""
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    meeting: FloatArray = np.linalg.solve(across.sum(axis=0), (across @ points[:, :, None]).sum(axis=0)[:, 0])
-    return meeting
+    return np.linalg.solve(across.sum(axis=0), (across @ points[:, :, None]).sum(axis=0)[:, 0])

@@ -146,8 +146,7 @@ class RemoteCentreArm(Arm):
     def _nearest_turns(self, q: FloatArray, near: FloatArray) -> FloatArray:
         """Angles moved by full turns to lie nearest to `near`; prismatic joints stay."""
         turns = np.round((near - q) / (2 * np.pi))
-        moved: FloatArray = q + np.where(self.chain.revolute, 2 * np.pi * turns, 0.0)
-        return moved
+        return q + np.where(self.chain.revolute, 2 * np.pi * turns, 0.0)
 
     def _all_turns(self, q: FloatArray) -> FloatArray:
         """Every variant of `q` (k, dof) by one full turn of a revolute joint that keeps the limits."""

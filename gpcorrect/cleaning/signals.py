@@ -203,8 +203,7 @@ def recorded_order(log: CalibrationLog) -> IntArray:
     rank = np.empty(len(log), dtype=np.int64)
     for k, (_, rows) in enumerate(log.trajectories()):
         rank[rows] = k
-    order: IntArray = np.lexsort((log.time, rank))
-    return order
+    return np.lexsort((log.time, rank))
 
 
 def unusable(log: CalibrationLog, pair: Pair, order: IntArray) -> FloatArray:
@@ -315,8 +314,7 @@ def _bad_numbers(signal: PoseSignal) -> FloatArray:
 
 def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
     """Distances (m,) of positions or joints, or angles of quaternions, between the rows of a and b (m, k)."""
-    distance: FloatArray = np.linalg.norm(a - b, axis=1) if a.shape[1] != 4 else se3.quaternion_angle(a, b)
-    return distance
+    return np.linalg.norm(a - b, axis=1) if a.shape[1] != 4 else se3.quaternion_angle(a, b)
 
 
 def _centred(values: FloatArray, session: IntArray) -> FloatArray:
@@ -341,8 +339,7 @@ def _recording_runs(time: FloatArray, trajectory: IntArray, session: IntArray) -
     typical = _typical_steps(time, trajectory)
     follows = (step > 0) & (step <= PAUSE * np.minimum(typical[1:], typical[:-1])) & (np.diff(session) == 0)
     breaks = np.where(inside, breaks | (np.diff(session) != 0), ~follows)
-    run: IntArray = np.concatenate([[0], np.cumsum(breaks)])[: len(time)]
-    return run
+    return np.concatenate([[0], np.cumsum(breaks)])[: len(time)]
 
 
 def _typical_steps(time: FloatArray, trajectory: IntArray) -> FloatArray:

@@ -285,8 +285,7 @@ def learn_smooth_model(
 def _scaled(samples: Samples, trend: tuple[FloatArray, ...], unit: FloatArray) -> FloatArray:
     """Return what the trend leaves of the error (n, g, w), in units (g,) of its spread."""
     expected = [samples.trend_inputs(group) @ plane[:-1] + plane[-1] for group, plane in enumerate(trend)]
-    left: FloatArray = samples.centred(samples.error - np.stack(expected, axis=1)) / unit[:, None]
-    return left
+    return samples.centred(samples.error - np.stack(expected, axis=1)) / unit[:, None]
 
 
 def _folds(samples: Samples) -> IntArray:
@@ -303,8 +302,7 @@ def _classified_rows(samples: Samples) -> IntArray:
     n = len(samples)
     ends = np.flatnonzero((np.diff(samples.trajectory) != 0) | (np.diff(samples.run) != 0))
     stride = max(1, n // CLASSIFIED_SAMPLES)
-    rows: IntArray = np.unique(np.concatenate([np.arange(0, n, stride), ends, ends + 1, [n - 1]]))
-    return rows
+    return np.unique(np.concatenate([np.arange(0, n, stride), ends, ends + 1, [n - 1]]))
 
 
 def _confirmed(train: _Data, factor: float) -> tuple[_Data, _Hyper]:

@@ -209,8 +209,7 @@ class Pieces:
     @property
     def counts(self) -> IntArray:
         """(m,) samples in each piece."""
-        counts: IntArray = self.last - self.first + 1
-        return counts
+        return self.last - self.first + 1
 
     def medians(self, values: FloatArray) -> FloatArray:
         """Return the median (m,) of the values (n,) of each piece's samples.

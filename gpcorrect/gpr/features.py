@@ -147,8 +147,7 @@ class FeatureMap:
         twists : (n, 6) array, optional
             m/s and rad/s.
         """
-        features: FloatArray = self._raw(positions, rotations, twists) / self.spread
-        return features
+        return self._raw(positions, rotations, twists) / self.spread
 
     def inverse(self, features: FloatArray) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
         """Return positions, rotations and twists that have (or, for columns, come nearest to) features `(n, d)`.
@@ -174,8 +173,7 @@ class FeatureMap:
         features : (n, d) array
             From :meth:`transform`.
         """
-        mask: BoolArray = np.asarray(np.isfinite(features).all(axis=1))
-        return mask
+        return np.asarray(np.isfinite(features).all(axis=1))
 
     def _raw(self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray | None) -> FloatArray:
         parts = [positions]
@@ -203,8 +201,7 @@ class FeatureMap:
         parts += [np.resize(angular, len(self.groups[0]) - 3)] if self.has_orientation else []
         parts += [speed] if self.uses_velocity else []
         parts += [turning] if self.uses_velocity and self.has_orientation else []
-        slack: FloatArray = np.concatenate(parts) / self.spread
-        return slack
+        return np.concatenate(parts) / self.spread
 
 
 def _rotation_kind(rotations: FloatArray, R_mean: FloatArray) -> RotationKind:

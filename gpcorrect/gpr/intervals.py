@@ -82,8 +82,7 @@ class IntervalCalibration:
         std : (..., m) array
             Standard deviations.
         """
-        half: FloatArray = std * self.factor
-        return half
+        return std * self.factor
 
 
 def novelty_limit(novelty: FloatArray) -> float:

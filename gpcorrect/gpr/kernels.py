@@ -188,8 +188,7 @@ class AdditiveMatern52(Kernel):
     @staticmethod
     def profile(squares: FloatArray) -> FloatArray:  # noqa: D102  # documented on the base
         r = np.sqrt(5.0 * squares)
-        part: FloatArray = (1.0 + r + r * r / 3.0) * np.exp(-r)
-        return part
+        return (1.0 + r + r * r / 3.0) * np.exp(-r)
 
     @staticmethod
     def profile_and_slope(squares: FloatArray) -> tuple[FloatArray, FloatArray]:  # noqa: D102
@@ -217,8 +216,7 @@ class WithLinear:
 
     def __call__(self, A: FloatArray, B: FloatArray) -> FloatArray:
         """Return the covariance matrix `(n, m)` of inputs `(n, d)` and `(m, d)`."""
-        covariance: FloatArray = 1.0 + (A * self.slopes) @ B.T + self.kernel(A, B)
-        return covariance
+        return 1.0 + (A * self.slopes) @ B.T + self.kernel(A, B)
 
     def diagonal(self, A: FloatArray) -> FloatArray:
         """Return the variances `(n,)` of inputs `(n, d)`.

@@ -89,8 +89,7 @@ class Scaling:
         Y : (n, m) array
             Outputs.
         """
-        scaled: FloatArray = (Y - self.y_centre) / self.y_spread
-        return scaled
+        return (Y - self.y_centre) / self.y_spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,20 +117,17 @@ class Learned:
     @property
     def noise_ratio(self) -> FloatArray:
         """Noise over signal variance `(m,)`."""
-        ratio: FloatArray = self.hyperparameters.noise / self.hyperparameters.signal
-        return ratio
+        return self.hyperparameters.noise / self.hyperparameters.signal
 
     @property
     def signal(self) -> FloatArray:
         """Prior variance `(m,)` in squared units of the outputs."""
-        variance: FloatArray = self.hyperparameters.signal * self.scaling.y_spread**2
-        return variance
+        return self.hyperparameters.signal * self.scaling.y_spread**2
 
     @property
     def noise(self) -> FloatArray:
         """Noise variance `(m,)` in squared units of the outputs."""
-        variance: FloatArray = self.hyperparameters.noise * self.scaling.y_spread**2
-        return variance
+        return self.hyperparameters.noise * self.scaling.y_spread**2
 
 
 def learn(

@@ -150,8 +150,7 @@ class Layout:
     @property
     def _usual_log_scales(self) -> FloatArray:
         per_component = 0.5 * np.log(np.maximum(self.masks.sum(axis=1), 1))
-        usual: FloatArray = np.broadcast_to(per_component[:, None], self.masks.shape)[self.masks]
-        return usual
+        return np.broadcast_to(per_component[:, None], self.masks.shape)[self.masks]
 
     @property
     def bounds(self) -> list[tuple[float, float]]:

@@ -128,8 +128,7 @@ class Predictor:
             Fraction of the prior variance that is left, of the group known least: 0 amid data, 1 far from all.
         """
         # A copy: another layout or a read-only array would be compiled for anew.
-        answer: tuple[FloatArray, FloatArray, float] = predict_one(np.array(x, dtype=np.float64), self.tables)
-        return answer
+        return predict_one(np.array(x, dtype=np.float64), self.tables)
 
     def mean_std_batch(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Predict inputs `(n, d)`: means `(n, m)`, standard deviations `(n, m)` and novelties `(n,)`.

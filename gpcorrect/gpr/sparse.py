@@ -190,8 +190,7 @@ def choose_inducing(kernel: Kernel, X: FloatArray, count: int, rng: np.random.Ge
         left = np.maximum(left - np.einsum("in,in->n", new, new), 0.0)
         left[rows] = 0.0
         chosen = np.concatenate([chosen, rows])
-    points: FloatArray = candidates[chosen]
-    return points
+    return candidates[chosen]
 
 
 def _thin(residual: FloatArray, rng: np.random.Generator) -> IntArray:

@@ -156,8 +156,7 @@ def _draw(
 def _edges(values: FloatArray) -> FloatArray:
     """Even edges over the bulk of the values."""
     low, high = np.percentile(values, [1, 99])
-    edges: FloatArray = np.linspace(low, max(high, low + 1e-9), CELLS + 1)
-    return edges
+    return np.linspace(low, max(high, low + 1e-9), CELLS + 1)
 
 
 def _cell(evidence: Evidence, column: int) -> tuple[np.ndarray, BoolArray]:
@@ -173,8 +172,7 @@ def _mean_map(evidence: Evidence, values: FloatArray, pair: tuple[int, int]) -> 
     code = (a * CELLS + b)[good]
     count = np.bincount(code, minlength=CELLS**2)
     total = np.bincount(code, values[good], minlength=CELLS**2)
-    mean: FloatArray = np.where(count >= FEWEST, total / np.maximum(count, 1), np.nan).reshape(CELLS, CELLS)
-    return mean
+    return np.where(count >= FEWEST, total / np.maximum(count, 1), np.nan).reshape(CELLS, CELLS)
 
 
 def _pair(evidence: Evidence, index: int) -> tuple[int, int]:

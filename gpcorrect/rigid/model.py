@@ -93,8 +93,7 @@ class RigidModel:
                     hint='Give orientations, or register with marker="none".',
                 )
             position = position + R_obs @ self.offset
-        mapped: FloatArray = position @ self.R_position.T + self.t
-        return mapped
+        return position @ self.R_position.T + self.t
 
     def followed_by(self, other: RigidModel) -> RigidModel:
         """Return the model that maps as this one and then `other` do.

@@ -159,8 +159,7 @@ def _linearised(samples: Samples, state: MarkerState) -> list[tuple[FloatArray, 
 
 
 def _tips(p: FloatArray, R_obs: FloatArray, state: MarkerState) -> FloatArray:
-    tips: FloatArray = (p + R_obs @ state.offset) @ state.R.T + state.t
-    return tips
+    return (p + R_obs @ state.offset) @ state.R.T + state.t
 
 
 def _linearised_positions(

@@ -220,8 +220,7 @@ def cauchy_weights(norms: FloatArray, scale: float) -> FloatArray:
     scale : float
         Standard deviation of a component, same unit.
     """
-    weights: FloatArray = 1.0 / (1.0 + (norms / (WIDTH * scale)) ** 2)
-    return weights
+    return 1.0 / (1.0 + (norms / (WIDTH * scale)) ** 2)
 
 
 def cauchy_loss(norms: FloatArray, scale: float) -> float:
@@ -247,8 +246,7 @@ def evenly_spaced(n: int, most: int = MAX_SAMPLES) -> IntArray:
     most : int
         Rows wanted.
     """
-    rows: IntArray = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
-    return rows
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
 
 
 def fit_robustly(observed: PoseSignal, command: PoseSignal) -> RigidModel:
@@ -306,13 +304,11 @@ def _reweighted(pairs: _Pairs, rotation_weight: float | None) -> RigidModel:
 
 
 def _cross_covariance(pairs: _Pairs, w: FloatArray) -> FloatArray:
-    covariance: FloatArray = (pairs.u - w @ pairs.u).T @ ((pairs.p - w @ pairs.p) * w[:, None])
-    return covariance
+    return (pairs.u - w @ pairs.u).T @ ((pairs.p - w @ pairs.p) * w[:, None])
 
 
 def _translation(R: FloatArray, pairs: _Pairs, w: FloatArray) -> FloatArray:
-    t: FloatArray = w @ pairs.u - R @ (w @ pairs.p)
-    return t
+    return w @ pairs.u - R @ (w @ pairs.p)
 
 
 def _rotation(cross: FloatArray) -> FloatArray:

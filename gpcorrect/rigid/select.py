@@ -219,8 +219,7 @@ def _ratios(errors: FloatArray) -> FloatArray:
     """Errors `(kinds, m)` in units of the least median of any kind."""
     fitted = errors[np.isfinite(errors).all(axis=1)]
     least = max(float(np.median(fitted, axis=1).min()), LEAST_ERROR)
-    ratios: FloatArray = errors / least
-    return ratios
+    return errors / least
 
 
 def _choose(tried: list[_UnitErrors], scores: list[FloatArray], marker: MarkerOption) -> tuple[RigidKind, str]:
@@ -283,8 +282,7 @@ def hold_out_units(trajectory: IntArray) -> IntArray:
     _, first, label = np.unique(trajectory, return_index=True, return_inverse=True)
     if len(first) >= FOLDS:
         rank: IntArray = np.argsort(np.argsort(first))
-        units: IntArray = rank[label.reshape(-1)]
-        return units
+        return rank[label.reshape(-1)]
     n = len(trajectory)
     blocks = max(min(BLOCKS, n // LEAST_BLOCK), 1)
     return np.arange(n) * blocks // max(n, 1)

@@ -108,5 +108,4 @@ def _displaced(T: FloatArray, shift: FloatArray, turn: FloatArray) -> FloatArray
 
 def _direction(rng: np.random.Generator) -> FloatArray:
     vector = rng.standard_normal(3)
-    unit: FloatArray = vector / np.linalg.norm(vector)
-    return unit
+    return vector / np.linalg.norm(vector)

@@ -322,16 +322,14 @@ class LiveRobot:
         usable = np.flatnonzero(found.within_limits.all(axis=0))
         if not len(usable):
             raise DataError(f"{self._arm.name} cannot reach this pose.", hint="Move it into the workspace.")
-        path: FloatArray = found.q[:, usable[np.argmin(apart[usable])]]
-        return path
+        return found.q[:, usable[np.argmin(apart[usable])]]
 
     def _speed_limits(self) -> FloatArray:
         if self._arm is None:
             return np.full(self.dof, 0.5)
         published = self._arm.velocity_limits
         speed = UNRATED * np.ptp(self._arm.limits, axis=1) if published is None else np.array(published)
-        chosen: FloatArray = speed[self._columns]
-        return chosen
+        return speed[self._columns]
 
 
 def _start(arm: Arm) -> FloatArray:

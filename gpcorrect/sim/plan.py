@@ -77,8 +77,7 @@ class Plan:
     @property
     def session_time(self) -> FloatArray:
         """(n, N) seconds since each run's session began."""
-        times: FloatArray = np.arange(len(self.q))[:, None] / self.rate_hz + self.start
-        return times
+        return np.arange(len(self.q))[:, None] / self.rate_hz + self.start
 
     def spline(self) -> CubicSpline:
         """Smooth path over seconds since each run's start: what a trajectory interpolator gives the controller."""

@@ -282,10 +282,7 @@ class Command:
 
 def _pushed_aside(drive: Drive, desired: JointPath, load: LinkLoad, feedforward: FloatArray) -> FloatArray:
     """Motor path `(n, N, dof)` without delay and friction: the controller yields to what nothing feeds forward."""
-    position: FloatArray = (
-        desired.q - (load.total + drive.motor_inertia * desired.acceleration - feedforward) / drive.kp
-    )
-    return position
+    return desired.q - (load.total + drive.motor_inertia * desired.acceleration - feedforward) / drive.kp
 
 
 def feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> FloatArray:

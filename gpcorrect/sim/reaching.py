@@ -181,8 +181,7 @@ def joint_tour(arm: RemoteCentreArm, path: Tour) -> FloatArray:
         return arm.follow(path.T_base_tip)
     spans = np.ptp(arm.limits, axis=1)
     distance = (np.abs(found.q[0, usable] - arm.home) / spans).sum(axis=1)
-    chosen: FloatArray = found.q[:, usable[np.argmin(distance)]]
-    return chosen
+    return found.q[:, usable[np.argmin(distance)]]
 
 
 def working_posture(arm: RemoteCentreArm) -> FloatArray:

@@ -43,8 +43,7 @@ class Chessboard:
     def points(self) -> FloatArray:
         """Corners `(n, 3)` on the board, m: x along the columns, y along the rows, z = x cross y."""
         j, i = np.mgrid[: self.rows, : self.columns]
-        flat: FloatArray = self.square * np.stack([i, j, np.zeros_like(i)], axis=-1).reshape(-1, 3).astype(np.float64)
-        return flat
+        return self.square * np.stack([i, j, np.zeros_like(i)], axis=-1).reshape(-1, 3).astype(np.float64)
 
 
 def find_corners(image: Image, board: Chessboard) -> FloatArray | None:

@@ -124,8 +124,7 @@ class Camera:
     @property
     def position(self) -> FloatArray:
         """Optical centre `(3,)`, tracker frame, m."""
-        centre: FloatArray = se3.invert(self.T_camera_tracker)[:3, 3]
-        return centre
+        return se3.invert(self.T_camera_tracker)[:3, 3]
 
     def local(self, points: FloatArray) -> FloatArray:
         """Transform points of the tracker frame into the camera frame.
@@ -141,8 +140,7 @@ class Camera:
             m.
         """
         T = self.T_camera_tracker
-        moved: FloatArray = np.asarray(points).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
-        return moved
+        return np.asarray(points).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
 
     def project(self, points: FloatArray) -> FloatArray:
         """Project points of the tracker frame.

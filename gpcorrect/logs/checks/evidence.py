@@ -328,16 +328,14 @@ def mirrored(reference: FloatArray, observed: FloatArray, *, axial: bool = False
 
 def _centred(points: FloatArray) -> FloatArray:
     """Return points `(n, k)` about their median, in units of their spread."""
-    centred: FloatArray = (points - np.median(points, axis=0)) / max(spread(points), np.finfo(float).tiny)
-    return centred
+    return (points - np.median(points, axis=0)) / max(spread(points), np.finfo(float).tiny)
 
 
 def _axial(points: FloatArray) -> FloatArray:
     """Return points `(n, k)` of norm 1, all on one side of the origin."""
     unit: FloatArray = points / np.linalg.norm(points, axis=1, keepdims=True)
     side: FloatArray = unit @ np.linalg.svd(unit, full_matrices=False)[2][0]
-    signed: FloatArray = unit * np.where(side < 0, -1.0, 1.0)[:, None]
-    return signed
+    return unit * np.where(side < 0, -1.0, 1.0)[:, None]
 
 
 def _misfit(x: FloatArray, y: FloatArray, sign: float, *, axial: bool) -> float:

@@ -62,8 +62,7 @@ def block_sums(series: FloatArray) -> FloatArray:
     length = BLOCK_TIMES * _correlation_time(series[:, 0])
     blocks = int(np.clip(n / length, min(MIN_BLOCKS, n), MAX_BLOCKS))
     edges = np.linspace(0, n, blocks + 1).astype(int)[:-1]
-    sums: FloatArray = np.add.reduceat(series, edges, axis=0)
-    return sums
+    return np.add.reduceat(series, edges, axis=0)
 
 
 def _correlation_time(series: FloatArray) -> float:

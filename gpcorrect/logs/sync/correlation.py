@@ -93,8 +93,7 @@ def _speed_on_grid(motion: Motion, grid: FloatArray, width: float) -> FloatArray
     sigma = width / step
     support = gaussian_filter1d(known.astype(np.float64), sigma, mode="constant")
     smooth = gaussian_filter1d(velocity, sigma, axis=0, mode="constant") / np.maximum(support, 1e-12)[:, None]
-    speed: FloatArray = np.where(known & (support >= MIN_SUPPORT), np.linalg.norm(smooth, axis=1), np.nan)
-    return speed
+    return np.where(known & (support >= MIN_SUPPORT), np.linalg.norm(smooth, axis=1), np.nan)
 
 
 def _supported(time: FloatArray, grid: FloatArray, step: float) -> BoolArray:
@@ -145,8 +144,7 @@ def _clipped(speed: FloatArray) -> FloatArray:
     if known.size == 0:
         return speed
     fast = known[known >= np.median(known)]
-    clipped: FloatArray = np.minimum(speed, CLIP * np.quantile(fast, 0.95))
-    return clipped
+    return np.minimum(speed, CLIP * np.quantile(fast, 0.95))
 
 
 def _moments(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:

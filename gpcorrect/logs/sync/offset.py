@@ -96,8 +96,7 @@ class TimeOffset:
             By the observer's clock, s.
         """
         rate, epoch = (0.0, 0.0) if self.drift is None else (1e-6 * self.drift.ppm, self.drift.epoch)
-        offset: FloatArray = self.offset + rate * (np.asarray(time, dtype=np.float64) - epoch)
-        return offset
+        return self.offset + rate * (np.asarray(time, dtype=np.float64) - epoch)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-able summary without the curve; what is not known is None."""

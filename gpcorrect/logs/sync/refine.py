@@ -100,8 +100,7 @@ def _sound_intervals(time: FloatArray) -> BoolArray:
     """Mask of intervals between knots that are no gap and whose slopes see no gap."""
     gap = np.diff(time) > default_max_gap(time)
     near = np.convolve(gap, np.ones(2 * REACH + 1), mode="full")[REACH : REACH + len(gap)] > 0
-    sound: BoolArray = ~near
-    return sound
+    return ~near
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,8 +161,7 @@ class Refinement:
             Confidence.
         """
         quantile = float(student_t.ppf(0.5 + level / 2, max(self.dof, 1)))
-        width: FloatArray = quantile * np.sqrt(np.diag(self.covariance))
-        return width
+        return quantile * np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True, eq=False)

@@ -125,8 +125,7 @@ def _along_curve(curve: FloatArray, z: float, travel: float) -> float:
     if u >= curve[0, last]:
         return 1.0
     k = int(np.searchsorted(curve[0], u, side="right")) - 1
-    state: float = min(max(_between(curve, k, u - curve[0, k])[0], z), 1.0)
-    return state
+    return min(max(_between(curve, k, u - curve[0, k])[0], z), 1.0)
 
 
 @njit(cache=True)

@@ -70,5 +70,4 @@ class HomingOffset(JointEffect):
                 f"{motion.session.max() + 1} sessions.",
                 hint="Give one offset for all sessions, or one for each.",
             )
-        behind: FloatArray = q[..., j] - (offsets[motion.session] if len(offsets) > 1 else offsets[0])
-        return behind
+        return q[..., j] - (offsets[motion.session] if len(offsets) > 1 else offsets[0])

@@ -123,5 +123,4 @@ class PinnedModels:
         except DataError:  # a lever arm, and no orientation to turn it with
             return None
         parts = [mapped.position] if mapped.quaternion is None else [mapped.position, mapped.quaternion]
-        command: FloatArray = np.hstack(parts).reshape(poses.shape)
-        return command
+        return np.hstack(parts).reshape(poses.shape)

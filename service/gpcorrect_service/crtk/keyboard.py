@@ -40,8 +40,7 @@ class KeyControl:
     @property
     def step(self) -> FloatArray:
         """(dof,) step of each joint now."""
-        size: FloatArray = self._scale * self._step
-        return size
+        return self._scale * self._step
 
     def press(self, key: str, setpoint: FloatArray) -> bool:
         """Take a key stroke; return whether the target changed.
