@@ -11,17 +11,16 @@ from typing import Any
 import numpy as np
 
 from fuzzing.examples import Example, examples
-from fuzzing.trial import FAULTS, Trial, read_in_fork, tried
+from fuzzing.trial import FAULTS, Trial, tried
 from gpcorrect.calibration import with_uses
 from gpcorrect.errors import GpCorrectError
-from gpcorrect.logs import apart, read_log, validate_log
+from gpcorrect.logs import read_log, validate_log
 
 HELD = ("crashed its reader", "did not end", "asks for more memory")  # what only the process apart kept from the user
 
 
 def fuzz_readers(count: int, seed: int = 0, only: str = "") -> dict[str, Any]:
     """Damage every kind of recording `count` times; return what came of it, by kind."""
-    apart._run = read_in_fork
     results = {}
     with TemporaryDirectory() as folder:
         for example in examples(Path(folder)):

@@ -10,9 +10,6 @@ import signal
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from typing import IO
-
-from gpcorrect.logs import apart
 
 MOST_SECONDS = 10.0  # of processor time
 MOST_BYTES = 1 << 30  # resident, beyond what the process had before
@@ -93,23 +90,3 @@ def _seconds() -> float:
 def _largest() -> int:
     """Bytes that this process, or the largest it waited for, ever had."""
     return 1024 * max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-
-
-def read_in_fork(work: bytes, answer: IO[bytes], seconds: int, memory: int) -> int:
-    """Do in a fork what :mod:`gpcorrect.logs.apart` does in a program of its own: half a second of imports is saved."""
-    source, sink = os.pipe()
-    child = os.fork()
-    if child == 0:
-        os.close(sink)
-        os.dup2(answer.fileno(), 1)
-        with os.fdopen(source, "rb") as given:
-            try:
-                apart.main(given, seconds, memory)
-            except BaseException:  # noqa: BLE001  # the parent sees that no answer came
-                os._exit(1)
-        os._exit(0)
-    os.close(source)
-    with os.fdopen(sink, "wb") as out:
-        out.write(work)
-    _, status = os.waitpid(child, 0)
-    return os.waitstatus_to_exitcode(status)

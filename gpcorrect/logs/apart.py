@@ -1,7 +1,8 @@
 """Recordings parsed: whatever a parser raises becomes words; compiled ones run apart, in bounded memory and time.
 
 Compiled libraries crash, loop for ever or ask for all memory on some damaged bytes. In a process of its own none of it
-reaches the program that reads; and as every recording has one, nothing reaches the recording that is read next.
+reaches the program that reads; and as every recording has one, nothing reaches the recording that is read next. These
+processes are forked from one that has loaded the libraries, which takes half a second, and has read nothing.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
 import numpy as np
 
@@ -122,8 +124,9 @@ def parse_apart(title: str, read: Reader, path: Path, settings: ReadSettings) ->
     parts = path.rglob("*") if path.is_dir() else [path]
     size = sum(part.stat().st_size for part in parts)
     seconds, memory = int(PATIENCE + size / PACE), MEMORY + EXPANSION * size
-    with tempfile.TemporaryFile() as answer:
-        status = _run(pickle.dumps((title, read, path, settings)), answer, seconds, memory)
+    with tempfile.NamedTemporaryFile() as answer:
+        work = pickle.dumps((title, read, path.absolute(), settings))
+        status = _FORKER.run(work, answer.name, seconds, memory)
         if status in (-signal.SIGXCPU, -signal.SIGKILL):
             raise LogError(f"the {title} file is damaged: reading it did not end within {seconds} s.")
         answer.seek(0)
@@ -139,21 +142,54 @@ def parse_apart(title: str, read: Reader, path: Path, settings: ReadSettings) ->
     return unpack(CalibrationLog, header["log"], arrays)
 
 
-def _run(work: bytes, answer: IO[bytes], seconds: int, memory: int) -> int:
-    """Start :func:`main` as a program of its own, and return its exit status: negative where a signal ended it."""
-    places = os.pathsep.join(place or os.getcwd() for place in sys.path)
-    try:
-        return subprocess.run(
-            [sys.executable, "-P", "-m", __name__, str(seconds), str(memory)],
-            input=work,
-            stdout=answer,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": places, **FRUGAL},
-            timeout=WAITING * seconds,
-            check=False,
-        ).returncode
-    except subprocess.TimeoutExpired:
+class _Forker(threading.local):
+    """The process that forks for each recording that this thread reads; started with the first, and again once gone."""
+
+    process: subprocess.Popen[bytes] | None = None
+    owner = 0
+
+    def run(self, work: bytes, answer: str, seconds: int, memory: int) -> int:
+        """Have a recording read into the file `answer`; return the exit status, negative where a signal ended it."""
+        for _ in range(2):  # somebody may have ended the process since the last recording
+            process = self._running()
+            assert process.stdin is not None
+            assert process.stdout is not None
+            try:
+                pickle.dump((work, answer, seconds, memory), process.stdin)
+                process.stdin.flush()
+                if status := process.stdout.readline():
+                    return int(status)
+            except BrokenPipeError:
+                pass
+            except BaseException:  # interrupted: its answer must not be taken for the next one
+                self._end()
+                raise
+            self._end()
         return -signal.SIGKILL
+
+    def _running(self) -> subprocess.Popen[bytes]:
+        if self.process is None or self.owner != os.getpid():  # a fork of this program has a process of its own
+            places = os.pathsep.join(place or os.getcwd() for place in sys.path)
+            self.process, self.owner = (
+                subprocess.Popen(
+                    [sys.executable, "-P", "-m", __name__],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    env={**os.environ, "PYTHONPATH": places, **FRUGAL},
+                ),
+                os.getpid(),
+            )
+        return self.process
+
+    def _end(self) -> None:
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+            self.process = None
+
+
+_FORKER = _Forker()
 
 
 def _received(answer: IO[bytes]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -162,20 +198,40 @@ def _received(answer: IO[bytes]) -> tuple[dict[str, Any], dict[str, Any]]:
         return header, {name: stored[f"array{k}"] for k, name in enumerate(header["arrays"])}
 
 
-def main(work: IO[bytes], seconds: int, memory: int) -> None:
-    """Read the recording that `work` names, and write what it holds, or why not, to standard output as npz.
+def main() -> None:
+    """Fork for each recording that standard input names, and write to standard output how that ended."""
+    statuses = os.dup(1)
+    os.dup2(2, 1)  # what libraries print is no status
+    while True:
+        try:
+            work, answer, seconds, memory = pickle.load(sys.stdin.buffer)  # noqa: S301  # from who started this one
+        except EOFError:
+            return
+        task = pickle.loads(work)  # noqa: S301  # here, so that its reader's module is loaded once
+        child = os.fork()
+        if child == 0:
+            _in_child(task, answer, seconds, memory)
+        signal.signal(signal.SIGALRM, lambda *_, child=child: os.kill(child, signal.SIGKILL))
+        signal.alarm(int(WAITING * seconds))
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        signal.alarm(0)
+        os.write(statuses, b"%d\n" % status)
 
-    Parameters
-    ----------
-    work : file
-        What :func:`parse_apart` sends.
-    seconds, memory : int
-        Processor time and bytes that reading may take.
-    """
-    answer = os.dup(1)
-    os.dup2(2, 1)  # what libraries print is no part of the answer
-    _limit(seconds, memory)
-    title, read, path, settings = pickle.load(work)  # noqa: S301  # from the process that started this one
+
+def _in_child(task: tuple[str, Reader, Path, ReadSettings], answer: str, seconds: int, memory: int) -> NoReturn:
+    status = 1
+    try:
+        os.closerange(3, os.sysconf("SC_OPEN_MAX"))
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        _limit(seconds, memory)
+        _read_into(answer, *task)
+        status = 0
+    finally:
+        os._exit(status)
+
+
+def _read_into(answer: str, title: str, read: Reader, path: Path, settings: ReadSettings) -> None:
+    """Write what a recording holds, or why it cannot be read, as npz."""
     arrays: dict[str, Any] = {}
     try:
         log, arrays = pack(parse(title, read, path, settings), "log")
@@ -188,7 +244,7 @@ def main(work: IO[bytes], seconds: int, memory: int) -> None:
         header = _refusal(_too_large(title))
     text = json.dumps({**header, "arrays": list(arrays)}).encode()
     contents: dict[str, Any] = {f"array{k}": array for k, array in enumerate(arrays.values())}
-    with os.fdopen(answer, "wb") as out:
+    with Path(answer).open("wb") as out:
         np.savez(out, header=np.frombuffer(text, dtype=np.uint8), **contents)
 
 
@@ -205,4 +261,4 @@ def _limit(seconds: int, memory: int) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.stdin.buffer, int(sys.argv[1]), int(sys.argv[2]))
+    main()

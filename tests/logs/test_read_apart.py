@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +82,49 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path: Path) -> None:
 def test_what_a_library_prints_is_no_part_of_the_recording(tmp_path: Path) -> None:
     """Standard output of the process carries the log alone."""
     assert_same_log(apart.parse_apart("X", talks, write(tmp_path / "a", b"x"), ReadSettings()), random_log(3))
+
+
+def marks(path: Path, settings: ReadSettings) -> CalibrationLog:
+    """Stand for a parser that a recording leaves changed."""
+    if hasattr(apart, "marked"):
+        raise KeyError("marked")
+    apart.marked = True  # type: ignore[attr-defined]
+    return random_log(0)
+
+
+def test_recordings_do_not_meet(tmp_path: Path) -> None:
+    """What reading one recording changes is not there when the next one is read."""
+    for name in ("a", "b"):
+        apart.parse_apart("X", marks, write(tmp_path / name, b"x"), ReadSettings())
+
+
+def test_a_process_that_was_ended_is_started_again(tmp_path: Path) -> None:
+    """Reading goes on when somebody has killed the process that is kept between recordings."""
+    path = write(tmp_path / "a", b"x")
+    apart.parse_apart("X", talks, path, ReadSettings())
+    kept = apart._FORKER.process
+    assert kept is not None
+    kept.kill()
+    assert_same_log(apart.parse_apart("X", talks, path, ReadSettings()), random_log(3))
+    assert apart._FORKER.process is not kept
+
+
+def test_threads_and_forks_read_by_processes_of_their_own(tmp_path: Path) -> None:
+    """Four threads and a fork of the program read at once, and each gets its own recording."""
+    paths = [tmp_path / f"{seed}.parquet" for seed in range(5)]
+    for seed, path in enumerate(paths):
+        write_log(random_log(seed), path)
+
+    def same(seed: int) -> bool:
+        return all(np.array_equal(read_log(paths[seed]).time, random_log(seed).time) for _ in range(5))
+
+    assert same(4)
+    child = os.fork()
+    if child == 0:
+        os._exit(not same(4))
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(same, range(4)))
+    assert os.waitpid(child, 0)[1] == 0
 
 
 def test_the_process_between_changes_nothing(tmp_path: Path) -> None:
