@@ -15,8 +15,9 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
@@ -36,6 +37,9 @@ Reader = Callable[[Path, ReadSettings], CalibrationLog | Take]
 
 It raises a LogError where the file is damaged, cut off, too large or of another layout, and a MissingExtraError where
 the library that reads it is not installed."""
+
+Order = tuple[bytes, tuple[str, ...], str, int, int]
+"""What is read, the libraries for it, the file for the answer, and the seconds and bytes that it may take."""
 
 PATIENCE = 8.0
 """s of processor time for a small file, start included; a sound one takes less than one."""
@@ -108,13 +112,17 @@ def _too_large(title: str) -> LogError:
     return LogError(f"the {title} file asks for more memory than a file of its size may.", hint=hint)
 
 
-def parse_apart(title: str, read: Reader, path: Path, settings: ReadSettings) -> CalibrationLog:
+def parse_apart(
+    title: str, read: Reader, path: Path, settings: ReadSettings, libraries: Sequence[str] = ()
+) -> CalibrationLog:
     """Do what :func:`parse` does in a process of its own, in memory and time bounded by the file's size.
 
     Parameters
     ----------
     title, read, path, settings
         As for :func:`parse`.
+    libraries : sequence of str
+        Modules that the reader needs, loaded once; one that is not installed is left out.
 
     Raises
     ------
@@ -126,7 +134,7 @@ def parse_apart(title: str, read: Reader, path: Path, settings: ReadSettings) ->
     seconds, memory = int(PATIENCE + size / PACE), MEMORY + EXPANSION * size
     with tempfile.NamedTemporaryFile() as answer:
         work = pickle.dumps((title, read, path.absolute(), settings))
-        status = _FORKER.run(work, answer.name, seconds, memory)
+        status = _FORKER.run((work, tuple(libraries), answer.name, seconds, memory))
         if status in (-signal.SIGXCPU, -signal.SIGKILL):
             raise LogError(f"the {title} file is damaged: reading it did not end within {seconds} s.")
         answer.seek(0)
@@ -148,14 +156,14 @@ class _Forker(threading.local):
     process: subprocess.Popen[bytes] | None = None
     owner = 0
 
-    def run(self, work: bytes, answer: str, seconds: int, memory: int) -> int:
-        """Have a recording read into the file `answer`; return the exit status, negative where a signal ended it."""
+    def run(self, order: Order) -> int:
+        """Have a recording read; return the exit status of who did, negative where a signal ended it."""
         for _ in range(2):  # somebody may have ended the process since the last recording
             process = self._running()
             assert process.stdin is not None
             assert process.stdout is not None
             try:
-                pickle.dump((work, answer, seconds, memory), process.stdin)
+                pickle.dump(order, process.stdin)
                 process.stdin.flush()
                 if status := process.stdout.readline():
                     return int(status)
@@ -204,9 +212,13 @@ def main() -> None:
     os.dup2(2, 1)  # what libraries print is no status
     while True:
         try:
-            work, answer, seconds, memory = pickle.load(sys.stdin.buffer)  # noqa: S301  # from who started this one
+            order: Order = pickle.load(sys.stdin.buffer)  # noqa: S301  # from the process that started this one
         except EOFError:
             return
+        work, libraries, answer, seconds, memory = order
+        for library in libraries:
+            with suppress(ImportError):
+                import_module(library)
         task = pickle.loads(work)  # noqa: S301  # here, so that its reader's module is loaded once
         child = os.fork()
         if child == 0:

@@ -29,8 +29,9 @@ HEAD = 1 << 16  # bytes that tell a format: the header of a motion capture expor
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: what its files are called, how they begin, who reads them, whether as a whole, and whether apart.
+    """A file format: what its files are called, how they begin, who reads them, whether as a whole, with what.
 
+    `libraries` are the compiled modules that parse it: such files are read apart (:mod:`gpcorrect.logs.apart`).
     A text without a first word of its own is known by a `line` near its beginning.
     """
 
@@ -41,7 +42,7 @@ class Format:
     text: bool = False
     whole: bool = True
     line: re.Pattern[bytes] | None = None
-    apart: bool = False
+    libraries: tuple[str, ...] = ()
 
     def begins(self, head: bytes) -> bool:
         """Whether a file is of this format; a text may begin with empty lines and a byte order mark.
@@ -58,25 +59,26 @@ class Format:
 ENDS = (b"\r", b"\n", b",", b";", b"\t", b'"')  # of a title that stands alone in its line, or in its first cell
 VICON = tuple(title.encode() + end for title in vicon.TITLES for end in ENDS)
 AXES = re.compile(rb'^"?Frame"?[,;\t]"?Sub ?Frame', re.MULTILINE)  # of Vicon's exports without a title
+ROS = ("rosbags.highlevel",)
 FORMATS = (
-    Format("Parquet", (".parquet", ".pq"), (b"PAR1",), parquet_file.read, apart=True),
+    Format("Parquet", (".parquet", ".pq"), (b"PAR1",), parquet_file.read, libraries=("pandas", "pyarrow.compute")),
     Format("NumPy", (".npy",), (b"\x93NUMPY",), npy_file.read),
-    Format("ROS 1 bag", (".bag",), (b"#ROSBAG V",), rosbag.read, whole=False, apart=True),
-    Format("MCAP", (".mcap",), (b"\x89MCAP0\r\n",), rosbag.read, whole=False, apart=True),
-    Format("ROS 2 database", (".db3",), (b"SQLite format 3\0",), rosbag.read, whole=False, apart=True),
-    Format("MATLAB", (".mat",), matlab.MARKS, matlab.read, apart=True),
-    Format("HDF5", (".h5", ".hdf5"), (matlab.HDF5,), matlab.read, apart=True),
+    Format("ROS 1 bag", (".bag",), (b"#ROSBAG V",), rosbag.read, whole=False, libraries=ROS),
+    Format("MCAP", (".mcap",), (b"\x89MCAP0\r\n",), rosbag.read, whole=False, libraries=ROS),
+    Format("ROS 2 database", (".db3",), (b"SQLite format 3\0",), rosbag.read, whole=False, libraries=ROS),
+    Format("MATLAB", (".mat",), matlab.MARKS, matlab.read, libraries=("scipy.io", "h5py")),
+    Format("HDF5", (".h5", ".hdf5"), (matlab.HDF5,), matlab.read, libraries=("h5py",)),
     Format("OptiTrack Motive CSV", (), (b"Format Version,",), motive.read, text=True),
     Format("Vicon CSV", (), VICON, vicon.read, text=True, line=AXES),
     Format("Qualisys TSV", (), qualisys.MARKS, qualisys.read, text=True),
     Format("NDI CSV", (), ndi.MARKS, ndi.read, text=True),
     Format("TRC", (".trc",), (b"PathFileType",), trc.read, text=True),
-    Format("C3D", (".c3d",), (), c3d_file.read, apart=True),
+    Format("C3D", (".c3d",), (), c3d_file.read, libraries=("ezc3d", "scipy.io")),
     Format("CSV", (".csv", ".tsv", ".txt"), (), csv_file.read),
 )
 """A new format is a new file with a `read` function, and one line here."""
 
-FOLDER = Format("ROS 2", (), (), rosbag.read, whole=False, apart=True)
+FOLDER = Format("ROS 2", (), (), rosbag.read, whole=False, libraries=ROS)
 
 
 def read_log(
@@ -133,7 +135,11 @@ def read_log(
         found = _format(source)
         if found.whole:
             _check_size(source, max_bytes)
-        log = _possible((parse_apart if found.apart else parse)(found.title, found.read, source, settings))
+        if found.libraries:
+            log = parse_apart(found.title, found.read, source, settings, found.libraries)
+        else:
+            log = parse(found.title, found.read, source, settings)
+        log = _possible(log)
         meta = LogMeta() if columns and sidecar_path(source) == Path(columns) else read_sidecar(source)
         stated = {name: value for name, value in asdict(meta).items() if value}  # the sidecar comes first
         digest = recording_digest(source)
