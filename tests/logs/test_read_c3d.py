@@ -12,6 +12,7 @@ from support import ROOT
 from gpcorrect.errors import DataError, DegenerateError, LogError, MissingExtraError
 from gpcorrect.logs import c3d_file, read_log
 from gpcorrect.logs.columns import ReadSettings
+from gpcorrect.logs.contents import contents_of
 from gpcorrect.logs.mocap.tool import configuration, tool_poses
 
 sys.path.append(str(ROOT / "bench"))
@@ -168,6 +169,15 @@ def test_the_mapping_says_which_markers_are_on_the_tool(tmp_path: Path):
     np.testing.assert_allclose(one.tracker_cp.position, points[:, 1], atol=1e-6)
     with pytest.raises(LogError, match=r"there is no marker Z\. Markers here: A, B, C, D, E, bench"):
         read_log(path, columns=write(tmp_path / "z.toml", '[mocap]\nmarkers = ["A", "Z"]\n'))
+
+
+def test_its_markers_are_listed_before_any_is_chosen(tmp_path: Path):
+    points = np.random.default_rng(6).normal(size=(5, 3, 3))
+    found = contents_of(write_c3d(tmp_path / "a.c3d", points, ["tip", "left", "right"]))
+    assert [(part.name, part.kind, part.samples) for part in found.parts] == [
+        (name, "marker", 5) for name in ("tip", "left", "right")
+    ]
+    assert found.mapping == '[mocap]\nmarkers = ["tip", "left", "right"]\n'
 
 
 def test_bad_recordings_are_refused(tmp_path: Path):
