@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 from typing import Any
@@ -20,42 +21,61 @@ HELD = ("crashed its reader", "did not end", "asks for more memory")  # what onl
 
 
 def fuzz_readers(count: int, seed: int = 0, only: str = "") -> dict[str, Any]:
-    """Damage every kind of recording `count` times; return what came of it, by kind."""
-    results = {}
+    """Damage every kind of recording `count` times; return what came of it, by kind, and print what must not come."""
     with TemporaryDirectory() as folder:
-        for example in examples(Path(folder)):
-            if only in example.name:
-                results[example.name] = damage(example, count, seed)
-                print(f"{example.name}: {results[example.name]}", flush=True)
-    return results
+        chosen = [_Kind(example, seed) for example in examples(Path(folder)) if only in example.name]
+
+        def work(number: int) -> tuple[str, str]:
+            return chosen[number // count].trial(number % count)
+
+        # All kinds by one process, which loads the readers' libraries once.
+        for trial in tried(work, count * len(chosen)):
+            kind = chosen[trial.number // count]
+            kind.take(replace(trial, number=trial.number % count))
+            if trial.number % count == count - 1:
+                print(f"{kind.example.name}: {kind.results}", flush=True)
+    return {kind.example.name: kind.results for kind in chosen}
 
 
-def damage(example: Example, count: int, seed: int) -> dict[str, Any]:
-    """Damage one recording again and again; print what must not come through."""
-    counts, held, slowest, largest = Counter[str](), Counter[str](), 0.0, 0
-    whole = {target: target.read_bytes() for target in example.targets}
-    outcome, said = _read(example, "keep")
-    if outcome != "read":
-        raise RuntimeError(f"the sound {example.name} is {outcome}: {said}")
+class _Kind:
+    """A kind of recording, and what came of its trials."""
 
-    def work(number: int) -> tuple[str, str]:
-        for target, (_, damaged) in _damaged(example, whole, (seed, number)).items():
+    def __init__(self, example: Example, seed: int) -> None:
+        self.example, self._seed = example, seed
+        self._counts, self._held, self._slowest, self._largest = Counter[str](), Counter[str](), 0.0, 0
+        self._whole = {target: target.read_bytes() for target in example.targets}
+        outcome, said = _read(example, "keep")
+        if outcome != "read":
+            raise RuntimeError(f"the sound {example.name} is {outcome}: {said}")
+
+    def trial(self, number: int) -> tuple[str, str]:
+        """Damage the recording, and read it."""
+        for target, (_, damaged) in _damaged(self.example, self._whole, (self._seed, number)).items():
             target.write_bytes(damaged)
         try:
-            return _read(example, "keep" if number % 2 else "refuse")
+            return _read(self.example, "keep" if number % 2 else "refuse")
         finally:
-            for target, content in whole.items():
-                target.write_bytes(content)
+            self.mend()
 
-    for trial in tried(work, count):
-        counts[trial.outcome] += 1
-        slowest, largest = max(slowest, trial.seconds), max(largest, trial.grown)
-        held.update(words for words in HELD if words in trial.said)
+    def mend(self) -> None:
+        """Write the sound recording again."""
+        for target, content in self._whole.items():
+            target.write_bytes(content)
+
+    def take(self, trial: Trial) -> None:
+        """Count what came of a trial; keep the file of one that failed."""
+        self._counts[trial.outcome] += 1
+        self._slowest, self._largest = max(self._slowest, trial.seconds), max(self._largest, trial.grown)
+        self._held.update(words for words in HELD if words in trial.said)
         if trial.outcome in FAULTS:
-            _report(example, trial, _damaged(example, whole, (seed, trial.number)))
-    for target, content in whole.items():
-        target.write_bytes(content)
-    return {**counts, "held apart": sum(held.values()), "slowest s": round(slowest, 2), "most MB": largest >> 20}
+            self.mend()
+            _report(self.example, trial, _damaged(self.example, self._whole, (self._seed, trial.number)))
+
+    @property
+    def results(self) -> dict[str, Any]:
+        """Numbers of trials by outcome, those that were refused for what the process apart kept away, s and MB."""
+        most = {"slowest s": round(self._slowest, 2), "most MB": self._largest >> 20}
+        return {**self._counts, "held apart": sum(self._held.values()), **most}
 
 
 def _damaged(example: Example, whole: dict[Path, bytes], seed: tuple[int, int]) -> dict[Path, tuple[str, bytes]]:
