@@ -86,7 +86,7 @@ def models(folder: Path, only: str = "") -> Iterator[Model]:
         JointCorrector: joint_log(1, trajectories=8, seconds=10.0),
         PositionEstimator: replace(reaches, meta=replace(reaches.meta, tracker_base=frame)),
     }
-    wanted = [(f"pose {m}{' not rigid' if more else ''}", None, m, more) for m, more in POSES]
+    wanted = [(f"pose {m}{' not rigid' if more else ''}", None, m, {"marker": "none", **more}) for m, more in POSES]
     wanted += [(f"joints {m}", JointCorrector, m, {}) for m in JOINTS]
     wanted += [(f"tool position {m}", PositionEstimator, m, {}) for m in POSITIONS]
     for name, task, method, more in wanted:

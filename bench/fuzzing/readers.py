@@ -16,6 +16,7 @@ from fuzzing.trial import FAULTS, Trial, tried
 from gpcorrect.calibration import with_uses
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.logs import read_log, validate_log
+from gpcorrect.logs.reader import format_of
 
 HELD = ("crashed its reader", "did not end", "asks for more memory")  # what only the process apart kept from the user
 
@@ -33,7 +34,7 @@ def fuzz_readers(count: int, seed: int = 0, only: str = "") -> dict[str, Any]:
             kind = chosen[trial.number // count]
             kind.take(replace(trial, number=trial.number % count))
             if trial.number % count == count - 1:
-                print(f"{kind.example.name}: {kind.results}", flush=True)
+                print(f"{kind.example.name} ({format_of(kind.example.path).title}): {kind.results}", flush=True)
     return {kind.example.name: kind.results for kind in chosen}
 
 
