@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from gpcorrect.errors import DataError
 from gpcorrect.gpr.compiled import Tables, predict_one, tables
 from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.types import FloatArray, frozen_array
@@ -58,6 +59,19 @@ class SharedPredictor:
         for name in (f.name for f in fields(self) if f.name != "kernel"):
             object.__setattr__(self, name, frozen_array(np.ascontiguousarray(getattr(self, name))))
         object.__setattr__(self, "projection", frozen_array(self.projection.astype(np.float32).astype(np.float64)))
+        self._check_shapes()
+
+    def _check_shapes(self) -> None:
+        """Refuse arrays that do not fit together, before compiled code, which does not look, reads them."""
+        (p, d), (r, q), m = self.basis.shape, self.projection.shape, self.offset.size
+        shapes = {"alpha": (m, p), "offset": (m,), "explained": (m, r), "signal": (m,), "noise": (m,)}
+        found = {name: getattr(self, name).shape for name in shapes}
+        scales = self.kernel.length_scales.shape
+        if found != shapes or not 0 < q <= p or scales != (self.kernel.weights.size, d):
+            raise DataError(
+                f"a predictor of {m} outputs on {p} points of {d} inputs does not fit together:"
+                f" {found}, projection {(r, q)}, length scales {scales}."
+            )
 
     def mean_std_batch(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Predict inputs `(n, d)`: means `(n, m)`, standard deviations `(n, m)` and novelties `(n,)`.
@@ -99,6 +113,8 @@ class Predictor:
     tables: Tables = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        if len({part.basis.shape[1] for part in self.parts}) != 1:
+            raise DataError("the groups of outputs of a predictor look at different numbers of inputs.")
         object.__setattr__(self, "tables", tables(self.parts))
         self.mean_std(self.parts[0].basis[0])  # compiled here (or read from numba's cache), never in the first query
 

@@ -66,6 +66,16 @@ def test_a_missing_array_is_told(predictor: Predictor) -> None:
         unpack(Predictor, data, arrays)
 
 
+@pytest.mark.parametrize("name", ["basis", "alpha", "offset", "projection", "explained", "signal", "noise"])
+def test_arrays_that_do_not_fit_together_are_refused(predictor: Predictor, name: str) -> None:
+    """Compiled code does not look at shapes: one array of another shape is no predictor."""
+    data, arrays = pack(predictor, "predictor")
+    place = f"predictor.parts.0.{name}"
+    wider = np.concatenate([arrays[place]] * 3, axis=-1)
+    with pytest.raises(DataError, match="does not fit together"):
+        unpack(Predictor, data, {**arrays, place: wider})
+
+
 def test_nothing_can_be_changed_and_no_query_changes_anything(predictor: Predictor) -> None:
     """Arrays are read-only, and the query stays as it was."""
     with pytest.raises(ValueError, match="read-only"):
