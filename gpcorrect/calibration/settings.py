@@ -36,6 +36,9 @@ class FitSettings:
         Clock of the outside sensor: "auto", "none", or seconds by which its stamps run ahead.
     inducing : int or None
         Points that the Gaussian process rests on; the task's own number when None.
+    search_samples : int or None
+        Samples from which the Gaussian process learns its hyperparameters, which takes most of a fit; its own number
+        when None.
     layers : tuple of int
         Widths of the network.
     epochs : int
@@ -65,6 +68,7 @@ class FitSettings:
     cleaning: CleaningSettings = field(default_factory=CleaningSettings)
     time_offset: str = "auto"
     inducing: int | None = None
+    search_samples: int | None = None
     layers: tuple[int, ...] = (100, 100)
     epochs: int = 200
     seed: int = 0

@@ -20,7 +20,7 @@ LEAST_SATURATION, LEAST_VALUE = 0.30, 0.12  # docs/vision.md: below, the hue of 
 HUE_TOLERANCE = 22.0  # degrees to either side of a hue given as a number: about what red and yellow have
 LEAST_GAP = 1.0  # degrees by which two balls' ranges may overlap: half a step of OpenCV's hue
 THIN = 0.05  # second over first singular value of the places: a flatter triangle leaves the turn about its axis open
-ARM = 0.033  # m from the holder's centre to each ball's: the fixture of Peng et al. 2020
+ARM = 0.038  # m from the holder's centre to each ball's: the fixture of Peng et al. 2020; its balls have 20 mm
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,10 @@ from support import short_search
 
 from gpcorrect.cli import main
 from gpcorrect.errors import DataError
+from gpcorrect_studies.claims import number_at
 from gpcorrect_studies.mahler2014 import Scope, study
 from gpcorrect_studies.mahler2014.closed_loop import Reached
-from gpcorrect_studies.mahler2014.table1 import COMPONENTS, FULL, MEMORY, METHODS, NORMS
+from gpcorrect_studies.mahler2014.table1 import COMPONENTS, FULL, MEMORY, METHODS, NORMS, PRINTED
 
 SEED = 21
 pytestmark = pytest.mark.slow
@@ -53,9 +54,11 @@ def figures(folder: Path) -> Any:
 
 
 def test_table_one_holds_six_methods_and_six_components(figures: Any) -> None:
-    """Both sets hold mean and SD of every component and norm, of the six methods in the paper's order."""
+    """Both sets hold mean and SD of every component and norm: the paper's columns in its order, then ours."""
     for which in ("clean", "dirty"):
+        assert tuple(figures["printed"]["table1"][which]) == PRINTED
         assert tuple(figures["table1"][which]) == METHODS
+        assert set(METHODS) - set(PRINTED) == {"GPR alone", MEMORY}
         for errors in figures["table1"][which].values():
             assert set(errors) == {*COMPONENTS, *NORMS}
             assert all(leaf["mean"] > 0 and leaf["sd"] > 0 for leaf in errors.values())
@@ -69,7 +72,7 @@ def test_lengths_and_components_agree(figures: Any) -> None:
 
 
 def test_each_step_of_the_paper_helps(figures: Any) -> None:
-    """On clean samples registration beats nothing, and the whole recipe beats registration, in both parts."""
+    """On clean samples an offset beats nothing, and the whole recipe beats the offset, in position and rotation."""
     errors = figures["table1"]["clean"]
     for norm in NORMS:
         raw, offset, full = (errors[m][norm]["mean"] for m in (METHODS[0], METHODS[1], FULL))
@@ -93,7 +96,7 @@ def test_the_corrected_command_brings_the_robot_closer(figures: Any) -> None:
     assert set(reached) == {"none", "full trajectory", "endpoint"}
     for norm in NORMS:
         for name in ("full trajectory", "endpoint"):
-            assert reached[name][f"{norm}_mean"] < 0.5 * reached["none"][f"{norm}_mean"]
+            assert reached[name][norm]["mean"] < 0.5 * reached["none"][norm]["mean"]
 
 
 def test_knowing_more_leaves_less(figures: Any) -> None:
@@ -130,10 +133,28 @@ def test_the_page_is_whole_and_says_what_is_not_comparable(folder: Path, figures
     page = (folder / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 4
     assert "http" not in page.replace("http-equiv", "")
-    for words in ("Table I", "Fig. 4", "Fig. 5", "Table II", "What is not", "9.8 %", "4228.8"):
+    for words in ("Table I", "Fig. 4", "Fig. 5", "Table II", "What is not", "12.0 (21.9)", "4228.8", "A short run"):
         assert words in page
     assert figures["not_comparable"]
-    assert all(figure["source"] for figure in figures["published"].values())
+
+
+def test_every_claim_has_a_verdict_that_follows_from_the_figures(folder: Path, figures: Any) -> None:
+    """Ours is the ratio of the two figures that the claim names; counts are of the verdicts; the page says the same."""
+    assert figures["short"]
+    page = (folder / "report.html").read_text()
+    for row in figures["claims"]:
+        above, below = (number_at(figures, row[part]) if row[part] else 1.0 for part in ("of", "against"))
+        if row["verdict"] == "not measured":
+            assert row["ours"] is None
+            assert row["reason"]
+        else:
+            assert above is not None
+            assert below is not None
+            assert row["ours"] == pytest.approx(above / below)
+        assert row["claim"].replace("'", "&#39;") in page
+    verdicts = [row["verdict"] for row in figures["claims"]]
+    assert figures["counts"] == {verdict: verdicts.count(verdict) for verdict in figures["counts"]}
+    assert sum(figures["counts"].values()) == len(verdicts)
 
 
 def test_too_few_reaches_are_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -150,5 +171,5 @@ def test_repeatability_does_not_see_what_all_visits_share() -> None:
     scatter, common = rng.normal(size=(7, 3, 6)), rng.normal(size=(1, 3, 6))
     alone, shifted = (Reached(e).to_dict() for e in (scatter, scatter + 10 * common))
     for norm in NORMS:
-        assert shifted[f"{norm}_repeatability"] == pytest.approx(alone[f"{norm}_repeatability"])
-        assert shifted[f"{norm}_mean"] > 2 * alone[f"{norm}_mean"]
+        assert shifted[norm]["repeatability"] == pytest.approx(alone[norm]["repeatability"])
+        assert shifted[norm]["mean"] > 2 * alone[norm]["mean"]

@@ -9,16 +9,17 @@ import pytest
 
 from gpcorrect.errors import DataError
 from gpcorrect.types import Progress
+from gpcorrect_studies.claims import Verdict
 from gpcorrect_studies.peng2024 import Peng2024, PengScope, RavenStudy, reproduce_peng2024
 from gpcorrect_studies.peng2024.fits import METHODS
 from gpcorrect_studies.peng2024.page import write_peng_report
 from gpcorrect_studies.peng2024.recordings import whole_state
-from gpcorrect_studies.published import PENG_2024, PENG_MISSING
+from gpcorrect_studies.peng2024.study import CLAIMS
 
 SEED = 23
 pytestmark = pytest.mark.slow
 SCOPE = PengScope(
-    directions=("J1-J2-J3",),
+    directions=("J2-J3",),
     sparsities=(1, 2),
     minutes=1.0,
     hours=(0.0, 6.0),
@@ -51,10 +52,10 @@ def study(recorder: Recorder) -> Peng2024:
 
 def test_every_part_is_done_and_told(study: Peng2024, recorder: Recorder) -> None:
     """All parts hold every method with means, deviations and repeats, and progress names each to its end."""
-    names = ("Table I", "Fig. 5", "Fig. 6", "Fig. 8", "Fig. 9", "Table II", "Tables III and IV", "Table V")
+    names = ("Table I", "Fig. 5", "Fig. 6", "Fig. 8", "Fig. 9", "Table II", "Table IV", "Table V")
     assert tuple(recorder.stages) == names
     assert set(recorder.stages.values()) == {1.0}
-    row = study.table1["J1-J2-J3"]
+    row = study.table1["J2-J3"]
     assert tuple(row) == ("raw", "fixed_offset", *METHODS)
     for cell in row.values():
         assert np.shape(cell["mean"]) == np.shape(cell["sd"]) == (3,)
@@ -62,7 +63,7 @@ def test_every_part_is_done_and_told(study: Peng2024, recorder: Recorder) -> Non
     assert [point["sparsity"] for point in study.fig5] == [1, 2]
     assert set(study.fig6) == {"idle", "unloaded", "loaded 500 g"}
     assert [point["homings"] for point in study.fig9] == [0, 1]
-    assert set(study.tables34["unloaded"]) == {"raw", "fixed_offset", *METHODS}
+    assert set(study.table4["unloaded"]) == {"raw", "fixed_offset", *METHODS}
     assert all(part["stream_ms"] > 0 for part in study.table5.values())
 
 
@@ -77,15 +78,17 @@ def test_the_simulated_arm_errs_as_much_as_the_real_one() -> None:
         offset.append(test - train.mean(axis=0))
     for name, errors in (("raw", raw), ("fixed_offset", offset)):
         found = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)) * np.array([180 / np.pi, 180 / np.pi, 1e3])
-        np.testing.assert_allclose(found, PENG_2024[name].values, rtol=0.2)
+        np.testing.assert_allclose(found, CLAIMS.printed["table1"]["J1-J2-J3"][name]["mean"], rtol=0.2)
 
 
 def test_learning_beats_the_fixed_offset_and_the_tip_follows(study: Peng2024) -> None:
     """After the longer zig-zag every method leaves less than the offset, joint by joint and at the tip."""
-    row, tip = study.fig5[-1]["rmse"], study.tables34["unloaded"]
+    row, tip = study.fig5[-1]["rmse"], study.table4["unloaded"]
     for method in METHODS:
         assert (np.array(row[method]["mean"]) < row["fixed_offset"]["mean"]).all()
-        assert tip[method]["mean"] < tip["fixed_offset"]["mean"] < tip["raw"]["mean"]
+        assert tip[method]["mean"][3] < tip["fixed_offset"]["mean"][3] < tip["raw"]["mean"][3]
+        x, y, z, distance = tip[method]["mean"]
+        assert distance == pytest.approx(np.sqrt(x**2 + y**2 + z**2))
 
 
 def test_hours_move_joint_1_and_idling_nothing(study: Peng2024) -> None:
@@ -101,7 +104,7 @@ def test_a_new_zero_undoes_a_homing(study: Peng2024) -> None:
     """After a homing, the model with a zero of one minute is as good as it was before the homing, nearly."""
     before, after = (study.fig9[k]["rmse"]["linear"] for k in (0, 1))
     assert after["none seen"]["mean"][1] > 1.5 * before["none seen"]["mean"][1]
-    assert after["new zero"]["mean"][1] < 1.3 * before["none seen"]["mean"][1]
+    assert after["new zero"]["mean"][1] < 1.5 * before["none seen"]["mean"][1]
 
 
 def test_targets_follow_from_the_figures(study: Peng2024) -> None:
@@ -112,16 +115,25 @@ def test_targets_follow_from_the_figures(study: Peng2024) -> None:
     assert target["met"] == [one < limit for one, limit in zip(target["measured"], target["target"], strict=True)]
 
 
-def test_the_page_is_whole_and_says_what_is_not_published(study: Peng2024, tmp_path: Path) -> None:
-    """One file without outside references, with every part, the published figures and what was not at hand."""
+def test_the_page_is_whole_and_has_the_printed_tables(study: Peng2024, tmp_path: Path) -> None:
+    """One file without outside references, with every part, printed numbers beside ours, and that the run was short."""
     write_peng_report(study, tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 3
     assert "http" not in page.replace("http-equiv", "")
-    parts = ("Table I", "Fig. 5", "Fig. 6", "Fig. 8", "Fig. 9", "Table II", "Tables III and IV", "Table V")
-    for words in (*parts, "What is not", "0.104, 0.12, 0.118", "not published to us", PENG_MISSING[2]):
+    parts = ("Table I", "Fig. 5", "Fig. 6", "Fig. 8", "Fig. 9", "Table II", "Table III", "Table IV", "Table V")
+    for words in (*parts, "What is not", "A short run", "11.723", "2.539", "0.553", "1.318", "below 50"):
         assert words in page
-    assert all(figures["source"] for figures in study.to_dict()["published"].values())
+
+
+def test_claims_of_directions_that_were_not_run_are_not_measured(study: Peng2024) -> None:
+    """J2-J3 alone was run: its network is compared with the offset, and with no other direction's network."""
+    rows = study.compared().rows
+    alone = [row for row in rows if "fixed_offset" in row.claim.against]
+    others = [row for row in rows if row.claim.against.startswith("table1/J1")]
+    assert len(alone) == len(others) == 6
+    assert all(row.ours is not None for row in alone)
+    assert all(row.verdict is Verdict.NOT_MEASURED and row.reason for row in others)
 
 
 def test_recordings_repeat_and_repeats_differ() -> None:

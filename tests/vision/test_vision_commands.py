@@ -133,7 +133,7 @@ def test_wrong_colours_and_wrong_sizes_are_named(vision: _Shell, recorded: _Reco
     vision.refused(
         *_track(recorded, tmp_path / "l.csv", "--target", target), saying=["ball violet cannot be found", "red (hue"]
     )
-    rows = {"green": (0, -0.033, 0), "yellow": (0.033, 0, 0), "red": (0, 0.033, 0)}
+    rows = {"green": (0, -0.038, 0), "yellow": (0.038, 0, 0), "red": (0, 0.038, 0)}
     for scale, radius, word in ((1.0, 0.019, "has a radius of"), (2.0, 0.0095, "apart in the pictures")):
         balls = [{"name": n, "place": [scale * v for v in p], "radius": radius} for n, p in rows.items()]
         (tmp_path / "target.json").write_text(json.dumps({"ball": balls}))

@@ -111,6 +111,7 @@ class GP:
             output_groups=layout.targets,
             random_state=settings.seed,
         )
+        regressor.set_params(n_learn=settings.search_samples or regressor.n_learn)
         chosen = X[:, layout.smooth]
         regressor.fit(chosen, left, groups=groups, times=time, progress=progress)
         # After a linear law, what neighbours share is the law's and the stretches': counting them as one too took

@@ -42,19 +42,24 @@ class Reached:
 
     error: FloatArray
 
-    def to_dict(self) -> dict[str, float]:
-        """Mean and SD of the errors' lengths, and RMS spread of a place's visits about their mean, mm and degrees."""
-        lengths = np.linalg.norm(self.error.reshape(*self.error.shape[:2], 2, 3), axis=-1)
-        about_mean = self.error - self.error.mean(axis=0)
-        spread = np.sqrt((about_mean.reshape(*self.error.shape[:2], 2, 3) ** 2).sum(axis=-1).mean(axis=(0, 1)))
-        figures: dict[str, float] = {}
+    def to_dict(self) -> dict[str, dict[str, float]]:
+        """Mean and SD of the components of position and of both errors' lengths, mm and degrees.
+
+        Of the lengths, repeatability too: RMS spread of a place's visits about their mean.
+        """
+        parts = self.error.reshape(*self.error.shape[:2], 2, 3)
+        spread = np.sqrt(((parts - parts.mean(axis=0)) ** 2).sum(axis=-1).mean(axis=(0, 1)))
+        figures = {
+            name: _mean_and_sd(1e3 * np.abs(parts[..., 0, axis])) for axis, name in enumerate(("x_mm", "y_mm", "z_mm"))
+        }
         for i, (name, scale) in enumerate((("position_mm", 1e3), ("rotation_deg", 180 / np.pi))):
-            figures |= {
-                f"{name}_mean": scale * float(lengths[..., i].mean()),
-                f"{name}_sd": scale * float(lengths[..., i].std()),
-                f"{name}_repeatability": scale * float(spread[i]),
-            }
+            lengths = scale * np.linalg.norm(parts[..., i, :], axis=-1)
+            figures[name] = {**_mean_and_sd(lengths), "repeatability": scale * float(spread[i])}
         return figures
+
+
+def _mean_and_sd(values: FloatArray) -> dict[str, float]:
+    return {"mean": float(values.mean()), "sd": float(values.std())}
 
 
 @dataclass(frozen=True, eq=False)

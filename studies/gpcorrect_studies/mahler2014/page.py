@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,24 +14,24 @@ from gpcorrect.plots import trajectory_errors, trajectory_paths, typical_traject
 from gpcorrect.plots.style import COLOURS, new_figure, png
 from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
 from gpcorrect.types import FloatArray
+from gpcorrect_studies.claims_page import claims_section, counted, paired, short_run
 from gpcorrect_studies.mahler2014.regressions import TrainingSize
-from gpcorrect_studies.mahler2014.study import COMPARABLE, NOT_COMPARABLE, Mahler2014
-from gpcorrect_studies.mahler2014.table1 import COMPONENTS, FULL, METHODS, NORMS
-from gpcorrect_studies.published import MAHLER_2014, MAHLER_MISSING
+from gpcorrect_studies.mahler2014.study import CLAIMS, COMPARABLE, NOT_COMPARABLE, Mahler2014
+from gpcorrect_studies.mahler2014.table1 import COMPONENTS, METHODS, NORMS, PRINTED
 
 __all__ = ["write_mahler_report"]
 
 TITLES = {
     "position_percent_of_raw_dirty": "position error after full correction, of the uncorrected one",
     "rotation_percent_of_raw_dirty": "rotation error after full correction, of the uncorrected one",
-    "position_percent_of_raw_dirty_memory": "the same with memory of the commands, which the paper has not: position",
-    "rotation_percent_of_raw_dirty_memory": "the same with memory of the commands, which the paper has not: rotation",
+    "position_percent_of_raw_dirty_memory": "the same with memory of the commands: position",
+    "rotation_percent_of_raw_dirty_memory": "the same with memory of the commands: rotation",
     "position_gain_of_velocity": "position error that velocity features take away",
     "rotation_gain_of_velocity": "rotation error that velocity features take away",
     "position_gain_of_cleaning_on_sd": "spread of the position error that cleaning takes away",
     "rotation_gain_of_cleaning_on_sd": "spread of the rotation error that cleaning takes away",
 }
-HEADS = {name: name.replace("_", " [") + "]" for name in (*COMPONENTS, *NORMS)}
+POSITION, ANGLES = COMPONENTS[:3], COMPONENTS[3:]
 
 
 def write_mahler_report(result: Mahler2014, path: Path) -> None:
@@ -47,65 +49,39 @@ def write_mahler_report(result: Mahler2014, path: Path) -> None:
     GpCorrectError
         The folder cannot be written.
     """
-    percent, met = result.table1.percent_of_raw("dirty"), [target["met"] for target in result.targets().values()]
+    percent, comparison = result.table1.percent_of_raw("dirty"), result.compared()
     verdict = (
-        f"Full correction leaves {percent['position_mm']:.1f} % of the position error and "
-        f"{percent['rotation_deg']:.1f} % of the rotation error on the dirty set; the paper left "
-        f"{_value('position_percent_of_raw_dirty')} % and {_value('rotation_percent_of_raw_dirty')} %. "
-        f"{sum(met)} of {len(met)} targets are met."
+        f"Of {len(comparison.rows)} claims of the paper: {counted(comparison.counts())}. Full correction leaves "
+        f"{percent['position_mm']:.1f} % of the position error and {percent['rotation_deg']:.1f} % of the rotation "
+        "error of the dirty set."
     )
+    first = short_run(verdict, short=result.short)
     facts = [
         ("recording", f"simulated: {result.scope.reaches} reaches, {result.samples} samples, seed {result.seed}"),
         ("held out", "the last fifth of the reaches, whole"),
         ("time", f"{result.seconds:.0f} s for everything on this page"),
     ]
     sections = [
-        _comparison(result),
+        claims_section(comparison),
         _table1(result),
         _fig4(result),
         _fig5(result),
         _table2(result),
         _limits(result),
+        _targets(result),
         Section("What is comparable", COMPARABLE),
         Section("What is not", NOT_COMPARABLE),
     ]
-    write_page(Page("gpcorrect reproduce mahler2014", verdict, facts, sections), path)
+    write_page(Page("gpcorrect reproduce mahler2014", first, facts, sections), path)
 
 
-def _value(name: str) -> float:
-    return MAHLER_2014[name].values[0]
-
-
-def _comparison(result: Mahler2014) -> Section:
-    measured = result.targets()
-    gain = result.table1.gain_of_velocity("dirty")["rotation_deg"]
+def _targets(result: Mahler2014) -> Section:
     rows = [
-        [
-            TITLES[name],
-            f"{t['measured']:.1f} %",
-            _published(name),
-            _bound(name, t["target"]),
-            "yes" if t["met"] else "no",
-        ]
-        for name, t in measured.items()
+        [TITLES[name], f"{t['measured']:.1f} %", _bound(name, t["target"]), "yes" if t["met"] else "no"]
+        for name, t in result.targets().items()
     ]
-    rows.insert(
-        3, [TITLES["rotation_gain_of_velocity"], f"{gain:.1f} %", _published("rotation_gain_of_velocity"), "", ""]
-    )
-    table = TableData(
-        ["dirty set", "here", "the paper", "target", "met"],
-        rows,
-        "Means of the error's length. Sources of the paper's figures: "
-        + "; ".join(f"{TITLES[n]}: {MAHLER_2014[n].source}" for n in TITLES if n in MAHLER_2014)
-        + ". The paper's gains by velocity are of its own, unnamed set.",
-    )
-    return Section("Beside the paper", [f"Not at hand, and so not compared: {'; '.join(MAHLER_MISSING)}."], (table,))
-
-
-def _published(name: str) -> str:
-    if name.endswith("memory"):
-        return "none"
-    return f"{_value(name):g} {MAHLER_2014[name].unit}" if name in MAHLER_2014 else "-"
+    note = "Means of the error's length. The targets were ours, set before the first full run."
+    return Section("Targets", (), (TableData(["dirty set", "here", "target", "met"], rows, note),))
 
 
 def _bound(name: str, target: float) -> str:
@@ -115,30 +91,49 @@ def _bound(name: str, target: float) -> str:
 
 
 def _table1(result: Mahler2014) -> Section:
-    def _rows(which: str, names: Sequence[str]) -> list[list[str]]:
-        errors = result.table1.errors[which]
-        return [
-            [method, *(f"{errors[method][n]['mean']:.2f} ± {errors[method][n]['sd']:.2f}" for n in names)]
-            for method in METHODS
-        ]
-
-    tables = [
-        TableData([f"{which} set", *(HEADS[n] for n in names)], _rows(which, names), f"Mean ± SD over {whole}.")
-        for which, whole in (("clean", "samples that pass cleaning"), ("dirty", "all samples as they came"))
-        for names in (NORMS, COMPONENTS)
-    ]
-    quoted = [
-        [method, *(f"{_value(f'{part}_{when}'):g}" for part in ("position", "rotation"))]
-        for method, when in (("no correction", "raw"), (FULL, "corrected"))
-    ]
-    note = "The paper's abstract: norm of the mean position error and of the mean angular error, held-out trajectories."
-    tables.append(TableData(["the paper", "position [mm]", "rotation [deg]"], quoted, note))
+    sets = {"dirty": "all samples as they came", "clean": "samples that pass cleaning"}
     words = [
-        "Absolute errors of the command that each method would have given for the observed pose. Roll, pitch and yaw "
-        "are differences of angles about fixed axes, as the paper's; rotation is the angle of the whole error.",
-        "All methods but the last learn from the recording as it came, faults included.",
+        "Absolute errors of the command that each method would have given for the observed pose, mean (SD). Yaw, pitch "
+        "and roll are differences of angles about fixed axes. The columns are the paper's; the last "
+        f"{len(METHODS) - len(PRINTED)} are ours.",
+        "Methods without cleaning learn from the recording as it came, faults included. The norms are those of the "
+        "vector of three means, as the paper's text takes them; the mean lengths are ours.",
     ]
-    return Section("Table I: six methods", words, tables)
+    return Section("Table I", words, [_errors_table(result, which, whole) for which, whole in sets.items()])
+
+
+def _errors_table(result: Mahler2014, which: str, whole: str) -> TableData:
+    """One set of Table I: a row a component as printed, ours under it; columns are methods."""
+    measured, printed = result.table1.errors[which], CLAIMS.printed["table1"][which]
+
+    def _norms(errors: Mapping[str, Any], methods: Sequence[str]) -> dict[str, list[str]]:
+        parts = {"norm of x, y, z [mm]": POSITION, "norm of yaw, pitch, roll [deg]": ANGLES}
+        return {name: [f"{_norm(errors[method], keys):.2f}" for method in methods] for name, keys in parts.items()}
+
+    def _cells(
+        errors: Mapping[str, Any], methods: Sequence[str], names: Sequence[str], digits: int
+    ) -> dict[str, list[str]]:
+        return {
+            _with_unit(name): [
+                f"{errors[method][name]['mean']:.{digits}f} ({errors[method][name]['sd']:.{digits}f})"
+                for method in methods
+            ]
+            for name in names
+        }
+
+    ours = _cells(measured, METHODS, COMPONENTS, 2) | _norms(measured, METHODS)
+    papers = _cells(printed, PRINTED, COMPONENTS, 1) | _norms(printed, PRINTED)
+    lengths = {f"mean length of {name}": cells for name, cells in _cells(measured, METHODS, NORMS, 2).items()}
+    return TableData([f"{which} set", *METHODS], paired({**ours, **lengths}, papers), f"Over {whole}.")
+
+
+def _norm(errors: Mapping[str, Mapping[str, float]], names: Sequence[str]) -> float:
+    """Norm of the vector of the components' means."""
+    return math.hypot(*(errors[name]["mean"] for name in names))
+
+
+def _with_unit(name: str) -> str:
+    return name.replace("_", " [") + "]"
 
 
 def _fig4(result: Mahler2014) -> Section:
@@ -164,7 +159,7 @@ def _fig5(result: Mahler2014) -> Section:
         [str(p.states), p.method, f"{p.position_mm:.2f}", f"{p.rotation_deg:.2f}", f"{p.seconds:.2f}"]
         for p in result.fig5
     ]
-    few, everything = _value("fit_seconds_460_states"), _value("fit_seconds_all_states")
+    few, everything = (CLAIMS.printed["fig5_seconds"][name] for name in ("few", "all"))
     most = max(point.states for point in result.fig5)
     rows += [["460", "the paper's", "-", "-", f"{few:g}"]]
     rows += [["all", "the paper's", "-", "-", f"{everything:g}"]]
@@ -181,6 +176,23 @@ def _fig5(result: Mahler2014) -> Section:
 
 
 def _table2(result: Mahler2014) -> Section:
+    components = {name: {c: landing.at_rest.to_dict()[c] for c in POSITION} for name, landing in result.table2.items()}
+    printed = {name: landing["at_rest"] for name, landing in CLAIMS.printed["table2"].items()}
+
+    def _rows(landings: Mapping[str, Any], digits: int) -> dict[str, list[str]]:
+        return {
+            name: [
+                *(f"{found[c]['mean']:.{digits}f} ({found[c]['sd']:.{digits}f})" for c in POSITION),
+                f"{_norm(found, POSITION):.2f}",
+            ]
+            for name, found in landings.items()
+        }
+
+    as_printed = TableData(
+        ["correction", *map(_with_unit, POSITION), "norm [mm]"],
+        paired(_rows(components, 2), _rows(printed, 1)),
+        "Absolute errors at rest, half a second after arrival, mean (SD).",
+    )
     rows = []
     for name, landing in result.table2.items():
         for when, reached in (("at rest", landing.at_rest), ("on arrival", landing.on_arrival)):
@@ -188,14 +200,14 @@ def _table2(result: Mahler2014) -> Section:
             cells = [
                 cell
                 for part in NORMS
-                for cell in (f"{f[f'{part}_mean']:.2f} ± {f[f'{part}_sd']:.2f}", f"{f[f'{part}_repeatability']:.2f}")
+                for cell in (f"{f[part]['mean']:.2f} ({f[part]['sd']:.2f})", f"{f[part]['repeatability']:.2f}")
             ]
             rows.append([f"{name}, {when}", *cells])
-    table = TableData(
-        ["correction", "position [mm]", "repeatability", "rotation [deg]", "repeatability"],
+    ours = TableData(
+        ["correction, ours", "position [mm]", "repeatability", "rotation [deg]", "repeatability"],
         rows,
-        "Mean ± SD of the distance of the tool's true pose from the desired one; repeatability is the RMS spread of a "
-        "place's visits about their mean. At rest: half a second after arrival.",
+        "Mean (SD) of the distance of the tool's true pose from the desired one; repeatability is the RMS spread of a "
+        "place's visits about their mean.",
     )
     words = [
         f"{result.scope.places} places, {result.scope.repetitions} visits each, in another order every time. "
@@ -206,7 +218,7 @@ def _table2(result: Mahler2014) -> Section:
         png(_visits({name: landing.at_rest.error for name, landing in result.table2.items()})),
         "Errors at rest, a dot a visit.",
     )
-    return Section("Table II: the corrected command really sent", words, (table,), (figure,))
+    return Section("Table II: the corrected command really sent", words, (as_printed, ours), (figure,))
 
 
 def _limits(result: Mahler2014) -> Section:

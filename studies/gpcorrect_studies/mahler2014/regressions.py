@@ -134,6 +134,7 @@ def _training_size(
     method, rows = task
     regressor = ExactGPR() if method == "exact" else SparseGPR(n_inducing=min(settings.inducing or INDUCING, len(rows)))
     regressor.set_params(feature_groups=groups, output_groups=OUTPUT_GROUPS, random_state=settings.seed)
+    regressor.set_params(n_learn=settings.search_samples or regressor.n_learn)
     rows = np.sort(rows)
     start = time.perf_counter()
     regressor = _fitted(regressor, train.X[rows], train.residual[rows], train.trajectory[rows], train.time[rows])
@@ -218,6 +219,7 @@ def _with_transmission_state(experiment: Experiment, exact: CalibrationLog, sett
         output_groups=OUTPUT_GROUPS,
         random_state=settings.seed,
     )
+    regressor.set_params(n_learn=settings.search_samples or regressor.n_learn)
     return test.mean_errors(_fitted(regressor, X, train.residual, train.trajectory, train.time).predict(X_test))
 
 

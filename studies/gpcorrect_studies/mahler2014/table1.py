@@ -1,4 +1,4 @@
-"""Table I: errors of six methods, and of ours with memory, on held-out reaches: clean samples, and all of them."""
+"""Table I: errors of the paper's six methods, and of two more, on held-out reaches: clean samples, and all of them."""
 
 from __future__ import annotations
 
@@ -16,19 +16,29 @@ from gpcorrect.errors import LogError
 from gpcorrect.parallel import each
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
 
-__all__ = ["COMPONENTS", "FULL", "MEMORY", "METHODS", "NORMS", "Errors", "TableOne", "table_one"]
+__all__ = ["COMPONENTS", "FULL", "MEMORY", "METHODS", "NORMS", "PRINTED", "Errors", "TableOne", "table_one"]
 
-FULL = "offset + GPR + velocity + cleaning"  # the paper's last column
-MEMORY = FULL + " + memory"  # not in the paper
+OFFSET = "fixed offset"
+WITH_GPR, WITH_VELOCITY = f"{OFFSET} + GPR", f"{OFFSET} + GPR + velocity"
+FULL = f"{WITH_VELOCITY} + cleaning"  # the paper's last column
+GPR_ALONE, MEMORY = "GPR alone", f"{FULL} + memory"  # not in the paper
 FITS: dict[str, dict[str, Any]] = {
-    "GPR": {"features": ("pose",), "rigid": False, "clean": False},
-    "offset + GPR": {"features": ("pose",), "clean": False},
-    "offset + GPR + velocity": {"clean": False},
+    WITH_GPR: {"features": ("pose",), "clean": False},
+    WITH_VELOCITY: {"clean": False},
     FULL: {},
+    GPR_ALONE: {"features": ("pose",), "rigid": False, "clean": False},
     MEMORY: {"features": ("pose", "velocity", "memory")},
 }
-METHODS = ("no correction", "offset", *FITS)
-COMPONENTS = ("x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg")
+# What each column is measured on: a fit, and which of its errors.
+MEASURED = {
+    "no correction": (WITH_GPR, "raw"),
+    OFFSET: (WITH_GPR, "rigid"),
+    f"{OFFSET} + cleaning": (FULL, "rigid"),
+    **{name: (name, "corrected") for name in FITS},
+}
+METHODS = tuple(MEASURED)
+PRINTED = METHODS[:-2]  # the columns of the paper's table, in its order
+COMPONENTS = ("x_mm", "y_mm", "z_mm", "yaw_deg", "pitch_deg", "roll_deg")  # as printed
 NORMS = ("position_mm", "rotation_deg")
 
 Errors = dict[str, dict[str, float]]
@@ -36,7 +46,7 @@ Errors = dict[str, dict[str, float]]
 
 @dataclass(frozen=True, eq=False)
 class TableOne:
-    """Errors of the six methods, in the paper's order, and of ours with memory.
+    """Errors of the paper's six methods in its order, of GPR without an offset, and of ours with memory.
 
     Parameters
     ----------
@@ -80,7 +90,7 @@ class TableOne:
             Samples that pass cleaning, or all.
         """
         errors = self.errors[which]
-        without, with_it = errors["offset + GPR"], errors["offset + GPR + velocity"]
+        without, with_it = errors[WITH_GPR], errors[WITH_VELOCITY]
         return {norm: 100 * (1 - with_it[norm]["mean"] / without[norm]["mean"]) for norm in NORMS}
 
     def gain_of_cleaning(self, which: str) -> dict[str, float]:
@@ -92,7 +102,7 @@ class TableOne:
             Samples that pass cleaning, or all.
         """
         errors = self.errors[which]
-        without, with_it = errors["offset + GPR + velocity"], errors[FULL]
+        without, with_it = errors[WITH_VELOCITY], errors[FULL]
         return {norm: 100 * (1 - with_it[norm]["sd"] / without[norm]["sd"]) for norm in NORMS}
 
 
@@ -116,10 +126,8 @@ def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress) ->
     tasks = [replace(settings, **changes) for changes in FITS.values()]
     done = each(partial(run_experiment, log), tasks, progress, "Table I")
     experiments = dict(zip(FITS, done, strict=True))
-    measured = {"no correction": ("offset + GPR", "raw"), "offset": ("offset + GPR", "rigid")}
-    measured |= {name: (name, "corrected") for name in FITS}
     errors = {
-        which: {name: _errors(experiments[fit], which, kind) for name, (fit, kind) in measured.items()}
+        which: {name: _errors(experiments[fit], which, kind) for name, (fit, kind) in MEASURED.items()}
         for which in ("clean", "dirty")
     }
     return TableOne(errors, {name: done.seconds for name, done in experiments.items()}, experiments[FULL])
@@ -130,8 +138,8 @@ def _errors(experiment: Experiment, which: str, kind: str) -> Errors:
         raise LogError("nothing was held out to measure on.")
     measured: Measured = getattr(experiment.evaluation, which)
     residual = measured.of(kind)
-    position, angles = 1e3 * residual[:, :3], np.rad2deg(_euler_errors(residual[:, 3:], experiment.test, measured))
-    rows = dict(zip(COMPONENTS, [*position.T, *angles.T], strict=True))
+    position, turns = 1e3 * residual[:, :3], np.rad2deg(_euler_errors(residual[:, 3:], experiment.test, measured))
+    rows = dict(zip(COMPONENTS, [*position.T, *turns.T[::-1]], strict=True))
     rows |= {
         "position_mm": np.linalg.norm(position, axis=1),
         "rotation_deg": np.rad2deg(np.linalg.norm(residual[:, 3:], axis=1)),

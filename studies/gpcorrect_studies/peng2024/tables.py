@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from gpcorrect.arms import arm_named
-from gpcorrect.calibration import JointCorrector, JointStream, spread
+from gpcorrect.calibration import JointCorrector, JointStream
 from gpcorrect.types import CalibrationLog
-from gpcorrect_studies.peng2024.fits import METHODS, Cell, Run, StudyFits, cell, rmse
+from gpcorrect_studies.peng2024.fits import METHODS, UNITS, Cell, Run, StudyFits, cell, rmse
 from gpcorrect_studies.peng2024.recordings import ARM, all_joints, whole_state
 
-__all__ = ["LOAD", "figure_5", "figure_6", "figure_8", "figure_9", "table_1", "table_2", "table_5", "tables_3_and_4"]
+__all__ = [
+    "LOAD",
+    "figure_5",
+    "figure_6",
+    "figure_8",
+    "figure_9",
+    "table_1",
+    "table_2",
+    "table_3",
+    "table_4",
+    "table_5",
+]
 
 LEARNERS: tuple[str, ...] = ("linear", "quadratic", "network")
 LASTING: tuple[str, ...] = ("linear", "network", "gp")
@@ -41,7 +53,7 @@ def table_1(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]
 
 
 def figure_5(fits: StudyFits, test: CalibrationLog) -> list[dict[str, Any]]:
-    """Return the RMSE by sparsity of the zig-zag along all joints, and the minutes it takes.
+    """Return the RMSE by sparsity of the zig-zag, and the minutes it takes.
 
     Parameters
     ----------
@@ -51,7 +63,7 @@ def figure_5(fits: StudyFits, test: CalibrationLog) -> list[dict[str, Any]]:
     """
     points = []
     for sparsity in fits.over("Fig. 5", fits.scope.sparsities):
-        run = Run(fits.scope.directions[-1], sparsity)
+        run = Run(fits.scope.later, sparsity)
         minutes = float(np.ptp(fits.training(run, 0).time)) / 60.0
         points.append({"sparsity": sparsity, "minutes": minutes, "rmse": fits.all_rmse(run, test)})
     return points
@@ -143,8 +155,25 @@ def table_2(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]
     }
 
 
-def tables_3_and_4(fits: StudyFits, tests: dict[str, CalibrationLog]) -> dict[str, dict[str, Cell]]:
-    """Return the RMSE of the distance from the estimated to the true tip through the kinematics, mm.
+def table_3(fig6: Mapping[str, Any]) -> dict[str, dict[str, dict[str, Cell]]]:
+    """Return the RMSE of Fig. 6 by use, hour ("5 h") and method.
+
+    Parameters
+    ----------
+    fig6 : mapping
+        As :func:`figure_6` returns it.
+    """
+    return {
+        use: {
+            f"{hour:g} h": {method: cells[k] for method, cells in part["rmse"].items()}
+            for k, hour in enumerate(part["hours"])
+        }
+        for use, part in fig6.items()
+    }
+
+
+def table_4(fits: StudyFits, tests: dict[str, CalibrationLog]) -> dict[str, dict[str, Cell]]:
+    """Return the RMSE of the estimated tip through the kinematics: x, y, z and the distance, mm.
 
     Parameters
     ----------
@@ -153,7 +182,7 @@ def tables_3_and_4(fits: StudyFits, tests: dict[str, CalibrationLog]) -> dict[st
         Test runs by name.
     """
     run, table = fits.scope.longest, {}
-    for name in fits.over("Tables III and IV", tuple(tests)):
+    for name in fits.over("Table IV", tuple(tests)):
         test, linear = tests[name], fits.models(run, "linear")[0]
         table[name] = {kind: cell([_tip_rmse(linear, test, kind)]) for kind in ("raw", "fixed_offset")}
         for method in METHODS:
@@ -187,17 +216,20 @@ def table_5(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Any]]:
 def _mean(model: JointCorrector, log: CalibrationLog) -> list[float]:
     """Mean of truth minus estimate of the joints, deg, deg and mm."""
     mean = np.nanmean(model.measure(log, np.ones(len(log), dtype=bool)).corrected, axis=0)
-    return [float(np.rad2deg(mean[0])), float(np.rad2deg(mean[1])), 1e3 * float(mean[2])]
+    errors: list[float] = (UNITS * mean).tolist()
+    return errors
 
 
-def _tip_rmse(model: JointCorrector, log: CalibrationLog, kind: str) -> float:
-    """RMSE of the tip, mm; the tool's own joints rest."""
+def _tip_rmse(model: JointCorrector, log: CalibrationLog, kind: str) -> list[float]:
+    """RMSE of the tip's x, y and z and of its distance, mm; the tool's own joints rest."""
     assert log.external_jp is not None
     measured = model.measure(log, np.ones(len(log), dtype=bool))
     true = log.external_jp[measured.rows]
     arm = arm_named(ARM)
     estimated, reached = (arm.forward(all_joints(q))[:, :3, 3] for q in (true - measured.of(kind), true))
-    return spread(np.linalg.norm(1e3 * (estimated - reached), axis=1))["rmse"]
+    mean_square = np.mean((1e3 * (estimated - reached)) ** 2, axis=0)
+    errors: list[float] = np.sqrt(np.append(mean_square, mean_square.sum())).tolist()
+    return errors
 
 
 def _streamed_ms(model: JointCorrector, log: CalibrationLog) -> float:

@@ -14,8 +14,8 @@ from gpcorrect_studies.rendering.picture import Ball, Card, Light, Studio, backd
 __all__ = ["END_EFFECTOR_BALLS", "Stage", "four_cameras", "marker_points", "random_motion", "single_ball"]
 
 WORKSPACE = np.array([0.0, 0.0, 0.2])  # m, world frame
-ARM = 0.033  # m from the holder's centre to each ball's (the paper's fixture)
-RADIUS = 0.0095  # m
+ARM = 0.038  # m from the holder's centre to each ball's (the fixture of Peng et al. 2020)
+RADIUS = 0.0095  # m; chosen by hand, smaller than the fixture's 20 mm: fewer pixels to find
 COLOURS: dict[str, tuple[float, float, float]] = {
     "green": (40.0, 160.0, 60.0),
     "yellow": (225.0, 200.0, 40.0),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,23 +20,24 @@ from gpcorrect.calibration import (
 )
 from gpcorrect.sim import Noise, preset, random_reaches_log
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
-from gpcorrect_studies.published import PENG_2020, PENG_2020_MISSING
+from gpcorrect_studies.claims import ClaimTable, Comparison
 from gpcorrect_studies.rendering import Card, Lens, Stage, looking_at, marker_points, random_motion
 from gpcorrect_studies.rendering import single_ball as one_ball
 
 if TYPE_CHECKING:  # OpenCV is an extra: other studies are done again without it
     from gpcorrect.vision import Camera, Target
 
-__all__ = ["Peng2020Scope", "calibrated_cameras", "reproduce_peng2020"]
+__all__ = ["CLAIMS", "COMPONENTS", "Peng2020", "Peng2020Scope", "calibrated_cameras", "reproduce_peng2020"]
 
 RATE_HZ = 30.0  # that of a common webcam
 COVER = Card((0, 0, 640, 480))  # hides a whole picture
 CORNER_NOISE_PX = MARKER_NOISE_PX = 0.05  # SD; chosen by hand
 BOARDS, SQUARE = 20, 0.015  # pictures of the board, and the side of its squares, m; chosen by hand
 STREAM_SAMPLES = 2000  # over which one estimate is timed; chosen by hand
-
-
+BALL_RADIUS = 0.020  # m; the paper's fixture
 METHODS = ("linear", "network", "gp")
+COMPONENTS = ("x_mm", "y_mm", "z_mm", "length_mm")  # rows of Table I
+CLAIMS = ClaimTable.of_study("peng2020")
 
 
 @dataclass(frozen=True)
@@ -64,12 +65,90 @@ class Peng2020Scope:
     inducing: int = 400
 
     @classmethod
+    def short(cls) -> Peng2020Scope:
+        """Return a third of the study: every part, with fewer frames and reaches and a smaller network."""
+        return cls(40, 60, (150, 125, 100), 40, 200)
+
+    @classmethod
     def quick(cls) -> Peng2020Scope:
         """Return a small study: every part, rough figures."""
-        return cls(10, 40, (60, 50, 40), 30, 120)
+        return cls(8, 30, (60, 50, 40), 30, 120)
 
 
-def reproduce_peng2020(scope: Peng2020Scope, seed: int = 0, progress: Progress | None = None) -> dict[str, Any]:
+@dataclass(frozen=True, eq=False)
+class Peng2020:
+    """Both halves of the study, measured.
+
+    Parameters
+    ----------
+    scope : Peng2020Scope
+        How much was done.
+    seed : int
+        Of scene, motion and noise.
+    samples : int
+        Of the simulated robot's recording.
+    table1 : mapping
+        By what is seen (single ball; end effector; the latter with a camera hidden a third of the time): RMS and SD of
+        each component of the error and of its length, mm, and rotation, deg.
+    cameras_mm : sequence of float
+        Errors of the cameras' positions, mm.
+    estimator : mapping
+        By method: errors on held-out reaches, and what they are less than the reported ones.
+    seconds : float
+        Of the whole study.
+    """
+
+    scope: Peng2020Scope
+    seed: int
+    samples: int
+    table1: Mapping[str, Any]
+    cameras_mm: Sequence[float]
+    estimator: Mapping[str, Any]
+    seconds: float
+
+    @property
+    def short(self) -> bool:
+        """Whether less was done than the whole study."""
+        return self.scope != Peng2020Scope()
+
+    def setup(self) -> dict[str, float]:
+        """Return the numbers of the set-up, under the names of the printed ones."""
+        from gpcorrect.vision import END_EFFECTOR
+
+        distance = float(np.linalg.norm(END_EFFECTOR.places, axis=1).max())
+        return {
+            "data_pairs": self.samples,
+            "cameras": len(self.cameras_mm),
+            "markers": len(marker_points()),
+            "ball_distance_mm": 1e3 * distance,
+            "ball_radius_mm": 1e3 * BALL_RADIUS,
+            "frames": self.scope.frames,
+        }
+
+    def compared(self) -> Comparison:
+        """Return the paper's claims beside this run."""
+        return CLAIMS.compare(self.figures())
+
+    def figures(self) -> dict[str, Any]:
+        """Return what was measured, as JSON-able data."""
+        return {
+            "study": "peng2020",
+            "short": self.short,
+            "seed": self.seed,
+            "scope": asdict(self.scope),
+            "samples": self.samples,
+            "seconds": self.seconds,
+            "table1": self.table1,
+            "cameras_mm": self.cameras_mm,
+            "estimator": self.estimator,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as JSON-able data."""
+        return self.figures() | {**self.compared().to_dict(), "printed": CLAIMS.printed}
+
+
+def reproduce_peng2020(scope: Peng2020Scope, seed: int = 0, progress: Progress | None = None) -> Peng2020:
     """Do both halves of the study again: the cameras' accuracy, and what an estimator makes of their labels.
 
     Parameters
@@ -80,17 +159,10 @@ def reproduce_peng2020(scope: Peng2020Scope, seed: int = 0, progress: Progress |
         Of scene, motion and noise.
     progress : Progress, optional
         Receives how far each part is.
-
-    Returns
-    -------
-    dict
-        `table1` (single ball, end effector, and the latter with a camera hidden a third of the time: RMS and SD an
-        axis, mm, and rotation, deg), `cameras_mm` (errors of their positions, mm), `estimator` (a method a row),
-        `published`, `missing` and `seconds`.
     """
     begun, progress = time.perf_counter(), progress or Progress()
     table, placed = _table1(scope, seed, progress)
-    log = _recording(scope, seed, table["end effector"]["rms_mm"])
+    log = _recording(scope, seed, table["end effector"]["length_mm"]["rms"])
     estimators = {}
     for k, method in enumerate(METHODS):
         progress.step("estimators", k / len(METHODS))
@@ -104,24 +176,17 @@ def reproduce_peng2020(scope: Peng2020Scope, seed: int = 0, progress: Progress |
             "microseconds_a_sample": _microseconds(experiment, log),
         }
     progress.step("estimators", 1.0)
-    return {
-        "table1": table,
-        "cameras_mm": placed,
-        "estimator": estimators,
-        "published": PENG_2020,
-        "missing": PENG_2020_MISSING,
-        "seconds": time.perf_counter() - begun,
-    }
+    return Peng2020(scope, seed, len(log), table, placed, estimators, time.perf_counter() - begun)
 
 
 def _table1(scope: Peng2020Scope, seed: int, progress: Progress) -> tuple[dict[str, Any], list[float]]:
     from gpcorrect.vision import END_EFFECTOR, single_ball
 
     rng = np.random.default_rng([seed, 20])
-    whole = Stage.standard(seed)
+    whole = Stage.standard(seed, radius=BALL_RADIUS)
     cameras, placed = calibrated_cameras(whole.lenses, rng)
     poses = random_motion(scope.frames, RATE_HZ, rng)
-    ball = Stage(whole.lenses, whole.studios, one_ball("red"))
+    ball = Stage(whole.lenses, whole.studios, one_ball("red"), BALL_RADIUS)
     third = scope.frames // 3
     hidden = {i: {1: [COVER]} for i in range(third, 2 * third)}
     cases: list[tuple[str, Stage, Target, Mapping[int, Mapping[int, Sequence[Card]]]]] = [
@@ -208,12 +273,12 @@ def _tracked(
                 errors.append(1e3 * (T[:3, 3] - pose[:3, 3]))
                 turns.append(np.rad2deg(float(se3.angle(T[:3, :3] @ pose[:3, :3].T))))
     e = np.array(errors)
-    row = {
-        "rms_mm": float(np.sqrt((e**2).sum(axis=1).mean())),
-        "rms_axes_mm": np.sqrt((e**2).mean(axis=0)).tolist(),
-        "sd_axes_mm": e.std(axis=0).tolist(),
-        "measured_share": measured / len(poses),
+    columns = [*e.T, np.linalg.norm(e, axis=1)]
+    row: dict[str, Any] = {
+        name: {"rms": float(np.sqrt((column**2).mean())), "sd": float(column.std())}
+        for name, column in zip(COMPONENTS, columns, strict=True)
     }
+    row["measured_share"] = measured / len(poses)
     return {**row, "rotation_rms_deg": float(np.sqrt(np.mean(np.square(turns))))} if target.has_pose else row
 
 

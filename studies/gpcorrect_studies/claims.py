@@ -1,0 +1,273 @@
+"""What a paper claims, and what came of it here: each study has a table `claims.toml`, all are compared by one rule.
+
+The tables hold printed numbers only. Ours are read from the figures of a run (`reproduce.json`), under the same names.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib.resources import files
+from typing import Any
+
+__all__ = ["Better", "Claim", "ClaimTable", "CompareSettings", "Compared", "Comparison", "Verdict", "number_at"]
+
+
+class Verdict(StrEnum):
+    """What came of a claim."""
+
+    REPRODUCED = "reproduced"
+    BEYOND = "beyond"
+    NOT_REPRODUCED = "not reproduced"
+    REVERSED = "reversed"
+    NOT_MEASURED = "not measured"
+
+
+class Better(StrEnum):
+    """Which numbers are at least as good as the printed one."""
+
+    LOWER = "lower"
+    HIGHER = "higher"
+    SAME = "same"  # only those near it
+    AT_MOST = "at most"  # the paper prints a bound: all that are not above it
+
+
+@dataclass(frozen=True)
+class CompareSettings:
+    """What counts as the printed number.
+
+    Parameters
+    ----------
+    tolerance : float
+        Fraction of the printed number, and of a ratio's distance from 1 where that is less. A fifth: no nearer do the
+        simulated robots' errors before correction come to the papers' (`tests/studies/test_peng2024.py`). Each page
+        states the counts at half and at twice of it.
+    """
+
+    tolerance: float = 0.2
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claim of a paper: a printed number, or the ratio of two.
+
+    Parameters
+    ----------
+    says : str
+        The claim, as a sentence.
+    where : str
+        Table, figure or section that prints it.
+    of, against : str
+        Places of the number, and of what it is divided by, in the figures (:func:`number_at`). A ratio claims an
+        order too: below 1, the first is less.
+    better : Better
+        Which numbers are at least as good.
+    printed : float, optional
+        The number itself, where the printed tables do not have it.
+    missing : str
+        Why `reproduce` does not measure it; empty where it does.
+    """
+
+    says: str
+    where: str
+    of: str
+    against: str = ""
+    better: Better = Better.LOWER
+    printed: float | None = None
+    missing: str = ""
+
+    def number(self, figures: Mapping[str, Any]) -> float | None:
+        """Return the number, or the ratio, that these figures give; None where one of its parts was not measured."""
+        above = number_at(figures, self.of)
+        below = number_at(figures, self.against) if self.against else 1.0
+        return None if above is None or below is None else above / below
+
+    def verdict(self, printed: float, ours: float | None, tolerance: float) -> Verdict:
+        """Compare our number with the printed one.
+
+        A ratio on the other side of 1, and a gain (:attr:`Better.HIGHER`) of the other sign, are reversed, whether that
+        is better or worse. What is better than the printed number by more than the tolerance is beyond it.
+
+        Parameters
+        ----------
+        printed : float
+        ours : float or None
+            None is not measured.
+        tolerance : float
+            As :class:`CompareSettings` has it.
+        """
+        if ours is None:
+            return Verdict.NOT_MEASURED
+        neutral = 1.0 if self.against else 0.0
+        if (self.against or self.better is Better.HIGHER) and (ours - neutral) * (printed - neutral) < 0:
+            return Verdict.REVERSED
+        if self.better is Better.AT_MOST:
+            return Verdict.REPRODUCED if ours <= printed else Verdict.NOT_REPRODUCED
+        if self.better is Better.SAME:
+            near = abs(ours - printed) <= tolerance * abs(printed)
+            return Verdict.REPRODUCED if near else Verdict.NOT_REPRODUCED
+        margin = tolerance * min(abs(printed), abs(printed - neutral))
+        gained = (printed - ours) if self.better is Better.LOWER else (ours - printed)
+        if gained > margin:
+            return Verdict.BEYOND
+        return Verdict.REPRODUCED if gained >= -margin else Verdict.NOT_REPRODUCED
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A claim, the printed number and ours (None: not measured), and the verdict."""
+
+    claim: Claim
+    printed: float
+    ours: float | None
+    verdict: Verdict
+
+    @property
+    def reason(self) -> str:
+        """Why it was not reproduced, or not measured; empty where it was reproduced."""
+        if self.verdict is Verdict.NOT_MEASURED:
+            return self.claim.missing or "not part of a run of this size"
+        return "reason not known" if self.verdict in (Verdict.NOT_REPRODUCED, Verdict.REVERSED) else ""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All claims of a paper beside a run."""
+
+    rows: Sequence[Compared]
+    caveat: str
+    settings: CompareSettings
+
+    def counts(self, factor: float = 1.0) -> dict[Verdict, int]:
+        """Return how many claims have each verdict.
+
+        Parameters
+        ----------
+        factor : float
+            Times the tolerance.
+        """
+        tolerance = factor * self.settings.tolerance
+        found = [row.claim.verdict(row.printed, row.ours, tolerance) for row in self.rows]
+        return {verdict: found.count(verdict) for verdict in Verdict}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return counts and claims as JSON-able data."""
+        claims = [
+            {
+                "claim": row.claim.says,
+                "where": row.claim.where,
+                "of": row.claim.of,
+                "against": row.claim.against or None,
+                "better": row.claim.better,
+                "printed": row.printed,
+                "ours": row.ours,
+                "verdict": row.verdict,
+                "reason": row.reason,
+            }
+            for row in self.rows
+        ]
+        return {
+            "tolerance": self.settings.tolerance,
+            "caveat": self.caveat,
+            "counts": dict(self.counts()),
+            "claims": claims,
+        }
+
+
+@dataclass(frozen=True)
+class ClaimTable:
+    """The claims of one paper and the tables that it prints.
+
+    Parameters
+    ----------
+    claims : sequence of Claim
+    printed : mapping
+        Printed numbers, under the names that the figures of a run have.
+    setup : mapping
+        Printed numbers of the set-up: no claims.
+    caveat : str
+        What to bear in mind with all of them.
+    """
+
+    claims: Sequence[Claim]
+    printed: Mapping[str, Any]
+    setup: Mapping[str, Any]
+    caveat: str
+
+    @classmethod
+    def of_study(cls, study: str) -> ClaimTable:
+        """Read `claims.toml` of a study.
+
+        Parameters
+        ----------
+        study : str
+            Folder beside this module.
+        """
+        table = tomllib.loads((files("gpcorrect_studies") / study / "claims.toml").read_text(encoding="utf-8"))
+        claims = [Claim(**{**row, "better": Better(row.get("better", Better.LOWER))}) for row in table["claim"]]
+        return cls(claims, table["printed"], table["setup"], " ".join(table["caveat"].split()))
+
+    def compare(self, figures: Mapping[str, Any], settings: CompareSettings | None = None) -> Comparison:
+        """Compare every claim with the figures of a run.
+
+        Parameters
+        ----------
+        figures : mapping
+            As in `reproduce.json`.
+        settings : CompareSettings, optional
+            What counts as the printed number.
+        """
+        settings = settings or CompareSettings()
+        rows = []
+        for claim in self.claims:
+            printed = self.printed_number(claim)
+            ours = None if claim.missing else claim.number(figures)
+            rows.append(Compared(claim, printed, ours, claim.verdict(printed, ours, settings.tolerance)))
+        return Comparison(rows, self.caveat, settings)
+
+    def printed_number(self, claim: Claim) -> float:
+        """Return the number that a claim prints, or the ratio of its two.
+
+        Raises
+        ------
+        KeyError
+            The table does not have it.
+        """
+        found = claim.number(self.printed) if claim.printed is None else claim.printed
+        if found is None:
+            raise KeyError(f"no printed number at {claim.of!r} or {claim.against!r}")
+        return found
+
+
+def number_at(figures: Any, place: str) -> float | None:
+    """Return a number out of nested tables and lists.
+
+    Parameters
+    ----------
+    figures : mapping or sequence
+        Tables and lists inside each other.
+    place : str
+        Keys, or places in a list, with "/" between. Keys with "," between stand for the root of the sum of their
+        squares: the norm of a mean vector, as the papers' norms are made.
+
+    Returns
+    -------
+    float or None
+        None where there is none.
+    """
+    step, _, rest = place.partition("/")
+    if isinstance(figures, Mapping) and step not in figures and "," in step:
+        parts = [number_at(figures, f"{key}/{rest}" if rest else key) for key in step.split(",")]
+        return (
+            None if any(part is None for part in parts) else math.hypot(*(part for part in parts if part is not None))
+        )
+    try:
+        inside = figures[step] if isinstance(figures, Mapping) else figures[int(step)]
+    except (KeyError, IndexError):
+        return None
+    if rest:
+        return number_at(inside, rest)
+    return None if inside is None else float(inside)

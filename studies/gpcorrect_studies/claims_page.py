@@ -1,0 +1,88 @@
+"""The claims of a paper beside ours as a section of a page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from gpcorrect.report.page import Section, TableData
+from gpcorrect_studies.claims import Comparison, Verdict
+
+__all__ = ["claims_section", "counted", "number", "paired", "setup_section", "short_run"]
+
+LEGEND = (
+    "Beyond: better than printed by more than the tolerance. Reversed: the order of the two things that are compared "
+    "is the other one here, or a gain is a loss, whichever is better."
+)
+
+
+def claims_section(comparison: Comparison) -> Section:
+    """Return the section with every claim, where it is printed, both numbers and the verdict.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    """
+    rows = [
+        [
+            f"{row.claim.where}: {row.claim.says}",
+            number(row.printed),
+            "-" if row.ours is None else number(row.ours),
+            f"{row.verdict.value}: {row.reason}" if row.reason else row.verdict.value,
+        ]
+        for row in comparison.rows
+    ]
+    tolerance = comparison.settings.tolerance
+    half, twice = (f"With {100 * k * tolerance:g} %: {counted(comparison.counts(k))}." for k in (0.5, 2.0))
+    note = (
+        f"What is within {100 * tolerance:g} % of the printed number (of a ratio: of its distance from 1, if less) "
+        f"counts as reproduced. {half} {twice}"
+    )
+    table = TableData(["claim", "printed", "ours", "verdict"], rows, note, text=(0, 3))
+    return Section("Claim by claim", (f"{counted(comparison.counts())}. {comparison.caveat}", LEGEND), (table,))
+
+
+def setup_section(printed: Mapping[str, float], here: Mapping[str, float]) -> Section:
+    """Return the section with the numbers of the set-up, the paper's and those of the run.
+
+    Parameters
+    ----------
+    printed, here : mapping
+        Numbers by name; those that a run does not have are left empty.
+    """
+    rows = [
+        [name.replace("_", " "), number(value), number(here[name]) if name in here else "-"]
+        for name, value in printed.items()
+    ]
+    return Section("Set-up", (), (TableData(["", "printed", "here"], rows),))
+
+
+def counted(counts: Mapping[Verdict, int]) -> str:
+    """Return the counts as words, such as "12 reproduced, 3 beyond"; verdicts of no claim are left out."""
+    return ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items() if count)
+
+
+def number(value: float) -> str:
+    """Return a number as text, with three digits at least."""
+    return f"{value:.0f}" if abs(value) >= 100 or value == int(value) else f"{value:.3g}"
+
+
+def short_run(verdict: str, *, short: bool) -> str:
+    """Return the first sentences of a page; a run of less than the whole study says so before anything else."""
+    return f"A short run, with less of everything than the whole study. {verdict}" if short else verdict
+
+
+def paired(ours: Mapping[str, Sequence[str]], printed: Mapping[str, Sequence[str]]) -> list[list[str]]:
+    """Return the rows of a table, each of ours under the printed one.
+
+    Parameters
+    ----------
+    ours, printed : mapping
+        The cells of a row by its name; one of the two may lack it, and printed rows may be shorter.
+    """
+    width, rows = max(len(cells) for cells in ours.values()), []
+    for name in {**printed, **ours}:
+        if name in printed:
+            rows.append([f"{name}, printed", *printed[name], *[""] * (width - len(printed[name]))])
+        if name in ours:
+            rows.append([f"{name}, ours" if name in printed else name, *ours[name]])
+    return rows
