@@ -106,7 +106,8 @@ class PoseSignal:
 class LogMeta:
     """What a log's sidecar says of it; empty text where it says nothing.
 
-    `tracker_base` is T_tracker_base where the source states it: translation (m), then rotation vector (rad).
+    `joint_types` is R or P for each joint, however spaced; other letters are refused with a LogError. `tracker_base` is
+    T_tracker_base where the source states it: translation (m), then rotation vector (rad).
     """
 
     robot: str = ""
@@ -117,6 +118,14 @@ class LogMeta:
     source: str = ""
     licence: str = ""
     tracker_base: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        types = self.joint_types.replace(" ", "").replace(",", "").upper()
+        if set(types) - set("RP"):
+            raise LogError(
+                f"joint_types {self.joint_types!r} does not name each joint with R or P.", hint="Correct the sidecar."
+            )
+        object.__setattr__(self, "joint_types", types)
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,12 +232,12 @@ class CalibrationLog:
         Raises
         ------
         LogError
-            The sidecar names fewer joints, or other letters.
+            The sidecar names fewer joints.
         """
-        types = self.meta.joint_types.replace(" ", "").replace(",", "").upper()
+        types = self.meta.joint_types
         if not types:
             return ("RRP" + "R" * dof)[:dof] if dof in (3, 6, 7) else "R" * dof
-        if len(types) < dof or set(types) - set("RP"):
+        if len(types) < dof:
             raise LogError(
                 f"joint_types {types!r} does not name {dof} joints with R and P.",
                 hint="Correct the sidecar.",

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from support import real_data
 from validate_support import clean_log, codes
 
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs.checks import CHECKS, Evidence
 from gpcorrect.logs.reader import read_log
 from gpcorrect.logs.validate import validate_log
@@ -131,6 +131,13 @@ def test_the_sidecar_names_the_arm(robot, arm, name):
     found = Evidence(replace(clean_log(), meta=LogMeta(robot=robot, arm=arm))).arm
     assert found is not None
     assert found.name == name
+
+
+def test_joints_are_named_with_r_and_p_alone():
+    """Types are read however they are spaced and written; a letter that names no joint is refused at once."""
+    assert LogMeta(joint_types="r, R,p rRr").joint_types == "RRPRRR"
+    with pytest.raises(LogError, match=r"'RRPRiR' does not name each joint with R or P"):
+        LogMeta(joint_types="RRPRiR")
 
 
 @pytest.mark.parametrize(("robot", "arm"), [("", ""), ("UR5", "left"), ("RAVEN-II", ""), ("dVRK", "psm_si")])
