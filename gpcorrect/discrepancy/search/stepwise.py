@@ -201,9 +201,9 @@ def gain_over(
 def _merged(state: Search, threshold: float) -> Search:
     """Put one effect in the place of two where it explains as much: two off-grid guesses of one thing.
 
-    On one joint any effect may; for two at different places that show in the same channels, a fuller shape of either.
+    On one joint any effect may; for two at different places that show in common channels, a fuller shape of either.
     (An insertion that is dragged along from where it was homed is off by a constant, which a tracker alone takes for a
-    longer tool as well.)
+    longer tool as well.) What the whole machine has in common, a delay, no shape at one place can have.
     """
     most: dict[Hashable, int] = {}
     for trace in state.traces:
@@ -211,8 +211,8 @@ def _merged(state: Search, threshold: float) -> Search:
     for a, b in combinations(state.fitted, 2):
         one_joint = a.candidate.joint == b.candidate.joint
         may_be_fuller = any(most.get(m.candidate.key, 0) > m.candidate.extra for m in (a, b))
-        same_channels = bool((state.touched(a.candidate) == state.touched(b.candidate)).all())
-        if not one_joint and not (may_be_fuller and same_channels):
+        of_all = "all" in (a.candidate.joint, b.candidate.joint)
+        if not one_joint and (of_all or not (may_be_fuller and state.alike(a.candidate, b.candidate))):
             continue
         rest = tuple(m for m in state.fitted if m is not a and m is not b)
         bare = state.linearise_near(rest, a.candidate)
