@@ -15,7 +15,7 @@ from gpcorrect.calibration.learners.learner import Fitted
 from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.split import folds_of
-from gpcorrect.gpr import INFLATIONS, Predictor, SparseGPR, Statistics, learn_inflation
+from gpcorrect.gpr import LeftOut, Predictor, SparseGPR, Statistics, learn_inflation
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 __all__ = ["GP", "GPMap", "LocalLevel", "local_level"]
@@ -86,8 +86,8 @@ class GPMap:
 class GP:
     """The learner of :class:`GPMap`.
 
-    How many neighbouring samples count as one is chosen on errors at folds of trajectories that the regression was not
-    fitted to (:func:`gpcorrect.gpr.learn_inflation`); after a linear law every sample counts.
+    Without a linear law, how many neighbouring samples count as one is chosen on errors at folds of trajectories that
+    the regression was not fitted to (:func:`gpcorrect.gpr.learn_inflation`).
     """
 
     def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
@@ -114,14 +114,29 @@ class GP:
         regressor.set_params(n_learn=settings.search_samples or regressor.n_learn)
         chosen = X[:, layout.smooth]
         regressor.fit(chosen, left, groups=groups, times=time, progress=progress)
-        # After a linear law, what neighbours share is the law's and the stretches': counting them as one too took
-        # joint 6 of a dVRK from 2.07 to 2.19 degrees and its intervals from 94.6 to 91.8 % (bench/joint_compare.py).
-        candidates = INFLATIONS if linear is None else (1.0,)
-        regressor, left_out = learn_inflation(
-            regressor, chosen, left, folds_of(trajectory), groups, time, progress, candidates=candidates
-        )
+        folds = folds_of(trajectory)
+        if linear is None:
+            regressor, left_out = learn_inflation(regressor, chosen, left, folds, groups, time, progress)
+        else:
+            left_out = _left_out(regressor, X, Y - level, layout, folds)
         learned = GPMap(linear, layout.smooth, regressor.predictor_, regressor.statistics_)
         return Fitted(learned, replace(left_out, errors=left_out.errors + level), zero)
+
+
+def _left_out(regressor: SparseGPR, X: FloatArray, Y: FloatArray, layout: Layout, folds: IntArray) -> LeftOut:
+    """Return what law and regression, both of the other folds, predict of each.
+
+    Every sample counts: what neighbours share is the law's and the stretches', and counting them as one too took
+    joint 6 of a dVRK from 2.07 to 2.19 degrees and its intervals from 94.6 to 91.8 % (bench/joint_compare.py).
+    """
+    errors, std = np.empty((2, *Y.shape))
+    novelty = np.empty(len(X))
+    for out in (folds == fold for fold in np.unique(folds)):
+        law = PolynomialMap.fit(X[~out], Y[~out], 1, layout.penalties)
+        others = regressor.collected(X[~out][:, layout.smooth], Y[~out] - law.mean(X[~out]))
+        mean, std[out], novelty[out] = regressor.resting_on(others).predictor_.mean_std_batch(X[out][:, layout.smooth])
+        errors[out] = Y[out] - law.mean(X[out]) - mean
+    return LeftOut(errors, std, novelty)
 
 
 @dataclass(frozen=True, eq=False)
