@@ -163,6 +163,8 @@ def test_numbers_that_no_check_query_asks_for_must_fit_as_well(tmp_path: Path) -
     """The fixed offset is for comparison only: of another length, its model was loaded and failed when measured."""
     settings = FitSettings(method="linear", features=("position",))
     model: JointCorrector = fit_model(joint_log(1, trajectories=4), settings, task=JointCorrector).corrector
+    with pytest.raises(DataError, match="not all among 3"):
+        replace(model.view, moving=np.array([0, 1, np.iinfo(np.int64).min]))
     for forged in ({"offset": np.zeros(7)}, {"view": replace(model.view, rest=np.zeros(2))}):
         with pytest.raises(DataError, match="does not fit together"):
             replace(model, **forged)
