@@ -13,11 +13,17 @@ HALF = np.ptp(LIMITS, axis=1) / 2
 PLAY = CoupledPlay(np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.1, 0.06, 0.03]))
 
 
-def joint_log(seed: int = 0, trajectories: int = 10, seconds: float = 30.0, *, shift: float = 0.0) -> CalibrationLog:
-    """Return a log whose truth is known up to a little noise; `shift` is added to joint 2's zero, rad."""
+def joint_log(
+    seed: int = 0, trajectories: int = 10, seconds: float = 30.0, *, shift: float = 0.0, first: float = 1.0
+) -> CalibrationLog:
+    """Return a log whose truth is known up to a little noise.
+
+    `shift` is added to joint 2's zero, rad; joint 1 moves over a share `first` of its range, around the middle.
+    """
     rng = np.random.default_rng(seed)
-    speed = np.array([0.3, 0.3, 0.05])
-    path = random_sinusoids(LIMITS, speed, trajectories * seconds, 10.0, rng)
+    speed = np.array([0.3 * first, 0.3, 0.05])
+    middle, share = LIMITS.mean(axis=1, keepdims=True), np.array([[first], [1.0], [1.0]])
+    path = random_sinusoids(middle + share * (LIMITS - middle), speed, trajectories * seconds, 10.0, rng)
     q, n = path.q, len(path.time)
     lag = PLAY.lags((q - LIMITS.mean(axis=1)) / HALF, np.arange(n) == 0) * HALF
     truth = q - lag + np.array([0.03, -0.14 + shift, 0.0117]) + 0.02 * q[:, [1, 0, 2]] * np.array([1.0, 1.0, 0.0])

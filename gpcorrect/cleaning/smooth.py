@@ -165,6 +165,10 @@ class SmoothModel:
         Variance that position and velocity do not explain (noise, play), over that of the field.
     scale : (g,) array
         Robust standard deviation of a component about the field, as a multiple of the field's own.
+    reach : tuple of (2, r - 1) arrays
+        For each group, least and largest position and velocity that the trend is followed to: a training range beyond
+        the training. The slope of a joint that hardly moved is noise, and far away that noise is metres. Empty in older
+        files, whose trend has no end.
     """
 
     scaling: InputScaling
@@ -175,6 +179,7 @@ class SmoothModel:
     kernel: WithLinear
     noise: float
     scale: FloatArray
+    reach: tuple[FloatArray, ...] = ()
 
     def residual(self, samples: Samples) -> Residual:
         """Return what the model leaves of each error.
@@ -187,7 +192,7 @@ class SmoothModel:
         rows = _classified_rows(samples)
         X, _ = self.scaling.transform(samples)
         mean, deviation = conditioned(self.kernel, self.noise, self.inputs, self.outputs, X[rows])
-        return self.beside(_scaled(samples, self.trend, self.unit), rows, mean, deviation)
+        return self.beside(_scaled(samples, self.trend, self.reach, self.unit), rows, mean, deviation)
 
     def beside(self, left: FloatArray, rows: IntArray, mean: FloatArray, deviation: FloatArray) -> Residual:
         """Hold scaled errors `left` (n, g, w) against a mean (m, g w) and deviation (m,) that are known at `rows`.
@@ -257,10 +262,11 @@ def learn_smooth_model(
         for group in range(len(samples.units))
     ]
     trend = tuple(frozen_array(plane.model) for plane in planes)
+    reach = tuple(_reach(samples.trend_inputs(group)[rows]) for group in range(len(samples.units)))
     unit = np.maximum([plane.scales[0] for plane in planes], resolution)
     scaling = InputScaling.learn(samples, settings)
     X, n_place = scaling.transform(samples)
-    left = _scaled(samples, trend, unit)
+    left = _scaled(samples, trend, reach, unit)
     data = _Data(X, left.reshape(len(X), -1), _folds(samples), left.shape[2], (n_place, X.shape[1] - n_place))
     train, hyper = _confirmed(data[rows], settings.offset_factor)
     asked = _classified_rows(samples)
@@ -277,14 +283,26 @@ def learn_smooth_model(
         hyper.kernel(*data.sizes),
         hyper.noise,
         frozen_array(np.maximum(scale, resolution / unit)),
+        reach,
     )
     others = model.beside(left, asked, mean, deviation)
     return model, replace(others, along=model.residual(samples).left)
 
 
-def _scaled(samples: Samples, trend: tuple[FloatArray, ...], unit: FloatArray) -> FloatArray:
+def _reach(inputs: FloatArray) -> FloatArray:
+    """Return how far a trend of training inputs `(n, r)` is followed, `(2, r)`."""
+    low, high = inputs.min(axis=0), inputs.max(axis=0)
+    return frozen_array([2 * low - high, 2 * high - low])
+
+
+def _scaled(
+    samples: Samples, trend: tuple[FloatArray, ...], reach: tuple[FloatArray, ...], unit: FloatArray
+) -> FloatArray:
     """Return what the trend leaves of the error (n, g, w), in units (g,) of its spread."""
-    expected = [samples.trend_inputs(group) @ plane[:-1] + plane[-1] for group, plane in enumerate(trend)]
+    inputs = [samples.trend_inputs(group) for group in range(len(trend))]
+    if reach:
+        inputs = [np.clip(part, *ends) for part, ends in zip(inputs, reach, strict=True)]
+    expected = [part @ plane[:-1] + plane[-1] for part, plane in zip(inputs, trend, strict=True)]
     return samples.centred(samples.error - np.stack(expected, axis=1)) / unit[:, None]
 
 
