@@ -132,7 +132,7 @@ def test_a_full_disk_is_said(tmp_path: Path) -> None:
 def test_tables_that_unpack_to_more_than_memory_are_refused(tmp_path: Path) -> None:
     """A Parquet file of constants and a MATLAB file of zeros say by their size nothing of what they unpack to."""
     pa = pytest.importorskip("pyarrow", reason="Parquet files need pyarrow: pip install 'gpcorrect[all]'")
-    parquet = pytest.importorskip("pyarrow.parquet", reason="the same")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="Parquet files need pyarrow: pip install 'gpcorrect[all]'")
     n = 2_000_000
     parquet.write_table(pa.table({"time": np.arange(n) // n, "x": np.zeros(n)}), tmp_path / "a.parquet")
     body = zlib.compress(bytes(8 * n))

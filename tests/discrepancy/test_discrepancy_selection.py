@@ -145,6 +145,18 @@ def test_searches_come_to_an_end(select: Select) -> None:
     assert laboratory.refused == [names[: i + 1] for i in range(SETTINGS.naming.searches)]
 
 
+def test_one_joint_does_not_use_up_the_searches_of_another(select: Select) -> None:
+    """What joint 2 lost is searched for, however often joint 1 was searched before."""
+    names = [f"x{i}" for i in range(SETTINGS.naming.searches + 1)]
+    levels = {"a": (Level.EXACT, 50.0), "other": (Level.INCONCLUSIVE, 9.0)}
+    laboratory = Laboratory(levels | dict.fromkeys(names, (Level.INCONCLUSIVE, 5.0)))
+    at_edge = [Part(Cause(name), at_edge=("radius",)) for name in names]
+    fitted = [*parts("a"), *at_edge, Part(Cause("other", joint=2), at_edge=("radius",))]
+    assert select(laboratory, fitted) == (["a"], [*names, "other"])
+    searched = [refused[-1] for refused in laboratory.refused]
+    assert searched == [*names[: SETTINGS.naming.searches], "other"]
+
+
 def test_a_rival_that_explains_more_takes_the_place(select: Select) -> None:
     laboratory = Laboratory({"a": (Level.EXACT, 50.0), "b": (Level.EXACT, 80.0)}, rivals={"a": ("b", 80.0)})
     assert select(laboratory, parts("a")) == (["b"], [])
