@@ -15,11 +15,11 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
-from typing import IO, Any, NoReturn
+from typing import IO, Any, NoReturn, TypeVar
 
 import numpy as np
 
@@ -27,16 +27,10 @@ from gpcorrect import errors
 from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.logs.columns import ReadSettings
-from gpcorrect.logs.mocap.take import Take, log_of
-from gpcorrect.types import CalibrationLog
 
-__all__ = ["Reader", "damage_named", "parse", "parse_apart"]
+__all__ = ["parse", "parse_apart"]
 
-Reader = Callable[[Path, ReadSettings], CalibrationLog | Take]
-"""What reads a format, from path and settings: into a log, or what cameras saw, where the tool is still to be chosen.
-
-It raises a LogError where the file is damaged, cut off, too large or of another layout, and a MissingExtraError where
-the library that reads it is not installed."""
+T = TypeVar("T")
 
 Order = tuple[bytes, tuple[str, ...], str, int, int]
 """What is read, the libraries for it, the file for the answer, and the seconds and bytes that it may take."""
@@ -55,7 +49,7 @@ FRUGAL = {"ARROW_DEFAULT_MEMORY_POOL": "system", "OMP_NUM_THREADS": "1", "OPENBL
 """So that libraries set no memory aside: Arrow's own pool begins with 1 GB, a thread of linear algebra with 32 MB."""
 
 
-def parse(title: str, read: Reader, path: Path, settings: ReadSettings) -> CalibrationLog:
+def parse(title: str, read: Callable[[Path, ReadSettings], T], path: Path, settings: ReadSettings) -> T:
     """Read a recording; damaged bytes make parsers raise whatever they stumble over, which becomes a LogError.
 
     Parameters
@@ -63,33 +57,19 @@ def parse(title: str, read: Reader, path: Path, settings: ReadSettings) -> Calib
     title : str
         Name of the format.
     read : callable
-        Its reader.
+        From path and settings to what is wanted of the recording.
     path, settings
         See :func:`gpcorrect.logs.read_log`.
 
     Raises
     ------
     GpCorrectError
-        What the reader itself says, or that the file may be damaged.
+        What `read` itself says, or that the file may be damaged.
     OSError
         The file cannot be read.
     """
-    with damage_named(title):
-        found = read(path, settings)
-        return log_of(found, settings.columns.mocap) if isinstance(found, Take) else found
-
-
-@contextmanager
-def damage_named(title: str) -> Iterator[None]:
-    """Turn whatever a parser raises on damaged bytes into a LogError; errors in words pass.
-
-    Parameters
-    ----------
-    title : str
-        Name of the format.
-    """
     try:
-        yield
+        return read(path, settings)
     except GpCorrectError:
         raise
     except OSError as error:
@@ -113,14 +93,21 @@ def _too_large(title: str) -> LogError:
 
 
 def parse_apart(
-    title: str, read: Reader, path: Path, settings: ReadSettings, libraries: Sequence[str] = ()
-) -> CalibrationLog:
+    kind: type[T],
+    title: str,
+    read: Callable[[Path, ReadSettings], T],
+    path: Path,
+    settings: ReadSettings,
+    libraries: Sequence[str] = (),
+) -> T:
     """Do what :func:`parse` does in a process of its own, in memory and time bounded by the file's size.
 
     Parameters
     ----------
+    kind : type
+        What `read` returns: a dataclass that :func:`gpcorrect.codec.pack` takes apart.
     title, read, path, settings
-        As for :func:`parse`.
+        As for :func:`parse`; `read` can be pickled.
     libraries : sequence of str
         Modules that the reader needs, loaded once; one that is not installed is left out.
 
@@ -143,11 +130,11 @@ def parse_apart(
         except Exception as error:  # what a process that crashed left behind
             raise LogError(f"the {title} file is damaged: it crashed its reader (status {status}).") from error
     if "error" in header:
-        kind = getattr(errors, header["error"])
-        raised: GpCorrectError = kind.__new__(kind, header["state"]["message"])
+        error_kind = getattr(errors, header["error"])
+        raised: GpCorrectError = error_kind.__new__(error_kind, header["state"]["message"])
         vars(raised).update(header["state"])
         raise raised
-    return unpack(CalibrationLog, header["log"], arrays)
+    return unpack(kind, header["found"], arrays)
 
 
 class _Forker(threading.local):
@@ -230,7 +217,7 @@ def main() -> None:
         os.write(statuses, b"%d\n" % status)
 
 
-def _in_child(task: tuple[str, Reader, Path, ReadSettings], answer: str, seconds: int, memory: int) -> NoReturn:
+def _in_child(task: tuple[Any, ...], answer: str, seconds: int, memory: int) -> NoReturn:
     status = 1
     try:
         os.closerange(3, os.sysconf("SC_OPEN_MAX"))
@@ -242,12 +229,12 @@ def _in_child(task: tuple[str, Reader, Path, ReadSettings], answer: str, seconds
         os._exit(status)
 
 
-def _read_into(answer: str, title: str, read: Reader, path: Path, settings: ReadSettings) -> None:
-    """Write what a recording holds, or why it cannot be read, as npz."""
+def _read_into(answer: str, title: str, read: Callable[..., Any], path: Path, settings: ReadSettings) -> None:
+    """Write what is wanted of a recording, or why it cannot be read, as npz."""
     arrays: dict[str, Any] = {}
     try:
-        log, arrays = pack(parse(title, read, path, settings), "log")
-        header = {"log": log}
+        found, arrays = pack(parse(title, read, path, settings), "found")
+        header = {"found": found}
     except OSError as error:
         header = _refusal(LogError(f"cannot be read: {error.strerror or error}."))
     except GpCorrectError as error:

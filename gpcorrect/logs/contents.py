@@ -9,12 +9,11 @@ import numpy as np
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs import rosbag
-from gpcorrect.logs.apart import damage_named
 from gpcorrect.logs.columns import BagOptions, ColumnMap, ReadSettings
 from gpcorrect.logs.mocap.take import Take
 from gpcorrect.logs.mocap.tool import bodies_of
 from gpcorrect.logs.proposal import propose_columns
-from gpcorrect.logs.reader import format_of, naming
+from gpcorrect.logs.reader import Format, naming, parsed
 from gpcorrect.logs.table import joint_names, orientation_names, position_names
 from gpcorrect.logs.topics import JOINT_TYPES, POSE_TYPES, choose_topics
 from gpcorrect.toml_text import quoted
@@ -76,15 +75,19 @@ def contents_of(path: str | Path) -> Contents:
     ------
     LogError
         The file cannot be read.
+    MissingExtraError
+        The format needs a library that is not installed.
     """
     source = Path(path)
-    found = format_of(source)
-    settings = ReadSettings(ColumnMap(rate=1.0), mapped=True, disorder="keep")
-    with naming(source), damage_named(found.title):
-        if found.read is rosbag.read:
-            return _of_bag(found.title, source)
-        recorded = found.read(source, settings)
-        return _of_take(found.title, recorded) if isinstance(recorded, Take) else _of_log(found.title, recorded)
+    with naming(source):
+        return parsed(Contents, _listed, source, ReadSettings(ColumnMap(rate=1.0), mapped=True, disorder="keep"))
+
+
+def _listed(found: Format, path: Path, settings: ReadSettings) -> Contents:
+    if found.read is rosbag.read:
+        return _of_bag(found.title, path)
+    recorded = found.read(path, settings)
+    return _of_take(found.title, recorded) if isinstance(recorded, Take) else _of_log(found.title, recorded)
 
 
 def _of_bag(title: str, path: Path) -> Contents:

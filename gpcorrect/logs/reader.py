@@ -4,25 +4,33 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import c3d_file, csv_file, matlab, npy_file, parquet_file, rosbag
-from gpcorrect.logs.apart import Reader, parse, parse_apart
+from gpcorrect.logs.apart import parse, parse_apart
 from gpcorrect.logs.columns import DEFAULT_MAX_BYTES, ColumnMap, ReadSettings, load_columns
 from gpcorrect.logs.mocap import motive, ndi, qualisys, trc, vicon
+from gpcorrect.logs.mocap.take import Take, log_of
 from gpcorrect.logs.order import Disorder
 from gpcorrect.logs.sidecar import read_sidecar, sidecar_path
 from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
-__all__ = ["format_of", "naming", "read_log", "recording_digest"]
+__all__ = ["Format", "format_of", "naming", "parsed", "read_log", "recording_digest"]
 
+T = TypeVar("T")
+Reader = Callable[[Path, ReadSettings], CalibrationLog | Take]
+"""What reads a format, from path and settings: into a log, or what cameras saw, where the tool is still to be chosen.
+
+It raises a LogError where the file is damaged, cut off, too large or of another layout, and a MissingExtraError where
+the library that reads it is not installed."""
 FARTHEST = 1e6  # m or rad: beyond it, in whatever unit, no arm has been
 HEAD = 1 << 16  # bytes that tell a format: the header of a motion capture export names hundreds of markers
 
@@ -132,19 +140,43 @@ def read_log(
     bag = mapping.bag.model_copy(update={k: v for k, v in given.items() if v is not None})
     settings = ReadSettings(mapping.model_copy(update={"bag": bag}), columns is not None, disorder, max_bytes)
     with naming(source):
-        found = _format(source)
-        if found.whole:
-            _check_size(source, max_bytes)
-        if found.libraries:
-            log = parse_apart(found.title, found.read, source, settings, found.libraries)
-        else:
-            log = parse(found.title, found.read, source, settings)
-        log = _possible(log)
+        log = _possible(parsed(CalibrationLog, _log, source, settings))
         meta = LogMeta() if columns and sidecar_path(source) == Path(columns) else read_sidecar(source)
         stated = {name: value for name, value in asdict(meta).items() if value}  # the sidecar comes first
         digest = recording_digest(source)
         meta = replace(log.meta, **stated)
         return replace(log, name=str(source), meta=meta, digest=digest, recordings=(digest,))
+
+
+def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path: Path, settings: ReadSettings) -> T:
+    """Have a recording read: in a process of its own where compiled code parses its format.
+
+    Parameters
+    ----------
+    kind : type
+        What `read` returns: a dataclass.
+    read : callable
+        From format, path and settings to what is wanted of the recording; a function of a module.
+    path, settings
+        See :func:`read_log`.
+
+    Raises
+    ------
+    LogError, MissingExtraError, OSError
+        As for :func:`read_log`.
+    """
+    found = _format(path)
+    if found.whole:
+        _check_size(path, settings.max_bytes)
+    reader = partial(read, found)
+    if found.libraries:
+        return parse_apart(kind, found.title, reader, path, settings, found.libraries)
+    return parse(found.title, reader, path, settings)
+
+
+def _log(found: Format, path: Path, settings: ReadSettings) -> CalibrationLog:
+    recorded = found.read(path, settings)
+    return log_of(recorded, settings.columns.mocap) if isinstance(recorded, Take) else recorded
 
 
 def _possible(log: CalibrationLog) -> CalibrationLog:

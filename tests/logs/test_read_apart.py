@@ -5,17 +5,19 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
-from read_support import assert_same_log, random_log, write
+from read_support import START, assert_same_log, random_log, transforms, write
 from test_read_bag import robot, write_bag
 
 from gpcorrect.errors import LogError, MissingExtraError
-from gpcorrect.logs import apart, parquet_file, read_log, write_log
+from gpcorrect.logs import apart, parquet_file, read_log, reader, write_log
 from gpcorrect.logs.columns import ReadSettings
+from gpcorrect.logs.contents import contents_of
 from gpcorrect.types import CalibrationLog
 
 
@@ -55,7 +57,7 @@ def talks(path: Path, settings: ReadSettings) -> CalibrationLog:
 
 
 @pytest.mark.parametrize(
-    ("reader", "said"),
+    ("read", "said"),
     [
         (hangs, "the X file is damaged: reading it did not end within 4 s"),
         (crashes, r"the X file is damaged: it crashed its reader \(status -11\)"),
@@ -64,24 +66,26 @@ def talks(path: Path, settings: ReadSettings) -> CalibrationLog:
     ],
 )
 def test_whatever_a_parser_does_the_caller_goes_on_with_words(
-    reader: apart.Reader, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    read: Callable[[Path, ReadSettings], CalibrationLog], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A loop, a crash, a request for 4 GB and a foreign exception all become errors of the log."""
     monkeypatch.setattr(apart, "PATIENCE", 4.0)
     with pytest.raises(LogError, match=said):
-        apart.parse_apart("X", reader, write(tmp_path / "a", b"x"), ReadSettings())
+        apart.parse_apart(CalibrationLog, "X", read, write(tmp_path / "a", b"x"), ReadSettings())
 
 
 def test_a_missing_library_is_named_with_its_extra(tmp_path: Path) -> None:
     """An error keeps its class, its words and what else it carries on the way out of the process."""
     with pytest.raises(MissingExtraError, match=r"h5py, which is not installed.*gpcorrect\[matlab\]") as caught:
-        apart.parse_apart("X", lacks, write(tmp_path / "a", b"x"), ReadSettings())
+        apart.parse_apart(CalibrationLog, "X", lacks, write(tmp_path / "a", b"x"), ReadSettings())
     assert caught.value.extra == "matlab"
 
 
 def test_what_a_library_prints_is_no_part_of_the_recording(tmp_path: Path) -> None:
     """Standard output of the process carries the log alone."""
-    assert_same_log(apart.parse_apart("X", talks, write(tmp_path / "a", b"x"), ReadSettings()), random_log(3))
+    assert_same_log(
+        apart.parse_apart(CalibrationLog, "X", talks, write(tmp_path / "a", b"x"), ReadSettings()), random_log(3)
+    )
 
 
 def marks(path: Path, settings: ReadSettings) -> CalibrationLog:
@@ -95,17 +99,17 @@ def marks(path: Path, settings: ReadSettings) -> CalibrationLog:
 def test_recordings_do_not_meet(tmp_path: Path) -> None:
     """What reading one recording changes is not there when the next one is read."""
     for name in ("a", "b"):
-        apart.parse_apart("X", marks, write(tmp_path / name, b"x"), ReadSettings())
+        apart.parse_apart(CalibrationLog, "X", marks, write(tmp_path / name, b"x"), ReadSettings())
 
 
 def test_a_process_that_was_ended_is_started_again(tmp_path: Path) -> None:
     """Reading goes on when somebody has killed the process that is kept between recordings."""
     path = write(tmp_path / "a", b"x")
-    apart.parse_apart("X", talks, path, ReadSettings())
+    apart.parse_apart(CalibrationLog, "X", talks, path, ReadSettings())
     kept = apart._FORKER.process
     assert kept is not None
     kept.kill()
-    assert_same_log(apart.parse_apart("X", talks, path, ReadSettings()), random_log(3))
+    assert_same_log(apart.parse_apart(CalibrationLog, "X", talks, path, ReadSettings()), random_log(3))
     assert apart._FORKER.process is not kept
 
 
@@ -131,13 +135,26 @@ def test_the_process_between_changes_nothing(tmp_path: Path) -> None:
     """A log read apart is the log read here: numbers, gaps, names, remarks."""
     write_log(random_log(1), tmp_path / "a.parquet")
     here = apart.parse("Parquet", parquet_file.read, tmp_path / "a.parquet", ReadSettings())
-    there = apart.parse_apart("Parquet", parquet_file.read, tmp_path / "a.parquet", ReadSettings())
+    there = apart.parse_apart(CalibrationLog, "Parquet", parquet_file.read, tmp_path / "a.parquet", ReadSettings())
     assert_same_log(here, there)
     assert here.remarks == there.remarks
     assert here.static == there.static
 
 
-def test_a_chunk_that_unpacks_to_gigabytes_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("look", [read_log, contents_of])
+def test_a_parser_that_crashes_ends_neither_reading_nor_the_listing_of_contents(
+    look: Callable[[Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever is wanted of a recording that compiled code parses, its crash becomes words."""
+    monkeypatch.setattr(reader, "FORMATS", (reader.Format("X", (".x",), (), crashes, libraries=("h5py",)),))
+    with pytest.raises(LogError, match=r"a\.x: the X file is damaged: it crashed its reader"):
+        look(write(tmp_path / "a.x", b"x"))
+
+
+@pytest.mark.parametrize("look", [read_log, contents_of])
+def test_a_chunk_that_unpacks_to_gigabytes_is_refused(
+    look: Callable[[Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A few hundred kilobytes that unpack to 3 GB are refused, by the file's size, and never taken in."""
     from rosbags.rosbag2 import storage_mcap
 
@@ -149,7 +166,8 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_refused(tmp_path: Path, monkeypatc
         writer.compression, writer.compressor = "zstd", lambda _: bomb
 
     monkeypatch.setattr(storage_mcap.McapWriter, "__init__", make)
-    forged = write_bag(tmp_path / "r", robot(), "mcap")
+    moving = transforms("/tf", [("a", "b", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))], START)
+    forged = write_bag(tmp_path / "r", [*robot(), moving], "mcap")
     assert forged.stat().st_size < 1e6
     with pytest.raises(LogError, match=r"asks for more memory than a file of its size may"):
-        read_log(forged)
+        look(forged)
