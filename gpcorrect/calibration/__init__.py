@@ -23,11 +23,12 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.excitation import amplitude_ladder, holds, random_sinusoids, random_sweeps, speed_ladder
     from gpcorrect.calibration.explore import Proposal, propose
     from gpcorrect.calibration.fit import FitResult, fit_corrector, fit_model
+    from gpcorrect.calibration.history import HeldOut, PartErrors, Step, last_measured
     from gpcorrect.calibration.joint_view import InputSignal
     from gpcorrect.calibration.joints import JointCorrector, require_joints
     from gpcorrect.calibration.learners import LEARNERS, learner_named
     from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_errors, joint_units, spread
-    from gpcorrect.calibration.model_file import TASKS, load, load_any, model_hash, save
+    from gpcorrect.calibration.model_file import TASKS, load, load_any, model_hash, read_history, save
     from gpcorrect.calibration.model_store import Entry, ModelStore, compare, kind_of
     from gpcorrect.calibration.pose_samples import require_poses
     from gpcorrect.calibration.settings import FitSettings
@@ -54,11 +55,12 @@ _HOMES = {
     "excitation": ("amplitude_ladder", "holds", "random_sinusoids", "random_sweeps", "speed_ladder"),
     "explore": ("Proposal", "propose"),
     "fit": ("FitResult", "fit_corrector", "fit_model"),
+    "history": ("HeldOut", "PartErrors", "Step", "last_measured"),
     "joint_view": ("InputSignal",),
     "joints": ("JointCorrector", "require_joints"),
     "learners": ("LEARNERS", "learner_named"),
     "metrics": ("ErrorTable", "JointErrors", "error_table", "joint_errors", "joint_units", "spread"),
-    "model_file": ("TASKS", "load", "load_any", "model_hash", "save"),
+    "model_file": ("TASKS", "load", "load_any", "model_hash", "read_history", "save"),
     "model_store": ("Entry", "ModelStore", "compare", "kind_of"),
     "pose_samples": ("require_poses",),
     "settings": ("FitSettings",),
@@ -90,6 +92,7 @@ __all__ = [
     "Experiment",
     "FitResult",
     "FitSettings",
+    "HeldOut",
     "HoldOut",
     "InputSignal",
     "JointCorrector",
@@ -97,10 +100,12 @@ __all__ = [
     "JointStream",
     "Measured",
     "ModelStore",
+    "PartErrors",
     "PoseStream",
     "PositionEstimator",
     "Proposal",
     "RobotState",
+    "Step",
     "TimedPath",
     "ToolStream",
     "Update",
@@ -121,6 +126,7 @@ __all__ = [
     "joint_errors",
     "joint_units",
     "kind_of",
+    "last_measured",
     "learner_named",
     "load",
     "load_any",
@@ -129,6 +135,7 @@ __all__ = [
     "propose",
     "random_sinusoids",
     "random_sweeps",
+    "read_history",
     "require_joints",
     "require_poses",
     "run_experiment",

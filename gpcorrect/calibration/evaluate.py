@@ -12,7 +12,9 @@ import numpy as np
 
 from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.fit import FitResult, fit_model
+from gpcorrect.calibration.history import HeldOut, PartErrors
 from gpcorrect.calibration.joints import JointCorrector
+from gpcorrect.calibration.metrics import spread
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.split import HoldOut, held_out
 from gpcorrect.calibration.task import Corrector, Measured
@@ -79,17 +81,40 @@ class Evaluation:
                 )
         return tuple(sentences)
 
+    @property
+    def coverage95(self) -> float:
+        """Fraction of all measured errors inside their 95 % intervals; NaN where none was."""
+        fractions = self.clean.coverage95
+        known = np.isfinite(fractions)
+        return float(fractions[known].mean()) if known.any() else math.nan
+
+    def held_out(self) -> HeldOut:
+        """Return what the model file remembers of this measurement."""
+        clean = self.clean
+        rows = [
+            PartErrors(
+                method,
+                part.name,
+                part.unit,
+                **spread(part.scale * np.linalg.norm(clean.of(method)[:, part.columns], axis=1)),
+            )
+            for method in self.corrector.METHODS
+            for part in self.corrector.parts(clean.raw.shape[1])
+            if np.isfinite(clean.raw[:, part.columns]).any()
+        ]
+        count = len(np.unique(clean.trajectory))
+        return HeldOut(len(clean.rows), count, tuple(rows), self.coverage95, float(clean.in_domain.mean()))
+
     def to_dict(self) -> dict[str, Any]:
         """Return `errors` (samples that pass cleaning), `errors_dirty` (all) and the coverage of the 95 % intervals."""
         fractions = self.clean.coverage95
-        known = np.isfinite(fractions)
         names = (
             [f"J{j + 1}" for j in range(len(fractions))] if isinstance(self.corrector, JointCorrector) else COMPONENTS
         )
         return {
             "errors": self.clean_errors,
             "errors_dirty": self.dirty_errors,
-            "coverage95": float(fractions[known].mean()) if known.any() else math.nan,
+            "coverage95": self.coverage95,
             "coverage95_axes": dict(zip(names, fractions.tolist(), strict=False)),
             "in_domain": float(self.clean.in_domain.mean()),
             "cautions": list(self.cautions),
@@ -178,6 +203,8 @@ def run_experiment(
     if not held.any():
         return Experiment(result, None, None, time.perf_counter() - start)
     measured = _measured(result, log, held, task.pair(log, settings))
+    step = replace(result.corrector.history[-1], held_out=measured.held_out())
+    result = replace(result, corrector=replace(result.corrector, history=(step,)))
     return Experiment(result, log.select(held), measured, time.perf_counter() - start)
 
 

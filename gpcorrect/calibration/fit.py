@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.domain import Bounds, Domain
+from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
 from gpcorrect.calibration.metrics import Z95
@@ -135,7 +136,7 @@ def fit_model(
     ]
     summary = _summary(log, outcome, clocks, cleaning, settings, remarks, time.perf_counter() - start)
     return FitResult(
-        corrector=replace(outcome.corrector, summary=summary),
+        corrector=replace(outcome.corrector, summary=summary, history=(step_now("fit", log),)),
         log=log,
         clocks=clocks,
         cleaning=cleaning,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpcorrect.calibration.dataset import Samples
+from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import joint_path, usual_steps
 from gpcorrect.calibration.joint_view import InputSignal, JointView, directed, joint_layout, logged_path
@@ -224,7 +225,8 @@ class JointCorrector(Corrector):
                 f"new zeros need at least {LEAST_RUN_SECONDS:g} s of motion with external_jp, got {seconds:.1f} s.",
                 hint="Record a minute over the whole range.",
             )
-        return replace(self, law=self.law.rezeroed(np.median(measured.corrected, axis=0)[self.view.moving]))
+        law = self.law.rezeroed(np.median(measured.corrected, axis=0)[self.view.moving])
+        return replace(self, law=law, history=(*self.history, step_now("rezero", log)))
 
     def zeros(self, log: CalibrationLog, measured: Measured) -> list[dict[str, Any]]:
         """Return how far each joint's zero seems off in each session, a row each: after a homing, it is.

@@ -18,6 +18,7 @@ import numpy as np
 
 from gpcorrect.atomic import atomic_path
 from gpcorrect.calibration.cartesian import CommandCorrector
+from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.tool_position import PositionEstimator
@@ -25,10 +26,23 @@ from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray
 
-__all__ = ["SCHEMA", "TASKS", "load", "load_any", "model_hash", "read_parts", "refused", "save", "seal_of"]
+__all__ = [
+    "SCHEMA",
+    "TASKS",
+    "load",
+    "load_any",
+    "model_hash",
+    "read_history",
+    "read_parts",
+    "refused",
+    "save",
+    "seal_of",
+]
 
-SCHEMA = 4
-"""4: with where and how fast the training moved; files of before are fitted anew."""
+SCHEMA = 5
+"""5: with the model's history."""
+OLDEST = 4
+"""That is read: with where and how fast the training moved; files of before are fitted anew."""
 TASKS: dict[str, type[Corrector]] = {t.TASK: t for t in (CommandCorrector, JointCorrector, PositionEstimator)}
 SERVED = {
     "pose": "gpcorrect serve MODEL",
@@ -146,13 +160,7 @@ def read_parts(path: str | Path) -> tuple[Header, Arrays]:
         As for :func:`load`.
     """
     contents = _read_archive(path)
-    if "header" not in contents:
-        raise refused(path, "it holds no header")
-    try:
-        header = json.loads(contents.pop("header").tobytes().decode())
-    except (ValueError, RecursionError) as error:
-        raise refused(path, "its header is not JSON") from error
-    _check_header(path, header)
+    header = _header_in(path, contents)
     digests: dict[str, str] = header["digests"]
     if set(digests) != set(contents):
         raise refused(path, "arrays were added or removed")
@@ -160,6 +168,27 @@ def read_parts(path: str | Path) -> tuple[Header, Arrays]:
     if changed:
         raise refused(path, f"array {changed[0]} was altered")
     return header, contents
+
+
+def read_history(path: str | Path) -> tuple[Step, ...]:
+    """Return how a model was made, oldest step first, from its header alone; nothing of before it was kept.
+
+    Parameters
+    ----------
+    path : str or Path
+        Model file.
+
+    Raises
+    ------
+    ArtifactError
+        As for :func:`load`.
+    """
+    header = _header_in(path, _read_archive(path, only="header"))
+    try:
+        history = unpack(tuple[Step, ...], header["model"].get("history", []), {})
+    except Exception as error:  # as in load
+        raise refused(path, f"its contents do not form a model ({error})") from error
+    return history
 
 
 def model_hash(path: str | Path) -> str:
@@ -201,7 +230,18 @@ def refused(path: str | Path, why: str) -> ArtifactError:
     )
 
 
-def _read_archive(path: str | Path) -> dict[str, Any]:
+def _header_in(path: str | Path, contents: dict[str, Any]) -> Header:
+    if "header" not in contents:
+        raise refused(path, "it holds no header")
+    try:
+        header: Header = json.loads(contents.pop("header").tobytes().decode())
+    except (ValueError, RecursionError) as error:
+        raise refused(path, "its header is not JSON") from error
+    _check_header(path, header)
+    return header
+
+
+def _read_archive(path: str | Path, only: str | None = None) -> dict[str, Any]:
     if not Path(path).is_file():
         raise ArtifactError(f"there is no model file {path}.", hint="Fit one with: gpcorrect fit LOG --output MODEL")
     try:
@@ -212,7 +252,7 @@ def _read_archive(path: str | Path) -> dict[str, Any]:
         if unpacked > Path(path).stat().st_size + SLACK_BYTES:
             raise refused(path, f"it would unpack to {unpacked / 1e6:.0f} MB, more than it is long")
         with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+            return {name: archive[name] for name in archive.files if only in (None, name)}
     except ArtifactError:
         raise
     except Exception as error:  # whatever damaged bytes make the readers of archives and arrays raise
@@ -225,10 +265,10 @@ def _check_header(path: str | Path, header: Any) -> None:
     schema = header.get("schema")
     if not isinstance(schema, int) or schema > SCHEMA:
         raise ArtifactError(
-            f"model file {path} has schema {schema}; this version reads schema {SCHEMA}.",
+            f"model file {path} has schema {schema}; this version reads schemas {OLDEST} to {SCHEMA}.",
             hint=f"It was written by gpcorrect {header.get('version')}: upgrade, or fit the model again.",
         )
-    if schema < SCHEMA:
+    if schema < OLDEST:
         raise ArtifactError(
             f"model file {path} has schema {schema}, from before every model knew its training's speed.",
             hint="Fit the model again.",

@@ -24,8 +24,9 @@ import numpy as np
 
 from gpcorrect.atomic import atomic_path, make_folder
 from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.model_file import TASKS, load, model_hash, read_parts, refused
-from gpcorrect.errors import DataError, GpCorrectError
+from gpcorrect.calibration.history import Step, last_measured
+from gpcorrect.calibration.model_file import TASKS, load, model_hash, read_history, read_parts, refused
+from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect.types import FloatArray
 
 __all__ = ["Entry", "ModelStore", "compare", "kind_of"]
@@ -109,6 +110,19 @@ class ModelStore:
             Model of this store.
         """
         return self.folder / "models" / f"{entry.hash}.gpc"
+
+    def made(self, entry: Entry) -> tuple[Step, ...]:
+        """Return how a model was made, oldest step first; nothing where it is not known, or the file is damaged.
+
+        Parameters
+        ----------
+        entry : Entry
+            Model of this store.
+        """
+        try:
+            return read_history(self.path(entry))
+        except ArtifactError:  # said where the model is used
+            return ()
 
     def find(self, name: str) -> Entry:
         """Return the model of this name (the newest of several), or whose hash begins so.
@@ -334,37 +348,39 @@ def _writing(path: Path) -> Iterator[None]:
         ) from error
 
 
-def compare(store: ModelStore, one: Entry, other: Entry) -> dict[str, Any]:
-    """Return in what the descriptions of two models differ, and how far apart their commands are.
+def compare(one: Any, other: Any) -> dict[str, Any]:
+    """Return in what two models differ: what they say of themselves, their errors, how far apart their commands are.
 
     Parameters
     ----------
-    store : ModelStore
-        Holds both.
-    one, other : Entry
-        Models of one kind.
+    one, other : Corrector
+        Models of one task.
 
     Returns
     -------
     dict
-        `differs`: by name, the value of the one and of the other; `commands`: distances (mm, deg) on the recorded check
+        `made` and `held_out`: the last step of each and the last measured errors (JSON-able, None where not known);
+        `differs`: by name, what the one and the other say; `commands`: distances (mm, deg) on the recorded check
         queries of both, for models of poses.
 
     Raises
     ------
-    ArtifactError
-        A file is refused.
     DataError
-        They are not of one kind.
+        They are not of one task.
     """
-    if one.kind != other.kind:
-        raise DataError(f"{one.id} corrects {one.kind}, {other.id} {other.kind}: they cannot be compared.")
-    models = [store.verified(entry) for entry in (one, other)]
-    left, right = (_flat(model.summary) for model in models)
+    if one.TASK != other.TASK:
+        raise DataError(f"one model corrects {one.TASK}, the other {other.TASK}: they cannot be compared.")
+    both = (one, other)
+    left, right = (_flat(model.summary) for model in both)
     names = [name for name in (*left, *(n for n in right if n not in left)) if left.get(name) != right.get(name)]
-    found: dict[str, Any] = {"differs": {name: (left.get(name), right.get(name)) for name in names}}
-    if one.kind == "pose":
-        found["commands"] = _commands_apart(*models)
+    measured = [last_measured(model.history) for model in both]
+    found: dict[str, Any] = {
+        "made": [asdict(model.history[-1]) if model.history else None for model in both],
+        "held_out": [asdict(errors) if errors else None for errors in measured],
+        "differs": {name: (left.get(name), right.get(name)) for name in names},
+    }
+    if isinstance(one, CommandCorrector):
+        found["commands"] = _commands_apart(one, other)
     return found
 
 

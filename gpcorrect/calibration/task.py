@@ -14,6 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples, pieces, scores_by_piece
+from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.metrics import Z95, coverage
 from gpcorrect.calibration.settings import FitSettings
@@ -141,6 +142,8 @@ class Corrector(ABC):
         Where and how fast the training moved, in the quantity that queries are given in.
     summary : mapping
         Description of the model: frames, units, features, fit report.
+    history : tuple of Step
+        How it was made, oldest first; empty in files of before it was kept.
     """
 
     KIND: ClassVar[str]
@@ -154,6 +157,7 @@ class Corrector(ABC):
     cleaner: FittedCleaner
     trained: TrainingMotion
     summary: Mapping[str, Any] = field(default_factory=dict)
+    history: tuple[Step, ...] = ()
 
     @classmethod
     @abstractmethod

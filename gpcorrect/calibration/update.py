@@ -18,6 +18,7 @@ from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.evaluate import Evaluation, evaluate_model
+from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import GPMap
 from gpcorrect.calibration.split import folds_of, held_out
@@ -116,11 +117,13 @@ def update_model(
     summary = {**corrector.summary, "updates": [*corrector.summary.get("updates", []), entry]}
     path = corrector.query_path(train)
     moved = TrainingMotion.of(path, train.time, train.trajectory, keep, joints=False, static=True)
-    changed = replace(changed, summary=summary, trained=corrector.trained.widened(moved))
+    step, trained = step_now("update", log), corrector.trained.widened(moved)
+    changed = replace(changed, summary=summary, trained=trained, history=(*corrector.history, step))
     if not held.any():
         return Update(changed, weight, n, unseen, None, None)
     cleaning = corrector.clean_afresh(log.select(held))
     before, after = (evaluate_model(c, log, cleaning, held=held) for c in (corrector, changed))
+    changed = replace(changed, history=(*corrector.history, replace(step, held_out=after.held_out())))
     return Update(changed, weight, n, unseen, before, after)
 
 

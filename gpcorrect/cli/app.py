@@ -40,6 +40,11 @@ COMMANDS = {
         "gpcorrect.cli.fit:evaluate",
         "Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.",
     ),
+    "info": (
+        "gpcorrect.cli.info:info",
+        "Print what a model file remembers: task, data, each step of its making with command, versions, held-out "
+        "errors.",
+    ),
     "correct": (
         "gpcorrect.cli.correct:correct",
         "Print what to command instead of a desired pose, and how sure that is.",

@@ -30,6 +30,10 @@ __all__ = [
 ]
 
 
+WIDEST_TABLE = 10_000
+"""Characters: more than any table has."""
+
+
 class _Remarks(Console):
     """Standard error: a remark that cannot be written (a full disk) is lost, and the command goes on."""
 
@@ -38,7 +42,7 @@ class _Remarks(Console):
             super().print(*objects, **options)
 
 
-out = Console(highlight=False, soft_wrap=True)
+out = Console(highlight=False, soft_wrap=True, width=WIDEST_TABLE)  # the terminal wraps; no number is cut off
 err = _Remarks(stderr=True, highlight=False, soft_wrap=True)
 
 BAD_INPUT = 2  # exit status, as of a wrong option

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gpcorrect.cli.console import out, plain_table, print_json
+from gpcorrect.cli.info import rmse_words, versions_words
 from gpcorrect.cli.options import SERVICE, ArmName, Config, Json, KeyRoot, one_of
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
-    from gpcorrect.calibration import ModelStore
+    from gpcorrect.calibration import Corrector, ModelStore
     from gpcorrect_service.client.operator import Operator
     from gpcorrect_service.protocol.messages import ModelListAnswer
 
@@ -28,6 +29,12 @@ Store = Annotated[Path | None, typer.Option(help="Folder of the models.", show_d
 Endpoint = Annotated[str | None, typer.Option(help="Address of running servers instead.", show_default=False)]
 Kind = Annotated[str, typer.Option(help="pose or joints.")]
 Name = Annotated[str, typer.Argument(help="Name of a model, or the beginning of its hash.", show_default=False)]
+OneModel = Annotated[
+    str,
+    typer.Argument(
+        help="Model file; with --store the name of a model, or the beginning of its hash.", show_default=False
+    ),
+]
 
 
 @models_app.command("list")
@@ -114,22 +121,37 @@ def rollback(
 
 
 @models_app.command()
-def diff(one: Name, other: Name, store: Annotated[Path, typer.Option(help="Folder.")], json: Json = False) -> None:
-    """Compare two pose models: what they say of themselves, and how far their commands lie apart.
+def diff(
+    one: OneModel,
+    other: OneModel,
+    store: Annotated[
+        Path | None, typer.Option(help="Folder of the models; without it they are files.", show_default=False)
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Compare two models: how each was made, their held-out errors, and how far the commands of pose models lie apart.
 
-    Example: gpcorrect models diff monday tuesday --store models/
+    Examples: gpcorrect models diff monday.gpc tuesday.gpc; gpcorrect models diff monday tuesday --store models/
     """
-    from gpcorrect.calibration import compare
+    from gpcorrect.calibration import compare, load_any
 
-    folder = _folder(store)
-    found = compare(folder, folder.find(one), folder.find(other))
+    models: list[Corrector]
+    if store is None:
+        models = [load_any(name) for name in (one, other)]
+    else:
+        folder = _folder(store)
+        models = [folder.verified(folder.find(name)) for name in (one, other)]
+    found = compare(*models)
     if json:
         print_json(found)
         return
     table = plain_table("", one, other, left=3)
-    for name, (left, right) in found["differs"].items():
-        table.add_row(name, str(left), str(right))
-    out.print(table)
+    for name, said in zip(
+        _described(models[0]), zip(*(_described(m).values() for m in models), strict=True), strict=True
+    ):
+        if len(set(said)) > 1:
+            table.add_row(name, *said)
+    out.print(table if table.row_count else "both say the same of themselves")
     if "commands" in found:
         apart = found["commands"]
         out.print(
@@ -183,12 +205,47 @@ def _folder(path: Path) -> ModelStore:
     return ModelStore(path)
 
 
+def _described(model: Corrector) -> dict[str, str]:
+    """Return what `models diff` compares, a line each."""
+    from gpcorrect.calibration import last_measured
+
+    summary: dict[str, Any] = model.info()
+    fit, data, step = summary.get("fit", {}), summary.get("data", {}), model.history[-1] if model.history else None
+    measured = last_measured(model.history)
+    dropped = sum(fit.get("dropped", {}).values())
+    return {
+        "made": f"{step.what} {step.date}" if step else "-",
+        "with": versions_words(step) if step else "-",
+        "data": f"{data.get('source')} {data.get('sha256', '')[:12]}",
+        "updates": str(len(summary.get("updates", ()))),
+        "learned": f"{fit.get('n_train')} samples, {fit.get('n_trajectories')} trajectories, {dropped} dropped",
+        "method": f"{summary.get('method')} on {', '.join(summary.get('features', ()))}",
+        "seed": str(fit.get("seed")),
+        "held-out RMSE": rmse_words((row.unit, row.rmse) for row in measured.corrected) if measured else "-",
+        "measured on": f"{measured.samples} samples, {measured.trajectories} trajectories" if measured else "-",
+        "95 % cover": f"{100 * measured.coverage95:.1f} %" if measured else "-",
+    }
+
+
 def _stored_rows(folder: ModelStore) -> list[dict[str, Any]]:
+    from gpcorrect.calibration import last_measured
+
     rows = []
     for entry in folder.models():
-        active = folder.active(entry.kind)
-        row = {"id": entry.id, "hash": entry.hash, "kind": entry.kind, "added": entry.added}
-        rows.append({**row, "active": active is not None and active.hash == entry.hash})
+        active, history = folder.active(entry.kind), folder.made(entry)
+        measured = last_measured(history)
+        parts = measured.corrected if measured else ()
+        rows.append(
+            {
+                "id": entry.id,
+                "hash": entry.hash,
+                "kind": entry.kind,
+                "added": entry.added,
+                "active": active is not None and active.hash == entry.hash,
+                "made": history[-1].date if history else "",
+                "held_out": [{"part": row.part, "unit": row.unit, "rmse": row.rmse} for row in parts],
+            }
+        )
     return rows
 
 
@@ -199,9 +256,11 @@ def _served_rows(answer: ModelListAnswer) -> list[dict[str, Any]]:
 
 
 def _show(rows: list[dict[str, Any]]) -> None:
-    table = plain_table("", "name", "hash", "kind", "added", "server", left=6)
+    table = plain_table("", "name", "hash", "kind", "made (UTC)", "held-out RMSE", "added", "server", left=8)
     for row in rows:
         when = time.strftime("%Y-%m-%d %H:%M", time.localtime(row["added"]))
         mark = "active" if row["active"] else ""
-        table.add_row(mark, row["id"], row["hash"][:12], row["kind"], when, row.get("replica", ""))
+        errors = rmse_words((part["unit"], part["rmse"]) for part in row["held_out"])
+        made = row["made"][:16].replace("T", " ") or "-"
+        table.add_row(mark, row["id"], row["hash"][:12], row["kind"], made, errors, when, row.get("replica", ""))
     out.print(table if rows else "no models yet; add one: gpcorrect models add MODEL --store FOLDER")

@@ -17,6 +17,9 @@ from gpcorrect.parallel import workers
 
 __all__ = ["reproduce_app"]
 
+CLAIM_WIDTH = 60
+"""Characters of a claim on one line: with the figures beside it, some 100."""
+
 reproduce_app = typer.Typer(help="Do a published study again on simulated data.", no_args_is_help=True)
 
 Output = Annotated[Path, typer.Option("--output", "-o", help="Folder for report.html and reproduce.json.")]
@@ -132,7 +135,8 @@ def _finish(result: dict[str, Any], output: Path, show: Callable[[dict[str, Any]
 def _show_claims(figures: dict[str, Any]) -> None:
     from gpcorrect_studies.claims_page import number
 
-    table = Table("claim", title="Claims of the paper", title_justify="left", box=None, pad_edge=False)
+    table = Table(title="Claims of the paper", title_justify="left", box=None, pad_edge=False)
+    table.add_column("claim", max_width=CLAIM_WIDTH)
     for column in ("printed", "ours", "verdict"):
         table.add_column(column, no_wrap=True, justify="left" if column == "verdict" else "right")
     for row in figures["claims"]:

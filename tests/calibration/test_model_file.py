@@ -12,7 +12,7 @@ import pytest
 from support import small_log
 
 from gpcorrect.calibration import CommandCorrector, load, save
-from gpcorrect.calibration.model_file import SCHEMA, seal_of
+from gpcorrect.calibration.model_file import OLDEST, SCHEMA, seal_of
 from gpcorrect.codec import pack
 from gpcorrect.errors import ArtifactError
 
@@ -121,7 +121,7 @@ def test_a_newer_schema_is_refused_with_the_version_that_wrote_it(model: Path) -
 
 def test_a_file_of_an_older_schema_is_refused_with_what_to_do(model: Path) -> None:
     """Models without regions and bounds for every task are not read: they are fitted again."""
-    header = {**header_of(model), "schema": SCHEMA - 1}
+    header = {**header_of(model), "schema": OLDEST - 1}
     with pytest.raises(ArtifactError, match="Fit the model again"):
         load(rewritten(model, header=as_entry(header)))
 

@@ -36,7 +36,14 @@ def test_update_writes_another_model_and_leaves_the_first(
     assert 0 < result.json["keep"] <= 1
     assert result.json["after"]["errors"]["corrected"]
     assert model.read_bytes() == before
-    assert len(load(tmp_path / "new.gpc").info()["updates"]) == 1
+    updated = load(tmp_path / "new.gpc")
+    assert len(updated.info()["updates"]) == 1
+    fit, update = updated.history
+    assert (fit.what, update.what) == ("fit", "update")
+    assert str(days[0]) in update.command
+    assert update.held_out is not None
+    measured = result.json["after"]["errors"]["corrected"]["position_mm"]["norm"]
+    assert update.held_out.corrected[0].rmse == measured["rmse"]
 
 
 def test_drift_draws_and_answers(gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path) -> None:

@@ -48,6 +48,9 @@ def test_rezero_writes_a_model_with_the_new_zero(gpcorrect: CommandLine, joints:
     zeros = gpcorrect("joint", "rezero", tmp_path / "m.gpc", minute, "--output", tmp_path / "n.gpc", "--json").json
     assert zeros["zeros"][1]["shift"] == pytest.approx(2.865, abs=0.5)
     assert zeros["zeros"][1]["moved"]
+    history = gpcorrect("info", tmp_path / "n.gpc", "--json").json["history"]
+    assert [step["what"] for step in history] == ["fit", "rezero"]
+    assert str(minute) in history[1]["command"]
 
 
 def test_zigzag_writes_a_trajectory_and_its_duration(gpcorrect: CommandLine, tmp_path: Path) -> None:

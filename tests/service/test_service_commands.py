@@ -63,6 +63,10 @@ def test_a_store_by_command(store: Path, run: Run) -> None:
     code, text = run("models", "diff", "monday", "tuesday", "--store", store, "--json")
     assert code == 0
     assert json.loads(text)["commands"]["max_mm"] > 0
+    files = [folder.path(folder.find(name)) for folder in [ModelStore(store)] for name in ("monday", "tuesday")]
+    assert json.loads(run("models", "diff", *files, "--json")[1]) == json.loads(text)
+    code, text = run("models", "diff", "monday", "tuesday", "--store", store)
+    assert (code, len(text.splitlines()) < 13) == (0, True)
     assert "monday" in run("models", "rollback", "--store", store)[1]
     code, text = run("models", "activate", "sunday", "--store", store)
     assert (code, "monday" in text) == (2, True)
@@ -75,7 +79,11 @@ def test_running_servers_by_command(store: Path, run: Run) -> None:
     with store_process(store) as server:
         place = ("--endpoint", server.endpoint)
         assert "tuesday" in run("models", "activate", "tuesday", *place)[1]
-        assert {row["id"]: row["active"] for row in listed(run, *place)} == {"monday": False, "tuesday": True}
+        rows = listed(run, *place)
+        assert {row["id"]: row["active"] for row in rows} == {"monday": False, "tuesday": True}
+        stored = {row["id"]: (row["made"], row["held_out"]) for row in listed(run, "--store", store)}
+        assert {row["id"]: (row["made"], row["held_out"]) for row in rows} == stored
+        assert all(made for made, _ in stored.values())
         assert "monday" in run("models", "rollback", *place)[1]
         assert "PAUSED" in run("models", "state", "PAUSED", *place)[1]
         assert "gpcorrect_state" in run("query", "metrics", *place, "--timeout", PATIENT)[1]

@@ -133,14 +133,24 @@ class ActivateAnswer(msgspec.Struct, frozen=True):
     replica: str
 
 
+class PartRmse(msgspec.Struct, frozen=True):
+    """Held-out error (RMSE) of what is quoted together, such as the position, in its unit."""
+
+    part: str
+    unit: str
+    rmse: float
+
+
 class ModelEntry(msgspec.Struct, frozen=True):
-    """One model of a store."""
+    """One model of a store; when it was made (ISO 8601) and its held-out errors, where its file knows them."""
 
     id: str
     hash: str
     kind: str
     added: float
     active: bool
+    made: str = ""
+    held_out: list[PartRmse] = []
 
 
 class ModelListAnswer(msgspec.Struct, frozen=True):

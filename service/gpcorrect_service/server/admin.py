@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from gpcorrect.calibration import Entry, ModelStore
+from gpcorrect.calibration import Entry, ModelStore, last_measured
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, exposition
@@ -18,6 +18,7 @@ from gpcorrect_service.protocol.messages import (
     Kind,
     ModelEntry,
     ModelListAnswer,
+    PartRmse,
     StateAnswer,
     StateRequest,
 )
@@ -73,9 +74,7 @@ class Admin:
         entries, history = [], {}
         if self._store is not None:
             history = {kind: [entry.hash for entry in self._store.history(kind)] for kind in ("pose", "joints")}
-            entries = [
-                ModelEntry(e.id, e.hash, e.kind, e.added, serving.get(e.kind) == e.hash) for e in self._store.models()
-            ]
+            entries = [_listed(self._store, e, active=serving.get(e.kind) == e.hash) for e in self._store.models()]
         return plain_response(parsed, "model/list", ModelListAnswer(self._replica, entries, history, serving))
 
     def _activate(self, parsed: Parsed) -> Response:
@@ -183,6 +182,14 @@ def load_entry(store: ModelStore, entry: Entry) -> Model | JointModel:
     """
     load = load_model if entry.kind == "pose" else load_joint_model
     return load(store.path(entry), entry.id, entry.hash)
+
+
+def _listed(store: ModelStore, entry: Entry, *, active: bool) -> ModelEntry:
+    history = store.made(entry)
+    measured = last_measured(history)
+    errors = [PartRmse(row.part, row.unit, row.rmse) for row in measured.corrected] if measured else []
+    made = history[-1].date if history else ""
+    return ModelEntry(entry.id, entry.hash, entry.kind, entry.added, active, made, errors)
 
 
 def _check_fits(model: Model | JointModel, before: Model | JointModel | None) -> None:
