@@ -48,6 +48,15 @@ def serve(
     ] = math.inf,
     strict: Annotated[bool, typer.Option("--strict", help="Refuse what is outside the training region.")] = False,
     frame: FrameName = "",
+    metrics_port: Annotated[
+        int | None,
+        typer.Option(
+            help="Port of this machine (127.0.0.1) for Prometheus to read /metrics.",
+            min=1,
+            max=65535,
+            show_default=False,
+        ),
+    ] = None,
     allow_remote: Remote = False,
     config: Config = None,
 ) -> None:
@@ -72,6 +81,7 @@ def serve(
         stream_rate=stream_rate,
         strict=strict,
         frame=frame,
+        metrics_port=metrics_port,
     )
 
     def ready(_: Server) -> None:

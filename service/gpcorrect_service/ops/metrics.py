@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import accumulate
 from typing import Any
 
@@ -15,7 +15,7 @@ from prometheus_client.openmetrics.exposition import CONTENT_TYPE_LATEST, genera
 
 from gpcorrect_service.protocol.messages import HealthAnswer
 
-__all__ = ["OPENMETRICS", "Counters", "exposition"]
+__all__ = ["OPENMETRICS", "Counters", "exposition", "metrics_of"]
 
 OPENMETRICS = str(CONTENT_TYPE_LATEST)
 # s from a query's arrival to its answer: a correction takes about 0.1 ms, a long path some 10 ms.
@@ -91,15 +91,15 @@ class Counters:
 
 
 class _Collector:
-    """One scrape: what the health answer says, and the counters."""
+    """What the health answer says at each scrape, and the counters."""
 
-    def __init__(self, report: HealthAnswer, counters: Counters) -> None:
+    def __init__(self, report: Callable[[], HealthAnswer], counters: Counters) -> None:
         self._report = report
         self._counters = counters
 
     def collect(self) -> Iterator[Any]:
         """Yield all metric families."""
-        report = self._report
+        report = self._report()
         state = GaugeMetricFamily("gpcorrect_state", "1 for the state the server is in.", labels=["state"])
         for name in STATES:
             state.add_metric([name], float(report.state == name))
@@ -114,15 +114,27 @@ class _Collector:
         yield from self._counters.families()
 
 
-def exposition(report: HealthAnswer, counters: Counters) -> bytes:
-    """Return the OpenMetrics text of this moment.
+def metrics_of(report: Callable[[], HealthAnswer], counters: Counters) -> CollectorRegistry:
+    """Return a server's metrics, collected anew whenever they are asked for.
 
     Parameters
     ----------
-    report : HealthAnswer
+    report : callable
+        Gives the health answer of the moment.
     counters : Counters
     """
     registry = CollectorRegistry()
     registry.register(_Collector(report, counters))
+    return registry
+
+
+def exposition(registry: CollectorRegistry) -> bytes:
+    """Return the OpenMetrics text of this moment.
+
+    Parameters
+    ----------
+    registry : CollectorRegistry
+        From :func:`metrics_of`.
+    """
     text: bytes = generate_latest(registry)  # type: ignore[no-untyped-call]
     return text

@@ -74,6 +74,8 @@ class ServerSettings:
         Whether what lies outside the training region is refused instead of answered as EXTRAPOLATING.
     frame : str
         Name of the frame that ROS poses come in; empty for the model's own name of it.
+    metrics_port : int or None
+        Port of 127.0.0.1 where Prometheus finds `/metrics`; None for none.
     """
 
     endpoint: str = DEFAULT_ENDPOINT
@@ -92,6 +94,7 @@ class ServerSettings:
     stream_rate: float = math.inf
     strict: bool = False
     frame: str = ""
+    metrics_port: int | None = None
 
     def __post_init__(self) -> None:
         _check_names(self.arm, self.namespace)

@@ -9,7 +9,7 @@ from typing import Any
 from gpcorrect.calibration import Entry, ModelStore, last_measured
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect_service.ops.logger import Logger
-from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, exposition
+from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, exposition, metrics_of
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import (
     ActivateAnswer,
@@ -140,12 +140,13 @@ class Health:
         self._queues = queues
         self._monotonic = monotonic
         self._started = monotonic()
+        self.metrics = metrics_of(self.report, counters)
 
     def handlers(self) -> dict[Kind, Handler]:
         """Return which key is answered by what; metrics are, whatever the request holds."""
         return {
             "health": self._parser.handler("health", lambda parsed: plain_response(parsed, "health", self.report())),
-            "metrics": lambda _: Response(exposition(self.report(), self._counters), OPENMETRICS),
+            "metrics": lambda _: Response(exposition(self.metrics), OPENMETRICS),
         }
 
     def report(self) -> HealthAnswer:

@@ -24,6 +24,7 @@ from gpcorrect.calibration import ModelStore
 from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.ops.metrics import Counters
+from gpcorrect_service.ops.metrics_http import metrics_over_http
 from gpcorrect_service.protocol.bounds import Throttle
 from gpcorrect_service.protocol.live import live_key
 from gpcorrect_service.protocol.messages import Kind
@@ -119,8 +120,13 @@ class Server:
         with ExitStack() as stack:
             stack.enter_context(threadpool_limits(limits=1))
             session = stack.enter_context(open_server(self.settings))
+            s, clock = self.settings, self._clock
+            parser = RequestParser(self.active, arm=s.arm, replica=s.replica, logger=self._logger, clock=clock)
+            health = Health(parser, self._counters, self._queues, clock.monotonic)
+            if s.metrics_port is not None:
+                stack.enter_context(metrics_over_http(s.metrics_port, health.metrics))
             stack.callback(self._drain)
-            self._declare(session)
+            self._declare(session, parser, health)
             self._stack = stack.pop_all()
         self._logger.info("serving", endpoint=self.settings.endpoint, **self._identity())
 
@@ -151,12 +157,12 @@ class Server:
         found = [(f"{what}_{part}", getattr(m, part)) for what, m in named if m for part in ("id", "hash")]
         return dict(found) or {"model_id": ""}
 
-    def _declare(self, session: zenoh.Session) -> None:
+    def _declare(self, session: zenoh.Session, parser: RequestParser, health: Health) -> None:
         """Declare the keys, the operator's and the monitor's last: who sees them finds the rest answering."""
         self._refusals.start()
         if self._store is not None or self.active.now.joints is not None:
             self._declare_stream(session)
-        for kind, handler in self._handlers(session).items():
+        for kind, handler in self._handlers(session, parser, health).items():
             self._declare_key(session, kind, handler)
         self._announce(session)
         self._queryables.callback(self._conceal)
@@ -172,11 +178,9 @@ class Server:
     def _conceal(self) -> None:
         self._token.undeclare()
 
-    def _handlers(self, session: zenoh.Session) -> dict[Kind, Handler]:
+    def _handlers(self, session: zenoh.Session, parser: RequestParser, health: Health) -> dict[Kind, Handler]:
         """Return which key is answered by what; the monitor's and the operator's come last."""
-        s, clock = self.settings, self._clock
-        parser = RequestParser(self.active, arm=s.arm, replica=s.replica, logger=self._logger, clock=clock)
-        health = Health(parser, self._counters, self._queues, clock.monotonic)
+        s = self.settings
         corrections, admin = (
             Corrections(parser, s.bound, strict=s.strict, frame=s.frame),
             Admin(parser, self._store, self._logger, lambda: self._announce(session)),
