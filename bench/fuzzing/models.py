@@ -156,14 +156,14 @@ def change_store(folder: Path, count: int, seed: int) -> dict[str, Any]:
 
 
 def _counted(name: str, work: Any, count: int) -> dict[str, Any]:
-    counts, slowest, largest = Counter[str](), 0.0, 0
+    counts, slowest, largest = Counter[str](), Trial(0, ""), 0
     for trial in tried(work, count):
         counts[trial.outcome] += 1
-        slowest, largest = max(slowest, trial.seconds), max(largest, trial.grown)
+        slowest, largest = max(slowest, trial, key=lambda one: one.seconds), max(largest, trial.grown)
         if trial.outcome in FAULTS:
             _report(name, trial)
-    found = {**counts, "slowest s": round(slowest, 2), "most MB": largest >> 20}
-    print(f"{name}: {found}", flush=True)
+    found = {**counts, "slowest s": round(slowest.seconds, 2), "most MB": largest >> 20}
+    print(f"{name}: {found}; slowest was {slowest.number}, {slowest.outcome}", flush=True)
     return found
 
 

@@ -117,16 +117,7 @@ def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
             f"model file {path} corrects {found}, and a model of {kind.TASK} is needed here.",
             hint=f"Use it with `{SERVED[found]}`, or make a model of {kind.TASK}: {MADE[kind.TASK]}",
         )
-    try:
-        with np.errstate(all="ignore"):  # forged numbers overflow; what comes of it is compared below
-            corrector = unpack(kind, header["model"], arrays)
-            given = corrector.check_answers()
-        expected = np.array(header.get("check"), dtype=np.float64)
-    except Exception as error:  # whatever numbers of the wrong kind, shape or size make the code of a model raise
-        raise refused(path, f"its contents do not form a model ({error})") from error
-    if expected.shape != given.shape or not np.allclose(expected, given, rtol=0, atol=CHECK_TOLERANCE):
-        raise refused(path, "it answers its own check queries otherwise than when it was saved")
-    return corrector
+    return _built(path, kind, header, arrays)
 
 
 def load_any(path: str | Path) -> Any:
@@ -142,8 +133,22 @@ def load_any(path: str | Path) -> Any:
     ArtifactError
         As for :func:`load`.
     """
-    header, _ = read_parts(path)
-    return load(path, next(task for task in TASKS.values() if header["kind"] == task.KIND))
+    header, arrays = read_parts(path)
+    return _built(path, next(task for task in TASKS.values() if header["kind"] == task.KIND), header, arrays)
+
+
+def _built(path: str | Path, kind: type[Any], header: Header, arrays: Arrays) -> Any:
+    """Build a model, and check its answers to the queries of the time it was saved."""
+    try:
+        with np.errstate(all="ignore"):  # forged numbers overflow; what comes of it is compared below
+            corrector = unpack(kind, header["model"], arrays)
+            given = corrector.check_answers()
+        expected = np.array(header.get("check"), dtype=np.float64)
+    except Exception as error:  # whatever numbers of the wrong kind, shape or size make the code of a model raise
+        raise refused(path, f"its contents do not form a model ({error})") from error
+    if expected.shape != given.shape or not np.allclose(expected, given, rtol=0, atol=CHECK_TOLERANCE):
+        raise refused(path, "it answers its own check queries otherwise than when it was saved")
+    return corrector
 
 
 def read_parts(path: str | Path) -> tuple[Header, Arrays]:
