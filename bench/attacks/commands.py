@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import Counter
@@ -18,7 +19,7 @@ from attacks.programs import held, waited
 from attacks.relay import relay
 from gpcorrect.calibration import JointCorrector, load
 from gpcorrect_service import ClientSettings
-from gpcorrect_service.crtk import BusSettings, Pose
+from gpcorrect_service.crtk import BusSettings, OperatingState, Pose
 from gpcorrect_service.crtk.robot import Robot
 from gpcorrect_service.protocol.answer import EstimateAnswer
 from gpcorrect_service.protocol.codec import MSGPACK
@@ -41,12 +42,17 @@ def foreign_clock(lab: Lab) -> Seen:
     return _planned(lab, hold=0.0, clock=-3600.0)
 
 
+def timeless_states(lab: Lab) -> Seen:
+    """Command with that clock, while somebody says of the robot that it is enabled, stamped NaN."""
+    return _planned(lab, hold=0.0, clock=-3600.0, timeless=True)
+
+
 def held_network(lab: Lab) -> Seen:
     """Let the network to a pre-filter stand still for five seconds; all that it held comes at once afterwards."""
     return _planned(lab, hold=STOPPED, clock=0.0, network=True)
 
 
-def _planned(lab: Lab, hold: float, clock: float, *, network: bool = False) -> Seen:
+def _planned(lab: Lab, hold: float, clock: float, *, network: bool = False, timeless: bool = False) -> Seen:
     """Stream poses at a pre-filter; count commands that leave it too old, or whose age nobody can know."""
     middle = load(lab.model).check_queries[0, :7]
     with (
@@ -59,7 +65,7 @@ def _planned(lab: Lab, hold: float, clock: float, *, network: bool = False) -> S
         came: list[tuple[float, float]] = []
         robot.bus.subscribe("corrected/servo_cp", lambda pose: came.append((pose.stamp, time.monotonic())))
         stop = threading.Event()
-        planner = threading.Thread(target=_stream, args=(robot, middle, clock, sent, stop))
+        planner = threading.Thread(target=_stream, args=(robot, middle, clock, timeless, sent, stop))
         planner.start()
         try:
             if clock:
@@ -95,10 +101,14 @@ def _still(flows: threading.Event) -> Iterator[None]:
         flows.set()
 
 
-def _stream(robot: Robot, middle: Any, clock: float, sent: dict[float, float], stop: threading.Event) -> None:
+def _stream(
+    robot: Robot, middle: Any, clock: float, timeless: bool, sent: dict[float, float], stop: threading.Event
+) -> None:
     pose = np.array(middle)
     while not stop.wait(1.0 / RATE):
         pose[0] = middle[0] + 0.003 * np.sin(2.0 * time.monotonic())
+        if timeless:
+            robot.bus.publish("operating_state", OperatingState(math.nan, "ENABLED", True, False))
         stamp = robot.time + clock
         if stamp not in sent:
             sent[stamp] = time.monotonic()
@@ -156,4 +166,5 @@ SCENARIOS = (
     Scenario("network still for 5 s", "commands older than 0.25 s that move", held_network),
     Scenario("estimates of a server stopped for 5 s", "estimates older than 0.25 s, not STALE", held_estimates),
     Scenario("planner's clock an hour behind", "commands of unknown age", foreign_clock),
+    Scenario("the same, and robot states without a time", "commands of unknown age", timeless_states),
 )

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from service_bench import free_endpoint
 
 from attacks.lab import Lab, Scenario, Seen
+from attacks.programs import ENDS, refused
 
-ENDS = 30.0  # s
 MOMENTS = (0.2, 0.4, 0.7, 1.1, 1.6, 2.2)  # s after the start
 
 
@@ -29,19 +29,8 @@ def commands(lab: Lab) -> Seen:
             ("robot", "record", "-o", str(lab.folder / "run.txt"), "--seconds", "60", *at),
             ("serve", str(lab.joint_model), "--endpoint", free_endpoint()),
         ]
-        wrong = sum(not _refused(words) for words in tried) + (there.read_text() != "precious")
+        wrong = sum(not refused(words) for words in tried) + (there.read_text() != "precious")
     return Seen(len(tried) + 1, wrong)
-
-
-def _refused(words: Sequence[str]) -> bool:
-    """Whether a command is refused at once, in words."""
-    try:
-        done = subprocess.run(
-            [sys.executable, "-m", "gpcorrect", *words], capture_output=True, text=True, timeout=ENDS, check=False
-        )
-    except subprocess.TimeoutExpired:
-        return False
-    return done.returncode == 2 and "Traceback" not in done.stderr and "try:" in done.stderr
 
 
 def interrupts(lab: Lab) -> Seen:

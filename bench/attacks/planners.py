@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import time
 from contextlib import suppress
 
 import numpy as np
-from service_bench import PATIENT
+from service_bench import PATIENT, free_endpoint
 
 from attacks.lab import Lab, Scenario, Seen
 from attacks.programs import waited
-from gpcorrect.calibration import load
+from gpcorrect.calibration import JointCorrector, load
 from gpcorrect_service import ClientSettings, CorrectionClient, ServiceError
 from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose
+from gpcorrect_service.protocol.codec import JSON
 from gpcorrect_service.protocol.sessions import open_client
 
 FAR = 4.9999  # m: just within what is believed
@@ -72,8 +75,30 @@ def unknown_region(lab: Lab) -> Seen:
     return Seen(len(poses), answered)
 
 
+def sessions(lab: Lab) -> Seen:
+    """Ask about joints, and stream them, with session numbers that 64 bits do not hold."""
+    width, end = len(load(lab.joint_model, JointCorrector).types), free_endpoint()
+    row, numbers = [0.0] * width, (2**63, -(2**63) - 1, 2**64, 10**30)
+    with (
+        lab.program("serve", "--joints", str(lab.joint_model), "--endpoint", end, ready="serving"),
+        CorrectionClient(end, timeout=2.0, connect_timeout=PATIENT) as client,
+        open_client(ClientSettings((end,))) as session,
+    ):
+        querier = session.declare_querier("arm1/correct_joints", timeout=2.0)
+        for k, number in enumerate(numbers):
+            path = {"q": [row, row], "times": [0.0, 0.1], "efforts": [row, row], "sessions": [0, number]}
+            waited(lambda path=path: list(querier.get(payload=json.dumps(path), encoding=JSON.media_type)))
+            state = {"stamp": 100.0 + k, "position": row, "effort": row, "session": number}
+            session.put("arm1/measured_js", json.dumps(state), encoding=JSON.encoding("joint_state"))
+        time.sleep(1.0)
+        counts = client.health().counts
+    blamed = [counts.get(kind, {}).get("BAD_INPUT", 0) for kind in ("correct_joints", "estimate")]
+    return Seen(2 * len(numbers), 2 * len(numbers) - sum(blamed), f"{counts}")
+
+
 SCENARIOS = (
     Scenario("poses at 4.9999 m", "faults of the model, others refused", far_poses),
     Scenario("ROS poses in another frame", "answers", foreign_frames),
     Scenario("strict server, unknown region", "answers", unknown_region),
+    Scenario("sessions beyond 64 bits", "not BAD_INPUT", sessions),
 )

@@ -7,6 +7,7 @@ import shutil
 import signal
 import struct
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,8 +16,9 @@ from typing import Any, Self
 
 from service_bench import PATIENT
 
-__all__ = ["Program", "SettableClock", "held", "waited"]
+__all__ = ["ENDS", "Program", "SettableClock", "held", "refused", "waited"]
 
+ENDS = 30.0  # s that a command has to end by itself
 FAREWELL = 10.0  # s that a program has to end when it is asked to
 # The date alone, as an operator or a time server sets it: every wait goes by the kernel's monotonic clock. Debian's
 # libfaketime 0.9.10 does not serve: it turns waits on the monotonic clock into errors (time.sleep of Python 3.11).
@@ -176,6 +178,17 @@ class Program:
 
     def __exit__(self, *_: object) -> None:
         self.stop()
+
+
+def refused(words: Sequence[str]) -> bool:
+    """Whether `gpcorrect WORDS` ends by itself, with status 2, saying what to do."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "gpcorrect", *words], capture_output=True, text=True, timeout=ENDS, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 2 and "Traceback" not in done.stderr and "try:" in done.stderr
 
 
 @contextmanager

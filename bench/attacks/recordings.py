@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.io import savemat
+from service_bench import free_endpoint
 
 from attacks.lab import Lab, Scenario, Seen
+from attacks.programs import refused
 from gpcorrect.calibration import FitSettings, evaluate_model, fit_model, load
-from gpcorrect.calibration.model_file import load_any, read_parts, seal_of
+from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
 from gpcorrect.cli.options import read_logs
 from gpcorrect.errors import ArtifactError, GpCorrectError
 from gpcorrect.logs import match_clocks, validate_log, write_log
@@ -20,6 +23,8 @@ from gpcorrect.types import CalibrationLog, PoseSignal
 
 REACHES = 20
 FORGED = 300
+TYPE = 176  # place of the type of the first variable's numbers in a MATLAB 5 file
+KINDS = (20, 100, 255)  # types that do not exist
 VALUES = (None, "x", "array:model", -1, 0, 1e300, 10**30, [], [[]], {}, {"type": "Law"}, True, [1, "y"])
 
 
@@ -124,6 +129,37 @@ def forgeries(lab: Lab) -> Seen:
     return Seen(FORGED, wrong)
 
 
+def misfits(lab: Lab) -> Seen:
+    """Serve models under a fresh seal that correct a joint which is not there, or whose arrays are of other sizes."""
+    poses, joints = read_parts(lab.model)[1], read_parts(lab.joint_model)[1]
+    forged = [
+        (lab.model, name, np.concatenate([array] * 3, axis=-1))
+        for name, array in poses.items()
+        if ".predictor.parts.0." in name
+    ]
+    forged += [(lab.joint_model, "model.view.moving", joints["model.view.moving"] + 1)]
+    wrong = 0
+    for model, name, array in forged:
+        header, arrays = read_parts(model)
+        header["digests"][name] = _digest(array)
+        _write(lab.folder / "misfit.gpc", {**header, "seal": seal_of(header)}, {**arrays, name: array})
+        option = ["--joints"] if model == lab.joint_model else []
+        wrong += not refused(["serve", *option, str(lab.folder / "misfit.gpc"), "--endpoint", free_endpoint()])
+    return Seen(len(forged), wrong)
+
+
+def damaged(lab: Lab) -> Seen:
+    """Look into MATLAB files whose numbers are of a type that does not exist, which crash SciPy's reader."""
+    file, wrong = lab.folder / "damaged.mat", 0
+    savemat(file, {"time": np.arange(30.0)})
+    whole = file.read_bytes()
+    for command in ("topics", "validate"):
+        for kind in KINDS:
+            file.write_bytes(whole[:TYPE] + bytes([kind]) + whole[TYPE + 1 :])
+            wrong += not refused([command, str(file)])
+    return Seen(2 * len(KINDS), wrong)
+
+
 def _places(node: Any) -> Any:
     keys = list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
     for key in keys:
@@ -144,4 +180,6 @@ SCENARIOS = (
     Scenario("clocks of few reaches", "shifted", clocks),
     Scenario("copies", "measured on as if they were new", copies),
     Scenario("forged model files", "errors other than a refusal", forgeries),
+    Scenario("models that do not fit together", "served, or ended by a traceback", misfits),
+    Scenario("damaged recordings", "crashes and tracebacks of the commands that look into them", damaged),
 )

@@ -45,6 +45,7 @@ MEMORY = 1 << 30
 """bytes for a small file; the libraries themselves take 0.2 GB."""
 EXPANSION = 100
 """bytes of memory for each byte of the file beyond that; chosen by hand: packed 10:1, then 10 times as numbers."""
+COPY = "Copy it again from where it was recorded."
 FRUGAL = {"ARROW_DEFAULT_MEMORY_POOL": "system", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """So that libraries set no memory aside: Arrow's own pool begins with 1 GB, a thread of linear algebra with 32 MB."""
 
@@ -84,7 +85,7 @@ def parse(title: str, read: Callable[[Path, ReadSettings], T], path: Path, setti
 
 def _damaged(title: str, error: Exception) -> LogError:
     what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return LogError(f"the {title} file cannot be read, it may be damaged or cut off: {what}.")
+    return LogError(f"the {title} file cannot be read, it may be damaged or cut off: {what}.", hint=COPY)
 
 
 def _too_large(title: str) -> LogError:
@@ -123,12 +124,14 @@ def parse_apart(
         work = pickle.dumps((title, read, path.absolute(), settings))
         status = _FORKER.run((work, tuple(libraries), answer.name, seconds, memory))
         if status in (-signal.SIGXCPU, -signal.SIGKILL):
-            raise LogError(f"the {title} file is damaged: reading it did not end within {seconds} s.")
+            raise LogError(f"the {title} file is damaged: reading it did not end within {seconds} s.", hint=COPY)
         answer.seek(0)
         try:
             header, arrays = _received(answer)
         except Exception as error:  # what a process that crashed left behind
-            raise LogError(f"the {title} file is damaged: it crashed its reader (status {status}).") from error
+            raise LogError(
+                f"the {title} file is damaged: it crashed its reader (status {status}).", hint=COPY
+            ) from error
     if "error" in header:
         error_kind = getattr(errors, header["error"])
         raised: GpCorrectError = error_kind.__new__(error_kind, header["state"]["message"])

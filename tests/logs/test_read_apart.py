@@ -60,7 +60,7 @@ def talks(path: Path, settings: ReadSettings) -> CalibrationLog:
     ("read", "said"),
     [
         (hangs, "the X file is damaged: reading it did not end within 4 s"),
-        (crashes, r"the X file is damaged: it crashed its reader \(status -11\)"),
+        (crashes, r"the X file is damaged: it crashed its reader \(status -11\)\..*Copy it again"),
         (devours, r"the X file asks for more memory than a file of its size may\..*saved without compression"),
         (stumbles, "the X file cannot be read, it may be damaged or cut off: KeyError: 'chunk'"),
     ],
