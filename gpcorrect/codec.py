@@ -109,7 +109,7 @@ def _array(hint: Any, data: Any, arrays: Mapping[str, Any]) -> Any:
     name = data.removeprefix(ARRAY) if isinstance(data, str) and data.startswith(ARRAY) else ""
     if name not in arrays:
         raise DataError(f"the array {name or data} is missing.")
-    value = np.array(arrays[name])
+    value = np.array(arrays[name], order="C")  # compiled code is compiled anew, for seconds, for another order
     kind = get_args(get_args(hint)[1])[0]
     if value.dtype != kind:
         raise DataError(f"the array {name} holds {value.dtype}, expected {np.dtype(kind)}.")

@@ -57,6 +57,19 @@ def test_a_tree_comes_back_through_json_as_it_was() -> None:
     assert not back.leaf.weights.flags.writeable
 
 
+def test_arrays_are_built_row_by_row() -> None:
+    """However a file lays an array out, compiled code gets it in the order that it was compiled for."""
+
+    @dataclass(frozen=True)
+    class Table:
+        weights: FloatArray
+
+    columns = np.asfortranarray(np.arange(6.0).reshape(2, 3))
+    back = unpack(Table, {"type": "Table", "weights": "array:w"}, {"w": columns})
+    np.testing.assert_array_equal(back.weights, columns)
+    assert back.weights.flags.c_contiguous
+
+
 def test_missing_arrays_and_foreign_fields_are_refused() -> None:
     """Nothing is made up: a lost array or another set of fields is an error."""
     data, arrays = pack(make_tree(), "tree")
