@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from gpcorrect.calibration.settings import LIMITS
+from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
 __all__ = ["Bounds", "Domain"]
@@ -41,6 +42,12 @@ class Domain:
     def __post_init__(self) -> None:
         for name in ("low", "high", "spread"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
+        if self.low.shape != self.high.shape or not (self.low <= self.high).all() or not (self.spread >= 0).all():
+            raise DataError(
+                f"no region reaches from {self.low} to {self.high}, or has targets that are spread {self.spread}."
+            )
+        if not set(self.fading.tolist()) <= set(range(len(self.low))):
+            raise DataError(f"inputs {self.fading} are to fade, which are not all among {len(self.low)}.")
 
     @classmethod
     def of(

@@ -57,8 +57,8 @@ class JointView:
     def __post_init__(self) -> None:
         object.__setattr__(self, "moving", frozen_array(self.moving, np.int64))
         object.__setattr__(self, "rest", frozen_array(self.rest))
-        if not set(self.moving.tolist()) <= set(range(len(self.types))):
-            raise DataError(f"joints {self.moving} are to be corrected, which are not all among {len(self.types)}.")
+        if self.moving.tolist() != sorted(set(self.moving.tolist()) & set(range(len(self.types)))):
+            raise DataError(f"joints {self.moving} are to be corrected, which are not {len(self.types)} in order.")
 
     def of_log(self, log: CalibrationLog, keep: BoolArray, *, needs_truth: bool = True) -> tuple[FloatArray, Samples]:
         """Return the joints `(n, d)` that go in, and the samples of a log.

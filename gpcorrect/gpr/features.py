@@ -72,6 +72,8 @@ class FeatureMap:
         object.__setattr__(self, "spread", frozen_array(self.spread))
         if self.R_mean.shape != (3, 3) or self.spread.shape not in ((0,), (self.n_features,)):
             raise DataError(f"a feature map of {self.n_features} features was expected, got {self.spread.shape}.")
+        if not (self.spread > 0).all():
+            raise DataError(f"no features are spread {self.spread}.")
 
     @property
     def uses_velocity(self) -> bool:

@@ -18,8 +18,11 @@ from support import short_search, small_log
 
 from gpcorrect.atomic import atomic_path
 from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, fit_model, save
+from gpcorrect.calibration.domain import Domain
 from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError, LogError
+from gpcorrect.gpr.features import FeatureMap
+from gpcorrect.gpr.intervals import IntervalCalibration
 from gpcorrect.logs import read_log, write_log
 
 FLIPS = 60
@@ -163,8 +166,27 @@ def test_numbers_that_no_check_query_asks_for_must_fit_as_well(tmp_path: Path) -
     """The fixed offset is for comparison only: of another length, its model was loaded and failed when measured."""
     settings = FitSettings(method="linear", features=("position",))
     model: JointCorrector = fit_model(joint_log(1, trajectories=4), settings, task=JointCorrector).corrector
-    with pytest.raises(DataError, match="not all among 3"):
-        replace(model.view, moving=np.array([0, 1, np.iinfo(np.int64).min]))
+    for moving in ([0, 1, np.iinfo(np.int64).min], [0, 0, 0], [2, 1, 0]):
+        with pytest.raises(DataError, match="not 3 in order"):
+            replace(model.view, moving=np.array(moving))
     for forged in ({"offset": np.zeros(7)}, {"view": replace(model.view, rest=np.zeros(2))}):
         with pytest.raises(DataError, match="does not fit together"):
             replace(model, **forged)
+
+
+@pytest.mark.parametrize(
+    ("part", "forged"),
+    [
+        (IntervalCalibration(np.ones(2)), {"factor": np.array([1.0, np.nan])}),
+        (IntervalCalibration(np.ones(2)), {"factor": np.array([1.0, -1e300])}),
+        (Domain(-np.ones(2), np.ones(2), 1.0, np.ones(3)), {"low": np.array([0.0, np.nan])}),
+        (Domain(-np.ones(2), np.ones(2), 1.0, np.ones(3)), {"high": np.array([1.0, -2.0])}),
+        (Domain(-np.ones(2), np.ones(2), 1.0, np.ones(3)), {"spread": np.array([1.0, 1.0, -1.0])}),
+        (Domain(-np.ones(2), np.ones(2), 1.0, np.ones(3)), {"fading": np.array([2])}),
+        (FeatureMap(("pose",), spread=np.ones(3)), {"spread": np.array([1.0, 1.0, 0.0])}),
+    ],
+)
+def test_numbers_that_cannot_be_make_no_part_of_a_model(part: Any, forged: dict[str, Any]) -> None:
+    """Widths that are negative, regions that end before they begin, and features without a spread are refused."""
+    with pytest.raises(DataError, match=r"cannot be|no region|to fade|no features"):
+        replace(part, **forged)
