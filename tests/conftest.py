@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import os
-import subprocess
 import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from support import Fitted, Once, small_log
+from support import Fitted, Once, short_search, small_log
 from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration import CommandCorrector, load
+from gpcorrect.cli import main
 from gpcorrect.logs import write_log
 
 # How long an example takes says more of the machine's other work than of the code.
@@ -63,6 +65,10 @@ def _fit(folder: Path) -> None:
     folder.mkdir()
     log = folder / "log.csv"
     write_log(small_log(), log)
-    words = ["fit", log, "--output", folder / "model.gpc", "--time-offset", "none", "--json"]
-    done = subprocess.run([sys.executable, "-m", "gpcorrect", *words], check=True, capture_output=True)
-    (folder / "fit.json").write_bytes(done.stdout)
+    words = ["gpcorrect", "fit", log, "--output", folder / "model.gpc", "--time-offset", "none", "--json"]
+    with pytest.MonkeyPatch.context() as patch, short_search(), redirect_stdout(io.StringIO()) as printed:
+        patch.setattr(sys, "argv", list(map(str, words)))
+        with pytest.raises(SystemExit) as stopped:
+            main()
+    assert not stopped.value.code
+    (folder / "fit.json").write_text(printed.getvalue())

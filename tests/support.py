@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from gpcorrect import se3
-from gpcorrect.calibration.learners import gp
+from gpcorrect.calibration.learners import gp, trees
 from gpcorrect.gpr import SparseGPR
 from gpcorrect.types import CalibrationLog, PoseSignal
 
@@ -86,6 +86,14 @@ def short_search(samples: int = 150) -> Iterator[None]:
     """Learn hyperparameters from so many samples (usually 500): their search takes most of a fit."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gp, "SparseGPR", partial(SparseGPR, n_learn=samples))
+        yield
+
+
+@contextmanager
+def few_trees(rounds: int = 40) -> Iterator[None]:
+    """Grow so many trees a target (usually 200): what they cost is their number."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trees, "ROUNDS", rounds)
         yield
 
 

@@ -31,25 +31,25 @@ class Body(NamedTuple):
     gravity: Array
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def cross(u, v):
     """Vector product."""
     return (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def dot(u, v):
     """Scalar product."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def plus(u, s, v):
     """Return u + s v."""
     return (u[0] + s * v[0], u[1] + s * v[1], u[2] + s * v[2])
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def turned(u, v, angle):
     """Two axes turned from the first to the second."""
     c, s = np.cos(angle), np.sin(angle)
@@ -59,7 +59,7 @@ def turned(u, v, angle):
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def swung(omega, alpha, r):
     """Acceleration of a point at r of a turning body: alpha x r + omega x (omega x r)."""
     return plus(cross(alpha, r), 1.0, cross(omega, cross(omega, r)))
@@ -118,7 +118,10 @@ def _add_mass(link, k, body, frame, motion, joints, M, bias, weight):
 @njit(cache=True)
 def equations(body, q, v, M, bias, weight):
     """Fill M, bias, weight of `M(q) q'' + bias(q, q') + weight(q) = torque`."""
-    M[:], bias[:], weight[:] = 0.0, 0.0, 0.0
+    for i in range(3):
+        bias[i], weight[i] = 0.0, 0.0
+        for j in range(3):
+            M[i, j] = 0.0
     rows = body.rows
     x, y, z, o = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
     # shoulder

@@ -135,13 +135,14 @@ def solve(M, added, b, x):
 
 @njit(cache=True)
 def _feedforward(p, nominal, q, v, a, M, bias, weight, out):
-    out[:] = 0.0
+    for j in range(3):
+        out[j] = 0.0
     if p.feedforward == 0:
         return
     equations(nominal, q, v, M, bias, weight)
-    out += weight
-    if p.feedforward == 2:
-        for j in range(3):
+    for j in range(3):
+        out[j] += weight[j]
+        if p.feedforward == 2:
             out[j] += bias[j] + p.motor_inertia[j] * a[j]
             for k in range(3):
                 out[j] += M[j, k] * a[k]
@@ -192,13 +193,16 @@ def _unloaded_stretch(p, j, load, insertion):
 def _balanced(p, nominal, body, wanted, offset):
     """Make a state at rest in which the controller holds the arm's weight."""
     M, bias, weight, feed, still = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
-    equations(body, wanted - offset, still, M, bias, weight)
-    load = weight.copy()
-    _feedforward(p, nominal, wanted, still, still, M, bias, weight, feed)
-    motor = wanted + (feed - load) / p.kp
-    link = motor.copy()
-    elastic = np.zeros(3, dtype=np.bool_)
+    load, motor, link, elastic = np.empty(3), np.empty(3), np.empty(3), np.zeros(3, dtype=np.bool_)
     for j in range(3):
+        link[j] = wanted[j] - offset[j]
+    equations(body, link, still, M, bias, weight)
+    for j in range(3):
+        load[j] = weight[j]
+    _feedforward(p, nominal, wanted, still, still, M, bias, weight, feed)
+    for j in range(3):
+        motor[j] = wanted[j] + (feed[j] - load[j]) / p.kp[j]
+        link[j] = motor[j]
         elastic[j] = p.stiffness[j] > 0.0 or p.length[j] > 0.0
         if elastic[j]:
             link[j] -= _unloaded_stretch(p, j, load[j], wanted[2])
@@ -281,7 +285,8 @@ def integrate(p, nominal, body, wanted, wanted_v, wanted_a, payload, tip, offset
     kept = np.empty((6, len(payload), 3))
     hidden = body.mass[3]
     nominal.mass[3], body.mass[3] = payload[0], payload[0] + hidden
-    nominal.centre[3], body.centre[3] = tip, tip
+    for j in range(3):
+        nominal.centre[3, j], body.centre[3, j] = tip[j], tip[j]
     state = _balanced(p, nominal, body, wanted[0], offset[0])
     work, feed = np.empty((6, 3)), np.empty(3)
     M, bias, weight = np.empty((3, 3)), np.empty(3), np.empty(3)
@@ -294,8 +299,11 @@ def integrate(p, nominal, body, wanted, wanted_v, wanted_a, payload, tip, offset
         for s in range(substeps):
             ticking = s == 0 and i % per_tick == 0
             if ticking:
-                kept[0, t], kept[1, t], kept[2, t], kept[5, t] = state.motor, state.speed, state.link, state.command
+                for j in range(3):
+                    kept[0, t, j], kept[1, t, j] = state.motor[j], state.speed[j]
+                    kept[2, t, j], kept[5, t, j] = state.link[j], state.command[j]
             _step(p, body, state, offset[t], extra[t], s == 0, work)
             if ticking:
-                kept[3, t], kept[4, t] = state.load, state.weight
+                for j in range(3):
+                    kept[3, t, j], kept[4, t, j] = state.load[j], state.weight[j]
     return kept

@@ -277,7 +277,7 @@ def _walk(
     T = np.empty((4, 4))
     first = q.shape[1] - frames.shape[1]
     for k in range(q.shape[0]):
-        T[:] = base
+        _copy(base, T)
         for i in range(q.shape[1]):
             theta = table[i, 3] + (q[k, i] if turns[i] else 0.0)
             d = table[i, 2] + (0.0 if turns[i] else q[k, i])
@@ -292,7 +292,14 @@ def _walk(
                 _shift(T, 0, table[i, 1])
                 _turn(T, 1, 2, table[i, 0])
             if i >= first:
-                frames[k, i - first] = T
+                _copy(T, frames[k, i - first])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _copy(T: FloatArray, to: FloatArray) -> None:  # pragma: no cover - compiled
+    for row in range(4):
+        for column in range(4):
+            to[row, column] = T[row, column]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -155,14 +155,15 @@ def _thinned(
 
 @njit(cache=True)
 def _lags(path: FloatArray, K: FloatArray, gap: FloatArray, new: BoolArray) -> FloatArray:
-    lag = np.zeros(path.shape)
-    y = path[0].copy()
+    lag, y = np.empty(path.shape), np.empty(path.shape[1])
     for t in range(len(path)):
-        if new[t]:
-            y[:] = path[t]
-        else:
+        if new[t] or t == 0:
+            for i in range(len(y)):
+                y[i] = path[t, i]
+        if not new[t]:
             _drag(y, path[t], K, gap)
-        lag[t] = path[t] - y
+        for i in range(len(y)):
+            lag[t, i] = path[t, i] - y[i]
     return lag
 
 
@@ -172,7 +173,9 @@ def _drag(y: FloatArray, q: FloatArray, K: FloatArray, gap: FloatArray) -> None:
 
     Coordinate descent from their last place: each sweep solves one joint's stick or slip exactly.
     """
-    before = y.copy()
+    before = np.empty(len(y))
+    for i in range(len(y)):
+        before[i] = y[i]
     for _ in range(SWEEPS):
         change = 0.0
         for i in range(len(y)):

@@ -260,7 +260,7 @@ def lag_step(behind: FloatArray, moved: FloatArray, step: float, constants: Floa
     constants : (t,) array
         Time constants tau, s.
     """
-    after = np.empty_like(behind)
+    after = np.empty((len(constants), len(moved)))
     for t in range(len(constants)):
         left = np.exp(-step / constants[t])
         share = (1.0 - left) * constants[t] / step
@@ -284,12 +284,19 @@ def lagged(signal: FloatArray, time: FloatArray, new: BoolArray, constants: Floa
     constants : (t,) array
         Time constants tau, s.
     """
-    behind = np.zeros((len(signal), len(constants), signal.shape[1]))
-    last = np.full(signal.shape[1], np.nan)
-    for i in range(len(signal)):
-        if new[i]:
-            last = signal[i].copy()
-        else:
-            behind[i] = lag_step(behind[i - 1], signal[i] - last, time[i] - time[i - 1], constants)
-            last = np.where(np.isfinite(signal[i]), signal[i], last)
+    n, d = signal.shape
+    behind = np.zeros((n, len(constants), d))
+    last, moved = np.empty(d), np.empty(d)
+    for j in range(d):
+        last[j] = np.nan
+    for i in range(n):
+        for j in range(d):
+            moved[j] = signal[i, j] - last[j]
+            if new[i] or np.isfinite(signal[i, j]):
+                last[j] = signal[i, j]
+        if not new[i]:
+            after = lag_step(behind[i - 1], moved, time[i] - time[i - 1], constants)
+            for t in range(len(constants)):
+                for j in range(d):
+                    behind[i, t, j] = after[t, j]
     return behind

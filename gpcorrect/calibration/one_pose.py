@@ -6,7 +6,7 @@ change of the file that holds the outermost function, and no other.
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, sin, sqrt
+from math import atan2, cos, hypot, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -97,29 +97,44 @@ def inputs(
     near : bool
         Whether the inputs lie inside their bounds.
     """
-    x, rotation = np.empty(len(f.spread)), np.eye(3)
+    x, rotation = np.empty(len(f.spread)), np.zeros((3, 3))
+    rotation[0, 0] = rotation[1, 1] = rotation[2, 2] = 1.0
     if not (_sane(pose) and _sane(twist)):
         return False, pose, rotation, x, False
     oriented = len(pose) == 7
-    linear, arm = twist[:3], np.zeros(3)
+    linear, arm = np.empty(3), np.zeros(3)
+    for i in range(3):
+        linear[i] = twist[i]
     if oriented:
         norm = sqrt(pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2 + pose[6] ** 2)
         if abs(norm - 1.0) > QUATERNION_TOLERANCE:
             return False, pose, rotation, x, False
-        R_obs = matrix_from_quaternion(pose[3:] / norm)
+        q = np.empty(4)
+        for i in range(4):
+            q[i] = pose[3 + i] / norm
+        R_obs = matrix_from_quaternion(q)
         arm = _turn(R_obs, f.offset)
-        linear = linear + _cross(twist[3:], arm)
+        swept = _cross(twist[3:], arm)
+        for i in range(3):
+            linear[i] += swept[i]
         rotation = _product(_product(f.R_left, R_obs), f.R_right)
-    position = _turn(f.R_position, pose[:3] + arm) + f.t
-    x[:3] = position
+    for i in range(3):
+        arm[i] += pose[i]
+    position = _turn(f.R_position, arm)
+    for i in range(3):
+        position[i] += f.t[i]
+    _write(position, x, 0)
     filled = 3 + _write_rotation(rotation, f, x)
     moving = int(f.kind[1])
     if moving > 0:
-        x[filled : filled + 3] = _turn(f.R_position, linear)
+        _write(_turn(f.R_position, linear), x, filled)
     if moving > 3:
-        x[filled + 3 : filled + 6] = _turn(f.R_left, twist[3:])
-    x[filled + moving :] = memory
-    x /= f.spread
+        _write(_turn(f.R_left, twist[3:]), x, filled + 3)
+    if filled + moving + len(memory) != len(x):
+        raise ValueError("the memory features do not fit the frame")
+    _write(memory, x, filled + moving)
+    for i in range(len(x)):
+        x[i] /= f.spread[i]
     return True, position, rotation, x, _between(x, region)
 
 
@@ -143,7 +158,9 @@ def command(
         turn, cut_turn = _shortened(mean[3:], bounds[1])
         rotation = _product(matrix_from_rotvec(turn), rotation)
         cut = cut or cut_turn
-    return position + shift, quaternion_from_matrix(rotation), cut
+    for i in range(3):
+        shift[i] += position[i]
+    return shift, quaternion_from_matrix(rotation), cut
 
 
 @njit(cache=True)
@@ -175,7 +192,10 @@ def quaternion_from_matrix(R: FloatArray) -> FloatArray:
     q = np.empty(4)
     q[0], q[1] = 1 + R[0, 0] + R[1, 1] + R[2, 2], 1 + R[0, 0] - R[1, 1] - R[2, 2]
     q[2], q[3] = 1 - R[0, 0] + R[1, 1] - R[2, 2], 1 - R[0, 0] - R[1, 1] + R[2, 2]
-    largest = np.argmax(q)
+    largest = 0
+    for i in range(1, 4):
+        if q[i] > q[largest]:
+            largest = i
     a, b, c = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     d, e, g = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
     if largest == 0:
@@ -187,7 +207,10 @@ def quaternion_from_matrix(R: FloatArray) -> FloatArray:
     else:
         q[0], q[1], q[2] = c, e, g
     norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    return q * ((-1.0 if q[0] < 0 else 1.0) / norm)
+    scale = (-1.0 if q[0] < 0 else 1.0) / norm
+    for i in range(4):
+        q[i] *= scale
+    return q
 
 
 @njit(cache=True)
@@ -202,7 +225,9 @@ def matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:
     angle = _length(rotvec)
     q = np.empty(4)
     q[0] = cos(angle / 2)
-    q[1:] = rotvec * (0.5 if angle < SMALL else sin(angle / 2) / angle)
+    scale = 0.5 if angle < SMALL else sin(angle / 2) / angle
+    for i in range(3):
+        q[1 + i] = rotvec[i] * scale
     return matrix_from_quaternion(q)
 
 
@@ -217,7 +242,11 @@ def rotvec_from_matrix(R: FloatArray) -> FloatArray:
     """
     q = quaternion_from_matrix(R)
     sine = _length(q[1:])
-    return q[1:] * (2.0 if sine < SMALL else 2 * atan2(sine, q[0]) / sine)
+    scale = 2.0 if sine < SMALL else 2 * atan2(sine, q[0]) / sine
+    rotvec = np.empty(3)
+    for i in range(3):
+        rotvec[i] = q[1 + i] * scale
+    return rotvec
 
 
 @njit(cache=True)
@@ -227,14 +256,23 @@ def _write_rotation(R: FloatArray, f: Frame, x: FloatArray) -> int:
     if kind == NO_ROTATION:
         return 0
     if kind == COLUMNS:
-        x[3:6], x[6:9] = R[:, 0], R[:, 1]
+        for i in range(3):
+            x[3 + i], x[6 + i] = R[i, 0], R[i, 1]
         return 6
     if kind == EULER:
         angles, centre = _fixed_axes_angles(R), _fixed_axes_angles(f.R_mean)
-        x[3:6] = centre + np.mod(angles - centre + np.pi, 2 * np.pi) - np.pi
+        for i in range(3):
+            x[3 + i] = centre[i] + (angles[i] - centre[i] + pi) % (2 * pi) - pi
         return 3
-    x[3:6] = rotvec_from_matrix(_product(R, f.R_mean.T))
+    _write(rotvec_from_matrix(_product(R, f.R_mean.T)), x, 3)
     return 3
+
+
+@njit(cache=True)
+def _write(values: FloatArray, x: FloatArray, first: int) -> None:
+    """Write `values` into `x` from place `first` on."""
+    for i in range(len(values)):
+        x[first + i] = values[i]
 
 
 @njit(cache=True)
@@ -256,7 +294,10 @@ def _between(x: FloatArray, region: FloatArray) -> bool:
 @njit(cache=True)
 def _shortened(vector: FloatArray, bound: float) -> tuple[FloatArray, bool]:
     scale = min(1.0, bound / max(_length(vector), 1e-300))
-    return vector * scale, scale < 1.0
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = vector[i] * scale
+    return out, scale < 1.0
 
 
 @njit(cache=True)

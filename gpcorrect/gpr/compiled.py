@@ -102,7 +102,9 @@ def predict_one(x: FloatArray, t: Tables) -> tuple[FloatArray, FloatArray, float
     t : Tables
         From :func:`tables`.
     """
-    total = int(t.sizes.sum())
+    total = 0
+    for g in range(len(t.sizes)):
+        total += int(t.sizes[g, 0])
     mean, std, novelty, first = np.empty(total), np.empty(total), 0.0, 0
     k, w2 = np.empty(t.levels.shape[2]), np.empty(t.projection.shape[1])
     for g in range(len(t.sizes)):
@@ -124,10 +126,12 @@ def _correlations(x: FloatArray, g: int, t: Tables, k: FloatArray) -> None:
     """Correlations `(p,)` of one input with the basis, written to `k`."""
     exponents, scratch = np.empty(len(k)), np.empty(len(k))
     matern52 = t.code[g, 0] == 1.0
-    k[:] = 0.0
+    for j in range(len(k)):
+        k[j] = 0.0
     for c in range(t.levels.shape[1]):
         offset = 0.0 if matern52 else t.log_weights[g, c]
-        exponents[:] = t.levels[g, c] + offset
+        for j in range(len(k)):
+            exponents[j] = t.levels[g, c, j] + offset
         for d in range(len(x)):
             inverse = t.inverse[g, c, d]
             if inverse > 0.0:
@@ -144,8 +148,9 @@ def _correlations(x: FloatArray, g: int, t: Tables, k: FloatArray) -> None:
 @njit(cache=True, nogil=True, fastmath=LOOSE)
 def _add_matern52(x: FloatArray, scratch: FloatArray, log_weight: float, total: FloatArray) -> None:
     """Add `exp(log_weight) (1 + r + r^2 / 3) exp(-r)`, `r = sqrt(5 s)`, to `total`, given `x = -s / 2`."""
-    factor, decay = np.empty(len(x)), np.zeros(len(x))
+    factor, decay = np.empty(len(x)), np.empty(len(x))
     for j in range(len(x)):
+        decay[j] = 0.0
         r = np.sqrt(10.0 * max(-x[j], 0.0))
         factor[j] = 1.0 + r + r * r / 3.0
         x[j] = log_weight - r

@@ -20,7 +20,7 @@ def half_seen() -> tuple[CommandCorrector, CalibrationLog]:
     assert log.tracker_cp is not None
     left = log.tracker_cp.position[:, 0] < 0.1
     rare = np.arange(len(log)) % 40 == 0
-    settings = FitSettings(inducing=150, marker="none", clean=False)
+    settings = FitSettings(inducing=150, search_samples=150, marker="none", clean=False)
     return fit_corrector(log.select(~left | rare), settings), log
 
 

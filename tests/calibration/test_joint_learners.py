@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from joint_logs import joint_log
-from support import real_data
+from support import few_trees, real_data
 
 from gpcorrect.calibration import (
     LEARNERS,
@@ -36,8 +36,10 @@ def fitted(method: str) -> Experiment:
 
 
 def fitted_to(log: CalibrationLog, method: str, **changes: object) -> Experiment:
-    settings = FitSettings(method=method, inducing=100, **changes)  # type: ignore[arg-type]
-    return run_experiment(log, settings, task=JointCorrector)
+    few: dict[str, object] = {"inducing": 100, "search_samples": 150, "epochs": 60}
+    settings = FitSettings(method=method, **few, **changes)  # type: ignore[arg-type]
+    with few_trees():
+        return run_experiment(log, settings, task=JointCorrector)
 
 
 def rmse(experiment: Experiment, name: str = "corrected") -> FloatArray:

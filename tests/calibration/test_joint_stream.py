@@ -7,18 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from joint_logs import joint_log
+from support import few_trees
 
 from gpcorrect.calibration import LEARNERS, FitSettings, JointCorrector, JointStream, fit_model
 from gpcorrect.errors import DataError
 
-LOG = joint_log(1, trajectories=6)
+LOG = joint_log(1, trajectories=6, seconds=12.0)
 assert LOG.measured_jp is not None
 assert LOG.measured_jf is not None
 Q, EFFORT = LOG.measured_jp, LOG.measured_jf
 
 
 def fitted(method: str) -> JointCorrector:
-    corrector: JointCorrector = fit_model(LOG, FitSettings(method=method, inducing=60), task=JointCorrector).corrector
+    settings = FitSettings(method=method, inducing=60, search_samples=150, epochs=60)
+    with few_trees():
+        corrector: JointCorrector = fit_model(LOG, settings, task=JointCorrector).corrector
     return corrector
 
 

@@ -87,7 +87,7 @@ def log_without_orientation() -> CalibrationLog:
 def any_corrector(request: pytest.FixtureRequest) -> CommandCorrector:
     """Return correctors of poses and of positions only."""
     if request.param == "position only":
-        return fit_corrector(log_without_orientation(), FitSettings(inducing=300))
+        return fit_corrector(log_without_orientation(), FitSettings(inducing=300, search_samples=150, marker="none"))
     corrector: CommandCorrector = request.getfixturevalue("small_corrector")
     return corrector
 

@@ -77,7 +77,7 @@ def test_the_frame_of_the_tracker_does_not_matter() -> None:
     moved = se3.to_parts(T @ se3.from_parts(log.tracker_cp.position, log.tracker_cp.quaternion))
     other = replace(log, tracker_cp=PoseSignal(*moved))
     query = se3.to_parts(T @ se3.from_parts(POSE[:3], POSE[3:]))
-    settings = FitSettings(marker="none")
+    settings = FitSettings(inducing=150, search_samples=150, marker="none")
     here = fit_corrector(log, settings).correct(POSE)
     there = fit_corrector(other, settings).correct(np.concatenate(query))
     np.testing.assert_allclose(here.position, there.position, atol=2e-5)

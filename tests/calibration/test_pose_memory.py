@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import real_data, short_search, small_log
+from support import real_data, small_log
 
 from gpcorrect import se3
 from gpcorrect.calibration import (
@@ -29,7 +29,9 @@ from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 from gpcorrect.velocity import twists
 
 RADIUS = 0.006  # m, of the planted slack
-SETTINGS = FitSettings(features=("pose", "velocity", "memory"), inducing=150, marker="none", clean=False)
+SETTINGS = FitSettings(
+    features=("pose", "velocity", "memory"), inducing=150, search_samples=150, marker="none", clean=False
+)
 
 
 def sticky_log(seed: int) -> CalibrationLog:
@@ -46,8 +48,7 @@ def sticky_log(seed: int) -> CalibrationLog:
 
 @pytest.fixture(scope="module")
 def sticky() -> FitResult:
-    with short_search():
-        return fit_model(sticky_log(0), SETTINGS)
+    return fit_model(sticky_log(0), SETTINGS)
 
 
 def rmse(corrector: CommandCorrector, log: CalibrationLog) -> float:

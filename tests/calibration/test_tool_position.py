@@ -38,7 +38,7 @@ def log() -> CalibrationLog:
 
 
 def fit(log: CalibrationLog, **changes: object) -> Experiment:
-    settings = FitSettings(**{"inducing": 60, "time_offset": "none", **changes})  # type: ignore[arg-type]
+    settings = FitSettings(**{"inducing": 60, "search_samples": 150, "time_offset": "none", **changes})  # type: ignore[arg-type]
     return run_experiment(log, settings, task=PositionEstimator)
 
 

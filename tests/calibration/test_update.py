@@ -19,7 +19,9 @@ from gpcorrect.types import Progress
 
 @pytest.fixture(scope="module")
 def corrector() -> CommandCorrector:
-    return fit_corrector(aged_log(0, 0.0, trajectories=12), FitSettings(inducing=150, marker="none"))
+    return fit_corrector(
+        aged_log(0, 0.0, trajectories=12), FitSettings(inducing=150, search_samples=150, marker="none")
+    )
 
 
 def rmse(evaluation: object) -> float:

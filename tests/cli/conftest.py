@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from cli_support import CommandLine, written
-from support import small_log
+from support import short_search, small_log
 
 
 @pytest.fixture
-def gpcorrect(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> CommandLine:
-    return CommandLine(monkeypatch, capfd)
+def gpcorrect(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Iterator[CommandLine]:
+    """Return the command line, with a short search for hyperparameters: no law of a command hangs on a long one."""
+    with short_search():
+        yield CommandLine(monkeypatch, capfd)
 
 
 @pytest.fixture

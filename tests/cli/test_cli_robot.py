@@ -10,6 +10,7 @@ from cli_support import assert_refused
 from crtk_support import living_arm
 
 from gpcorrect.logs import read_log
+from gpcorrect_studies.debridement import command
 
 
 @pytest.fixture(scope="module")
@@ -96,8 +97,9 @@ def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
 
 
 @pytest.mark.slow
-def test_debridement_with_served_corrections(gpcorrect, tmp_path):
+def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
     """The correction that another process serves makes the open loop work, which without it removes nothing."""
+    monkeypatch.setattr(command, "INDUCING", 100)
     done = gpcorrect(
         "debride", "--arms", 1, "--fragments", 2, "--rehearsals", 12, "--margin", 100, "--models", tmp_path,
         "--picture", tmp_path / "p.png", "--json",

@@ -27,6 +27,8 @@ SCOPE = PengScope(
     repeats=1,
     network_repeats=1,
     inducing=40,
+    search_samples=150,
+    epochs=PengScope.quick().epochs,
 )
 
 

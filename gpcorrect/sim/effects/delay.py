@@ -123,10 +123,12 @@ def _known(path: FloatArray, time: FloatArray, j: int) -> tuple[FloatArray, Floa
 def _slopes(t: FloatArray, y: FloatArray) -> FloatArray:
     """Slopes at the samples: weighted harmonic means of the two chords, none where these turn."""
     n = len(t)
-    h, chord = t[1:] - t[:-1], (y[1:] - y[:-1]) / (t[1:] - t[:-1])
-    slopes = np.zeros(n)
+    h, chord, slopes = np.empty(n - 1), np.empty(n - 1), np.zeros(n)
+    for k in range(n - 1):
+        h[k] = t[k + 1] - t[k]
+        chord[k] = (y[k + 1] - y[k]) / h[k]
     if n == 2:
-        slopes[:] = chord[0]
+        slopes[0] = slopes[1] = chord[0]
         return slopes
     for k in range(1, n - 1):
         if chord[k - 1] * chord[k] > 0.0:
