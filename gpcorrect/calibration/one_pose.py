@@ -103,8 +103,7 @@ def inputs(
         return False, pose, rotation, x, False
     oriented = len(pose) == 7
     linear, arm = np.empty(3), np.zeros(3)
-    for i in range(3):
-        linear[i] = twist[i]
+    _write(twist[:3], linear, 0)
     if oriented:
         norm = sqrt(pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2 + pose[6] ** 2)
         if abs(norm - 1.0) > QUATERNION_TOLERANCE:
@@ -114,15 +113,11 @@ def inputs(
             q[i] = pose[3 + i] / norm
         R_obs = matrix_from_quaternion(q)
         arm = _turn(R_obs, f.offset)
-        swept = _cross(twist[3:], arm)
-        for i in range(3):
-            linear[i] += swept[i]
+        _add(linear, _cross(twist[3:], arm))
         rotation = _product(_product(f.R_left, R_obs), f.R_right)
-    for i in range(3):
-        arm[i] += pose[i]
+    _add(arm, pose)
     position = _turn(f.R_position, arm)
-    for i in range(3):
-        position[i] += f.t[i]
+    _add(position, f.t)
     _write(position, x, 0)
     filled = 3 + _write_rotation(rotation, f, x)
     moving = int(f.kind[1])
@@ -158,8 +153,7 @@ def command(
         turn, cut_turn = _shortened(mean[3:], bounds[1])
         rotation = _product(matrix_from_rotvec(turn), rotation)
         cut = cut or cut_turn
-    for i in range(3):
-        shift[i] += position[i]
+    _add(shift, position)
     return shift, quaternion_from_matrix(rotation), cut
 
 
@@ -266,6 +260,13 @@ def _write_rotation(R: FloatArray, f: Frame, x: FloatArray) -> int:
         return 3
     _write(rotvec_from_matrix(_product(R, f.R_mean.T)), x, 3)
     return 3
+
+
+@njit(cache=True)
+def _add(vector: FloatArray, by: FloatArray) -> None:
+    """Add three numbers in place; array expressions take numba seconds to compile."""
+    for i in range(3):
+        vector[i] += by[i]
 
 
 @njit(cache=True)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import json
+import sys
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
+from shutil import copytree
 
 import pytest
 from cli_support import CommandLine, Outcome, assert_refused, written
 
+from gpcorrect.cli import main
 from gpcorrect.logs import read_log
 from gpcorrect.sim import effect_from_dict, read_model
 from gpcorrect.sim.joint_motion import joint_motion_log
@@ -39,16 +44,44 @@ offset = 0.02
 """
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of one blind case, an offset of 20 mrad in joint 2, as `generate` writes it; no test may write to it."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "nominal.toml").write_text(NOMINAL)
+    (folder / "spec.toml").write_text(SPEC)
+    called("generate", "--spec", folder / "spec.toml", "--output", folder / "blind")
+    return folder / "blind"
+
+
+@pytest.fixture(scope="module")
+def solved(made: Path) -> Path:
+    """Return what `run` writes of the case; no test may write to it."""
+    output = made.parent / "solved"
+    called("run", "--model", made / "nominal.toml", "--log", made / "case_000.parquet", "--output", output)
+    return output
+
+
+def called(*words: object) -> None:
+    """Call `gpcorrect discrepancy` for a fixture, whose output no test reads."""
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        patch.setattr(sys, "argv", ["gpcorrect", "discrepancy", *map(str, words)])
+        with pytest.raises(SystemExit) as stopped:
+            main()
+    assert not stopped.value.code
+
+
 @pytest.fixture
-def blind(gpcorrect: CommandLine, tmp_path: Path) -> Path:
-    """Folder of one blind case: an offset of 20 mrad in joint 2."""
-    (tmp_path / "nominal.toml").write_text(NOMINAL)
-    (tmp_path / "spec.toml").write_text(SPEC)
-    done = gpcorrect(
-        "discrepancy", "generate", "--spec", tmp_path / "spec.toml", "--output", tmp_path / "blind", "--json"
-    )
-    assert done.json["cases"] == ["case_000"]
-    return tmp_path / "blind"
+def blind(made: Path, tmp_path: Path) -> Path:
+    """Return the test's own copy of the blind case."""
+    return Path(copytree(made, tmp_path / "blind"))
+
+
+@pytest.fixture
+def finished(blind: Path, solved: Path) -> Path:
+    """Return the same with its finished run."""
+    copytree(solved, blind / "runs" / "case_000")
+    return blind
 
 
 def run(gpcorrect: CommandLine, blind: Path, *more: object) -> Outcome:
@@ -58,11 +91,11 @@ def run(gpcorrect: CommandLine, blind: Path, *more: object) -> Outcome:
     return gpcorrect("discrepancy", "run", "--model", model, "--log", log, "--output", output, *more)
 
 
-def test_the_hidden_effect_is_found_written_and_scored(gpcorrect: CommandLine, blind: Path) -> None:
+def test_the_hidden_effect_is_found_written_and_scored(gpcorrect: CommandLine, finished: Path) -> None:
     """The run writes report, page and model; the score of its report says exact; its model leaves nothing."""
-    done = run(gpcorrect, blind, "--json")
+    done = run(gpcorrect, finished, "--json")
     assert done.code == 0
-    folder = blind / "runs" / "case_000"
+    folder = finished / "runs" / "case_000"
     report = json.loads((folder / "report.json").read_text())
     assert report == done.json
     assert [(e["name"], e["joint"]) for e in report["verdict"]["effects"]] == [("homing_offset", 2)]
@@ -70,36 +103,42 @@ def test_the_hidden_effect_is_found_written_and_scored(gpcorrect: CommandLine, b
     assert 'class="verdict"' in (folder / "report.html").read_text()
     assert [e.about.name for e in read_model(folder / "model.toml").effects] == ["homing_offset"]
     scored = gpcorrect(
-        "discrepancy", "score", "--labels", blind / "sealed" / "labels.json", "--reports", blind / "runs", "--json"
+        "discrepancy",
+        "score",
+        "--labels",
+        finished / "sealed" / "labels.json",
+        "--reports",
+        finished / "runs",
+        "--json",
     ).json
     assert scored["confusion"] == {"homing_offset": scored["confusion"]["homing_offset"] | {"homing_offset": 1}}
-    table = gpcorrect("discrepancy", "score", "--labels", blind / "sealed" / "labels.json", "--reports", blind / "runs")
+    table = gpcorrect(
+        "discrepancy", "score", "--labels", finished / "sealed" / "labels.json", "--reports", finished / "runs"
+    )
     assert "truth \\ answer" in table.out
-    log = blind / "case_000.parquet"
-    words = ("--model", folder / "model.toml", "--log", log, "--output", blind / "again", "--json")
+    log = finished / "case_000.parquet"
+    words = ("--model", folder / "model.toml", "--log", log, "--output", finished / "again", "--json")
     assert gpcorrect("discrepancy", "run", *words).json["verdict"]["effects"] == []
 
 
-def test_a_finished_run_is_not_made_again(gpcorrect: CommandLine, blind: Path) -> None:
+def test_a_finished_run_is_not_made_again(gpcorrect: CommandLine, finished: Path) -> None:
     """The same inputs give the stored report, whose page is written anew."""
-    first = run(gpcorrect, blind)
-    assert "homing offset" in first.out.splitlines()[0]
-    page = blind / "runs" / "case_000" / "report.html"
+    page = finished / "runs" / "case_000" / "report.html"
     before = page.read_text()
     page.unlink()
-    again = run(gpcorrect, blind)
+    again = run(gpcorrect, finished)
     assert "already held this run" in again.err
-    assert again.out.splitlines()[0] == first.out.splitlines()[0]
+    assert "homing offset" in again.out.splitlines()[0]
     assert page.read_text() == before
 
 
-def test_a_killed_run_goes_on_after_its_search(gpcorrect: CommandLine, blind: Path) -> None:
+def test_a_killed_run_goes_on_after_its_search(gpcorrect: CommandLine, finished: Path) -> None:
     """With the search stored and the result gone, the run ends in the same verdict."""
-    first = run(gpcorrect, blind, "--json").json
-    stages = blind / "runs" / "case_000" / "stages"
+    first = json.loads((finished / "runs" / "case_000" / "report.json").read_text())
+    stages = finished / "runs" / "case_000" / "stages"
     assert (stages / "search.json").is_file()
     (stages / "result.json").unlink()
-    second = run(gpcorrect, blind, "--json")
+    second = run(gpcorrect, finished, "--json")
     assert "already held" not in second.err
     assert second.json["verdict"] == first["verdict"]
 
