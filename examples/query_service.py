@@ -1,6 +1,6 @@
 """Ask a running service, as a planner does: one pose, a path, a mistake, many at once, nobody there.
 
-Start one first: gpcorrect serve MODEL. Then: python examples/query_service.py [--endpoint tcp/127.0.0.1:7447]
+Start one first: gpcorrect serve MODEL. Then: python examples/query_service.py [--endpoint tcp/127.0.0.1:7449]
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from gpcorrect_service import AsyncCorrectionClient, CorrectionClient, ServiceEr
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--endpoint", default="tcp/127.0.0.1:7447")
+    options.add_argument("--endpoint", default="tcp/127.0.0.1:7449")
     options.add_argument("--timeout", type=float, default=2.0)
     options.add_argument(
         "--pose", type=float, nargs=7, help="x y z qw qx qy qz; the middle of the training data without it"

@@ -170,12 +170,15 @@ class _Commands(TyperGroup):
             self._complete = True
 
 
-def _program(**attributes: Any) -> typer.Typer:
-    return typer.Typer(add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False, **attributes)
+def _program(*, completion: bool = False, **attributes: Any) -> typer.Typer:
+    return typer.Typer(
+        add_completion=completion, rich_markup_mode="markdown", pretty_exceptions_enable=False, **attributes
+    )
 
 
 app = _program(
     name="gpcorrect",
+    completion=True,
     cls=_Commands,
     help="Learn how a cable-driven robot misses its commanded pose, and what to command instead.",
     epilog=EXAMPLES,

@@ -24,6 +24,7 @@ __all__ = [
     "out",
     "plain_table",
     "print_json",
+    "print_result",
     "progress_bar",
     "show_errors",
     "split_names",
@@ -105,6 +106,24 @@ def print_json(value: Any) -> None:
         As :func:`json_ready` takes it.
     """
     typer.echo(json.dumps(json_ready(value), indent=2))
+
+
+def print_result(facts: Mapping[str, Any], words: str, *, as_json: bool) -> None:
+    """Print what a command did: for people in words, for programs as JSON.
+
+    Parameters
+    ----------
+    facts : mapping
+        As :func:`print_json` takes it.
+    words : str
+        One line.
+    as_json : bool
+        Whether `--json` was given.
+    """
+    if as_json:
+        print_json(dict(facts))
+    else:
+        out.print(words, markup=False)
 
 
 def split_names(text: str) -> tuple[str, ...]:

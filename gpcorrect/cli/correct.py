@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol
 import typer
 
 from gpcorrect.cli.console import out, print_json
-from gpcorrect.cli.options import SERVICE, ArmName, Config, Endpoint, Json, KeyRoot, ModelFile, one_of
+from gpcorrect.cli.options import SERVICE, AlwaysJson, ArmName, Config, Endpoint, Json, KeyRoot, ModelFile, one_of
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def query_correct(
 
 
 def _question(show: Callable[[CorrectionClient], None]) -> Callable[[CorrectionClient], None]:
-    """Make a command, with the name and the docstring of `show`, that finds a service and prints what it says."""
+    """Make a command, with the name and the docstring of `show`, that finds a service and prints its JSON."""
 
     @query_app.command(show.__name__, help=show.__doc__)
     def _command(
@@ -112,6 +112,7 @@ def _question(show: Callable[[CorrectionClient], None]) -> Callable[[CorrectionC
         namespace: KeyRoot = "gpcorrect",
         timeout: Timeout = 0.5,
         config: Config = None,
+        json: AlwaysJson = True,
     ) -> None:
         with _client(endpoint, arm, namespace, timeout, config) as client:
             show(client)
@@ -131,10 +132,17 @@ def health(client: CorrectionClient) -> None:
     print_json(_plain(client.health()))
 
 
-@_question
-def metrics(client: CorrectionClient) -> None:
+@query_app.command()
+def metrics(
+    endpoint: Endpoint = SERVICE,
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
+    timeout: Timeout = 0.5,
+    config: Config = None,
+) -> None:
     """Print the numbers of the service (OpenMetrics text)."""
-    typer.echo(client.metrics(), nl=False)
+    with _client(endpoint, arm, namespace, timeout, config) as client:
+        typer.echo(client.metrics(), nl=False)
 
 
 def _client(

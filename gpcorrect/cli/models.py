@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpcorrect.cli.console import out, plain_table, print_json
+from gpcorrect.cli.console import out, plain_table, print_json, print_result
 from gpcorrect.cli.info import rmse_words, versions_words
 from gpcorrect.cli.options import SERVICE, ArmName, Config, Json, KeyRoot, one_of
 from gpcorrect.errors import DataError
@@ -66,13 +67,14 @@ def add(
     model: Annotated[Path, typer.Argument(help="Model file that a fit wrote.", show_default=False)],
     store: Annotated[Path, typer.Option(help="Folder of the models; made where it is not there.")],
     name: Annotated[str, typer.Option(help="What to call it; the file's name by default.")] = "",
+    json: Json = False,
 ) -> None:
     """Copy a model file into the store, verified and tried on its recorded check queries; it is not yet activated.
 
     Example: gpcorrect models add model.gpc --store models/
     """
     entry = _folder(store).add(model, now=time.time(), name=name)
-    out.print(f"added {entry.id} {entry.hash[:12]} ({entry.kind})")
+    print_result(asdict(entry), f"added {entry.id} {entry.hash[:12]} ({entry.kind})", as_json=json)
 
 
 @models_app.command()
@@ -83,19 +85,20 @@ def activate(
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
     config: Config = None,
+    json: Json = False,
 ) -> None:
     """Make a model the active one: in the folder for the next start, or in every running server at once.
 
-    Example: gpcorrect models activate monday --endpoint tcp/127.0.0.1:7447
+    Example: gpcorrect models activate monday --endpoint tcp/127.0.0.1:7449
     """
     if store is not None:
         folder = _folder(store)
         entry = folder.find(model)
         folder.activate(entry)
-        out.print(f"active {entry.kind}: {entry.id} {entry.hash[:12]}")
+        print_result(asdict(entry), f"active {entry.kind}: {entry.id} {entry.hash[:12]}", as_json=json)
         return
     with _operator(endpoint, arm, namespace, config) as operator:
-        _show_activated(operator, model)
+        _show_activated(operator, model, as_json=json)
 
 
 @models_app.command()
@@ -106,6 +109,7 @@ def rollback(
     namespace: KeyRoot = "gpcorrect",
     config: Config = None,
     kind: Kind = "pose",
+    json: Json = False,
 ) -> None:
     """Go back to the model that was active before.
 
@@ -114,10 +118,10 @@ def rollback(
     one_of(kind, ("pose", "joints"), "a kind")
     if store is not None:
         entry = _folder(store).rollback(kind)
-        out.print(f"active {kind}: {entry.id} {entry.hash[:12]}")
+        print_result(asdict(entry), f"active {kind}: {entry.id} {entry.hash[:12]}", as_json=json)
         return
     with _operator(endpoint, arm, namespace, config) as operator:
-        _show_activated(operator, _previous(operator.models()[0], kind))
+        _show_activated(operator, _previous(operator.models()[0], kind), as_json=json)
 
 
 @models_app.command()
@@ -167,6 +171,7 @@ def state(
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
     config: Config = None,
+    json: Json = False,
 ) -> None:
     """Pause every running server of an arm, or let it go on; ENABLED also ends a FAULT.
 
@@ -174,8 +179,12 @@ def state(
     """
     one_of(state, ("ENABLED", "PAUSED"), "a state")
     with _operator(endpoint, arm, namespace, config) as operator:
-        for answer in operator.set_state(state):  # type: ignore[arg-type]  # checked above
-            out.print(f"{answer.replica}: {answer.state}")
+        answers = operator.set_state(state)  # type: ignore[arg-type]  # checked above
+    if json:
+        print_json([{"replica": answer.replica, "state": answer.state} for answer in answers])
+        return
+    for answer in answers:
+        out.print(f"{answer.replica}: {answer.state}", markup=False)
 
 
 def _operator(endpoint: str | None, arm: str, namespace: str, config: Path | None) -> Operator:
@@ -183,12 +192,18 @@ def _operator(endpoint: str | None, arm: str, namespace: str, config: Path | Non
     from gpcorrect_service.client.operator import Operator
 
     if endpoint is None and config is None:
-        raise DataError("name the models' place.", hint="--store FOLDER, or --endpoint tcp/127.0.0.1:7447")
+        raise DataError("name the models' place.", hint="--store FOLDER, or --endpoint tcp/127.0.0.1:7449")
     return Operator(ClientSettings((endpoint or SERVICE,), arm, namespace, config_file=config))
 
 
-def _show_activated(operator: Operator, model: str) -> None:
-    for answer in operator.activate(model):
+def _show_activated(operator: Operator, model: str, *, as_json: bool) -> None:
+    answers = operator.activate(model)
+    if as_json:
+        import msgspec  # comes with the same extra as zenoh
+
+        print_json(msgspec.to_builtins(answers))
+        return
+    for answer in answers:
         out.print(f"{answer.replica}: {answer.kind} {answer.id} {answer.hash[:12]}, before {answer.before[:12] or '-'}")
 
 

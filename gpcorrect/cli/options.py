@@ -18,6 +18,7 @@ from gpcorrect.types import CalibrationLog
 __all__ = [
     "ROBOT",
     "SERVICE",
+    "AlwaysJson",
     "Arm",
     "ArmName",
     "AsIs",
@@ -96,6 +97,9 @@ LogOutput = Annotated[
 
 # What a command prints, and where its work is done.
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
+AlwaysJson = Annotated[
+    bool, typer.Option("--json", help="Taken, and needless: JSON is printed in any case.", show_default=False)
+]
 Jobs = Annotated[int, typer.Option(help="Processes of this machine to spread the work over; -1 for one a core.")]
 Scheduler = Annotated[
     str | None,
@@ -103,7 +107,7 @@ Scheduler = Annotated[
 ]
 
 # Robots and services on the network.
-ROBOT, SERVICE = "tcp/127.0.0.1:7448", "tcp/127.0.0.1:7447"  # where they listen: zenoh's own port, and the next one
+ROBOT, SERVICE = "tcp/127.0.0.1:7448", "tcp/127.0.0.1:7449"  # 7447 is zenoh's own, and that of ROS 2's router
 Endpoint = Annotated[str, typer.Option(help="Address of the robot or service.")]
 ArmName = Annotated[str, typer.Option(help="CRTK name of the arm: the second part of every key.")]
 KeyRoot = Annotated[str, typer.Option(help="First part of every key.")]

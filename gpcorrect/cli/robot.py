@@ -15,8 +15,19 @@ import typer
 
 from gpcorrect.atomic import require_new
 from gpcorrect.cli.collect import BLOCK, FASTEST, RATE_HZ, Limits, Speed, joint_limits, speed_limits
-from gpcorrect.cli.console import err, out, print_json, split_names
-from gpcorrect.cli.options import ROBOT, ArmName, Columns, Config, Endpoint, Json, KeyRoot, LogOutput, numbers
+from gpcorrect.cli.console import err, out, print_json, print_result, split_names
+from gpcorrect.cli.options import (
+    ROBOT,
+    AlwaysJson,
+    ArmName,
+    Columns,
+    Config,
+    Endpoint,
+    Json,
+    KeyRoot,
+    LogOutput,
+    numbers,
+)
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -35,7 +46,11 @@ PATIENCE = 10.0  # chosen by hand: s for a robot's first state, on a machine tha
 
 @robot_app.command()
 def state(
-    endpoint: Endpoint = ROBOT, arm: ArmName = "arm1", namespace: KeyRoot = "gpcorrect", config: Config = None
+    endpoint: Endpoint = ROBOT,
+    arm: ArmName = "arm1",
+    namespace: KeyRoot = "gpcorrect",
+    config: Config = None,
+    json: AlwaysJson = True,
 ) -> None:
     """Print the robot's operating state, joints and tool pose (JSON).
 
@@ -65,6 +80,7 @@ def operate(
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
     config: Config = None,
+    json: Json = False,
 ) -> None:
     """Change the robot's operating state.
 
@@ -75,7 +91,9 @@ def operate(
             robot.make_ready()
         else:
             robot.operate(command)
-        out.print(f"{robot.state.state}, {'homed' if robot.state.is_homed else 'not homed'}")
+        now = robot.state
+    words = f"{now.state}, {'homed' if now.is_homed else 'not homed'}"
+    print_result({"state": now.state, "is_homed": now.is_homed}, words, as_json=json)
 
 
 @robot_app.command()
@@ -86,6 +104,7 @@ def goto(
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
     config: Config = None,
+    json: Json = False,
 ) -> None:
     """Go to a joint position, within the speed limits, and wait until the robot is there.
 
@@ -94,7 +113,9 @@ def goto(
     with _robot(endpoint, arm, namespace, config) as robot:
         scale = _units(sliding, len(robot.setpoint))
         robot.move_jp(scale * np.array(numbers(joints, ",", len(scale), "joints")))
-        out.print(f"there: {np.round(robot.measured / scale, 3).tolist()} (deg, mm)")
+        there = robot.measured
+    words = f"there: {np.round(there / scale, 3).tolist()} (deg, mm)"
+    print_result({"measured_jp": there}, words, as_json=json)
 
 
 @robot_app.command()
@@ -107,6 +128,7 @@ def random(
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
     config: Config = None,
+    json: Json = False,
 ) -> None:
     """Move the first three joints in random sinusoids; the others stay.
 
@@ -117,7 +139,7 @@ def random(
     path = random_sinusoids(joint_limits(limits), speed_limits(speed), seconds, RATE_HZ, np.random.default_rng(seed))
     with _robot(endpoint, arm, namespace, config) as robot:
         robot.follow(path.time, _whole(path.q, robot.setpoint))
-        out.print(f"moved for {path.duration:.0f} s")
+    print_result({"seconds": path.duration}, f"moved for {path.duration:.0f} s", as_json=json)
 
 
 @robot_app.command()
@@ -127,6 +149,7 @@ def follow(
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
     config: Config = None,
+    json: Json = False,
 ) -> None:
     """Drive recorded or planned joint paths, a trajectory after the other, and tell recorders which is which.
 
@@ -137,10 +160,15 @@ def follow(
     log = read_log(trajectory)
     if log.setpoint_jp is None:
         raise DataError("the trajectory has no setpoint_jp.", hint="Make one: gpcorrect zigzag --output traj.csv")
+    driven: list[dict[str, Any]] = []
     with _robot(endpoint, arm, namespace, config) as robot:
         for number, rows in log.trajectories():
             robot.follow(log.time[rows], _whole(log.setpoint_jp[rows], robot.setpoint), number)
-            out.print(f"trajectory {number}: {np.ptp(log.time[rows]):.0f} s")
+            driven.append({"trajectory": int(number), "seconds": float(np.ptp(log.time[rows]))})
+            if not json:
+                out.print(f"trajectory {number}: {driven[-1]['seconds']:.0f} s")
+    if json:
+        print_json({"trajectories": driven})
 
 
 @robot_app.command()
@@ -160,6 +188,7 @@ def draw(
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
     config: Config = None,
+    json: Json = False,
 ) -> None:
     """Send desired poses on servo_cp, as a planner does: go to a circle and draw it.
 
@@ -173,7 +202,8 @@ def draw(
         robot.bus.publish("move_cp", Pose(robot.time, tuple(path.poses[0].tolist()), frame))
         robot.rest()
         robot.follow_poses(path.times, path.poses, frame)
-        out.print(f"{rounds:g} circles of {radius:g} mm in {path.duration:.0f} s")
+    words = f"{rounds:g} circles of {radius:g} mm in {path.duration:.0f} s"
+    print_result({"rounds": rounds, "radius_mm": radius, "seconds": path.duration}, words, as_json=json)
 
 
 @robot_app.command()
@@ -215,6 +245,7 @@ def record(
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
     config: Config = None,
+    json: Json = False,
 ) -> None:
     """Record what the robot publishes: joints, poses, tracker, outside encoders; a recording is never overwritten.
 
@@ -239,7 +270,9 @@ def record(
     write_log(log, output)
     if mcap is not None:
         write_mcap(recording, mcap)
-    out.print(f"{len(log)} samples: {', '.join(log.signals)} -> {output}" + (f" and {mcap}" if mcap else ""))
+    words = f"{len(log)} samples: {', '.join(log.signals)} -> {output}" + (f" and {mcap}" if mcap else "")
+    facts = {"samples": len(log), "signals": list(log.signals), "output": str(output), "mcap": mcap and str(mcap)}
+    print_result(facts, words, as_json=json)
 
 
 @robot_app.command()
@@ -270,10 +303,8 @@ def extract(
     part = chosen.select(rows)
     write_log(part, output)
     facts = {"samples": len(part), "signals": list(part.signals), "output": str(output)}
-    if json:
-        print_json(facts)
-    else:
-        out.print(f"{len(part)} of {len(log)} samples: {', '.join(part.signals)} -> {output}")
+    words = f"{len(part)} of {len(log)} samples: {', '.join(part.signals)} -> {output}"
+    print_result(facts, words, as_json=json)
 
 
 def _robot(endpoint: str, arm: str, namespace: str, config: Path | None) -> Robot:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from gpcorrect.cli.console import err, out, print_json
+from gpcorrect.cli.console import err, out, print_json, print_result
 from gpcorrect.cli.options import SERVICE, ArmName, Config, Json, KeyRoot
 from gpcorrect.cli.processes import stop_signal
 
@@ -22,9 +22,10 @@ secure_app = typer.Typer(help="Certificates, passwords and access rules for a si
 def init(
     folder: Annotated[Path, typer.Argument(help="Where to write; made.", show_default=False)],
     host: Annotated[str, typer.Option(help="The router's machine, as clients write it.")] = "localhost",
-    port: Annotated[int, typer.Option(help="Port of the router.")] = 7447,
+    port: Annotated[int, typer.Option(help="Port of the router.")] = 7450,
     namespace: KeyRoot = "gpcorrect",
     days: Annotated[int, typer.Option(help="How long certificates are valid.")] = 365,
+    json: Json = False,
 ) -> None:
     """Make a certificate authority, certificates and passwords, and a configuration for the router and every role.
 
@@ -35,8 +36,9 @@ def init(
     from gpcorrect_service.ops.secure import Site, secure_site
 
     secure_site(folder, Site(host, port, namespace, days), datetime.datetime.now(datetime.UTC))
-    out.print(f"wrote {folder}: router.json5, {', '.join(f'{user}.json5' for user in USERS)}, passwords.txt")
-    out.print("Hand each user its own .json5, .pem and .key, and ca.pem; keep ca.key away from every network.")
+    names = ["router.json5", *(f"{user}.json5" for user in USERS), "passwords.txt"]
+    print_result({"folder": str(folder), "files": names}, f"wrote {folder}: {', '.join(names)}", as_json=json)
+    err.print("Hand each user its own .json5, .pem and .key, and ca.pem; keep ca.key away from every network.")
 
 
 def router(

@@ -159,7 +159,7 @@ def monitor(
 
     The page reads and can change nothing.
 
-    Example: gpcorrect monitor --connect tcp/127.0.0.1:7448 --connect tcp/127.0.0.1:7447
+    Example: gpcorrect monitor --connect tcp/127.0.0.1:7448 --connect tcp/127.0.0.1:7449
 
     gpcorrect monitor --config site/monitor.json5
     """

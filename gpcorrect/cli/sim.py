@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from gpcorrect.atomic import require_folder
-from gpcorrect.cli.console import err, out
-from gpcorrect.cli.options import ROBOT, ArmName, Config, KeyRoot, LogOutput, Remote
+from gpcorrect.cli.console import err, print_result
+from gpcorrect.cli.options import ROBOT, ArmName, Config, Json, KeyRoot, LogOutput, Remote
 from gpcorrect.cli.processes import stop_signal
 from gpcorrect.errors import DataError
 
@@ -65,6 +65,7 @@ def simulate(
     clean: Annotated[bool, typer.Option("--clean", help="A tracker without occlusions and outliers.")] = False,
     position_only: Annotated[bool, typer.Option("--position-only", help="A tracker that sees positions only.")] = False,
     seed: Annotated[int, typer.Option(help="Seed of motion, noise and faults.", min=0)] = 0,
+    json: Json = False,
 ) -> None:
     """Simulate a recording: what was commanded, reported, and seen by an outside tracker, faults included.
 
@@ -107,7 +108,12 @@ def simulate(
     else:
         log = joint_motion_log(machine, count, seconds, seed, sessions=sessions, payloads=payload or ())
     write_log(log, output)
-    out.print(f"{len(log)} samples, {len(log.trajectory_ids)} trajectories: {', '.join(log.signals)} -> {output}")
+    count = len(log.trajectory_ids)
+    print_result(
+        {"samples": len(log), "trajectories": count, "signals": list(log.signals), "output": str(output)},
+        f"{len(log)} samples, {count} trajectories: {', '.join(log.signals)} -> {output}",
+        as_json=json,
+    )
 
 
 def _altered(model: Model, effects: Sequence[str], noise: float | None) -> Model:

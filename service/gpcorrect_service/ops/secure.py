@@ -48,7 +48,7 @@ class Site:
     """
 
     host: str = "localhost"
-    port: int = 7447
+    port: int = 7450
     namespace: str = "gpcorrect"
     days: int = 365
 

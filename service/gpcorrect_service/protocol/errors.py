@@ -42,7 +42,7 @@ class EndpointError(GpCorrectError):
     Parameters
     ----------
     endpoint : str
-        The address, as `tcp/127.0.0.1:7447`.
+        The address, as `tcp/127.0.0.1:7449`.
     message, hint : str
         See :class:`gpcorrect.errors.GpCorrectError`.
     """

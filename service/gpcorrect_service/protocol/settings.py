@@ -23,7 +23,7 @@ __all__ = [
     "check_loopback",
 ]
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # zenoh's own port, on this machine only
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7449"  # on this machine only; 7447 is that of ROS 2's router, rmw_zenohd
 MAX_MESSAGE_BYTES = 4 * 1024 * 1024  # holds the longest path in JSON; what is larger is no query of ours
 
 OnFailure = Literal["raise", "identity"]
@@ -189,7 +189,7 @@ def _parse_endpoint(endpoint: str) -> dict[str, str]:
     match = ENDPOINT.fullmatch(endpoint)
     if match is None or not int(match["port"]) < 65536:
         raise EndpointError(
-            endpoint, "this is not an address.", hint="Write protocol/host:port, as tcp/127.0.0.1:7447."
+            endpoint, "this is not an address.", hint="Write protocol/host:port, as tcp/127.0.0.1:7449."
         )
     return match.groupdict()
 
