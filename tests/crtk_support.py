@@ -16,9 +16,11 @@ from gpcorrect.sim import machine_of, preset
 from gpcorrect.sim.live_robot import LiveRobot
 from gpcorrect.types import FloatArray
 from gpcorrect_service.crtk import ArmServer, ArmServerSettings, Bus, BusSettings
+from gpcorrect_service.crtk.ros import RosDistro
 from gpcorrect_service.server.models import Model
 
 PATIENT = 30.0  # s: only a test that fails waits this long
+PATIENCE_OF_ANOTHER = 120.0  # s for a process that reads the libraries of another implementation
 EPOCH = 1.8e9
 SHIFT = np.array([0.001, -0.002, 0.0015])
 
@@ -67,13 +69,17 @@ def free_endpoint() -> str:
 
 @contextmanager
 def living_arm(
-    machine: str = "raven2_debridement", arm: str = "arm1", ros_domain: int | None = None, **settings: Any
+    machine: str = "raven2_debridement",
+    arm: str = "arm1",
+    ros_domain: int | None = None,
+    ros_distro: RosDistro = "jazzy",
+    **settings: Any,
 ) -> Iterator[tuple[BusSettings, LiveRobot]]:
     """Run a simulated arm in a thread, and give the settings of its clients, and the arm itself."""
     real = machine_of(preset(machine))
     robot = LiveRobot(real, np.random.default_rng(0), block=20)
     endpoint, stop = free_endpoint(), threading.Event()
-    with Bus(BusSettings(endpoint, arm, role="hub", ros_domain=ros_domain)) as bus:
+    with Bus(BusSettings(endpoint, arm, role="hub", ros_domain=ros_domain, ros_distro=ros_distro)) as bus:
         server = ArmServer(
             robot,
             bus,

@@ -12,7 +12,7 @@ import typer
 from gpcorrect.cli.console import err
 from gpcorrect.cli.options import ROBOT, SERVICE, ArmName, Config, Endpoint, KeyRoot, ModelFile, Remote
 from gpcorrect.cli.processes import stop_signal
-from gpcorrect.cli.sim import RosDomain
+from gpcorrect.cli.sim import RosDomain, RosName, ros_distro_of
 from gpcorrect.errors import DataError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -105,6 +105,7 @@ def prefilter(
     ] = 1.0,
     frame: FrameName = "",
     ros_domain: RosDomain = None,
+    ros_distro: RosName = None,
     config: Config = None,
 ) -> None:
     """Correct a stream of desired poses before the robot sees them, until Ctrl-C or SIGTERM.
@@ -124,6 +125,7 @@ def prefilter(
     from gpcorrect_service.ops.logger import open_logger
     from gpcorrect_service.server.models import load_model
 
+    distro = ros_distro_of(ros_distro, ros_domain)
     settings = PrefilterSettings(
         linear / 1e3,
         math.radians(angular),
@@ -133,7 +135,7 @@ def prefilter(
         desired_frame=frame,
     )
     answering = Prefilter(load_model(model), settings)
-    place = BusSettings(endpoint, arm, namespace, "client", ros_domain, config_file=config)
+    place = BusSettings(endpoint, arm, namespace, "client", ros_domain, distro, config_file=config)
     with Bus(place, node=f"gpcorrect_prefilter_{arm}") as bus:
         server = FilterServer(answering, bus, open_logger(arm=arm))
         err.print(f"{model.name} corrects {bus.key('servo_cp')} on {place.where}; stop with Ctrl-C")

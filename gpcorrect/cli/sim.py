@@ -6,20 +6,21 @@ import time
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import err, print_result
-from gpcorrect.cli.options import ROBOT, ArmName, Config, Json, KeyRoot, LogOutput, Remote
+from gpcorrect.cli.options import ROBOT, ArmName, Config, Json, KeyRoot, LogOutput, Remote, one_of
 from gpcorrect.cli.processes import stop_signal
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
     from gpcorrect.sim import Effect, Model
+    from gpcorrect_service.crtk.ros import RosDistro
 
-__all__ = ["RosDomain", "sim_app", "simulate"]
+__all__ = ["RosDomain", "RosName", "ros_distro_of", "sim_app", "simulate"]
 
 sim_app = typer.Typer(no_args_is_help=True, help="Simulated arms that run live.")
 
@@ -32,6 +33,39 @@ Machine = Annotated[
 RosDomain = Annotated[
     int | None, typer.Option(help="Speak on rmw_zenoh's keys too, in this ROS_DOMAIN_ID.", show_default=False)
 ]
+
+RosName = Annotated[
+    str | None,
+    typer.Option(
+        "--ros-distro",
+        help="ROS distribution of the nodes there: humble, jazzy or rolling; jazzy without it.",
+        show_default=False,
+    ),
+]
+
+
+def ros_distro_of(chosen: str | None, domain: int | None) -> RosDistro:
+    """Return the ROS distribution that was named, or the usual one.
+
+    Parameters
+    ----------
+    chosen : str or None
+        As it was given.
+    domain : int or None
+        ROS_DOMAIN_ID, where one was given.
+
+    Raises
+    ------
+    DataError
+        There is none of this name, or no domain to speak it in.
+    """
+    from gpcorrect_service.crtk.ros import RosDistro
+
+    if chosen is not None and domain is None:
+        raise DataError("--ros-distro says how to speak with ROS, and nothing says where.", hint="Add --ros-domain 0")
+    distro: RosDistro = one_of(chosen or "jazzy", get_args(RosDistro), "the ROS distribution")
+    return distro
+
 
 COUNTS = {"debridement": 303, "reaches": 40, "joints": 24}  # motions of a task; the paper had 303 reaches
 LARGEST_RATE = 1000.0  # Hz
@@ -155,6 +189,7 @@ def serve(
     ] = False,
     ready: Annotated[bool, typer.Option("--ready", help="Start ENABLED and homed.")] = False,
     ros_domain: RosDomain = None,
+    ros_distro: RosName = None,
     allow_remote: Remote = False,
     seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.", min=0)] = 0,
     config: Config = None,
@@ -168,7 +203,7 @@ def serve(
 
     gpcorrect sim serve --rate 1000 --arm PSM1 --machine dvrk_psm
 
-    gpcorrect sim serve --ready --ros-domain 0
+    gpcorrect sim serve --ready --ros-domain 0 --ros-distro humble
 
     gpcorrect sim serve --ready --corrected --config site/robot.json5
     """
@@ -179,6 +214,7 @@ def serve(
     from gpcorrect.sim.live_robot import LiveRobot
     from gpcorrect_service.crtk import ArmServer, ArmServerSettings, Bus, BusSettings  # zenoh is an extra
 
+    distro = ros_distro_of(ros_distro, ros_domain)
     if not 1.0 <= rate <= LARGEST_RATE or not time_scale > 0:
         raise DataError(f"the rate goes from 1 to {LARGEST_RATE:.0f} Hz and time forward, got {rate}, {time_scale}.")
     known = preset(machine) if model is None else read_model(model)
@@ -191,7 +227,7 @@ def serve(
         robot.operate("enable")
         robot.operate("home")
     role: Literal["hub", "client"] = "hub" if config is None else "client"  # behind a secured site's router
-    settings = BusSettings(endpoint, arm, namespace, role, ros_domain, allow_remote, config_file=config)
+    settings = BusSettings(endpoint, arm, namespace, role, ros_domain, distro, allow_remote, config_file=config)
     with Bus(settings, node=f"gpcorrect_sim_{arm}") as bus:
         server = ArmServer(robot, bus, ArmServerSettings(rate, 100.0, time_scale, corrected), time.time())
         err.print(

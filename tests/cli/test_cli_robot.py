@@ -93,6 +93,8 @@ def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
     assert_refused(gpcorrect("monitor", "--host", "0.0.0.0"), "other machines")
     assert_refused(gpcorrect("sim", "serve", "--rate", "5000"), "1000 Hz")
     assert_refused(gpcorrect("sim", "serve", "--endpoint", "tcp/0.0.0.0:7448"), "other machines")
+    assert_refused(gpcorrect("sim", "serve", "--ros-distro", "humble"), "--ros-domain")
+    assert_refused(gpcorrect("sim", "serve", "--ros-domain", 0, "--ros-distro", "foxy"), "humble, jazzy or rolling")
     assert_refused(gpcorrect("robot", "extract", "no.csv", "-o", tmp_path / "x.csv"), "no.csv")
 
 

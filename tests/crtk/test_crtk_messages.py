@@ -67,7 +67,9 @@ def test_keys_are_those_of_rmw_zenoh():
     """Domain, topic, type as DDS names it, and the RIHS01 hash that ROS 2 publishes for the type."""
     digest = "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e"
     expected = f"3/arm1/measured_js/sensor_msgs::msg::dds_::JointState_/{digest}"
-    assert rmw_key(3, "/arm1/measured_js", "sensor_msgs/msg/JointState") == expected
+    assert rmw_key(3, "/arm1/measured_js", "sensor_msgs/msg/JointState", "jazzy") == expected
+    humble = rmw_key(3, "arm1/measured_js", "sensor_msgs/msg/JointState", "humble")
+    assert humble == "3/arm1/measured_js/sensor_msgs::msg::dds_::JointState_/TypeHashNotSupported"
 
 
 def test_attachments_are_33_bytes_as_rmw_zenoh_writes_them():
@@ -83,7 +85,7 @@ def test_attachments_are_33_bytes_as_rmw_zenoh_writes_them():
 
 def test_tokens_tell_the_graph_who_publishes_what():
     """A token names domain, session, kind, node, topic with its slashes replaced, and type."""
-    node = RmwNode(0, "abc", "tester")
+    node = RmwNode(0, "abc", "tester", "jazzy")
     parts = node.topic_token(4, "MP", "arm1/corrected/servo_cp", "geometry_msgs/msg/PoseStamped").split("/")
     assert parts[:9] == ["@ros2_lv", "0", "abc", "0", "4", "MP", "%", "%", "tester"]
     assert parts[9] == "%arm1%corrected%servo_cp"

@@ -1,18 +1,20 @@
 import json
 import threading
+from typing import get_args
 
 import numpy as np
 import pytest
 import zenoh
-from crtk_support import PATIENT, SHIFT, ShiftCorrector, living_arm, model, wait_for
+from crtk_support import PATIENT, SHIFT, ShiftCorrector, free_endpoint, living_arm, model, wait_for
+from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import read_log
-from gpcorrect_service.crtk import Bus, BusSettings, JointState, Pose
+from gpcorrect_service.crtk import Bus, BusSettings, JointState, OperatingState, Pose
 from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter, PrefilterSettings
 from gpcorrect_service.crtk.recorder import Recorder, write_mcap
 from gpcorrect_service.crtk.robot import Robot, RobotError
-from gpcorrect_service.crtk.ros import from_cdr, rmw_key, to_cdr
+from gpcorrect_service.crtk.ros import RosDistro, from_cdr, rmw_key, to_cdr
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import EndpointError
@@ -89,20 +91,21 @@ def test_commands_without_a_stamp_are_refused():
         np.testing.assert_array_equal(arm.setpoint, before)
 
 
-def test_ros_users_are_understood_both_ways():
+@pytest.mark.parametrize("distro", get_args(RosDistro))
+def test_ros_users_are_understood_both_ways(distro: RosDistro):
     """On rmw_zenoh's keys a CDR command moves the arm, and its state is CDR that rosbags reads, attachment beside."""
-    with living_arm(ros_domain=5) as (settings, arm), Robot(settings) as robot:
+    with living_arm(ros_domain=5, ros_distro=distro) as (settings, arm), Robot(settings) as robot:
         robot.make_ready()
         config = zenoh.Config()
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", json.dumps([settings.endpoint]))
         samples: list[zenoh.Sample] = []
-        key = rmw_key(5, "arm1/measured_js", "sensor_msgs/msg/JointState")
+        key = rmw_key(5, "arm1/measured_js", "sensor_msgs/msg/JointState", distro)
         with zenoh.open(config) as ros, ros.declare_subscriber(key, samples.append):
             tokens = [str(reply.ok.key_expr) for reply in ros.liveliness().get("@ros2_lv/**") if reply.ok]
             goal = robot.setpoint + np.array([0.01, 0, 0, 0, 0, 0])
             command = to_cdr(JointState(robot.time, tuple(goal.tolist())))
-            ros.put(rmw_key(5, "arm1/move_jp", "sensor_msgs/msg/JointState"), command)
+            ros.put(rmw_key(5, "arm1/move_jp", "sensor_msgs/msg/JointState", distro), command)
             wait_for(lambda: bool(np.abs(arm.setpoint - goal).max() < 1e-9))
             wait_for(lambda: len(samples) > 3)
         message = from_cdr(samples[-1].payload.to_bytes(), "sensor_msgs/msg/JointState")
@@ -114,6 +117,33 @@ def test_ros_users_are_understood_both_ways():
         assert first[17:] == second[17:]
         assert any("/MP/" in t and "%arm1%measured_js" in t for t in tokens)
         assert any("/MS/" in t and "%arm1%servo_cp" in t for t in tokens)
+        assert all(("TypeHashNotSupported" in t) == (distro == "humble") for t in tokens if "/NN/" not in t)
+
+
+def test_a_ros_node_that_comes_late_hears_the_state():
+    """The last operating_state reaches a subscriber with history that came after it was sent, and a plain one never."""
+    with Bus(BusSettings(free_endpoint(), role="hub", ros_domain=5)) as bus:
+        bus.publish("operating_state", OperatingState(1.0, "DISABLED", False, False))
+        bus.publish("operating_state", OperatingState(2.0, "ENABLED", True, False))
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps([bus.settings.endpoint]))
+        heard: list[zenoh.Sample] = []
+        plain: list[zenoh.Sample] = []
+        key = rmw_key(5, "arm1/operating_state", "crtk_msgs/msg/OperatingState", "jazzy")
+        with (
+            zenoh.open(config) as late,
+            late.declare_subscriber(key, plain.append),
+            declare_advanced_subscriber(
+                late, key, heard.append, history=HistoryConfig(detect_late_publishers=True, max_samples=1)
+            ),
+        ):
+            wait_for(lambda: bool(heard))
+            tokens = [str(reply.ok.key_expr) for reply in late.liveliness().get("@ros2_lv/**") if reply.ok]
+        assert plain == []
+    state = from_cdr(heard[-1].payload.to_bytes(), "crtk_msgs/msg/OperatingState")
+    assert (len(heard), state) == (1, OperatingState(2.0, "ENABLED", True, False))
+    assert any("/MP/" in t and "%arm1%operating_state" in t and t.endswith("/:1:,1:,:,:,,") for t in tokens)
 
 
 def test_the_prefilter_stands_between_planner_and_robot():

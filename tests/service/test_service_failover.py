@@ -296,7 +296,7 @@ def test_a_router_that_comes_back_is_found_again(tmp_path: Path) -> None:
     port = free_port()
     files = {}
     for name in ("router", "member"):
-        text = (ROUTED / f"{name}.json5").read_text().replace("127.0.0.1:7450", f"127.0.0.1:{port}")
+        text = (ROUTED / f"{name}.json5").read_text().replace("127.0.0.1:7449", f"127.0.0.1:{port}")
         files[name] = tmp_path / f"{name}.json5"
         files[name].write_text(text)
     serving, routing, again = spawn.Event(), spawn.Event(), spawn.Event()

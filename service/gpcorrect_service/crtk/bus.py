@@ -12,10 +12,21 @@ from typing import Any, Literal, Self
 
 import msgspec
 import zenoh
+from zenoh.ext import AdvancedPublisher, CacheConfig, declare_advanced_publisher
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.crtk.messages import TOPICS, Message, Topic
-from gpcorrect_service.crtk.ros import RmwNode, attachment, from_cdr, gid_of, rmw_key, to_cdr
+from gpcorrect_service.crtk.ros import (
+    DEFAULT_QOS,
+    LATCHED_QOS,
+    RmwNode,
+    RosDistro,
+    attachment,
+    from_cdr,
+    gid_of,
+    rmw_key,
+    to_cdr,
+)
 from gpcorrect_service.protocol.codec import JSON, MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
 from gpcorrect_service.protocol.limits import bad_input
@@ -42,6 +53,8 @@ class BusSettings:
         A hub listens and passes messages between its clients, as a router does; a client connects to it.
     ros_domain : int or None
         ROS_DOMAIN_ID to speak in as well, on rmw_zenoh's keys; None for native keys alone.
+    ros_distro : str
+        ROS distribution of the nodes there.
     allow_remote : bool
         Whether a hub may listen on an address that other machines reach.
     patience : float
@@ -55,6 +68,7 @@ class BusSettings:
     namespace: str = "gpcorrect"
     role: Literal["hub", "client"] = "client"
     ros_domain: int | None = None
+    ros_distro: RosDistro = "jazzy"
     allow_remote: bool = False
     patience: float = 5.0
     config_file: Path | None = None
@@ -94,7 +108,8 @@ class Bus:
         self._numbers = itertools.count(1)
         self._node: RmwNode | None = None
         if settings.ros_domain is not None:
-            self._node = RmwNode(settings.ros_domain, str(self._session.info.zid()), node)
+            zid = str(self._session.info.zid())
+            self._node = RmwNode(settings.ros_domain, zid, node, settings.ros_distro)
             self._stack.enter_context(self._session.liveliness().declare_token(self._node.node_token()))
 
     def __enter__(self) -> Self:
@@ -167,27 +182,45 @@ class Bus:
         if self._node is None or not what.ros_type:
             return _Sender(native, what)
         key, token = self._declare_ros(what, "MP")
-        return _Sender(native, what, self._publisher(key), gid_of(token))
+        ros = self._latched(key) if what.latched else self._publisher(key)
+        return _Sender(native, what, ros, gid_of(token))
 
     def _publisher(self, key: str) -> zenoh.Publisher:
         return self._stack.enter_context(
             self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
         )
 
+    def _latched(self, key: str) -> AdvancedPublisher:
+        """Return a publisher that gives its last message to who comes late, as rmw_zenoh's transient-local ones do."""
+        return self._stack.enter_context(
+            declare_advanced_publisher(
+                self._session,
+                key,
+                congestion_control=zenoh.CongestionControl.DROP,
+                cache=CacheConfig(max_samples=1),
+                publisher_detection=True,
+            )
+        )
+
     def _declare_ros(self, what: Topic, kind: str) -> tuple[str, str]:
         """Show a topic in the ROS graph; return its key and its liveliness token."""
         assert self._node is not None
         name = f"{self.settings.arm}/{what.name}"
-        token = self._node.topic_token(next(self._numbers), kind, name, what.ros_type)
+        qos = LATCHED_QOS if what.latched and kind == "MP" else DEFAULT_QOS
+        token = self._node.topic_token(next(self._numbers), kind, name, what.ros_type, qos)
         self._stack.enter_context(self._session.liveliness().declare_token(token))
-        return rmw_key(self._node.domain, name, what.ros_type), token
+        return rmw_key(self._node.domain, name, what.ros_type, self._node.distro), token
 
 
 class _Sender:
     """One topic's publishers."""
 
     def __init__(
-        self, native: zenoh.Publisher, what: Topic, ros: zenoh.Publisher | None = None, gid: bytes = b""
+        self,
+        native: zenoh.Publisher,
+        what: Topic,
+        ros: zenoh.Publisher | AdvancedPublisher | None = None,
+        gid: bytes = b"",
     ) -> None:
         self._native, self._ros, self._gid = native, ros, gid
         self._encoding = f"{MSGPACK.media_type};gpcorrect.{what.kind}/1"

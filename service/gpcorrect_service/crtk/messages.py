@@ -122,12 +122,15 @@ class Topic:
         Name of the struct in zenoh encodings.
     ros_type : str
         Empty where ROS users have no such topic.
+    latched : bool
+        Whether a ROS node that comes late hears the last message, as CRTK has it of states ("transient local").
     """
 
     name: str
     form: type[msgspec.Struct]
     kind: str
     ros_type: str = ""
+    latched: bool = False
 
 
 TOPICS: dict[str, Topic] = {
@@ -143,7 +146,7 @@ TOPICS: dict[str, Topic] = {
         ),
         *(Topic(f"corrected/{name}", Pose, "pose", POSE_STAMPED) for name in ("servo_cp", "move_cp")),
         *(Topic(name, Text, "text", STRING_STAMPED) for name in ("state_command", "error", "warning")),
-        Topic("operating_state", OperatingState, "operating_state", OPERATING_STATE),
+        Topic("operating_state", OperatingState, "operating_state", OPERATING_STATE, latched=True),
         Topic("heartbeat", Heartbeat, "heartbeat"),
         Topic("event", Event, "event"),
         Topic("corrected/report", Report, "report"),

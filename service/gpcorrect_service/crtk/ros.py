@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import struct
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -23,11 +23,27 @@ from gpcorrect_service.protocol.cdr import (
     ros_types,
 )
 
-__all__ = ["RmwNode", "attachment", "from_cdr", "gid_of", "rmw_key", "to_cdr", "to_ros"]
+__all__ = [
+    "DEFAULT_QOS",
+    "LATCHED_QOS",
+    "RmwNode",
+    "RosDistro",
+    "attachment",
+    "from_cdr",
+    "gid_of",
+    "rmw_key",
+    "to_cdr",
+    "to_ros",
+]
+
+RosDistro = Literal["humble", "jazzy", "rolling"]
+"""Who listens: Humble has no type hashes, and its keys end otherwise than those of Jazzy, Kilted and Rolling."""
 
 GID_BYTES = 16  # length of a sender's name
 ATTACHMENT = struct.Struct("<qqB16s")
 DEFAULT_QOS = "::,10:,:,:,,"  # reliable, volatile, keep last 10
+LATCHED_QOS = ":1:,1:,:,:,,"  # reliable, transient local, keep last 1: who comes late hears the last one
+NO_HASH = "TypeHashNotSupported"  # rmw_zenoh, branch humble (pull request 388): stands where a hash would
 
 
 def to_ros(message: msgspec.Struct) -> tuple[Any, str]:
@@ -104,7 +120,7 @@ def _header(stamp: float) -> Any:
     return kinds["std_msgs/msg/Header"](kinds["builtin_interfaces/msg/Time"](*_time(stamp)), "")
 
 
-def rmw_key(domain: int, topic: str, ros_type: str) -> str:
+def rmw_key(domain: int, topic: str, ros_type: str, distro: RosDistro) -> str:
     """Return the zenoh key of a ROS topic: `domain/topic/type/hash`.
 
     Parameters
@@ -113,8 +129,10 @@ def rmw_key(domain: int, topic: str, ros_type: str) -> str:
         ROS_DOMAIN_ID.
     topic, ros_type : str
         As `arm1/servo_cp` and `geometry_msgs/msg/PoseStamped`.
+    distro : str
+        ROS distribution of the nodes that use it.
     """
-    return f"{domain}/{topic.strip('/')}/{_type_and_hash(ros_type)}"
+    return f"{domain}/{topic.strip('/')}/{_type_and_hash(ros_type, distro)}"
 
 
 def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
@@ -144,17 +162,20 @@ class RmwNode:
         Of the zenoh session.
     name : str
         Of the node.
+    distro : str
+        ROS distribution of the nodes that see it.
     """
 
     domain: int
     zid: str
     name: str
+    distro: RosDistro
 
     def node_token(self) -> str:
         """Return the liveliness key that shows the node."""
         return f"@ros2_lv/{self.domain}/{self.zid}/0/0/NN/%/%/{self.name}"
 
-    def topic_token(self, number: int, kind: str, topic: str, ros_type: str) -> str:
+    def topic_token(self, number: int, kind: str, topic: str, ros_type: str, qos: str = DEFAULT_QOS) -> str:
         """Return the liveliness key of a publisher or a subscription.
 
         Parameters
@@ -165,9 +186,11 @@ class RmwNode:
             "MP" for a publisher, "MS" for a subscription.
         topic, ros_type : str
             As for :func:`rmw_key`.
+        qos : str
+            Quality of service in rmw_zenoh's short form.
         """
         mangled = "%" + topic.strip("/").replace("/", "%")
-        described = f"{mangled}/{_type_and_hash(ros_type)}/{DEFAULT_QOS}"
+        described = f"{mangled}/{_type_and_hash(ros_type, self.distro)}/{qos}"
         return f"@ros2_lv/{self.domain}/{self.zid}/0/{number}/{kind}/%/%/{self.name}/{described}"
 
 
@@ -182,6 +205,7 @@ def gid_of(token: str) -> bytes:
     return hashlib.blake2b(token.encode(), digest_size=GID_BYTES).digest()
 
 
-def _type_and_hash(ros_type: str) -> str:
+def _type_and_hash(ros_type: str, distro: RosDistro) -> str:
     package, _, name = ros_type.split("/")
-    return f"{package}::msg::dds_::{name}_/{ros_types().hash_rihs01(ros_type)}"
+    hashed = NO_HASH if distro == "humble" else ros_types().hash_rihs01(ros_type)
+    return f"{package}::msg::dds_::{name}_/{hashed}"
