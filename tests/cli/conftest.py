@@ -13,7 +13,7 @@ from support import short_search, small_log
 @pytest.fixture
 def gpcorrect(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Iterator[CommandLine]:
     """Return the command line, with a short search for hyperparameters: no law of a command hangs on a long one."""
-    with short_search():
+    with short_search(80):
         yield CommandLine(monkeypatch, capfd)
 
 

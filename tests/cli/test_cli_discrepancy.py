@@ -165,7 +165,7 @@ def test_a_tracker_and_commands_are_enough(gpcorrect: CommandLine, tmp_path: Pat
     model = tmp_path / "nominal.toml"
     model.write_text(TRACKED)
     true = read_model(model).with_effects(effect_from_dict({"name": "transmission_ratio", "joint": 3, "error": 0.02}))
-    log = joint_motion_log(true, 12, 6.0, seed=4)
+    log = joint_motion_log(true, 9, 5.0, seed=4)
     kept = {"time", "trajectory", "session", "tracker_cp", commands}
     gone = {name: None for name in log.signals if name not in kept}
     path = written(replace(log, **gone), tmp_path / "tracked.parquet")

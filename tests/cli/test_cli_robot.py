@@ -119,7 +119,7 @@ def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
 def test_a_calibration_from_end_to_end(gpcorrect, tmp_path):
     """Zig-zags are driven, recorded and learned from: errors on a random run are smaller than the raw ones."""
     done = gpcorrect(
-        "collect", "zigzag", "--direction", "J1,J2,J3", "--sparsity", 1, "--test", 20, "--method", "linear",
+        "collect", "zigzag", "--direction", "J1-J2-J3", "--sparsity", 1, "--test", 20, "--method", "linear",
         "--time-scale", 40, "--output", tmp_path, "--json",
     )  # fmt: skip
     assert done.code == 0, done.err
