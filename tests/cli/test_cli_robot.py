@@ -103,11 +103,13 @@ def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
     """The correction that another process serves makes the open loop work, which without it removes nothing."""
     monkeypatch.setattr(command, "INDUCING", 100)
     done = gpcorrect(
-        "debride", "--arms", 1, "--fragments", 2, "--rehearsals", 12, "--margin", 100, "--models", tmp_path,
+        "debride", "--arms", 1, "--fragments", 2, "--rehearsals", 12, "--margin", 0.01, "--models", tmp_path,
         "--picture", tmp_path / "p.png", "--json",
     )  # fmt: skip
     assert done.code == 0, done.err
-    looking, knowing, blind = json.loads(done.out)["conditions"]
+    looking, knowing, blind, unsure = json.loads(done.out)["conditions"]
+    assert (knowing["looks"], blind["looks"]) == (0, 0)
+    assert unsure["looks"] > 0  # no correction is sure to 0.01 mm
     assert knowing["success_rate"] >= 0.5
     assert blind["success_rate"] == 0.0
     assert knowing["seconds_per_fragment"] < looking["seconds_per_fragment"]

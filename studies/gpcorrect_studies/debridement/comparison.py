@@ -69,7 +69,7 @@ def compare(
     mode: Mode = "full",
     progress: Progress | None = None,
 ) -> tuple[Condition, ...]:
-    """Do the task three times over the same fragments.
+    """Do the task four times over the same fragments.
 
     Parameters
     ----------
@@ -88,8 +88,8 @@ def compare(
     Returns
     -------
     tuple of Condition
-        Replanning without correction; correction in open loop; and, to see what the correction does, the same open loop
-        without it.
+        Replanning without correction; correction in open loop, without a single picture; to see what the correction
+        does, the same without it; and correction with pictures where it is not sure enough.
     """
 
     def looking() -> LookAndMove:
@@ -101,12 +101,17 @@ def compare(
         (
             "corrected, open loop",
             fast,
-            [OpenLoop(each, fast, margins or Margins(), mode, mission.times, looking()) for each in correctors],
+            [OpenLoop(each, fast, margins or Margins(), mode, mission.times) for each in correctors],
         ),
         (
             "no correction, open loop",
             fast,
             [OpenLoop(_ByHand(station), fast, anything, mode, mission.times) for station in mission.stations],
+        ),
+        (
+            "corrected, looking where unsure",
+            fast,
+            [OpenLoop(each, fast, margins or Margins(), mode, mission.times, looking()) for each in correctors],
         ),
     ]
     return tuple(

@@ -58,7 +58,7 @@ def write_debride_page(
         ],
         sections=[
             Section(
-                "The same fragments, three times",
+                "The same fragments, once for each way",
                 tables=[TableData(HEAD, [c.to_words() for c in conditions])],
                 figures=[
                     FigureImage(
@@ -102,10 +102,12 @@ def debridement_paths(scene: Scene, stations: Sequence[Station], conditions: Seq
         _fragments(ax, scene, condition, np.inf)
     axes[0].legend(frameon=False, fontsize=7, loc="lower left")
     bars, seconds = axes[-1], [condition.outcome.seconds_per_fragment for condition in conditions]
-    bars.bar(range(len(seconds)), seconds, color=COLOURS["quiet"], width=0.6)
     for i, condition in enumerate(conditions):
-        text = f"{seconds[i]:.1f} s\n{100 * condition.outcome.success_rate:.0f} %"
-        bars.annotate(text, (i, seconds[i]), (0, 3), textcoords="offset points", ha="center", fontsize=8)
+        removed = condition.outcome.success_rate
+        height = seconds[i] if removed > 0 else 0.0  # a run that removes nothing is not a fast one
+        bars.bar(i, height, color=COLOURS["quiet"], width=0.6)
+        text = f"{height:.1f} s\n{100 * removed:.0f} %" if removed > 0 else "nothing\nremoved"
+        bars.annotate(text, (i, height), (0, 3), textcoords="offset points", ha="center", fontsize=8)
     bars.set_xticks(range(len(seconds)), [c.name.replace(", ", ",\n") for c in conditions], fontsize=7)
     bars.set_ylabel("seconds a fragment; fraction removed above")
     bars.margins(y=0.18)
