@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ __all__ = ["debridement_gif", "debridement_paths", "write_debride_page"]
 HEAD = ("", "cm/s", "removed", "at once", "retries", "replanned", "looks", "miss [mm]", "s a fragment", "s in all")
 ARM_COLOURS = (COLOURS["corrected"], COLOURS["rigid"])
 CAUGHT, LOST, WAITING = "#009e73", COLOURS["raw"], COLOURS["quiet"]
+LABEL_WIDTH = 14  # characters of a bar's name on one line; chosen by hand
 FRAMES, FRAMES_A_SECOND, GIF_DPI = 60, 8, 70  # chosen by hand: eight seconds in about a megabyte
 
 
@@ -108,7 +110,7 @@ def debridement_paths(scene: Scene, stations: Sequence[Station], conditions: Seq
         bars.bar(i, height, color=COLOURS["quiet"], width=0.6)
         text = f"{height:.1f} s\n{100 * removed:.0f} %" if removed > 0 else "nothing\nremoved"
         bars.annotate(text, (i, height), (0, 3), textcoords="offset points", ha="center", fontsize=8)
-    bars.set_xticks(range(len(seconds)), [c.name.replace(", ", ",\n") for c in conditions], fontsize=7)
+    bars.set_xticks(range(len(seconds)), [fill(c.name, LABEL_WIDTH) for c in conditions], fontsize=7)
     bars.set_ylabel("seconds a fragment; fraction removed above")
     bars.margins(y=0.18)
     return figure
