@@ -127,14 +127,21 @@ class Correction:
             raise TypeError("a single answer has no length")
         return len(self.reasons)
 
-    def __getitem__(self, row: int) -> Self:
-        """Return one answer of n."""
+    def __getitem__(self, row: int | BoolArray | IntArray) -> Self:
+        """Return one answer of n, or several by their rows."""
         assert isinstance(self.reasons, np.ndarray)
         position, quaternion, joints = (
             None if part is None else part[row] for part in (self.position, self.quaternion, self.joints)
         )
-        reasons = Reason(int(self.reasons[row]))
-        return type(self)(position, quaternion, joints, self.std[row], self.interval95[row], reasons)
+        reasons = self.reasons[row]
+        return type(self)(
+            position,
+            quaternion,
+            joints,
+            self.std[row],
+            self.interval95[row],
+            reasons if isinstance(reasons, np.ndarray) else Reason(int(reasons)),
+        )
 
     def because(self, reason: Reason, rows: BoolArray | bool = True) -> Self:
         """Return the same with a further reason, at these rows (n,) of n."""

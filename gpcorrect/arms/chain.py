@@ -19,6 +19,13 @@ __all__ = ["Chain", "Joint"]
 
 Convention = Literal["standard", "modified"]
 
+NEWTON_STEPS = 40  # a start within a radian needs four to six; chosen by hand
+NEWTON_LONGEST = (
+    0.3  # rad or m: where a step goes further, the arm is not straight enough to believe it; chosen by hand
+)
+NEWTON_REST = 1e-9  # rad or m: a shorter step ends the iteration; a hundredth of any encoder's count
+NEWTON_DAMPING = 1e-9  # keeps the step finite where joints move alike; moves no digit that is quoted
+
 
 @dataclass(frozen=True, eq=False)
 class Joint:
@@ -257,6 +264,34 @@ class Chain:
         """
         return solve_pose(self.forward, self.jacobian, self.limits, np.asarray(T, dtype=np.float64), seed)
 
+    def nearest(self, T: ArrayLike, start: ArrayLike, length: float) -> tuple[FloatArray, FloatArray]:
+        """Return the joint values `(n, dof)` that come nearest to tip poses, by Newton's method from a start each.
+
+        Limits of the joints are not looked at: a start on the right branch keeps to it.
+
+        Parameters
+        ----------
+        T : (n, 4, 4) array
+            Tip poses in the base frame.
+        start : (n, dof) array
+            Joint values, rad and m.
+        length : float
+            m that weigh as much as one radian.
+
+        Returns
+        -------
+        q : (n, dof) array
+            rad and m; NaN where the iteration did not come to rest.
+        left : (n,) array
+            Error that is left, rad (and m over `length`).
+        """
+        poses, q = np.array(T, dtype=np.float64), np.array(start, dtype=np.float64)
+        left = np.empty(len(q))
+        modified = self.convention == "modified"
+        walked = (self._table, self.placements, self.revolute, modified, np.array(self.base), np.array(self.tool))
+        _descend(*walked, poses, q, float(length), left)
+        return q, left
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _walk(
@@ -328,3 +363,66 @@ def _turn(T: FloatArray, i: int, j: int, angle: float) -> None:  # pragma: no co
 def _shift(T: FloatArray, axis: int, by: float) -> None:  # pragma: no cover - compiled
     for row in range(3):
         T[row, 3] += T[row, axis] * by
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _descend(
+    table: FloatArray,
+    placements: FloatArray,
+    turns: BoolArray,
+    modified: bool,
+    base: FloatArray,
+    tool: FloatArray,
+    T: FloatArray,
+    q: FloatArray,
+    length: float,
+    left: FloatArray,
+) -> None:  # pragma: no cover - compiled
+    """Move joint values `(n, dof)` to where poses `(n, 4, 4)` are nearest, and write what is `left` (n,)."""
+    dof = q.shape[1]
+    frames, J, e = np.empty((1, dof, 4, 4)), np.zeros((6, dof)), np.empty(6)
+    for k in range(q.shape[0]):
+        largest = np.inf
+        for _ in range(NEWTON_STEPS):
+            _walk(table, placements, turns, modified, base, q[k : k + 1], frames)
+            tip = frames[0, dof - 1] @ tool
+            e[:3] = (T[k, :3, 3] - tip[:3, 3]) / length
+            _rotation_vector(T[k], tip, e)
+            for j in range(dof):
+                carrier = frames[0, j] if modified else (frames[0, j - 1] if j else base)
+                axis, arm = carrier[:3, 2], tip[:3, 3] - carrier[:3, 3]
+                if turns[j]:
+                    J[0, j] = (axis[1] * arm[2] - axis[2] * arm[1]) / length
+                    J[1, j] = (axis[2] * arm[0] - axis[0] * arm[2]) / length
+                    J[2, j] = (axis[0] * arm[1] - axis[1] * arm[0]) / length
+                    J[3:, j] = axis
+                else:
+                    J[:3, j] = axis / length
+                    J[3:, j] = 0.0
+            normal = J.T @ J
+            for j in range(dof):
+                normal[j, j] *= 1.0 + NEWTON_DAMPING
+                normal[j, j] += NEWTON_DAMPING
+            step = np.linalg.solve(normal, J.T @ e)
+            largest = np.abs(step).max()
+            q[k] += step * min(1.0, NEWTON_LONGEST / largest) if largest > 0.0 else step
+            if not largest > NEWTON_REST:
+                break
+        left[k] = np.sqrt((e**2).sum())
+        if not largest <= NEWTON_REST:
+            q[k] = np.nan
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _rotation_vector(T: FloatArray, tip: FloatArray, e: FloatArray) -> None:  # pragma: no cover - compiled
+    """Write the rotation vector of R_T R_tip^T into the last of `e`; near half a turn its length only is right."""
+    R = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                R[i, j] += T[i, k] * tip[j, k]
+    x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    sine = 0.5 * np.sqrt(x * x + y * y + z * z)
+    angle = np.arctan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0))
+    factor = 0.5 * angle / sine if sine > 1e-12 else 0.5
+    e[3], e[4], e[5] = factor * x, factor * y, factor * z

@@ -11,24 +11,21 @@ from numpy.typing import ArrayLike
 from gpcorrect.calibration import queries
 from gpcorrect.calibration.bridging import MotionLimits
 from gpcorrect.calibration.dataset import Samples, path_starts
-from gpcorrect.calibration.law import Law
+from gpcorrect.calibration.joint_route import JointRoute
+from gpcorrect.calibration.learn_poses import learn_poses
 from gpcorrect.calibration.memory import History
 from gpcorrect.calibration.metrics import error_table
 from gpcorrect.calibration.one_pose import Frame, command, frame, inputs
 from gpcorrect.calibration.pose_samples import (
     Memory,
     PosePairs,
-    best_memory,
     features_of,
-    memory_remark,
-    pose_layout,
     samples_of_poses,
 )
-from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of, stencil_step
-from gpcorrect.calibration.settings import MEMORY, FitSettings
+from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of
+from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.stream import PoseStream
 from gpcorrect.calibration.task import Corrector, LearnLaw, Measured, Outcome
-from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import POSES, FittedCleaner, Pair
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import LogError
@@ -64,6 +61,8 @@ class CommandCorrector(Corrector):
         Training queries (pose, twist) that a model file asks again at load.
     memory : Memory or None
         What was learned with memory features; None without.
+    route : JointRoute or None
+        What was learned of the arm's joints, by which paths and streams are answered; None without.
     """
 
     KIND: ClassVar[str] = "gpcorrect.command_corrector"
@@ -75,6 +74,7 @@ class CommandCorrector(Corrector):
     velocity_step: float | None
     check_queries: FloatArray
     memory: Memory | None = None
+    route: JointRoute | None = None
     frame: Frame = field(init=False, repr=False)
     region: FloatArray = field(init=False, repr=False)
 
@@ -104,11 +104,6 @@ class CommandCorrector(Corrector):
         """Whether orientations are corrected too."""
         return self.features.has_orientation
 
-    @property
-    def scoring_law(self) -> Law:
-        """The law that answers where the path is known."""
-        return self.law if self.memory is None else self.memory.law
-
     def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> Correction:
         """Return what to command so that the robot reaches `pose`.
 
@@ -129,7 +124,7 @@ class CommandCorrector(Corrector):
         """
         query, velocity = queries.pose_numbers(pose, orientation=self.has_orientation), queries.twist_numbers(twist)
         reasons = int(Reason.AT_REST) if twist is None and self.features.uses_velocity else 0
-        if self.memory is not None:
+        if self.memory is not None or self.route is not None:
             reasons |= int(Reason.NO_HISTORY)
         return self.one(query, velocity, reasons)
 
@@ -215,7 +210,7 @@ class CommandCorrector(Corrector):
         labels = np.zeros(len(rows), dtype=np.int64)
         desired, replaced = self.possible(desired, seconds, labels)
         twist = np.nan_to_num(twists(seconds, desired.position, rotations_of(desired), labels))
-        if self.memory is None:
+        if self.memory is None and self.route is None:
             return self.correct_observed(desired, twist).because(Reason.BRIDGED, replaced)
         stream = self.stream()  # memory is of the commands, which are known one after the other
         steps = zip(seconds, queries.pose_rows(desired), twist, strict=True)
@@ -276,6 +271,28 @@ class CommandCorrector(Corrector):
             reasons=prediction.reasons,
         )
 
+    def joined(self, answer: Correction, alone: Correction) -> Correction:
+        """Return n answers found in joints; where they are NaN, those without, which nothing is known of there.
+
+        Parameters
+        ----------
+        answer, alone : Correction
+            n answers.
+        """
+        known = np.asarray(np.isfinite(answer.std).all(axis=1))
+        if known.all():
+            return answer
+        std, row = self.law.domain.widen(alone.std, known), known[:, None]
+        wide = self.law.intervals.interval95(std)
+        return Correction(
+            position=_either(row, answer.position, alone.position),
+            quaternion=_either(row, answer.quaternion, alone.quaternion),
+            joints=None,
+            std=np.where(row, answer.std, std),
+            interval95=np.where(row, answer.interval95, wide),
+            reasons=np.where(known, answer.reasons, alone.reasons | int(Reason.OUTSIDE)),
+        )
+
     def query_path(self, log: CalibrationLog) -> FloatArray:
         """See :class:`Corrector`."""
         return pose_pair(log)[0].position
@@ -320,9 +337,15 @@ class CommandCorrector(Corrector):
                 hint="See: gpcorrect validate LOG",
                 path=log.name,
             )
-        observed, commanded, twist = observed[rows], commanded[rows], twist[rows]
+        commands, observed, commanded, twist = commanded, observed[rows], commanded[rows], twist[rows]
         new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
         answer = self.correct_observed(possible[rows], twist, commanded, new)
+        if self.route is not None:  # the motion before what is measured is known too, as it is to a stream
+            path = possible.finite & ~np.isin(log.trajectory, log.trajectory[rows])
+            path[rows] = True
+            known = self.rigid.apply(possible[path])
+            told = self.route.correct(known, commands[path], log.time[path], log.session[path], self.law.bounds)
+            answer = self.joined(told[np.isin(np.flatnonzero(path), rows)], answer)
         assert answer.position is not None
         return Measured(
             raw=pose_residual(observed, commanded),
@@ -352,48 +375,13 @@ class CommandCorrector(Corrector):
         cls, log: CalibrationLog, keep: BoolArray, cleaner: FittedCleaner, settings: FitSettings, learn_law: LearnLaw
     ) -> Outcome:
         """See :class:`Corrector`."""
-        kinds, features = features_of(log, settings)
-        step = stencil_step(log) if settings.velocity_step == "auto" else settings.velocity_step
-        pairs = PosePairs.of(log, keep, step)
-        registration = pairs.register(log, settings)
-        reference = registration.model.apply(pairs.observed)
-        moved = reference_twists(registration.model, rotations_of(pairs.observed), pairs.twist)
-        features = features.fit(reference.position, rotations_of(reference), moved)
-        samples = samples_of_poses(pairs, log, registration.model, features, None)
-        law, left_out = learn_law(samples, pose_layout(features, None))
-        corrector = cls(
-            law=law,
-            cleaner=cleaner,
-            trained=TrainingMotion.of(
-                pose_pair(log)[0].position, log.time, log.trajectory, keep, joints=False, static=log.static
-            ),
-            rigid=registration.model,
-            features=features,
-            motion=MotionLimits.of(cleaner) if settings.clean else None,
-            velocity_step=step,
-            check_queries=pairs.check_queries,
-        )
-        remarks = [f"registration: {registration.reason}"]
-        if not features.has_orientation:
-            remarks.append("the log holds positions only: orientations are turned into the base frame, not corrected")
-        if MEMORY in kinds:
-            states = best_memory(pairs, log, registration.model, features, left_out, settings.seed)
-            samples = samples_of_poses(pairs, log, registration.model, features, states)
-            recalling, recalled = learn_law(samples, pose_layout(features, states))
-            corrector = replace(corrector, memory=Memory(states, replace(recalling, bounds=law.bounds)))
-            remarks.append(memory_remark(states, left_out, recalled))
-            left_out = recalled
-        low, high = pairs.observed.position.min(axis=0), pairs.observed.position.max(axis=0)
-        report = {
-            "frames": {"input": "tracker", "output": "base"},
-            "units": {"position": "m", "rotation": "rad", "quaternion": "wxyz"},
-            "features": list(kinds),
-            "orientation": features.has_orientation,
-            "training_region": {"position_min": low.tolist(), "position_max": high.tolist()},
-        }
-        return Outcome(corrector, samples, left_out, report, tuple(remarks), registration)
+        return learn_poses(cls, log, keep, cleaner, settings, learn_law)
 
 
 def _six(values: FloatArray) -> FloatArray:
     """Pad the three components `(..., 3)` of a position-only model with NaN."""
     return values if values.shape[-1] == 6 else np.concatenate([values, np.full_like(values, np.nan)], axis=-1)
+
+
+def _either(row: BoolArray, first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
+    return None if first is None or second is None else np.where(row, first, second)

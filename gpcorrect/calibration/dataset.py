@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from gpcorrect.calibration.metrics import Z95
 from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray
@@ -64,6 +65,17 @@ class Samples:
         """How many motions may be learned from: trajectories, each cut where it is longer than a piece."""
         rows = self.rows
         return len(np.unique(pieces(self.time[rows], self.trajectory[rows])))
+
+    @property
+    def widening(self) -> float:
+        """By how much intervals that so many motions tell of are too narrow: Student's t for 1.96, and its spread.
+
+        A lone motion, of which the parts tell of each other, is taken for two.
+        """
+        from scipy.stats import t as student
+
+        count = max(self.motions, 2)
+        return float(student.ppf(0.975, count - 1) * np.sqrt(1 + 1 / count)) / Z95
 
     def without(self, rows: BoolArray | IntArray) -> Self:
         """Return the same samples, of which `rows` may not be learned from.

@@ -16,7 +16,6 @@ from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
-from gpcorrect.calibration.metrics import Z95
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import Corrector, Outcome
 from gpcorrect.cleaning import CleaningReport, Reason, fit_cleaner
@@ -131,7 +130,7 @@ def fit_model(
     remarks = [
         *log.remarks,
         *outcome.remarks,
-        *_too_little(outcome.samples.motions),
+        *_too_little(outcome.samples),
         *([clocks.remark] if clocks.to_note else []),
     ]
     summary = _summary(log, outcome, clocks, cleaning, settings, remarks, time.perf_counter() - start)
@@ -158,7 +157,7 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     bounded, novelty = X[:, : len(layout.slack)], novelty_limit(fitted.left_out.novelty)
     law = Law(
         learned=fitted.learned,
-        intervals=intervals.widened(_few_motions(samples.motions)),
+        intervals=intervals.widened(samples.widening),
         domain=Domain.of(bounded, layout.slack, novelty, correction, layout.fading),
         bounds=Bounds.of(correction, layout.targets),
         zero=np.zeros(target.shape[1]) if fitted.zero is None else fitted.zero,
@@ -166,26 +165,16 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     return law, fitted.left_out
 
 
-def _too_little(motions: int) -> list[str]:
+def _too_little(samples: Samples) -> list[str]:
     """Return a warning where few motions were learned from."""
+    motions = samples.motions
     if motions >= LIMITS.enough_motions:
         return []
     what = "one motion" if motions == 1 else f"{motions} motions"
     return [
         f"learned from {what} only, which say little of how errors differ from one to the next: intervals were widened "
-        f"{_few_motions(motions):.1f} times; record {LIMITS.enough_motions} or more"
+        f"{samples.widening:.1f} times; record {LIMITS.enough_motions} or more"
     ]
-
-
-def _few_motions(count: int) -> float:
-    """Return by how much intervals that `count` motions tell of are too narrow: Student's t for 1.96, and its spread.
-
-    A lone motion, of which the parts tell of each other, is taken for two.
-    """
-    from scipy.stats import t as student
-
-    count = max(count, 2)
-    return float(student.ppf(0.975, count - 1) * np.sqrt(1 + 1 / count)) / Z95
 
 
 def _summary(

@@ -2,7 +2,8 @@
 
 Cables rub and stretch, so a joint that comes from the left stands elsewhere than one that comes from the right. The
 states of play operators of several radii (the Prandtl-Ishlinskii model of hysteresis, Kuhnen 2003) say from where the
-path came. They act on the joints where the log holds them, for there the slack is; else on the tool's own axes.
+path came. They act on the tool's position and its turns about its own axes; where a log holds joints, the slack is
+sought there instead (:mod:`gpcorrect.calibration.joint_route`).
 
 Slack follows the drive, and the drive follows the commands, which are known without noise: so the states are those that
 the commands up to the sample before left behind. Only the last step is the desired path's, for its command is what is
@@ -11,7 +12,6 @@ asked for. (States of the path that a tracker saw drown in its noise where that 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -19,11 +19,20 @@ import numpy as np
 from numba import njit
 
 from gpcorrect import se3
-from gpcorrect.calibration.joint_map import JointMap
 from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
 
-__all__ = ["History", "MemoryMap", "advance", "choose_memory", "lag_step", "lagged", "left_out_squares", "play_states"]
+__all__ = [
+    "History",
+    "MemoryMap",
+    "advance",
+    "choose_memory",
+    "lag_step",
+    "lagged",
+    "left_out_squares",
+    "play_states",
+    "steps",
+]
 
 LADDER = (1.0, 3.0)  # radii over the smallest of them; chosen by hand
 SMALLEST = (0.0125, 0.025, 0.05, 0.1, 0.2)
@@ -72,13 +81,10 @@ class MemoryMap:
     Parameters
     ----------
     radii : (h, k) array
-        Half widths of the slacks, in the units of the k coordinates.
-    joints : JointMap or None
-        Gives the coordinates; None takes the tool's position and its turns about its own axes.
+        Half widths of the slacks in the tool's position, m, and its turns about its own axes, rad.
     """
 
     radii: FloatArray
-    joints: JointMap | None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radii", frozen_array(self.radii))
@@ -88,21 +94,6 @@ class MemoryMap:
         """Number of features."""
         return int(self.radii.size)
 
-    @property
-    def acts_on(self) -> str:
-        """What the slacks are in, in words."""
-        return "pose" if self.joints is None else "joints"
-
-    def steps(self, poses: PoseSignal) -> FloatArray:
-        """Return steps `(n, k)` of the coordinates from the row before; the first is zero.
-
-        Parameters
-        ----------
-        poses : PoseSignal
-            n poses, in order.
-        """
-        return _steps(self.joints, poses)
-
     def transform(self, history: History) -> FloatArray:
         """Return features `(n, h k)` of paths; every label is a path of its own, which starts amid the slack.
 
@@ -111,11 +102,8 @@ class MemoryMap:
         history : History
             n samples.
         """
-        left = play_states(self.steps(history.command), self.radii, history.labels)
-        states = np.zeros(left.shape)
-        states[1:] = advance(left[:-1], self.steps(history.reference)[1:, None], self.radii)
-        states[1:][history.labels[1:] != history.labels[:-1]] = 0.0
-        return self.features(states)
+        asked, told = steps(history.reference), steps(history.command)
+        return self.features(play_states(asked, self.radii, history.labels, told))
 
     def features(self, states: FloatArray) -> FloatArray:
         """Return features `(..., h k)` of states `(..., h, k)`.
@@ -149,7 +137,7 @@ def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArra
     return moved
 
 
-def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray) -> FloatArray:
+def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray, told: FloatArray | None = None) -> FloatArray:
     """Return the states `(n, h, k)` along paths with steps `(n, k)` from the row before, for radii `(h, k)`.
 
     Every label `(n,)` is a path of its own: it starts in the middle of the slack, where nothing is known, and its first
@@ -163,27 +151,28 @@ def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray) -> Float
         Half widths of the slacks, m or rad.
     labels : (n,) int array
         Path of each row.
+    told : (n, k) array, optional
+        Steps of the path that the states follow, where it is another: each row's own state is then that before, moved
+        on by its row of `steps`.
     """
     states = np.zeros((len(steps), *radii.shape))
+    followed = steps if told is None else told
     for i in range(1, len(steps)):
         if labels[i] == labels[i - 1]:
-            states[i] = advance(states[i - 1], steps[i], radii)
-    return states
+            states[i] = advance(states[i - 1], followed[i], radii)
+    if told is None:
+        return states
+    peeked = np.zeros(states.shape)
+    peeked[1:] = advance(states[:-1], steps[1:, None], radii)
+    peeked[1:][labels[1:] != labels[:-1]] = 0.0
+    return peeked
 
 
-def choose_memory(
-    candidates: Sequence[JointMap | None],
-    history: History,
-    errors: FloatArray,
-    folds: IntArray,
-    known: BoolArray,
-) -> MemoryMap:
-    """Choose coordinates and radii by what they explain, at trajectories left out, of another model's errors.
+def choose_memory(history: History, errors: FloatArray, folds: IntArray, known: BoolArray) -> MemoryMap:
+    """Choose radii by what they explain, at trajectories left out, of another model's errors.
 
     Parameters
     ----------
-    candidates : sequence of JointMap or None
-        Coordinates to choose from.
     history : History
         Training paths.
     errors : (n, m) array
@@ -194,17 +183,17 @@ def choose_memory(
         Where the errors are known.
     """
     scaled = errors[known] / np.maximum(errors[known].std(axis=0), 1e-300)
-    ranges = [(joints, _half_range(_steps(joints, history.command), history.labels)) for joints in candidates]
-    maps = [MemoryMap(smallest * np.outer(LADDER, half), joints) for joints, half in ranges for smallest in SMALLEST]
+    half = _half_range(steps(history.command), history.labels)
+    maps = [MemoryMap(smallest * np.outer(LADDER, half)) for smallest in SMALLEST]
     squares = [left_out_squares(m.transform(history)[known], scaled, folds[known]).mean() for m in maps]
     return maps[int(np.argmin(squares))]
 
 
-def _half_range(steps: FloatArray, labels: IntArray) -> FloatArray:
+def _half_range(moved: FloatArray, labels: IntArray) -> FloatArray:
     """Half the range `(k,)` that the coordinates cover inside one of the longer paths."""
     spans = []
     for label in np.unique(labels):
-        path = np.cumsum(steps[labels == label][1:], axis=0)  # the first step leads here from another path
+        path = np.cumsum(moved[labels == label][1:], axis=0)  # the first step leads here from another path
         if len(path):
             low, high = np.percentile(path, RANGE_QUANTILES, axis=0)
             spans.append(high - low)
@@ -212,11 +201,15 @@ def _half_range(steps: FloatArray, labels: IntArray) -> FloatArray:
     return np.maximum(half, LEAST_RANGE)
 
 
-def _steps(joints: JointMap | None, poses: PoseSignal) -> FloatArray:
+def steps(poses: PoseSignal) -> FloatArray:
+    """Return steps `(n, k)` of the tool's position and its turns about its own axes; the first is zero.
+
+    Parameters
+    ----------
+    poses : PoseSignal
+        n poses, in order; without orientation there are no turns.
+    """
     position, rotations = poses.position, rotations_of(poses)
-    if joints is not None:
-        coordinates = joints(position, rotations)
-        return np.diff(coordinates, axis=0, prepend=coordinates[:1])
     linear = np.diff(position, axis=0, prepend=position[:1])
     if rotations is None:
         return linear
@@ -269,8 +262,9 @@ def lag_step(behind: FloatArray, moved: FloatArray, step: float, constants: Floa
     return after
 
 
-@njit(cache=True)
-def lagged(signal: FloatArray, time: FloatArray, new: BoolArray, constants: FloatArray) -> FloatArray:
+def lagged(
+    signal: FloatArray, time: FloatArray, new: BoolArray, constants: FloatArray, told: FloatArray | None = None
+) -> FloatArray:
     """Return by how much first-order lags `(n, t, d)` are behind a signal; where `new`, by nothing.
 
     Parameters
@@ -283,20 +277,37 @@ def lagged(signal: FloatArray, time: FloatArray, new: BoolArray, constants: Floa
         Where a path starts.
     constants : (t,) array
         Time constants tau, s.
+    told : (n, d) array, optional
+        The signal that the lags follow, where it is another: each row's own lags are then those before, moved on by
+        its step of `signal`.
     """
+    return _lagged(signal, signal if told is None else told, time, new, constants)
+
+
+@njit(cache=True)
+def _lagged(
+    signal: FloatArray, told: FloatArray, time: FloatArray, new: BoolArray, constants: FloatArray
+) -> FloatArray:
     n, d = signal.shape
-    behind = np.zeros((n, len(constants), d))
-    last, moved = np.empty(d), np.empty(d)
-    for j in range(d):
-        last[j] = np.nan
+    behind, peeked = np.zeros((len(constants), d)), np.zeros((n, len(constants), d))
+    last, last_told, moved, sent = np.empty(d), np.empty(d), np.empty(d), np.empty(d)
     for i in range(n):
         for j in range(d):
-            moved[j] = signal[i, j] - last[j]
-            if new[i] or np.isfinite(signal[i, j]):
+            begins = new[i] or i == 0
+            moved[j], sent[j] = signal[i, j] - last[j], told[i, j] - last_told[j]
+            if begins or np.isfinite(signal[i, j]):
                 last[j] = signal[i, j]
-        if not new[i]:
-            after = lag_step(behind[i - 1], moved, time[i] - time[i - 1], constants)
+            if begins or np.isfinite(told[i, j]):
+                last_told[j] = told[i, j]
+        if new[i] or i == 0:
             for t in range(len(constants)):
                 for j in range(d):
-                    behind[i, t, j] = after[t, j]
-    return behind
+                    behind[t, j] = 0.0
+            continue
+        step = time[i] - time[i - 1]
+        after = lag_step(behind, moved, step, constants)
+        for t in range(len(constants)):
+            for j in range(d):
+                peeked[i, t, j] = after[t, j]
+        behind = lag_step(behind, sent, step, constants)
+    return peeked

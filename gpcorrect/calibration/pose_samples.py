@@ -8,13 +8,12 @@ from typing import Self
 import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples, path_starts
-from gpcorrect.calibration.joint_map import JointMap
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.memory import History, MemoryMap, choose_memory
 from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of
-from gpcorrect.calibration.settings import LIMITS, MEMORY, FitSettings
+from gpcorrect.calibration.settings import JOINTS, LIMITS, MEMORY, FitSettings
 from gpcorrect.calibration.split import folds_of
-from gpcorrect.errors import LogError
+from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import FeatureMap, LeftOut
 from gpcorrect.rigid import Registration, RigidModel, pose_residual, register
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
@@ -24,6 +23,8 @@ __all__ = [
     "Memory",
     "PosePairs",
     "best_memory",
+    "changes",
+    "changes_text",
     "features_of",
     "memory_remark",
     "pose_layout",
@@ -136,10 +137,12 @@ def features_of(log: CalibrationLog, settings: FitSettings) -> tuple[tuple[str, 
     Raises
     ------
     DataError
-        There is no such kind.
+        There is no such kind, or two exclude each other.
     """
     kinds = settings.features or (("pose",) if log.static else ("pose", "velocity"))
-    return kinds, FeatureMap(tuple(kind for kind in kinds if kind != MEMORY))
+    if MEMORY in kinds and JOINTS in kinds:
+        raise DataError("memory is of the pose, joints have a memory of their own: name one of the two.")
+    return kinds, FeatureMap(tuple(kind for kind in kinds if kind not in (MEMORY, JOINTS)))
 
 
 def pose_layout(features: FeatureMap, states: MemoryMap | None) -> Layout:
@@ -206,7 +209,7 @@ def samples_of_poses(
 
 
 def best_memory(
-    pairs: PosePairs, log: CalibrationLog, rigid: RigidModel, features: FeatureMap, left_out: LeftOut, seed: int
+    pairs: PosePairs, log: CalibrationLog, rigid: RigidModel, features: FeatureMap, left_out: LeftOut
 ) -> MemoryMap:
     """Return the memory that explains most of the errors that a law without memory leaves.
 
@@ -222,33 +225,50 @@ def best_memory(
         Of poses and twists.
     left_out : LeftOut
         Errors of the law without memory at the samples, each predicted without its own fold.
-    seed : int
-        Of the samples and inducing points that are drawn.
     """
-    joints = JointMap.fit(log, seed, orientation=features.has_orientation)
     rows = pairs.rows
     labels = np.cumsum(path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool)), dtype=np.int64)
     history = History.of(pairs.command, rigid.apply(pairs.observed), labels, orientation=features.has_orientation)
-    candidates = (None,) if joints is None else (None, joints)
     known = np.asarray(np.isfinite(left_out.errors).all(axis=1))
-    return choose_memory(candidates, history, left_out.errors, folds_of(log.trajectory[rows]), known)
+    return choose_memory(history, left_out.errors, folds_of(log.trajectory[rows]), known)
 
 
-def memory_remark(states: MemoryMap, without: LeftOut, recalled: LeftOut) -> str:
-    """Return a sentence on what the memory acts on and how it changed the errors at left-out training trajectories.
+def memory_remark(without: LeftOut, recalled: LeftOut) -> str:
+    """Return a sentence on how memory changed the errors at left-out training trajectories.
 
     Parameters
     ----------
-    states : MemoryMap
-        The chosen memory.
     without, recalled : LeftOut
         Left-out errors of the laws without and with it.
     """
-    change = np.sqrt(np.nanmean(recalled.errors**2, axis=0) / np.nanmean(without.errors**2, axis=0)) - 1.0
-    parts = zip(("position", "rotation"), change.reshape(-1, 3).mean(axis=1), strict=False)
-    changes = ", ".join(f"{100 * value:+.0f} % in {name}" for name, value in parts)
+    change = changes(recalled, without)
     verdict = "" if change.mean() <= -WORTH_IT else ": not worth its time here, features pose,velocity do as well"
-    return f"memory acts on the {states.acts_on}; error at left-out trajectories {changes}{verdict}"
+    return f"memory acts on the pose; {changes_text(change)}{verdict}"
+
+
+def changes(with_it: LeftOut, without: LeftOut) -> FloatArray:
+    """Return the relative change of the errors of positions and, where learned, rotations at left-out trajectories.
+
+    Parameters
+    ----------
+    with_it, without : LeftOut
+        Of two ways to answer the same log.
+    """
+    sizes = [np.sqrt(np.nanmean(left_out.errors**2, axis=0)) for left_out in (with_it, without)]
+    relative: FloatArray = (sizes[0] / sizes[1] - 1.0).reshape(-1, 3).mean(axis=1)
+    return relative
+
+
+def changes_text(change: FloatArray) -> str:
+    """Return such changes in words.
+
+    Parameters
+    ----------
+    change : (1,) or (2,) array
+        Of position and rotation.
+    """
+    parts = zip(("position", "rotation"), change, strict=False)
+    return "error at left-out trajectories " + ", ".join(f"{100 * value:+.0f} % in {name}" for name, value in parts)
 
 
 def require_poses(log: CalibrationLog) -> None:

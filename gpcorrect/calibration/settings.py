@@ -8,12 +8,15 @@ from typing import Literal
 from gpcorrect.cleaning import CleaningSettings
 from gpcorrect.rigid import MarkerOption
 
-__all__ = ["MEMORY", "Direction", "FitSettings", "Limits"]
+__all__ = ["JOINTS", "MEMORY", "Direction", "FitSettings", "Limits"]
 
 Direction = Literal["estimate", "command"]
 
 MEMORY = "memory"
 """Name of the features that say where in its slack the arm is, in every task."""
+
+JOINTS = "joints"
+"""Poses: name of the features that the arm's joints are, with their velocities and memory."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,8 @@ class FitSettings:
         A learner of :data:`gpcorrect.calibration.LEARNERS`.
     features : tuple of str
         What the learner sees; empty for the task's own choice. Poses: "pose" (or "euler": the angles of Mahler et al.
-        2014), "velocity", "memory". Joints and tool position: "position", "velocity", "effort", "memory", "lags",
+        2014), "velocity", "memory" or "joints" (which have a memory of their own; their own choice takes them where
+        that helps). Joints and tool position: "position", "velocity", "effort", "memory", "lags",
         "state".
     clean : bool
         Reject faulty samples first.

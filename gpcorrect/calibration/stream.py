@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from gpcorrect import se3
 from gpcorrect.calibration.learners import CableModel
-from gpcorrect.calibration.memory import MemoryMap, advance
+from gpcorrect.calibration.memory import MemoryMap, advance, steps
 from gpcorrect.calibration.one_pose import inputs
 from gpcorrect.calibration.path_follower import PathFollower
 from gpcorrect.calibration.queries import bad_query, pose_numbers, twist_numbers
@@ -55,7 +55,9 @@ class PoseStream:
         self._twist.reset()
         self._slow.reset()
         self._last: _Last | None = None
-        memory = self._corrector.memory
+        route, memory = self._corrector.route, self._corrector.memory
+        self._joints = None if route is None else route.joints.stream()
+        self._q: FloatArray | None = None
         self._state = NO_MEMORY if memory is None else np.zeros(memory.states.radii.shape)
 
     def correct(self, time: float, pose: ArrayLike, twist: ArrayLike | None = None) -> Correction:
@@ -86,19 +88,33 @@ class PoseStream:
         estimated = self._twist.update(time, query[:3], turned)
         velocity = np.nan_to_num(estimated) if twist is None else given
         reasons = int(Reason.JUST_BEGUN) if twist is None and not np.isfinite(estimated[:3]).all() else 0
+        quaternion = se3.quaternion_from_matrix(rotation[None]) if corrector.has_orientation else None
+        reference = PoseSignal(position[None], quaternion)
+        if self._joints is not None:
+            return self._through_joints(self._joints, time, reference, corrector.one(query, velocity, reasons))
         if corrector.memory is None:
             return corrector.one(query, velocity, reasons)
-        quaternion = se3.quaternion_from_matrix(rotation[None]) if corrector.has_orientation else None
-        reference, states = PoseSignal(position[None], quaternion), corrector.memory.states
+        states = corrector.memory.states
         answer = corrector.one(query, velocity, reasons, self._remembered(states, reference))
         self._remember(states, reference, answer)
         return answer
+
+    def _through_joints(self, joints: JointStream, time: float, reference: PoseSignal, alone: Correction) -> Correction:
+        """Answer in joints, or without them where the arm comes not near the pose."""
+        route = self._corrector.route
+        assert route is not None
+        q = route.kinematics.inverse(reference, self._q)
+        self._q = q if np.isfinite(q).all() else None
+        told = Correction.stack([joints.correct(time, q[0])])
+        answer = route.as_poses(reference, q, told, self._corrector.law.bounds)
+        begun = int(alone.reasons) & int(Reason.JUST_BEGUN)
+        return self._corrector.joined(answer, Correction.stack([alone]))[0].because(Reason(begun))
 
     def _remembered(self, states: MemoryMap, reference: PoseSignal) -> FloatArray:
         """Return features of the slacks where the last command left them, moved on by the reference's step."""
         if self._last is None:
             return states.features(self._state)
-        step = states.steps(_joined(self._last.reference, reference))[1]
+        step = steps(_joined(self._last.reference, reference))[1]
         return states.features(advance(self._state, step, states.radii))
 
     def _remember(self, states: MemoryMap, reference: PoseSignal, answer: Correction) -> None:
@@ -107,7 +123,7 @@ class PoseStream:
         quaternion = answer.quaternion if self._corrector.has_orientation else None
         command = PoseSignal(answer.position[None], None if quaternion is None else quaternion[None])
         if self._last is not None:
-            self._state = advance(self._state, states.steps(_joined(self._last.command, command))[1], states.radii)
+            self._state = advance(self._state, steps(_joined(self._last.command, command))[1], states.radii)
         self._last = _Last(reference, command)
 
 
@@ -188,8 +204,10 @@ class JointStream:
             prediction = law.guarded(mean[None] - moving, std[None], np.zeros(1), x[None], rows)
         else:
             prediction = law.predict_one(x, moving if view.end_to_end else np.zeros(len(moving)))
-        self._follower.passed(time, moving)
-        return view.answer(joints[None], prediction)[0]
+        answer = view.answer(joints[None], prediction)[0]
+        told = answer.joints[view.moving] if self._corrector.follows_commands and answer.joints is not None else None
+        self._follower.passed(time, moving, None if told is None or not np.isfinite(told).all() else told)
+        return answer
 
     def _filtered(
         self, cable: CableModel, q: FloatArray, effort: FloatArray | None, new: bool

@@ -50,6 +50,8 @@ class Outcome:
         What was learned from.
     left_out : LeftOut
         Errors at the usable samples, each predicted without its own fold.
+    interval95 : (k, m) array
+        Half widths of their 95 % intervals.
     report : mapping
         The task's report on its fit, JSON-able.
     remarks : tuple of str
@@ -61,6 +63,7 @@ class Outcome:
     corrector: Corrector
     samples: Samples
     left_out: LeftOut
+    interval95: FloatArray
     report: Mapping[str, Any]
     remarks: tuple[str, ...] = ()
     registration: Any = None
@@ -69,9 +72,8 @@ class Outcome:
     def baseline(self) -> FloatArray:
         """Scores of left-out pieces of the training, with which later scores are compared."""
         rows = self.samples.rows
-        interval95 = self.corrector.scoring_law.intervals.interval95(self.left_out.std)
         labels = pieces(self.samples.time[rows], self.samples.trajectory[rows])
-        return scores_by_piece(self.left_out.errors * Z95 / interval95, labels)
+        return scores_by_piece(self.left_out.errors * Z95 / self.interval95, labels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,11 +278,6 @@ class Corrector(ABC):
         """
         position = Part("position", "mm", (0, 1, 2), 1e3)
         return (position,) if m == 3 else (position, Part("rotation", "deg", (3, 4, 5), float(np.rad2deg(1.0))))
-
-    @property
-    def scoring_law(self) -> Law:
-        """The law that answers where the path is known."""
-        return self.law
 
     def refuse_misread(self, log: CalibrationLog) -> None:
         """Refuse a log whose stamps, beside the training's, cannot be seconds.

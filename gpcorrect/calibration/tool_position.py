@@ -259,7 +259,7 @@ class PositionEstimator(Corrector):
             usual_step=usual,
             shortest_step=shortest,
         )
-        return Outcome(corrector, samples, left_out, report, remarks)
+        return Outcome(corrector, samples, left_out, law.intervals.interval95(left_out.std), report, remarks)
 
 
 def _default_features(log: CalibrationLog, settings: FitSettings) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from gpcorrect.calibration.evaluate import Evaluation, evaluate_model
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import GPMap
+from gpcorrect.calibration.pose_samples import PosePairs
 from gpcorrect.calibration.split import folds_of, held_out
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.training_motion import TrainingMotion
@@ -107,11 +108,18 @@ def update_model(
     with threadpool_limits(limits=1):
         samples = corrector.samples(train, keep)
         law, weight, unseen = _learn(corrector.law, samples, progress)
-        changed = replace(corrector, law=law)
+        changed: Corrector = replace(corrector, law=law)
         if isinstance(corrector, CommandCorrector) and corrector.memory is not None:
             samples = corrector.samples(train, keep, with_memory=True)
             law, weight, unseen = _learn(corrector.memory.law, samples, progress)
             changed = replace(corrector, law=changed.law, memory=replace(corrector.memory, law=law))
+        if isinstance(corrector, CommandCorrector) and corrector.route is not None:
+            route = corrector.route
+            pairs = PosePairs.of(train, keep, corrector.velocity_step)
+            pair = (corrector.rigid.apply(pairs.observed), pairs.command)
+            samples = route.samples(train.select(pairs.rows), pair)
+            law, weight, unseen = _learn(route.joints.law, samples, progress)
+            changed = replace(corrector, law=changed.law, route=replace(route, joints=replace(route.joints, law=law)))
     n = len(samples.rows)
     entry = {"source": log.name, "sha256": log.digest, "recordings": list(log.recordings), "n_added": n, "keep": weight}
     summary = {**corrector.summary, "updates": [*corrector.summary.get("updates", []), entry]}

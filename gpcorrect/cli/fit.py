@@ -40,9 +40,11 @@ def fit(
     features: Annotated[
         str,
         typer.Option(
-            help="What the regression sees: pose or euler (the paper's angles), velocity, memory (of the path so far)."
+            help="What the regression sees: pose or euler (the paper's angles), velocity, memory (of the path so far), "
+            "joints (the arm's own, with their memory). Pose and velocity without it, and joints where they help.",
+            show_default=False,
         ),
-    ] = "pose,velocity",
+    ] = "",
     method: Annotated[str, typer.Option(help="How to learn what the registration leaves, as in joint fit.")] = "gp",
     clean: Clean = True,
     keep: Annotated[

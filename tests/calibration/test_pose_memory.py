@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import real_data, small_log
+from support import small_log
 
 from gpcorrect import se3
 from gpcorrect.calibration import (
@@ -17,13 +17,9 @@ from gpcorrect.calibration import (
     evaluate_model,
     fit_model,
     load,
-    run_experiment,
     save,
 )
-from gpcorrect.calibration.joint_map import JointMap
 from gpcorrect.calibration.memory import History
-from gpcorrect.calibration.poses import rotations_of
-from gpcorrect.logs import read_log
 from gpcorrect.sim.effects.operators import play
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 from gpcorrect.velocity import twists
@@ -146,35 +142,6 @@ def test_a_model_file_keeps_the_memory(sticky: FitResult, tmp_path: Path) -> Non
     save(sticky.corrector, tmp_path / "m.gpc")
     again = load(tmp_path / "m.gpc").correct_path(poses, times)
     np.testing.assert_array_equal(again.position, sticky.corrector.correct_path(poses, times).position)
-
-
-def test_joints_that_a_pose_does_not_tell_are_left_out() -> None:
-    """The learned inverse kinematics keeps the joints that poses determine and drops a gripper that moves at will."""
-    log = small_log()
-    assert log.setpoint_cp is not None
-    p, R = log.setpoint_cp.position, rotations_of(log.setpoint_cp)
-    assert R is not None
-    told = np.column_stack([np.hypot(p[:, 0], p[:, 1]), np.arctan2(p[:, 1], p[:, 0]), p[:, 2], R[:, 0, 1]])
-    gripper = np.random.default_rng(0).uniform(0, 1, (len(log), 1))
-    joints = JointMap.fit(replace(log, setpoint_jp=np.hstack([told, gripper])), seed=0, orientation=True)
-    assert joints is not None
-    assert joints.determined == (0, 1, 2, 3)
-    np.testing.assert_allclose(joints(p, R), told, atol=0.1 * told.std(axis=0).max())
-    assert JointMap.fit(replace(log, setpoint_jp=gripper), seed=0, orientation=True) is None
-    assert JointMap.fit(log, seed=0, orientation=True) is None
-
-
-@pytest.mark.slow
-def test_memory_pays_on_a_real_wrist() -> None:
-    """On the held-out last fifth of a real dVRK recording memory takes at least 15 % off the rotation error."""
-    log = read_log(real_data("dvrk_random.csv"))
-    experiment = run_experiment(log, replace(SETTINGS, marker="auto"))
-    assert experiment.test is not None
-    errors = [
-        evaluate_model(c, experiment.test).clean_errors["corrected"]["rotation_deg"]["norm"]["rmse"]
-        for c in (experiment.corrector, replace(experiment.corrector, memory=None))
-    ]
-    assert errors[0] < 0.85 * errors[1]
 
 
 def a_path() -> tuple[FloatArray, FloatArray, FloatArray]:

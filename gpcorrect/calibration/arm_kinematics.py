@@ -1,0 +1,175 @@
+"""The kinematics of the arm that a log was recorded on, learned from its joints and poses, and its inverse.
+
+Its owner need not say which arm it is: a controller computes its poses from its joints, and
+:func:`gpcorrect.arms.identify_chain` finds out how.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from gpcorrect import se3
+from gpcorrect.arms import Chain, identify_chain, workspace
+from gpcorrect.calibration.poses import rotations_of
+from gpcorrect.errors import DataError, DegenerateError, LogError
+from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal, frozen_array
+
+__all__ = ["ArmKinematics"]
+
+SOURCES = (("setpoint_cp", "setpoint_jp"), ("measured_cp", "measured_jp"))
+"""Pairs of which one kinematics made the first from the second."""
+STARTS = 300
+"""Postures of the training that an inverse begins at: between them Newton's method arrives (tested); chosen by hand."""
+GRIPPER = 2
+"""Joints at the end of a log that may belong to a gripper: no arm here logs more."""
+NO_EFFECT = 1e-6
+"""m/rad or rad/rad: a joint that moves the tip less is a gripper; chosen by hand."""
+LEAST_SHARE = 0.01
+"""Of its largest, that the arm's smallest rate must reach in most of the training: else poses do not determine joints,
+and a correction in joints is as good as any other; chosen by hand."""
+HEADROOM = 2.0
+"""By how much further from the arm's reach than in training a pose may lie; chosen by hand."""
+NOISE_FLOOR = 1e-6
+"""rad: what the inverse leaves of a pose that it reaches, with plenty to spare."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmKinematics:
+    """A learned chain, with what its inverse needs.
+
+    Parameters
+    ----------
+    chain : Chain
+        From the joints that move the tip to its poses, as the robot's controller has it.
+    starts : (k, d) array
+        Postures of the training, rad and m.
+    length : float
+        m that weigh as much as one radian.
+    reach : float
+        How far from any posture's pose a desired one may lie, rad (and m over `length`): an arm of fewer than six
+        joints comes only near most poses.
+    """
+
+    chain: Chain
+    starts: FloatArray
+    length: float
+    reach: float = np.inf
+    _nearest: cKDTree = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "starts", frozen_array(self.starts))
+        object.__setattr__(self, "_nearest", cKDTree(self._coordinates(self.chain.forward(self.starts))))
+
+    @classmethod
+    def of(cls, log: CalibrationLog) -> Self:
+        """Return the kinematics of a log's commanded, else of its reported joints and poses.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples.
+
+        Raises
+        ------
+        LogError
+            The log holds no joints, or no orientations.
+        DataError, DegenerateError
+            No chain makes its poses of its joints, or its motion does not show one, or poses do not determine joints.
+        """
+        for pose_name, joint_name in SOURCES:
+            poses, joints = getattr(log, pose_name), getattr(log, joint_name)
+            if poses is not None and joints is not None and poses.quaternion is not None:
+                break
+        else:
+            raise LogError("it does not hold poses with orientation and the joints they were computed from.")
+        rows = np.flatnonzero(poses.finite & np.isfinite(joints).all(axis=1))
+        T, q = _matrices(poses[rows]), joints[rows]
+        chain = _chain_of(q, T, log.joint_types(q.shape[1]))
+        q, length = q[:, : chain.dof], workspace(T)
+        rates = np.linalg.svd(chain.jacobian(q) / np.array([length] * 3 + [1.0] * 3)[:, None], compute_uv=False)
+        if chain.dof > len(rates[0]) or np.median(rates[:, -1] / rates[:, 0]) < LEAST_SHARE:
+            raise DegenerateError(f"poses do not determine the {chain.dof} joints that move the tip.")
+        kinematics = cls(chain, q[np.unique(np.linspace(0, len(q) - 1, STARTS).astype(np.int64))], length)
+        _, left = kinematics.chain.nearest(T, q, length)
+        return replace(kinematics, reach=float(left.max()))
+
+    def reaching(self, poses: PoseSignal) -> Self:
+        """Return the kinematics that takes poses as far from its reach as these are, with headroom.
+
+        Parameters
+        ----------
+        poses : PoseSignal
+            n poses in the command's frame.
+        """
+        left = self._inverse(poses)[1]
+        return replace(self, reach=HEADROOM * max(self.reach, float(np.nanmax(left, initial=0.0))) + NOISE_FLOOR)
+
+    def inverse(self, poses: PoseSignal, near: FloatArray | None = None) -> FloatArray:
+        """Return the joints `(n, d)` nearest to poses; NaN where the arm comes not near.
+
+        Parameters
+        ----------
+        poses : PoseSignal
+            n poses in the command's frame, with orientation.
+        near : (n, d) array, optional
+            Where to begin; at the training's nearest posture without it.
+        """
+        q, left = self._inverse(poses, near)
+        q[~(left <= self.reach)] = np.nan
+        return q
+
+    def carried(self, poses: PoseSignal, q: FloatArray, told: FloatArray) -> PoseSignal:
+        """Return poses moved as the tip moves from joints to others; where the arm reaches them, onto its poses.
+
+        Parameters
+        ----------
+        poses : PoseSignal
+            n poses, complete.
+        q, told : (n, d) arrays
+            Joints of the poses, and those that the arm moves to, rad and m.
+        """
+        before, after, turned = self.chain.forward(q), self.chain.forward(told), rotations_of(poses)
+        assert turned is not None
+        R = after[:, :3, :3] @ np.swapaxes(before[:, :3, :3], -1, -2) @ turned
+        return PoseSignal(poses.position + after[:, :3, 3] - before[:, :3, 3], se3.quaternion_from_matrix(R))
+
+    def _inverse(self, poses: PoseSignal, near: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        q, left, known = np.full((len(poses), self.chain.dof), np.nan), np.full(len(poses), np.nan), poses.finite
+        T = _matrices(poses[known])
+        start = self.starts[self._nearest.query(self._coordinates(T))[1]] if near is None else near[known]
+        q[known], left[known] = self.chain.nearest(T, start, self.length)
+        return q, left
+
+    def _coordinates(self, T: FloatArray) -> FloatArray:
+        """Poses `(n, 4, 4)` as points `(n, 12)` between which distances are about those of poses."""
+        return np.hstack([T[:, :3, 3] / self.length, T[:, :3, :3].reshape(-1, 9) / np.sqrt(2)])
+
+
+def _chain_of(q: FloatArray, T: FloatArray, types: str) -> Chain:
+    """Return the chain of the joints that move the tip: all of them, or without a gripper's, which come last.
+
+    Raises
+    ------
+    DataError, DegenerateError
+        There is none.
+    """
+    failed: DataError | None = None
+    for count in range(len(types), max(len(types) - 1 - GRIPPER, 0), -1):
+        try:
+            chain = identify_chain(q[:, :count], T, types[:count])
+        except DataError as error:
+            failed = failed or error
+            continue
+        if (np.abs(chain.jacobian(q[:, :count])).max(axis=(0, 1)) > NO_EFFECT).all():
+            return chain
+    raise failed or DegenerateError("no joint of the log moves the tip.")
+
+
+def _matrices(poses: PoseSignal) -> FloatArray:
+    rotations = rotations_of(poses)
+    assert rotations is not None
+    return se3.pose(rotations, poses.position)

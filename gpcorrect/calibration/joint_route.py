@@ -1,0 +1,239 @@
+"""Poses corrected in the joints that take the arm there, for slack and friction are in the joints.
+
+A desired pose has joints, what is to be added to them is the task of :mod:`gpcorrect.calibration.joints`, and the
+corrected joints have a pose again. The kinematics is the controller's own, learned from the log: where it is wrong, it
+is wrong there and back, and the error that this leaves was in the training too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpcorrect.calibration.arm_kinematics import ArmKinematics
+from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.domain import Bounds
+from gpcorrect.calibration.joint_path import joint_path
+from gpcorrect.calibration.joints import JointCorrector
+from gpcorrect.calibration.law import Law
+from gpcorrect.calibration.learners import PolynomialMap
+from gpcorrect.calibration.learners.learner import cross_predicted
+from gpcorrect.calibration.pose_samples import changes, changes_text
+from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.calibration.task import LearnLaw, Outcome
+from gpcorrect.calibration.training_motion import TrainingMotion
+from gpcorrect.cleaning import FittedCleaner
+from gpcorrect.correction import Correction, Reason
+from gpcorrect.errors import DegenerateError
+from gpcorrect.gpr import IntervalCalibration, LeftOut
+from gpcorrect.rigid import apply_residual, pose_residual
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
+
+__all__ = ["JointRoute"]
+
+SAME_BRANCH = 1.0
+"""rad or m that a command and its pose may be apart in joints: more is another branch of the inverse. By hand."""
+
+HOPELESS = 0.2
+"""Of the error of poses alone that a linear law of joints may have more: a regression after it took 10 to 60 % off on
+real and simulated wrists, and on a simulated RAVEN-II, where it stayed above, 40 %."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointRoute:
+    """What was learned of an arm's kinematics and of its joints: how paths and streams of poses are answered.
+
+    Parameters
+    ----------
+    kinematics : ArmKinematics
+        From poses to joints and back.
+    joints : JointCorrector
+        From desired joints to commanded ones.
+    intervals : IntervalCalibration
+        Of poses: errors of joints go together, so that intervals of joints say too little of those of poses.
+    """
+
+    kinematics: ArmKinematics
+    joints: JointCorrector
+    intervals: IntervalCalibration
+
+    @classmethod
+    def learn(
+        cls,
+        log: CalibrationLog,
+        pair: tuple[PoseSignal, PoseSignal],
+        cleaner: FittedCleaner,
+        settings: FitSettings,
+        learn_law: LearnLaw,
+        alone: LeftOut | None = None,
+    ) -> tuple[JointRoute, Outcome]:
+        """Return the route, and its outcome with errors and intervals as poses.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n complete samples.
+        pair : two PoseSignal
+            Their references and commands, with orientation.
+        cleaner : FittedCleaner
+            What rejected the others.
+        settings : FitSettings
+            The user's settings.
+        learn_law : callable
+            See :meth:`Corrector.learn`.
+        alone : LeftOut, optional
+            Of a law of the poses alone. A linear law of the joints that comes nowhere near it ends the learning: the
+            joints are not where this arm misses, and a Gaussian process after it takes minutes to say so.
+
+        Raises
+        ------
+        LogError, DataError, DegenerateError
+            The log shows no kinematics (see :meth:`ArmKinematics.of`), or its joints cannot be learned from, or promise
+            nothing.
+        """
+        kinematics = ArmKinematics.of(log).reaching(pair[0])
+        joints = joints_of(log, pair, kinematics)
+        asked, wanted = joints.setpoint_jp, joints.external_jp
+        assert asked is not None
+        assert wanted is not None
+
+        def promising(samples: Samples, layout: Layout) -> tuple[Law, LeftOut]:
+            if alone is not None and samples.target.shape[1] == asked.shape[1]:
+                first = cross_predicted(
+                    lambda s: PolynomialMap.fit(*s.learnable(), 1, layout.penalties), samples, LIMITS.folds
+                )
+                rows = samples.rows
+                moved = kinematics.carried(pair[0][rows], wanted[rows], asked[rows] - first.errors)
+                change = changes(replace(first, errors=pose_residual(moved, pair[1][rows])), alone)
+                if change.mean() > HOPELESS:
+                    raise DegenerateError(f"a linear law of them promises too little, {changes_text(change)}.")
+            return learn_law(samples, layout)
+
+        outcome = JointCorrector.learn(
+            joints,
+            np.asarray(np.isfinite(wanted).all(axis=1)),
+            cleaner,
+            replace(settings, direction="command", features=(), input_signal="setpoint_jp", end_to_end=False),
+            promising,
+        )
+        corrector, rows = outcome.corrector, outcome.samples.rows
+        assert isinstance(corrector, JointCorrector)
+        anywhere = np.full(kinematics.chain.dof, np.inf)  # poses are looked at where they come in
+        motion = TrainingMotion(-anywhere, anywhere, np.ones(kinematics.chain.dof), np.nan)
+        unknown = IntervalCalibration(np.ones(6))
+        route = cls(kinematics, replace(corrector, trained=motion), unknown)
+        told = Correction(
+            position=None,
+            quaternion=None,
+            joints=asked[rows] - corrector.view.wide(outcome.left_out.errors),
+            std=corrector.view.wide(outcome.left_out.std),
+            interval95=np.full(asked[rows].shape, np.nan),
+            reasons=np.zeros(len(rows), dtype=np.int64),
+        )
+        answer = route.as_poses(pair[0][rows], wanted[rows], told)
+        assert answer.position is not None
+        errors = pose_residual(PoseSignal(answer.position, answer.quaternion), pair[1][rows])
+        left_out, known = LeftOut(errors, answer.std, outcome.left_out.novelty), np.isfinite(errors).all(axis=1)
+        trajectory = outcome.samples.trajectory[rows][known]
+        intervals = IntervalCalibration.fit(errors[known], answer.std[known], trajectory)
+        intervals = intervals.widened(outcome.samples.widening)
+        outcome = replace(outcome, left_out=left_out, interval95=intervals.interval95(answer.std))
+        return replace(route, intervals=intervals), outcome
+
+    def samples(self, log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal]) -> Samples:
+        """Return complete samples of a log of poses as the law of joints sees them.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n complete samples.
+        pair : two PoseSignal
+            Their references and commands.
+        """
+        joints = joints_of(log, pair, self.kinematics)
+        assert joints.external_jp is not None
+        return self.joints.samples(joints, np.asarray(np.isfinite(joints.external_jp).all(axis=1)))
+
+    def correct(
+        self, reference: PoseSignal, command: PoseSignal, time: FloatArray, session: IntArray, bounds: Bounds
+    ) -> Correction:
+        """Return what to command along a path whose earlier commands are known; NaN where the arm comes not near.
+
+        Parameters
+        ----------
+        reference : PoseSignal
+            n poses in the command's frame.
+        command : PoseSignal
+            What was commanded at each: an answer looks at those before it.
+        time : (n,) array
+            s.
+        session : (n,) int array
+            Homing or day.
+        bounds : Bounds
+            Largest believed correction of a pose.
+        """
+        q = self.kinematics.inverse(reference)
+        view, told = self.joints.view, self.kinematics.inverse(command)
+        path = joint_path(time, session, q[:, view.moving], None, None, told[:, view.moving])
+        samples = view.samples(path, session, session, None, np.zeros(len(q), dtype=bool))
+        return self.as_poses(reference, q, view.answer(q, self.joints.law.predict(samples)), bounds)
+
+    def as_poses(
+        self, reference: PoseSignal, q: FloatArray, told: Correction, bounds: Bounds | None = None
+    ) -> Correction:
+        """Return answers in joints as poses, within bounds; NaN where joints are.
+
+        Parameters
+        ----------
+        reference : PoseSignal
+            n poses.
+        q : (n, d) array
+            Their joints.
+        told : Correction
+            n answers in joints.
+        bounds : Bounds, optional
+            Largest believed correction of a pose.
+        """
+        assert told.joints is not None
+        known = np.asarray(np.isfinite(told.joints).all(axis=1) & np.isfinite(q).all(axis=1))
+        position, quaternion = np.full((len(q), 3), np.nan), np.full((len(q), 4), np.nan)
+        std = np.full((len(q), 6), np.nan)
+        cut = np.zeros(len(q), dtype=bool)
+        if known.any():
+            moved = self.kinematics.carried(reference[known], q[known], told.joints[known])
+            if bounds is not None:
+                residual, cut[known] = bounds.limit(pose_residual(reference[known], moved))
+                moved = apply_residual(reference[known], residual) if cut.any() else moved
+            position[known], quaternion[known] = moved.position, moved.quaternion
+            spread = self.kinematics.chain.jacobian(told.joints[known]) ** 2
+            std[known] = np.sqrt((spread @ np.nan_to_num(told.std[known])[..., None] ** 2)[..., 0])
+        intervals = self.intervals.interval95(std)
+        return Correction(position, quaternion, None, std, intervals, told.reasons).because(Reason.LIMITED, cut)
+
+
+def joints_of(log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], kinematics: ArmKinematics) -> CalibrationLog:
+    """Return samples as a log of joints: those commanded, and those of the references; NaN where there are none.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        n samples.
+    pair : two PoseSignal
+        Their references and commands.
+    kinematics : ArmKinematics
+        Of the arm.
+    """
+    reference, command = pair
+    asked = kinematics.inverse(command)
+    wanted = kinematics.inverse(reference)
+    wanted[~(np.abs(wanted - asked) <= SAME_BRANCH).all(axis=1)] = np.nan
+    return CalibrationLog(
+        time=log.time,
+        trajectory=log.trajectory,
+        session=log.session,
+        setpoint_jp=asked,
+        external_jp=wanted,
+        meta=LogMeta(joint_types=kinematics.chain.joint_types),
+        name=log.name,
+    )

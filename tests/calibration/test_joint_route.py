@@ -1,0 +1,163 @@
+"""Laws of poses corrected in the joints: they come nearer, a stream is its path, what is lacking is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import real_data, short_search, small_log
+
+from gpcorrect.calibration import (
+    CommandCorrector,
+    FitResult,
+    FitSettings,
+    evaluate_model,
+    fit_model,
+    load,
+    run_experiment,
+    save,
+    update_model,
+)
+from gpcorrect.calibration.arm_kinematics import ArmKinematics
+from gpcorrect.errors import DataError, DegenerateError, LogError
+from gpcorrect.logs import read_log
+from gpcorrect.sim import random_reaches_log
+from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+
+SETTINGS = FitSettings(features=("pose", "velocity", "joints"), inducing=100, search_samples=100, clean=False)
+
+
+def reaches(seed: int, n: int = 24) -> CalibrationLog:
+    """Return a recording of a simulated dVRK, whose wrist has slack."""
+    return random_reaches_log("dvrk_psm", n, seed, faults=False)
+
+
+@pytest.fixture(scope="module")
+def learned() -> FitResult:
+    return fit_model(reaches(0), SETTINGS)
+
+
+def poses_of(log: CalibrationLog, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return the first n observed poses of a log's first trajectory and their times."""
+    rows = np.flatnonzero(log.trajectory == log.trajectory_ids[0])[:n]
+    assert log.tracker_cp is not None
+    assert log.tracker_cp.quaternion is not None
+    return np.hstack([log.tracker_cp.position, log.tracker_cp.quaternion])[rows], log.time[rows]
+
+
+def test_joints_halve_what_poses_leave(learned: FitResult) -> None:
+    """On other motion of the same machine, in position and rotation; intervals hold; the fit says so."""
+    with_joints, alone = (
+        evaluate_model(c, reaches(0, 32), held=np.isin(reaches(0, 32).trajectory, range(24, 32)))
+        for c in (learned.corrector, replace(learned.corrector, route=None))
+    )
+    for part, share in (("position_mm", 0.85), ("rotation_deg", 0.6)):
+        errors = [e.dirty_errors["corrected"][part]["norm"]["rmse"] for e in (with_joints, alone)]
+        assert errors[0] < share * errors[1]
+    assert with_joints.dirty.coverage95.mean() > 0.9
+    assert any("in the arm's joints" in remark for remark in learned.remarks)
+
+
+def test_a_stream_is_its_path_and_a_file_keeps_it(learned: FitResult, tmp_path: Path) -> None:
+    """Pose by pose, after a reset, and from the model's file: the same answers."""
+    poses, times = poses_of(reaches(3), 60)
+    corrector: CommandCorrector = learned.corrector
+    save(corrector, tmp_path / "m.gpc")
+    path, stream = corrector.correct_path(poses, times), load(tmp_path / "m.gpc").stream()
+    for _ in range(2):
+        stream.reset()
+        answers = [stream.correct(t, pose) for t, pose in zip(times, poses, strict=True)]
+        np.testing.assert_allclose([a.position for a in answers], path.position, atol=1e-9)
+        np.testing.assert_allclose([a.interval95 for a in answers], path.interval95, atol=1e-9)
+    assert "just begun" in answers[0].reason
+    assert answers[1].reason == ""
+
+
+def test_a_single_pose_is_answered_without_joints_and_says_so(learned: FitResult) -> None:
+    """Nothing is known of the path: the answer is that of pose and velocity."""
+    pose = poses_of(reaches(3), 1)[0][0]
+    alone = replace(learned.corrector, route=None)
+    one, plain = learned.corrector.correct(pose, np.zeros(6)), alone.correct(pose, np.zeros(6))
+    np.testing.assert_array_equal(one.position, plain.position)
+    assert "no history" in one.reason
+    assert "no history" not in plain.reason
+
+
+def test_where_the_arm_comes_not_near_poses_alone_answer(learned: FitResult) -> None:
+    """A pose beyond the inverse is answered within bounds, outside the training, with an interval no narrower."""
+    poses, times = poses_of(reaches(3), 6)
+    short = replace(learned.corrector.route, kinematics=replace(learned.corrector.route.kinematics, reach=-1.0))
+    stream = replace(learned.corrector, route=short).stream()
+    alone = replace(learned.corrector, route=None).stream()
+    for t, pose in zip(times, poses, strict=True):
+        told, plain = stream.correct(t, pose), alone.correct(t, pose)
+        np.testing.assert_array_equal(told.position, plain.position)
+        assert told.status == "EXTRAPOLATING"
+        assert (told.interval95 >= plain.interval95).all()
+
+
+def test_a_correction_stays_within_the_bounds_of_poses(learned: FitResult) -> None:
+    """Whatever the joints say, no pose moves further than the training's commands justify."""
+    poses, times = poses_of(reaches(3), 40)
+    bounds = replace(learned.corrector.law.bounds, largest=np.array([1e-4, 1e-3]))
+    tight = replace(learned.corrector, law=replace(learned.corrector.law, bounds=bounds))
+    reference = tight.rigid.apply(PoseSignal(poses[:, :3], poses[:, 3:]))
+    answer = tight.correct_path(poses, times)
+    assert np.linalg.norm(answer.position - reference.position, axis=1).max() <= 1e-4 * (1 + 1e-9)
+    assert set(answer.status) == {"LIMITED"}
+
+
+def test_new_recordings_are_added(learned: FitResult) -> None:
+    """An update learns in the joints too, and loses little where nothing changed."""
+    update = update_model(learned.corrector, reaches(0, 40).select(reaches(0, 40).trajectory >= 24))
+    assert update.corrector.route is not None
+    assert update.corrector.route.joints.law is not learned.corrector.route.joints.law
+    assert update.before is not None
+    assert update.after is not None
+    errors = [e.clean_errors["corrected"]["rotation_deg"]["norm"]["rmse"] for e in (update.before, update.after)]
+    assert errors[1] < 1.1 * errors[0]
+
+
+def test_a_gripper_is_left_out_and_two_fingers_determine_nothing() -> None:
+    """A joint that does not move the tip is no part of the arm; two that turn it alike cannot be told apart."""
+    log = reaches(1, 6)
+    assert log.setpoint_jp is not None
+    rng, types = np.random.default_rng(0), log.joint_types(6)
+    gripper = replace(
+        log,
+        setpoint_jp=np.hstack([log.setpoint_jp, rng.uniform(0, 1, (len(log), 1))]),
+        measured_jp=None, measured_jv=None, measured_jf=None, external_jp=None,
+        meta=replace(log.meta, joint_types=types + "R"),
+    )  # fmt: skip
+    assert ArmKinematics.of(gripper).chain.dof == 6
+    fingers = np.array(log.setpoint_jp)
+    open_by = rng.uniform(0.2, 1, len(log))
+    two = np.column_stack([fingers[:, :5], fingers[:, 5] - open_by / 2, fingers[:, 5] + open_by / 2])
+    with pytest.raises((DegenerateError, DataError)):
+        ArmKinematics.of(replace(gripper, setpoint_jp=two))
+
+
+def test_what_a_log_lacks_is_said() -> None:
+    """Asked for by name, joints that are not there are refused; by default the log is learned from without them."""
+    with pytest.raises(LogError, match="joints"):
+        fit_model(small_log(trajectories=6, samples=40), SETTINGS)
+    with pytest.raises(DataError, match="memory"):
+        fit_model(reaches(0, 4), replace(SETTINGS, features=("pose", "memory", "joints")))
+    with short_search():
+        plain = fit_model(small_log(trajectories=6, samples=40), FitSettings(clean=False, inducing=60))
+    assert plain.corrector.route is None
+
+
+@pytest.mark.slow
+def test_joints_pay_on_a_real_wrist() -> None:
+    """On the held-out last fifth of a real dVRK recording they take half of the rotation error, and intervals hold."""
+    log = read_log(real_data("dvrk_random.csv"))
+    experiment = run_experiment(log, replace(SETTINGS, inducing=200, search_samples=200, clean=True))
+    assert experiment.evaluation is not None
+    assert experiment.test is not None
+    errors = experiment.evaluation.clean_errors["corrected"]["rotation_deg"]["norm"]["rmse"]
+    alone = evaluate_model(replace(experiment.corrector, route=None), experiment.test)
+    assert errors < 0.55 * alone.clean_errors["corrected"]["rotation_deg"]["norm"]["rmse"]
+    assert (experiment.evaluation.clean.coverage95 > 0.9).all()
