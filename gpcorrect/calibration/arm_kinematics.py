@@ -122,6 +122,22 @@ class ArmKinematics:
         q[~(left <= self.reach)] = np.nan
         return q
 
+    def inverse_one(self, position: FloatArray, rotation: FloatArray, near: FloatArray | None) -> FloatArray:
+        """Return the joints `(d,)` nearest to one pose, NaN where the arm comes not near: the hot path of streams.
+
+        Parameters
+        ----------
+        position, rotation : (3,) and (3, 3) arrays
+            The pose, command's frame.
+        near : (d,) array or None
+            Where to begin; at the training's nearest posture without it.
+        """
+        T = np.eye(4)[None]
+        T[0, :3, :3], T[0, :3, 3] = rotation, position
+        start = self.starts[self._nearest.query(self._coordinates(T))[1]] if near is None else near[None]
+        q, left = self.chain.nearest(T, start, self.length)
+        return q[0] if left[0] <= self.reach else np.full(len(q[0]), np.nan)
+
     def carried(self, poses: PoseSignal, q: FloatArray, told: FloatArray) -> PoseSignal:
         """Return poses moved as the tip moves from joints to others; where the arm reaches them, onto its poses.
 

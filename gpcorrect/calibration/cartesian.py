@@ -271,8 +271,19 @@ class CommandCorrector(Corrector):
             reasons=prediction.reasons,
         )
 
+    def without_joints(self, alone: Correction) -> Correction:
+        """Return answers of pose and velocity to poses that the arm comes not near: nothing is known there.
+
+        Parameters
+        ----------
+        alone : Correction
+            One answer or n.
+        """
+        std = self.law.domain.widen(alone.std, np.zeros(alone.std.shape[:-1], dtype=bool))
+        return replace(alone, std=std, interval95=self.law.intervals.interval95(std)).because(Reason.OUTSIDE)
+
     def joined(self, answer: Correction, alone: Correction) -> Correction:
-        """Return n answers found in joints; where they are NaN, those without, which nothing is known of there.
+        """Return n answers found in joints; where they are NaN, those without.
 
         Parameters
         ----------
@@ -282,15 +293,14 @@ class CommandCorrector(Corrector):
         known = np.asarray(np.isfinite(answer.std).all(axis=1))
         if known.all():
             return answer
-        std, row = self.law.domain.widen(alone.std, known), known[:, None]
-        wide = self.law.intervals.interval95(std)
+        alone, row = self.without_joints(alone), known[:, None]
         return Correction(
             position=_either(row, answer.position, alone.position),
             quaternion=_either(row, answer.quaternion, alone.quaternion),
             joints=None,
-            std=np.where(row, answer.std, std),
-            interval95=np.where(row, answer.interval95, wide),
-            reasons=np.where(known, answer.reasons, alone.reasons | int(Reason.OUTSIDE)),
+            std=np.where(row, answer.std, alone.std),
+            interval95=np.where(row, answer.interval95, alone.interval95),
+            reasons=np.where(known, answer.reasons, alone.reasons),
         )
 
     def query_path(self, log: CalibrationLog) -> FloatArray:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gpcorrect import se3
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.domain import Bounds
@@ -19,6 +20,7 @@ from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import PolynomialMap
 from gpcorrect.calibration.learners.learner import cross_predicted
+from gpcorrect.calibration.one_pose import command
 from gpcorrect.calibration.pose_samples import changes, changes_text
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Outcome
@@ -178,6 +180,32 @@ class JointRoute:
         path = joint_path(time, session, q[:, view.moving], None, None, told[:, view.moving])
         samples = view.samples(path, session, session, None, np.zeros(len(q), dtype=bool))
         return self.as_poses(reference, q, view.answer(q, self.joints.law.predict(samples)), bounds)
+
+    def as_pose(
+        self, position: FloatArray, rotation: FloatArray, q: FloatArray, told: Correction, largest: FloatArray
+    ) -> Correction:
+        """Return one answer in joints as a pose within bounds: the hot path of streams.
+
+        Parameters
+        ----------
+        position, rotation : (3,) and (3, 3) arrays
+            Reference pose.
+        q : (d,) array
+            Its joints.
+        told : Correction
+            The answer in joints.
+        largest : (2,) array
+            Largest believed correction of a pose, m and rad.
+        """
+        assert told.joints is not None
+        chain = self.kinematics.chain
+        before, after = chain.forward(np.array([q, told.joints]))
+        turned = se3.rotvec_from_matrix(after[:3, :3] @ before[:3, :3].T)
+        residual = np.concatenate([after[:3, 3] - before[:3, 3], turned])
+        moved, quaternion, limited = command(position, rotation, residual, largest)
+        std = np.sqrt(chain.jacobian(told.joints) ** 2 @ np.nan_to_num(told.std) ** 2)
+        reasons = Reason(int(told.reasons) | (int(Reason.LIMITED) if limited else 0))
+        return Correction(moved, quaternion, None, std, self.intervals.interval95(std), reasons)
 
     def as_poses(
         self, reference: PoseSignal, q: FloatArray, told: Correction, bounds: Bounds | None = None

@@ -88,27 +88,20 @@ class PoseStream:
         estimated = self._twist.update(time, query[:3], turned)
         velocity = np.nan_to_num(estimated) if twist is None else given
         reasons = int(Reason.JUST_BEGUN) if twist is None and not np.isfinite(estimated[:3]).all() else 0
-        quaternion = se3.quaternion_from_matrix(rotation[None]) if corrector.has_orientation else None
-        reference = PoseSignal(position[None], quaternion)
-        if self._joints is not None:
-            return self._through_joints(self._joints, time, reference, corrector.one(query, velocity, reasons))
+        if self._joints is not None and corrector.route is not None:
+            route = corrector.route
+            q = route.kinematics.inverse_one(position, rotation, self._q)
+            told, self._q = self._joints.correct(time, q), q if np.isfinite(q).all() else None
+            if self._q is None:
+                return corrector.without_joints(corrector.one(query, velocity, reasons))
+            return route.as_pose(position, rotation, q, told, corrector.law.bounds.largest).because(Reason(reasons))
         if corrector.memory is None:
             return corrector.one(query, velocity, reasons)
-        states = corrector.memory.states
+        quaternion = se3.quaternion_from_matrix(rotation[None]) if corrector.has_orientation else None
+        reference, states = PoseSignal(position[None], quaternion), corrector.memory.states
         answer = corrector.one(query, velocity, reasons, self._remembered(states, reference))
         self._remember(states, reference, answer)
         return answer
-
-    def _through_joints(self, joints: JointStream, time: float, reference: PoseSignal, alone: Correction) -> Correction:
-        """Answer in joints, or without them where the arm comes not near the pose."""
-        route = self._corrector.route
-        assert route is not None
-        q = route.kinematics.inverse(reference, self._q)
-        self._q = q if np.isfinite(q).all() else None
-        told = Correction.stack([joints.correct(time, q[0])])
-        answer = route.as_poses(reference, q, told, self._corrector.law.bounds)
-        begun = int(alone.reasons) & int(Reason.JUST_BEGUN)
-        return self._corrector.joined(answer, Correction.stack([alone]))[0].because(Reason(begun))
 
     def _remembered(self, states: MemoryMap, reference: PoseSignal) -> FloatArray:
         """Return features of the slacks where the last command left them, moved on by the reference's step."""
