@@ -24,7 +24,7 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
 FIFTHS = 5
 ASKED = 24  # trajectories that those who learned from few are asked about
 ASKED_WRIST = 8
-ALL = ("pose", "velocity", "memory")
+POSE, JOINTS = ("pose", "velocity"), ("pose", "velocity", "joints")
 
 
 def main() -> None:
@@ -50,8 +50,8 @@ Run = tuple[CalibrationLog, BoolArray, FitSettings]
 def long_cases(count: int, seeds: int) -> Iterator[tuple[str, Iterator[Run]]]:
     yield "simulated debridement", debridement(count, seeds)
     yield "simulated reaches, correlated noise", reaches(count, seeds)
-    yield "real wrist, five fifths", real(FitSettings())
-    yield "real wrist, five fifths, memory", real(FitSettings(features=ALL))
+    yield "real wrist, five fifths", real(FitSettings(features=POSE))
+    yield "real wrist, five fifths, joints", real(FitSettings(features=JOINTS))
 
 
 def few_cases(numbers: list[int], seeds: int) -> Iterator[tuple[str, Iterator[Run]]]:

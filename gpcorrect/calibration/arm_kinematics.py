@@ -62,6 +62,11 @@ class ArmKinematics:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "starts", frozen_array(self.starts))
+        fits = self.starts.ndim == 2 and self.starts.shape[1] == self.chain.dof and len(self.starts) > 0
+        if not (fits and np.isfinite(self.starts).all() and 0 < self.length < np.inf and not np.isnan(self.reach)):
+            raise DataError(f"kinematics of {self.chain.dof} joints do not fit together: starts {self.starts.shape}.")
+        if not np.isfinite(self.chain.forward(self.starts)).all():
+            raise DataError("the chain of the model's kinematics is not finite.")
         object.__setattr__(self, "_nearest", cKDTree(self._coordinates(self.chain.forward(self.starts))))
 
     @classmethod

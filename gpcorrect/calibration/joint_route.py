@@ -27,7 +27,7 @@ from gpcorrect.calibration.task import LearnLaw, Outcome
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import FittedCleaner
 from gpcorrect.correction import Correction, Reason
-from gpcorrect.errors import DegenerateError
+from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.rigid import apply_residual, pose_residual
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
@@ -59,6 +59,14 @@ class JointRoute:
     kinematics: ArmKinematics
     joints: JointCorrector
     intervals: IntervalCalibration
+
+    def __post_init__(self) -> None:
+        dof, types = self.kinematics.chain.dof, self.joints.view.types
+        if len(types) != dof or len(self.intervals.factor) != 6 or self.joints.view.direction != "command":
+            raise DataError(
+                f"poses of {dof} joints cannot be answered by a model of {len(types)} joints in direction"
+                f" {self.joints.view.direction} with {len(self.intervals.factor)} intervals."
+            )
 
     @classmethod
     def learn(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support import real_data, short_search, small_log
 
+from gpcorrect.arms import Chain
 from gpcorrect.calibration import (
     CommandCorrector,
     FitResult,
@@ -107,6 +108,22 @@ def test_a_correction_stays_within_the_bounds_of_poses(learned: FitResult) -> No
     answer = tight.correct_path(poses, times)
     assert np.linalg.norm(answer.position - reference.position, axis=1).max() <= 1e-4 * (1 + 1e-9)
     assert set(answer.status) == {"LIMITED"}
+
+
+def test_parts_that_do_not_fit_together_are_refused(learned: FitResult) -> None:
+    """A model file whose kinematics or joints are not of one arm ends when it is loaded, not in compiled code."""
+    route = learned.corrector.route
+    for change in (
+        {"starts": route.kinematics.starts[:, :5]},
+        {"starts": route.kinematics.starts * np.nan},
+        {"length": 0.0},
+        {"reach": np.nan},
+        {"chain": Chain(route.kinematics.chain.joints[:4], "modified")},
+    ):
+        with pytest.raises(DataError):
+            replace(route, kinematics=replace(route.kinematics, **change))
+    with pytest.raises(DataError, match="direction"):
+        replace(route, intervals=replace(route.intervals, factor=np.ones(3)))
 
 
 def test_new_recordings_are_added(learned: FitResult) -> None:

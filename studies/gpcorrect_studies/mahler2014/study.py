@@ -22,6 +22,7 @@ from gpcorrect_studies.mahler2014.table1 import FULL, MEMORY, TableOne, table_on
 __all__ = ["CLAIMS", "COMPARABLE", "NOT_COMPARABLE", "TARGETS", "Mahler2014", "Scope", "reproduce_mahler2014"]
 
 FEWEST_REACHES = 30  # a fifth is held out, and the places to visit are taken from it
+PAPERS_FEATURES = ("pose", "velocity")  # of its last two columns
 PAPERS_FRACTION = 460 / 19200  # the training states of the paper's smaller fit, Fig. 5
 CLAIMS = ClaimTable.of_study("mahler2014")
 
@@ -66,7 +67,7 @@ class Scope:
     fractions : tuple of float
         Fractions of the training states for Fig. 5.
     settings : FitSettings
-        What all fits have in common.
+        What all fits have in common; their features are those of the columns.
     """
 
     reaches: int = 303
@@ -235,7 +236,7 @@ def reproduce_mahler2014(scope: Scope, seed: int = 0, progress: Progress | None 
         The scope is too small for the parts to be measured.
     """
     start, progress = time.perf_counter(), progress or Progress()
-    settings = replace(scope.settings, seed=seed)
+    settings = replace(scope.settings, seed=seed, features=PAPERS_FEATURES)
     log = debridement_log(seed, reaches=scope.reaches)
     table1 = table_one(log, settings, progress)
     fig5 = training_sizes(table1.full, scope.fractions, settings, progress)
