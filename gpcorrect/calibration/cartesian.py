@@ -210,8 +210,12 @@ class CommandCorrector(Corrector):
         labels = np.zeros(len(rows), dtype=np.int64)
         desired, replaced = self.possible(desired, seconds, labels)
         twist = np.nan_to_num(twists(seconds, desired.position, rotations_of(desired), labels))
-        if self.memory is None and self.route is None:
-            return self.correct_observed(desired, twist).because(Reason.BRIDGED, replaced)
+        if self.memory is None:
+            answer = self.correct_observed(desired, twist)
+            if self.route is not None:
+                told = self.route.correct(self.rigid.apply(desired), seconds, labels, self.law.bounds)
+                answer = self.joined(told, answer)
+            return answer.because(Reason.BRIDGED, replaced)
         stream = self.stream()  # memory is of the commands, which are known one after the other
         steps = zip(seconds, queries.pose_rows(desired), twist, strict=True)
         return Correction.stack([stream.correct(*row) for row in steps]).because(Reason.BRIDGED, replaced)
@@ -347,14 +351,14 @@ class CommandCorrector(Corrector):
                 hint="See: gpcorrect validate LOG",
                 path=log.name,
             )
-        commands, observed, commanded, twist = commanded, observed[rows], commanded[rows], twist[rows]
+        observed, commanded, twist = observed[rows], commanded[rows], twist[rows]
         new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
         answer = self.correct_observed(possible[rows], twist, commanded, new)
         if self.route is not None:  # the motion before what is measured is known too, as it is to a stream
             path = possible.finite & ~np.isin(log.trajectory, log.trajectory[rows])
             path[rows] = True
             known = self.rigid.apply(possible[path])
-            told = self.route.correct(known, commands[path], log.time[path], log.session[path], self.law.bounds)
+            told = self.route.correct(known, log.time[path], log.session[path], self.law.bounds)
             answer = self.joined(told[np.isin(np.flatnonzero(path), rows)], answer)
         assert answer.position is not None
         return Measured(

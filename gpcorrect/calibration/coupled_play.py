@@ -52,7 +52,7 @@ class CoupledPlay:
         object.__setattr__(self, "stiffness", frozen_array(self.stiffness))
         object.__setattr__(self, "gap", frozen_array(self.gap))
 
-    def lags(self, path: FloatArray, new: BoolArray, told: FloatArray | None = None) -> FloatArray:
+    def lags(self, path: FloatArray, new: BoolArray) -> FloatArray:
         """Return the lags `(n, d)` of the joints behind `path` (n, d); where `new`, a path starts without any.
 
         Parameters
@@ -61,12 +61,8 @@ class CoupledPlay:
             Positions of the motors in units of half the ranges.
         new : (n,) mask
             Where a path starts.
-        told : (n, d) array, optional
-            Path that drags the joints, where it is another: each row's own lags are then those before, moved on by its
-            step of `path`.
         """
-        asked, sent = np.ascontiguousarray(path), np.ascontiguousarray(path if told is None else told)
-        lags: FloatArray = _lags(asked, sent, np.array(self.stiffness), np.array(self.gap), new)
+        lags: FloatArray = _lags(np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new)
         return lags
 
     def advance(self, joints: FloatArray, motors: FloatArray) -> FloatArray:
@@ -85,12 +81,7 @@ class CoupledPlay:
 
 
 def learn_coupled_play(
-    path: FloatArray,
-    errors: FloatArray,
-    new: BoolArray,
-    rows: IntArray,
-    shown: BoolArray,
-    told: FloatArray | None = None,
+    path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray, shown: BoolArray
 ) -> CoupledPlay:
     """Learn stiffness and friction, so that errors are linear in path and lags as nearly as can be.
 
@@ -108,25 +99,22 @@ def learn_coupled_play(
         Rows whose errors may be looked at.
     shown : (d,) bool array
         Joints whose slack this path shows; the others neither pull nor are pulled.
-    told : (n, d) array, optional
-        See :meth:`CoupledPlay.lags`.
     """
     stiffness, gap = np.eye(path.shape[1]), np.full(path.shape[1], FIRST_GAP)
     if shown.any():
-        sent = path if told is None else told
-        found = _learned(*_thinned(path[:, shown], sent[:, shown], errors, new, rows))
+        found = _learned(*_thinned(path[:, shown], errors, new, rows))
         stiffness[np.ix_(shown, shown)], gap[shown] = found.stiffness, found.gap
     return CoupledPlay(stiffness, gap)
 
 
-def _learned(path: FloatArray, told: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray) -> CoupledPlay:
+def _learned(path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray) -> CoupledPlay:
     dof = path.shape[1]
     linear = np.hstack([np.ones((len(path), 1)), path])
     scale = np.maximum(_left(linear, errors, rows).std(axis=0), 1e-300)
 
     def _residual(p: FloatArray) -> FloatArray:
         play = _play_of(p, dof)
-        left = _left(np.hstack([linear, play.lags(path, new, told)]), errors, rows)
+        left = _left(np.hstack([linear, play.lags(path, new)]), errors, rows)
         return np.concatenate([(left / scale).ravel(), COUPLING_PENALTY * p[dof:]])
 
     start = np.concatenate([np.full(dof, np.log(FIRST_GAP)), np.zeros(dof * (dof - 1) // 2)])
@@ -152,40 +140,30 @@ def _left(A: FloatArray, errors: FloatArray, rows: IntArray) -> FloatArray:
 
 
 def _thinned(
-    path: FloatArray, told: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray
-) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, IntArray]:
+    path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray
+) -> tuple[FloatArray, FloatArray, BoolArray, IntArray]:
     """Every k-th sample: the law has no clock, so a dense recording shows little more than a sparse one."""
     stride = -(-len(path) // MOST_ROWS)
     if stride == 1:
-        return path, told, errors, new, rows
+        return path, errors, new, rows
     wanted = np.zeros(len(path), dtype=bool)
     wanted[rows] = True
     label = np.cumsum(new)[::stride]
     fresh = np.concatenate([[True], np.diff(label) > 0])
-    return path[::stride], told[::stride], errors[::stride], fresh, np.flatnonzero(wanted[::stride])
+    return path[::stride], errors[::stride], fresh, np.flatnonzero(wanted[::stride])
 
 
 @njit(cache=True)
-def _lags(path: FloatArray, told: FloatArray, K: FloatArray, gap: FloatArray, new: BoolArray) -> FloatArray:
-    lag, y, asked = np.zeros(path.shape), np.empty(path.shape[1]), np.empty(path.shape[1])
-    dragged = np.empty(path.shape[1])
+def _lags(path: FloatArray, K: FloatArray, gap: FloatArray, new: BoolArray) -> FloatArray:
+    lag, y = np.empty(path.shape), np.empty(path.shape[1])
     for t in range(len(path)):
         if new[t] or t == 0:
             for i in range(len(y)):
-                y[i] = told[t, i]
-            continue
-        same = True
+                y[i] = path[t, i]
+        if not new[t]:
+            _drag(y, path[t], K, gap)
         for i in range(len(y)):
-            asked[i] = path[t, i] + (told[t - 1, i] - path[t - 1, i])
-            dragged[i] = y[i]
-            same = same and asked[i] == told[t, i]
-        _drag(dragged, asked, K, gap)
-        for i in range(len(y)):
-            lag[t, i] = asked[i] - dragged[i]
-            if same:
-                y[i] = dragged[i]
-        if not same:
-            _drag(y, told[t], K, gap)
+            lag[t, i] = path[t, i] - y[i]
     return lag
 
 

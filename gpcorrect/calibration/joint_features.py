@@ -109,10 +109,10 @@ class JointFeatures:
             used=np.zeros(0, dtype=np.int64),
         )
         features._check(path)
-        scaled, told = features.scaled(path.q), None if path.told is None else features.scaled(path.told)
+        scaled = features.scaled(path.q)
         turning = _turns_back(scaled, path.new)
         if "memory" in features.kinds:
-            features = replace(features, play=learn_coupled_play(scaled, errors, path.new, rows, turning, told))
+            features = replace(features, play=learn_coupled_play(scaled, errors, path.new, rows, turning))
         shown = {
             "lags": np.tile(_has_many_speeds(path.velocity[rows]), LAGS * features.n_lagged),
             "memory": np.tile(turning, 1 + len(LADDER)),
@@ -246,7 +246,7 @@ class JointFeatures:
         return [(kind, sizes.get(kind, dof)) for kind in self.kinds]
 
     def _columns(self, kind: FeatureKind, path: JointPath) -> FloatArray:
-        scaled, told = self.scaled(path.q), None if path.told is None else self.scaled(path.told)
+        scaled = self.scaled(path.q)
         match kind:
             case "position":
                 return scaled
@@ -257,14 +257,12 @@ class JointFeatures:
                 return path.effort
             case "memory":
                 assert self.play is not None
-                steps, sent = (None if p is None else np.diff(p, axis=0, prepend=p[:1]) for p in (scaled, told))
-                assert steps is not None
-                ladder = play_states(steps, self.ladder, np.cumsum(path.new), sent) / self.ladder
-                return np.hstack([self.play.lags(scaled, path.new, told), ladder.reshape(len(scaled), -1)])
+                steps = np.diff(scaled, axis=0, prepend=scaled[:1])
+                ladder = play_states(steps, self.ladder, np.cumsum(path.new)) / self.ladder
+                return np.hstack([self.play.lags(scaled, path.new), ladder.reshape(len(scaled), -1)])
             case "lags":
                 signals = self.lagged_signals(scaled, path.effort)
-                sent = None if told is None else self.lagged_signals(told, path.effort)
-                return lagged(signals, path.time, path.new, self.lags, sent).reshape(len(scaled), -1)
+                return lagged(signals, path.time, path.new, self.lags).reshape(len(scaled), -1)
             case "state":
                 assert path.state is not None
                 return path.state

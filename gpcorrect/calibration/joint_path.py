@@ -37,9 +37,6 @@ class JointPath:
         Reported efforts, N m or N.
     state : (n, k) array or None
         All that the log holds of the robot at each moment.
-    told : (n, d) array or None
-        Where the drive was sent, which slack and lags follow; None where that is `q` itself. A sample is answered
-        before its command is known, so its own features come from the command before, moved on by the step of `q`.
     """
 
     time: FloatArray
@@ -48,16 +45,10 @@ class JointPath:
     velocity: FloatArray
     effort: FloatArray | None
     state: FloatArray | None
-    told: FloatArray | None = None
 
 
 def joint_path(
-    time: FloatArray,
-    session: IntArray,
-    q: FloatArray,
-    effort: FloatArray | None,
-    state: FloatArray | None = None,
-    told: FloatArray | None = None,
+    time: FloatArray, session: IntArray, q: FloatArray, effort: FloatArray | None, state: FloatArray | None = None
 ) -> JointPath:
     """Return a path with its beginnings and velocities.
 
@@ -71,15 +62,12 @@ def joint_path(
         rad or m.
     effort, state : (n, d) and (n, k) arrays or None
         As logged.
-    told : (n, d) array or None
-        See :class:`JointPath`; NaN where not known.
     """
     new = path_starts(time, session, np.asarray(np.isfinite(q).all(axis=1)))
     step = np.diff(time, prepend=time[:1])
     velocity = np.diff(q, axis=0, prepend=q[:1]) / np.where(step > 0, step, 1.0)[:, None]
     velocity = np.where((new | (step <= 0))[:, None] | ~np.isfinite(velocity), 0.0, velocity)
-    sent = None if told is None else np.where(np.isfinite(told), told, q)
-    return JointPath(time, new, q, velocity, effort, state, sent)
+    return JointPath(time, new, q, velocity, effort, state)
 
 
 def usual_steps(path: JointPath) -> tuple[float, float]:

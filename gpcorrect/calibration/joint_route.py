@@ -15,7 +15,6 @@ from gpcorrect import se3
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.domain import Bounds
-from gpcorrect.calibration.joint_path import joint_path
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import PolynomialMap
@@ -165,17 +164,13 @@ class JointRoute:
         assert joints.external_jp is not None
         return self.joints.samples(joints, np.asarray(np.isfinite(joints.external_jp).all(axis=1)))
 
-    def correct(
-        self, reference: PoseSignal, command: PoseSignal, time: FloatArray, session: IntArray, bounds: Bounds
-    ) -> Correction:
-        """Return what to command along a path whose earlier commands are known; NaN where the arm comes not near.
+    def correct(self, reference: PoseSignal, time: FloatArray, session: IntArray, bounds: Bounds) -> Correction:
+        """Return what to command along a path of reference poses; NaN where the arm comes not near.
 
         Parameters
         ----------
         reference : PoseSignal
             n poses in the command's frame.
-        command : PoseSignal
-            What was commanded at each: an answer looks at those before it.
         time : (n,) array
             s.
         session : (n,) int array
@@ -184,10 +179,7 @@ class JointRoute:
             Largest believed correction of a pose.
         """
         q = self.kinematics.inverse(reference)
-        view, told = self.joints.view, self.kinematics.inverse(command)
-        path = joint_path(time, session, q[:, view.moving], None, None, told[:, view.moving])
-        samples = view.samples(path, session, session, None, np.zeros(len(q), dtype=bool))
-        return self.as_poses(reference, q, view.answer(q, self.joints.law.predict(samples)), bounds)
+        return self.as_poses(reference, q, self.joints.correct_path(q, time, sessions=session.tolist()), bounds)
 
     def as_pose(
         self, position: FloatArray, rotation: FloatArray, q: FloatArray, told: Correction, largest: FloatArray

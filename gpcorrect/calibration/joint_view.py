@@ -80,7 +80,7 @@ class JointView:
         source, truth = directed(log, self.input_signal, self.direction, needs_truth=needs_truth)
         if source.shape[1] != len(self.types):
             raise DataError(f"the model knows {len(self.types)} joints, the log has {source.shape[1]}.")
-        path = logged_path(log, source, self.input_signal, self.moving, self.direction, self.features.kinds)
+        path = logged_path(log, source, self.moving, self.direction, self.features.kinds)
         error = None if truth is None else (truth - source)[:, self.moving]
         return source, self.samples(path, log.trajectory, log.session, error, keep)
 
@@ -217,7 +217,7 @@ def directed(
 
 
 def logged_path(
-    log: CalibrationLog, source: FloatArray, signal: InputSignal, moving: IntArray, direction: str, kinds: Sequence[str]
+    log: CalibrationLog, source: FloatArray, moving: IntArray, direction: str, kinds: Sequence[str]
 ) -> JointPath:
     """Return the path of the moving joints; in static poses every row is a path of its own, at rest.
 
@@ -227,8 +227,6 @@ def logged_path(
         n samples.
     source : (n, d) array
         Joints that go in, rad or m.
-    signal : str
-        Signal of the robot's side: what the drive was told, where desired joints go in.
     moving : (k,) int array
         Joints that moved in training.
     direction : str
@@ -238,8 +236,7 @@ def logged_path(
     """
     effort = None if log.measured_jf is None or direction == "command" else log.measured_jf[:, moving]
     state = state_columns(log)[1] if "state" in kinds else None
-    told = getattr(log, signal)[:, moving] if direction == "command" and getattr(log, signal) is not None else None
-    path = joint_path(log.time, log.session, source[:, moving], effort, state, told)
+    path = joint_path(log.time, log.session, source[:, moving], effort, state)
     if not log.static:
         return path
     return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))

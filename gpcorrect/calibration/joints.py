@@ -80,12 +80,6 @@ class JointCorrector(Corrector):
         return self.view.types
 
     @property
-    def follows_commands(self) -> bool:
-        """Whether the past that answers look at is that of the commands, which are its own answers."""
-        kinds = set(self.view.features.kinds)
-        return self.view.direction == "command" and bool(kinds & {"memory", "lags"})
-
-    @property
     def zero(self) -> FloatArray:
         """Zeros `(d,)` that are added to every answer, rad or m."""
         zero = np.zeros(len(self.view.types))
@@ -106,8 +100,6 @@ class JointCorrector(Corrector):
             A signal is missing or cannot be right, or the log has other joints.
         """
         self.refuse_misread(log)
-        if self.follows_commands:
-            return self.correct_path(self.query_path(log), log.time, None, log.session.tolist())
         q, samples = self.view.of_log(log, np.ones(len(log), dtype=bool), needs_truth=False)
         return self.view.answer(q, self.law.predict(samples))
 
@@ -151,13 +143,6 @@ class JointCorrector(Corrector):
         self.trained.refuse_far(joints, UNITS)
         self.trained.refuse_slow(joints, seconds, homed)
         path = joint_path(seconds, homed, joints[:, moving], effort)
-        if self.follows_commands:  # its memory is of its own answers
-            stream, answers = self.stream(), []
-            for i in range(n):
-                if path.new[i]:
-                    stream.reset()
-                answers.append(stream.correct(seconds[i], joints[i]))
-            return Correction.stack(answers)
         samples = self.view.samples(path, homed, homed, None, np.zeros(n, dtype=bool))
         return self.view.answer(joints, self.law.predict(samples))
 
@@ -284,7 +269,7 @@ class JointCorrector(Corrector):
         if still:
             remarks.append(f"joint {', '.join(still)} never moves in training: left uncorrected")
         kinds = settings.features or _default_features(log, settings)
-        path = logged_path(log, source, signal, moving, settings.direction, kinds)
+        path = logged_path(log, source, moving, settings.direction, kinds)
         error = (truth - source)[:, moving]
         features = JointFeatures.learn(kinds, path, error, rows)
         remarks += features.remarks((moving + 1).tolist())

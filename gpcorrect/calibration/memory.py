@@ -102,8 +102,11 @@ class MemoryMap:
         history : History
             n samples.
         """
-        asked, told = steps(history.reference), steps(history.command)
-        return self.features(play_states(asked, self.radii, history.labels, told))
+        left = play_states(steps(history.command), self.radii, history.labels)
+        states = np.zeros(left.shape)
+        states[1:] = advance(left[:-1], steps(history.reference)[1:, None], self.radii)
+        states[1:][history.labels[1:] != history.labels[:-1]] = 0.0
+        return self.features(states)
 
     def features(self, states: FloatArray) -> FloatArray:
         """Return features `(..., h k)` of states `(..., h, k)`.
@@ -137,7 +140,7 @@ def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArra
     return moved
 
 
-def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray, told: FloatArray | None = None) -> FloatArray:
+def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray) -> FloatArray:
     """Return the states `(n, h, k)` along paths with steps `(n, k)` from the row before, for radii `(h, k)`.
 
     Every label `(n,)` is a path of its own: it starts in the middle of the slack, where nothing is known, and its first
@@ -151,21 +154,12 @@ def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray, told: Fl
         Half widths of the slacks, m or rad.
     labels : (n,) int array
         Path of each row.
-    told : (n, k) array, optional
-        Steps of the path that the states follow, where it is another: each row's own state is then that before, moved
-        on by its row of `steps`.
     """
     states = np.zeros((len(steps), *radii.shape))
-    followed = steps if told is None else told
     for i in range(1, len(steps)):
         if labels[i] == labels[i - 1]:
-            states[i] = advance(states[i - 1], followed[i], radii)
-    if told is None:
-        return states
-    peeked = np.zeros(states.shape)
-    peeked[1:] = advance(states[:-1], steps[1:, None], radii)
-    peeked[1:][labels[1:] != labels[:-1]] = 0.0
-    return peeked
+            states[i] = advance(states[i - 1], steps[i], radii)
+    return states
 
 
 def choose_memory(history: History, errors: FloatArray, folds: IntArray, known: BoolArray) -> MemoryMap:
@@ -262,9 +256,8 @@ def lag_step(behind: FloatArray, moved: FloatArray, step: float, constants: Floa
     return after
 
 
-def lagged(
-    signal: FloatArray, time: FloatArray, new: BoolArray, constants: FloatArray, told: FloatArray | None = None
-) -> FloatArray:
+@njit(cache=True)
+def lagged(signal: FloatArray, time: FloatArray, new: BoolArray, constants: FloatArray) -> FloatArray:
     """Return by how much first-order lags `(n, t, d)` are behind a signal; where `new`, by nothing.
 
     Parameters
@@ -277,37 +270,20 @@ def lagged(
         Where a path starts.
     constants : (t,) array
         Time constants tau, s.
-    told : (n, d) array, optional
-        The signal that the lags follow, where it is another: each row's own lags are then those before, moved on by
-        its step of `signal`.
     """
-    return _lagged(signal, signal if told is None else told, time, new, constants)
-
-
-@njit(cache=True)
-def _lagged(
-    signal: FloatArray, told: FloatArray, time: FloatArray, new: BoolArray, constants: FloatArray
-) -> FloatArray:
     n, d = signal.shape
-    behind, peeked = np.zeros((len(constants), d)), np.zeros((n, len(constants), d))
-    last, last_told, moved, sent = np.empty(d), np.empty(d), np.empty(d), np.empty(d)
+    behind = np.zeros((n, len(constants), d))
+    last, moved = np.empty(d), np.empty(d)
+    for j in range(d):
+        last[j] = np.nan
     for i in range(n):
         for j in range(d):
-            begins = new[i] or i == 0
-            moved[j], sent[j] = signal[i, j] - last[j], told[i, j] - last_told[j]
-            if begins or np.isfinite(signal[i, j]):
+            moved[j] = signal[i, j] - last[j]
+            if new[i] or np.isfinite(signal[i, j]):
                 last[j] = signal[i, j]
-            if begins or np.isfinite(told[i, j]):
-                last_told[j] = told[i, j]
-        if new[i] or i == 0:
+        if not new[i]:
+            after = lag_step(behind[i - 1], moved, time[i] - time[i - 1], constants)
             for t in range(len(constants)):
                 for j in range(d):
-                    behind[t, j] = 0.0
-            continue
-        step = time[i] - time[i - 1]
-        after = lag_step(behind, moved, step, constants)
-        for t in range(len(constants)):
-            for j in range(d):
-                peeked[i, t, j] = after[t, j]
-        behind = lag_step(behind, sent, step, constants)
-    return peeked
+                    behind[i, t, j] = after[t, j]
+    return behind

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 
@@ -44,10 +43,8 @@ class PathFollower:
     def reset(self) -> None:
         """Forget the path."""
         self._past: deque[tuple[float, FloatArray]] = deque(maxlen=MOST_PAST)
-        self._memory: _Slack | None = None
-        self._before_memory: _Slack | None = None
-        self._lags: _Lags | None = None
-        self._before_lags: _Lags | None = None
+        self._memory: tuple[FloatArray, FloatArray, FloatArray] | None = None  # path, joints and plays so far
+        self._lags: tuple[FloatArray, FloatArray] | None = None  # signals where last known, and lags behind them
 
     @property
     def new(self) -> bool:
@@ -91,8 +88,8 @@ class PathFollower:
         parts = [self._column(kind, time, q, effort, state) for kind in self._features.kinds]
         return np.concatenate(parts)[self._features.used]
 
-    def passed(self, time: float, q: FloatArray, told: FloatArray | None = None) -> None:
-        """Note where the joints were, and where the drive was sent.
+    def passed(self, time: float, q: FloatArray) -> None:
+        """Note where the joints were.
 
         Parameters
         ----------
@@ -100,11 +97,7 @@ class PathFollower:
             s.
         q : (d,) array
             Joints, rad or m.
-        told : (d,) array, optional
-            See :class:`JointPath`; `q` itself without it.
         """
-        if told is not None:
-            self._send(self._features.scaled(told), time)
         self._past.append((time, q))
 
     def _column(
@@ -137,61 +130,21 @@ class PathFollower:
     def _remember(self, features: JointFeatures, path: FloatArray) -> FloatArray:
         """Advance the slacks to `path` (d,), in units of half the ranges, and return their features."""
         assert features.play is not None
-        before, self._before_memory = self._memory, self._memory
-        if before is None:
-            motors, joints, lags = path, path, np.zeros(features.ladder.shape)
+        if self._memory is None:
+            joints, lags = path, np.zeros(features.ladder.shape)
         else:
-            motors = path + (before.motors - before.path)
-            joints = features.play.advance(before.joints, motors)
-            lags = advance(before.lags, path - before.path, features.ladder)
-        self._memory = _Slack(path, motors, joints, lags)
-        return np.concatenate([motors - joints, (lags / features.ladder).ravel()])
+            before, joints, lags = self._memory
+            joints, lags = features.play.advance(joints, path), advance(lags, path - before, features.ladder)
+        self._memory = path, joints, lags
+        return np.concatenate([path - joints, (lags / features.ladder).ravel()])
 
     def _behind(self, time: float, signals: FloatArray) -> FloatArray:
         """Return by how much the lags are behind their signals `(s,)` now."""
         constants = self._features.lags
-        before, self._before_lags = self._lags, self._lags
-        if before is None:
-            self._lags = _Lags(signals, signals, np.zeros((len(constants), len(signals))))
+        if self._lags is None:
+            self._lags = signals, np.zeros((len(constants), len(signals)))
         else:
-            behind = lag_step(before.behind, signals - before.signals, time - self._past[-1][0], constants)
-            last = np.where(np.isfinite(signals), signals, before.signals)
-            self._lags = _Lags(last, last + (before.told - before.signals), behind)
-        return self._lags.behind.ravel()
-
-    def _send(self, told: FloatArray, time: float) -> None:
-        """Take back the last step, which was along the path, and go where the drive was told (d,)."""
-        if self._memory is not None and self._features.play is not None:
-            before, path = self._before_memory, self._memory.path
-            if before is None:
-                self._memory = _Slack(path, told, told, np.zeros(self._features.ladder.shape))
-            else:
-                joints = self._features.play.advance(before.joints, told)
-                lags = advance(before.lags, told - before.motors, self._features.ladder)
-                self._memory = _Slack(path, told, joints, lags)
-        if self._lags is not None:
-            sent = np.concatenate([told, self._lags.signals[len(told) :]])
-            if self._before_lags is None:
-                self._lags = _Lags(self._lags.signals, sent, np.zeros(self._lags.behind.shape))
-            else:
-                step = time - self._past[-1][0]
-                moved = sent - self._before_lags.told
-                behind = lag_step(self._before_lags.behind, moved, step, self._features.lags)
-                self._lags = _Lags(self._lags.signals, sent, behind)
-
-
-class _Slack(NamedTuple):
-    """A path's last place, where the drive was sent, and where that left the joints and the plays (h, d)."""
-
-    path: FloatArray
-    motors: FloatArray
-    joints: FloatArray
-    lags: FloatArray
-
-
-class _Lags(NamedTuple):
-    """Signals where they were last known, what the drive was told then, and how far the lags (t, s) are behind."""
-
-    signals: FloatArray
-    told: FloatArray
-    behind: FloatArray
+            last, behind = self._lags
+            behind = lag_step(behind, signals - last, time - self._past[-1][0], constants)
+            self._lags = np.where(np.isfinite(signals), signals, last), behind
+        return self._lags[1].ravel()

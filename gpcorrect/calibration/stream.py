@@ -197,10 +197,8 @@ class JointStream:
             prediction = law.guarded(mean[None] - moving, std[None], np.zeros(1), x[None], rows)
         else:
             prediction = law.predict_one(x, moving if view.end_to_end else np.zeros(len(moving)))
-        answer = view.answer(joints[None], prediction)[0]
-        told = answer.joints[view.moving] if self._corrector.follows_commands and answer.joints is not None else None
-        self._follower.passed(time, moving, None if told is None or not np.isfinite(told).all() else told)
-        return answer
+        self._follower.passed(time, moving)
+        return view.answer(joints[None], prediction)[0]
 
     def _filtered(
         self, cable: CableModel, q: FloatArray, effort: FloatArray | None, new: bool

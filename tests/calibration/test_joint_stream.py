@@ -70,16 +70,3 @@ def test_bad_samples_are_refused_and_the_past_is_kept(gp: JointCorrector) -> Non
     missing = one.correct(float(LOG.time[40]), Q[40])
     assert np.isnan(missing.joints).all()
     assert missing.status == "MISSING"
-
-
-def test_a_stream_of_commands_remembers_its_own_answers() -> None:
-    """Answers are those of a path whose earlier commands they were: what was told is the past, not what was desired."""
-    log = replace(LOG, external_jp=LOG.measured_jp, setpoint_jp=LOG.external_jp, measured_jp=None, measured_jf=None)
-    settings = FitSettings(direction="command", inducing=60, input_signal="setpoint_jp")
-    corrector: JointCorrector = fit_model(log, settings, task=JointCorrector).corrector
-    stream = corrector.stream()
-    told = np.array([stream.correct(t, q).joints for t, q in zip(LOG.time[:200], Q[:200], strict=True)])
-    head = log.select(np.arange(200))
-    _, samples = corrector.view.of_log(replace(head, setpoint_jp=told), np.ones(200, dtype=bool))
-    np.testing.assert_allclose(Q[:200] + corrector.law.predict(samples).residual, told, atol=1e-9)
-    np.testing.assert_allclose(corrector.correct_path(Q[:200], LOG.time[:200]).joints, told, atol=1e-12)
