@@ -265,7 +265,7 @@ def _read_archive(path: str | Path, only: str | None = None) -> dict[str, Any]:
 
 
 def _check_header(path: str | Path, header: Any) -> None:
-    if not isinstance(header, dict) or header.get("kind") not in {task.KIND for task in TASKS.values()}:
+    if not isinstance(header, dict) or header.get("kind") not in [task.KIND for task in TASKS.values()]:
         raise refused(path, "it is not a model file of gpcorrect")
     schema = header.get("schema")
     if not isinstance(schema, int) or schema > SCHEMA:

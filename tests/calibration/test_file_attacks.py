@@ -88,6 +88,21 @@ def test_structural_flips_are_refused_or_answer_as_before(model: Path, tmp_path:
             load_any(file)
 
 
+@pytest.mark.parametrize("name", ["kind", "schema", "version", "model", "digests"])
+def test_no_entry_of_a_header_is_believed_to_be_what_it_should(model: Path, tmp_path: Path, name: str) -> None:
+    """A number, list or table where a word belongs, under a fresh seal, is refused in words (a table was not)."""
+    for value in VALUES:
+        header, arrays = read_parts(model)
+        if type(value) is type(header[name]):
+            continue
+        header[name] = value
+        header["seal"] = seal_of(header)
+        with (tmp_path / "forged.gpc").open("wb") as out:
+            np.savez(out, header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays)
+        with suppress(ArtifactError):
+            load_any(tmp_path / "forged.gpc")
+
+
 @pytest.mark.parametrize(
     "forged",
     [
