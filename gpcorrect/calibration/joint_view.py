@@ -59,6 +59,8 @@ class JointView:
         object.__setattr__(self, "rest", frozen_array(self.rest))
         if self.moving.tolist() != sorted(set(self.moving.tolist()) & set(range(len(self.types)))):
             raise DataError(f"joints {self.moving} are to be corrected, which are not {len(self.types)} in order.")
+        if self.rest.shape != (len(self.types),):
+            raise DataError(f"a model of {len(self.types)} joints rests in {self.rest.shape}.")
 
     def of_log(self, log: CalibrationLog, keep: BoolArray, *, needs_truth: bool = True) -> tuple[FloatArray, Samples]:
         """Return the joints `(n, d)` that go in, and the samples of a log.

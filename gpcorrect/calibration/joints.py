@@ -64,7 +64,7 @@ class JointCorrector(Corrector):
 
     def __post_init__(self) -> None:
         sizes = {"offset": len(self.offset), "zero": len(self.law.zero), "moving": len(self.view.moving)}
-        if len(set(sizes.values())) > 1 or len(self.view.rest) != len(self.view.types):
+        if len(set(sizes.values())) > 1 or np.ndim(self.offset) != 1:
             raise DataError(f"a model of {len(self.view.types)} joints does not fit together: {sizes}.")
 
     @classmethod

@@ -184,9 +184,12 @@ def test_numbers_that_no_check_query_asks_for_must_fit_as_well(tmp_path: Path) -
     for moving in ([0, 1, np.iinfo(np.int64).min], [0, 0, 0], [2, 1, 0]):
         with pytest.raises(DataError, match="not 3 in order"):
             replace(model.view, moving=np.array(moving))
-    for forged in ({"offset": np.zeros(7)}, {"view": replace(model.view, rest=np.zeros(2))}):
+    for rest in (np.zeros(2), model.view.rest[:, None]):
+        with pytest.raises(DataError, match="rests in"):
+            replace(model.view, rest=rest)
+    for offset in (np.zeros(7), model.offset[:, None]):
         with pytest.raises(DataError, match="does not fit together"):
-            replace(model, **forged)
+            replace(model, offset=offset)
 
 
 @pytest.mark.parametrize(
