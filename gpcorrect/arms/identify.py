@@ -28,11 +28,11 @@ HOMES = 3
 """Postures to start from before a chain is given up; chosen by hand."""
 MISFIT = 1e-3
 """rad (and m over the workspace's size) of root mean square that the chain may miss its own poses by: files that keep
-hundredths of a millimetre reach a third of it, and what is no such chain missed by 0.3 (a real recording)."""
+hundredths of a millimetre stay below (tested), and a recording of no such chain missed by 0.2."""
 LEAST_MOTION = 1e-3
 """rad or m: a joint that moves less shows no axis; chosen by hand."""
 STEPS = 60
-"""Of a fit; those that arrive need 5 to 20."""
+"""Of a fit; chosen by hand."""
 DAMPING = (1e-9, 1e3)
 """Of the least and the most careful step, over the mean curvature: a step that makes things worse is damped tenfold."""
 BEYOND = 1e3

@@ -23,7 +23,7 @@ __all__ = ["ArmKinematics"]
 SOURCES = (("setpoint_cp", "setpoint_jp"), ("measured_cp", "measured_jp"))
 """Pairs of which one kinematics made the first from the second."""
 STARTS = 300
-"""Postures of the training that an inverse begins at: between them Newton's method arrives (tested); chosen by hand."""
+"""Postures of the training that an inverse begins at: chosen by hand."""
 GRIPPER = 2
 """Joints at the end of a log that may belong to a gripper: no arm here logs more."""
 NO_EFFECT = 1e-6
@@ -113,17 +113,15 @@ class ArmKinematics:
         left = self._inverse(poses)[1]
         return replace(self, reach=HEADROOM * max(self.reach, float(np.nanmax(left, initial=0.0))) + NOISE_FLOOR)
 
-    def inverse(self, poses: PoseSignal, near: FloatArray | None = None) -> FloatArray:
+    def inverse(self, poses: PoseSignal) -> FloatArray:
         """Return the joints `(n, d)` nearest to poses; NaN where the arm comes not near.
 
         Parameters
         ----------
         poses : PoseSignal
             n poses in the command's frame, with orientation.
-        near : (n, d) array, optional
-            Where to begin; at the training's nearest posture without it.
         """
-        q, left = self._inverse(poses, near)
+        q, left = self._inverse(poses)
         q[~(left <= self.reach)] = np.nan
         return q
 
@@ -158,10 +156,10 @@ class ArmKinematics:
         R = after[:, :3, :3] @ np.swapaxes(before[:, :3, :3], -1, -2) @ turned
         return PoseSignal(poses.position + after[:, :3, 3] - before[:, :3, 3], se3.quaternion_from_matrix(R))
 
-    def _inverse(self, poses: PoseSignal, near: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    def _inverse(self, poses: PoseSignal) -> tuple[FloatArray, FloatArray]:
         q, left, known = np.full((len(poses), self.chain.dof), np.nan), np.full(len(poses), np.nan), poses.finite
         T = _matrices(poses[known])
-        start = self.starts[self._nearest.query(self._coordinates(T))[1]] if near is None else near[known]
+        start = self.starts[self._nearest.query(self._coordinates(T))[1]]
         q[known], left[known] = self.chain.nearest(T, start, self.length)
         return q, left
 

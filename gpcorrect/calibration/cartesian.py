@@ -16,12 +16,7 @@ from gpcorrect.calibration.learn_poses import learn_poses
 from gpcorrect.calibration.memory import History
 from gpcorrect.calibration.metrics import error_table
 from gpcorrect.calibration.one_pose import Frame, command, frame, inputs
-from gpcorrect.calibration.pose_samples import (
-    Memory,
-    PosePairs,
-    features_of,
-    samples_of_poses,
-)
+from gpcorrect.calibration.pose_samples import Memory, PosePairs, features_of, samples_of_poses
 from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.stream import PoseStream

@@ -37,8 +37,8 @@ SAME_BRANCH = 1.0
 """rad or m that a command and its pose may be apart in joints: more is another branch of the inverse. By hand."""
 
 HOPELESS = 0.2
-"""Of the error of poses alone that a linear law of joints may have more: a regression after it took 10 to 60 % off on
-real and simulated wrists, and on a simulated RAVEN-II, where it stayed above, 40 %."""
+"""Of the error of poses alone that a linear law of joints may have more; chosen by hand. It stopped 30 reaches of a
+simulated RAVEN-II at 54 and 13 %, whose joints, fitted all the same, left 4.9 mm where poses left 3.9."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class JointRoute:
             See :meth:`Corrector.learn`.
         alone : LeftOut, optional
             Of a law of the poses alone. A linear law of the joints that comes nowhere near it ends the learning: the
-            joints are not where this arm misses, and a Gaussian process after it takes minutes to say so.
+            joints are not where this arm misses, and a Gaussian process after it takes most of the fit to say so.
 
         Raises
         ------
