@@ -33,7 +33,6 @@ __all__ = [
     "matrix_from_euler",
     "matrix_from_quaternion",
     "matrix_from_rotvec",
-    "mean",
     "nearest_rotation",
     "pose",
     "quaternion_angle",
@@ -350,19 +349,6 @@ def rotation_mean(rotations: FloatArray, weights: FloatArray | None = None) -> F
         raise DataError("the mean of no rotations does not exist.", hint="Give at least one rotation.")
     matrix: FloatArray = _rotations().from_matrix(rotations).mean(weights).as_matrix()
     return matrix
-
-
-def mean(T: FloatArray, weights: FloatArray | None = None) -> FloatArray:
-    """Mean pose `(4, 4)` of poses `(n, 4, 4)`: mean position and chordal mean of the rotations.
-
-    Parameters
-    ----------
-    T : (n, 4, 4) array
-        Poses.
-    weights : (n,) array, optional
-        Non-negative weights; equal when not given.
-    """
-    return pose(rotation_mean(T[:, :3, :3], weights), np.average(T[:, :3, 3], axis=0, weights=weights))
 
 
 def interpolate_rotations(times: FloatArray, rotations: FloatArray, at: FloatArray) -> FloatArray:

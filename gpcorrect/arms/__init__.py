@@ -6,7 +6,7 @@ from functools import partial
 from gpcorrect.arms.arm import Arm, Transmission
 from gpcorrect.arms.chain import Chain, Joint
 from gpcorrect.arms.dvrk_psm import dvrk_psm
-from gpcorrect.arms.gravity import Link, gravity_torque, potential_energy
+from gpcorrect.arms.gravity import Link, gravity_torque
 from gpcorrect.arms.identify import identify_chain, workspace
 from gpcorrect.arms.raven2 import DA_VINCI_TOOL, RAVEN_TOOL, Raven2Tool, raven2
 from gpcorrect.arms.remote_centre import RemoteCentreArm, Solutions
@@ -34,7 +34,6 @@ __all__ = [
     "gravity_torque",
     "identify_chain",
     "is_robot_file",
-    "potential_energy",
     "raven2",
     "read_robot",
     "workspace",

@@ -56,17 +56,6 @@ class Transmission:
         """
         return np.asarray(q, dtype=np.float64) @ self.matrix.T
 
-    def joint_from_motor(self, motor: ArrayLike) -> FloatArray:
-        """Return joint values (..., dof), rad and m.
-
-        Parameters
-        ----------
-        motor : (..., dof) array
-            Motor angles, rad.
-        """
-        angles = np.asarray(motor, dtype=np.float64)
-        return np.asarray(np.linalg.solve(self.matrix, angles[..., None])[..., 0])
-
     def joint_torque(self, motor_torque: ArrayLike) -> FloatArray:
         """Return the torques and forces (..., dof) on the joints that lossless motors exert.
 

@@ -1,4 +1,4 @@
-"""What gravity does to an arm: potential energy and the joint torques it exerts."""
+"""What gravity does to an arm: the joint torques it exerts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gpcorrect.arms.chain import Chain
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, frozen_array
 
-__all__ = ["STANDARD_GRAVITY", "Link", "gravity_torque", "potential_energy"]
+__all__ = ["STANDARD_GRAVITY", "Link", "gravity_torque"]
 
 STANDARD_GRAVITY = 9.80665  # m/s^2 (CGPM 1901)
 
@@ -76,48 +76,20 @@ def gravity_torque(
     DataError
         More links than joints, or gravity is not (3,).
     """
-    g = _checked_gravity(chain, links, gravity)
-    centres, masses = _point_masses(chain, links, q, payload)
-    carriers = [*range(1, len(links) + 1), chain.dof]
-    torque = np.zeros(chain.joint_values(q).shape)
-    for k, carrier in enumerate(carriers):
-        J = chain.point_jacobian(q, centres[..., k : k + 1, :], carrier)[..., :3, :]
-        torque = torque + masses[..., k, None] * (g @ J)
-    return torque
-
-
-def potential_energy(
-    chain: Chain, links: Sequence[Link], q: ArrayLike, gravity: ArrayLike, payload: ArrayLike = 0.0
-) -> FloatArray:
-    """Potential energy (...), J, of links and payload, zero when every mass is at the base origin.
-
-    Parameters
-    ----------
-    chain, links, q, gravity, payload
-        As of :func:`gravity_torque`.
-    """
-    g = _checked_gravity(chain, links, gravity)
-    centres, masses = _point_masses(chain, links, q, payload)
-    return np.asarray(-(masses * (centres @ g)).sum(axis=-1))
-
-
-def _checked_gravity(chain: Chain, links: Sequence[Link], gravity: ArrayLike) -> FloatArray:
     g = np.asarray(gravity, dtype=np.float64)
     if g.shape != (3,):
         raise DataError(f"gravity must be (3,) m/s^2 in the base frame, got shape {g.shape}.")
     if len(links) > chain.dof:
         raise DataError(f"the chain has {chain.dof} links, masses were given for {len(links)}.")
-    return g
+    frames, tip = chain.frames(q), chain.forward(q)[..., :3, 3]
+    loads = [(link.mass, frames[..., i, :3, :3] @ link.com + frames[..., i, :3, 3]) for i, link in enumerate(links)]
+    torque = np.zeros((*frames.shape[:-3], chain.dof))
+    for carrier, (mass, centre) in enumerate(loads, start=1):
+        torque = torque + mass * _force(chain, q, g, centre, carrier)
+    return torque + np.asarray(payload, dtype=np.float64)[..., None] * _force(chain, q, g, tip, chain.dof)
 
 
-def _point_masses(
-    chain: Chain, links: Sequence[Link], q: ArrayLike, payload: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Mass centres (..., k + 1, 3) in the base frame and masses (..., k + 1) of k links and the payload."""
-    frames = chain.frames(q)
-    centres = [frames[..., i, :3, :3] @ link.com + frames[..., i, :3, 3] for i, link in enumerate(links)]
-    centres.append(chain.forward(q)[..., :3, 3])
-    lead = frames.shape[:-3]
-    masses = [np.full(lead, link.mass) for link in links]
-    masses.append(np.broadcast_to(np.asarray(payload, dtype=np.float64), lead))
-    return np.stack(centres, axis=-2), np.stack(masses, axis=-1)
+def _force(chain: Chain, q: ArrayLike, g: FloatArray, point: FloatArray, carrier: int) -> FloatArray:
+    """Generalised forces (..., dof) of a unit mass at a point (..., 3) that a link carries."""
+    force: FloatArray = g @ chain.point_jacobian(q, point[..., None, :], carrier)[..., :3, :]
+    return force

@@ -248,7 +248,9 @@ def _links(model: Any, found: ArmPath) -> tuple[Link, ...]:
     for number, j in enumerate(found.joint_ids, start=1):
         T_link_world = se3.invert(pose_of(model, model.jnt_bodyid[j]) @ _anchor(model, j))
         bodies = [b for b in range(model.nbody) if found.link_of[b] == number]
-        frames = [T_link_world @ pose_of(model, b) @ _principal(model, b) for b in bodies]
+        frames = [
+            T_link_world @ pose_of(model, b) @ se3.from_parts(model.body_ipos[b], model.body_iquat[b]) for b in bodies
+        ]
         masses = model.body_mass[bodies]
         mass = float(masses.sum())
         com = sum((m * T[:3, 3] for m, T in zip(masses, frames, strict=True)), np.zeros(3)) / max(mass, 1e-300)
@@ -260,11 +262,6 @@ def _links(model: Any, found: ArmPath) -> tuple[Link, ...]:
             )
         links.append(Link(mass, com, inertia))
     return tuple(links)
-
-
-def _principal(model: Any, body: int) -> FloatArray:
-    """Frame of a body's principal axes, in its own frame."""
-    return se3.from_parts(model.body_ipos[body], model.body_iquat[body])
 
 
 def _drives(model: Any, found: ArmPath) -> tuple[JointDrives, list[str]]:

@@ -99,7 +99,6 @@ def pose_of(model: Any, body: int) -> FloatArray:
     model : mujoco.MjModel
         Compiled.
     body : int
-        Its number.
     """
     T = np.eye(4)
     while body != WORLD:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gpcorrect.calibration.cartesian import CommandCorrector
+    from gpcorrect.calibration.comparison import compare
     from gpcorrect.calibration.drift import Ageing, Detection, detect, estimate_ageing
     from gpcorrect.calibration.evaluate import (
         COMPONENTS,
@@ -20,19 +21,18 @@ if TYPE_CHECKING:
         position_reductions,
         run_experiment,
     )
-    from gpcorrect.calibration.excitation import amplitude_ladder, holds, random_sinusoids, random_sweeps, speed_ladder
+    from gpcorrect.calibration.excitation import random_sinusoids, random_sweeps
     from gpcorrect.calibration.explore import Proposal, propose
     from gpcorrect.calibration.fit import FitResult, fit_corrector, fit_model
-    from gpcorrect.calibration.history import HeldOut, PartErrors, Step, last_measured
+    from gpcorrect.calibration.history import HeldOut, Step, last_measured
     from gpcorrect.calibration.joint_view import InputSignal
-    from gpcorrect.calibration.joints import JointCorrector, require_joints
+    from gpcorrect.calibration.joints import JointCorrector
     from gpcorrect.calibration.learners import LEARNERS, learner_named
-    from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_errors, joint_units, spread
-    from gpcorrect.calibration.model_file import TASKS, load, load_any, model_hash, read_history, save
-    from gpcorrect.calibration.model_store import Entry, ModelStore, compare, kind_of
-    from gpcorrect.calibration.pose_samples import require_poses
+    from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_units, spread
+    from gpcorrect.calibration.model_file import load, load_any, model_hash, save
+    from gpcorrect.calibration.model_store import Entry, ModelStore
     from gpcorrect.calibration.settings import FitSettings
-    from gpcorrect.calibration.split import HoldOut, folds_of, held_out
+    from gpcorrect.calibration.split import HoldOut, folds_of
     from gpcorrect.calibration.stream import JointStream, PoseStream, RobotState, ToolStream
     from gpcorrect.calibration.task import Corrector, Measured
     from gpcorrect.calibration.tool_position import PositionEstimator
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "cartesian": ("CommandCorrector",),
+    "comparison": ("compare",),
     "drift": ("Ageing", "Detection", "detect", "estimate_ageing"),
     "evaluate": (
         "COMPONENTS",
@@ -52,19 +53,18 @@ _HOMES = {
         "position_reductions",
         "run_experiment",
     ),
-    "excitation": ("amplitude_ladder", "holds", "random_sinusoids", "random_sweeps", "speed_ladder"),
+    "excitation": ("random_sinusoids", "random_sweeps"),
     "explore": ("Proposal", "propose"),
     "fit": ("FitResult", "fit_corrector", "fit_model"),
-    "history": ("HeldOut", "PartErrors", "Step", "last_measured"),
+    "history": ("HeldOut", "Step", "last_measured"),
     "joint_view": ("InputSignal",),
-    "joints": ("JointCorrector", "require_joints"),
+    "joints": ("JointCorrector",),
     "learners": ("LEARNERS", "learner_named"),
-    "metrics": ("ErrorTable", "JointErrors", "error_table", "joint_errors", "joint_units", "spread"),
-    "model_file": ("TASKS", "load", "load_any", "model_hash", "read_history", "save"),
-    "model_store": ("Entry", "ModelStore", "compare", "kind_of"),
-    "pose_samples": ("require_poses",),
+    "metrics": ("ErrorTable", "JointErrors", "error_table", "joint_units", "spread"),
+    "model_file": ("load", "load_any", "model_hash", "save"),
+    "model_store": ("Entry", "ModelStore"),
     "settings": ("FitSettings",),
-    "split": ("HoldOut", "folds_of", "held_out"),
+    "split": ("HoldOut", "folds_of"),
     "stream": ("JointStream", "PoseStream", "RobotState", "ToolStream"),
     "task": ("Corrector", "Measured"),
     "tool_position": ("PositionEstimator",),
@@ -80,7 +80,6 @@ __all__ = [
     "LEARNERS",
     "METHODS",
     "PURPOSES",
-    "TASKS",
     "Ageing",
     "CommandCorrector",
     "Corrector",
@@ -100,7 +99,6 @@ __all__ = [
     "JointStream",
     "Measured",
     "ModelStore",
-    "PartErrors",
     "PoseStream",
     "PositionEstimator",
     "Proposal",
@@ -110,7 +108,6 @@ __all__ = [
     "ToolStream",
     "Update",
     "Use",
-    "amplitude_ladder",
     "compare",
     "detect",
     "direction_named",
@@ -121,11 +118,7 @@ __all__ = [
     "fit_model",
     "folds_of",
     "for_purpose",
-    "held_out",
-    "holds",
-    "joint_errors",
     "joint_units",
-    "kind_of",
     "last_measured",
     "learner_named",
     "load",
@@ -135,12 +128,8 @@ __all__ = [
     "propose",
     "random_sinusoids",
     "random_sweeps",
-    "read_history",
-    "require_joints",
-    "require_poses",
     "run_experiment",
     "save",
-    "speed_ladder",
     "spread",
     "timed",
     "update_model",

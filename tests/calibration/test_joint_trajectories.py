@@ -7,12 +7,9 @@ import pytest
 
 from gpcorrect.calibration import (
     DIRECTIONS,
-    amplitude_ladder,
     direction_named,
-    holds,
     random_sinusoids,
     random_sweeps,
-    speed_ladder,
     timed,
     zigzag,
 )
@@ -75,14 +72,11 @@ def test_a_sparser_zigzag_is_shorter() -> None:
 
 
 def test_other_motions_stay_inside_limits_and_below_speeds() -> None:
-    """Sinusoids, ladders and holds keep to range and speed."""
+    """Sinusoids and sweeps keep to range and speed."""
     rng = np.random.default_rng(3)
     for path in (
         random_sinusoids(LIMITS, SPEED, 60.0, 50.0, rng),
         random_sweeps(LIMITS, SPEED / 2, SPEED, 60.0, 50.0, rng),
-        speed_ladder(LIMITS, SPEED, 50.0),
-        amplitude_ladder(LIMITS, SPEED, 50.0),
-        holds(LIMITS, SPEED, 50.0, rng, count=3, rest=1.0),
     ):
         assert (path.q >= LIMITS[:, 0] - 1e-12).all()
         assert (path.q <= LIMITS[:, 1] + 1e-12).all()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sim_machines import raven
 
-from gpcorrect.arms import Chain, arm_named, gravity_torque, potential_energy
+from gpcorrect.arms import Chain, arm_named, gravity_torque
 from gpcorrect.sim.body import Body, Links
 from gpcorrect.sim.dynamics import posture_at
 
@@ -86,10 +86,11 @@ def test_gravity_load_is_the_slope_of_potential_energy(name):
     """The load that holds an arm is the gradient of its potential energy."""
     body = body_of(name)
     q, h = states(1, seed=4)[0][0, 0], 1e-6
-    arm_links = [type("L", (), {"mass": m, "com": c})() for m, c in zip(body.links.mass, body.links.com, strict=True)]
 
     def energy(q):
-        return potential_energy(body.chain, arm_links, q, body.gravity, 0.3)
+        T, tip = body.chain.frames(q), body.chain.forward(q)[:3, 3]
+        centres = (T[:, :3, :3] @ body.links.com[..., None])[..., 0] + T[:, :3, 3]
+        return -(body.links.mass @ centres + 0.3 * tip) @ body.gravity
 
     slope = [(energy(q + h * e) - energy(q - h * e)) / (2 * h) for e in np.eye(6)]
     np.testing.assert_allclose(posture_at(body, q[None, None]).gravity_load()[0, 0], slope, atol=1e-6)
