@@ -11,7 +11,7 @@ from pathlib import Path
 
 from gpcorrect.errors import GpCorrectError
 
-__all__ = ["atomic_path", "make_folder", "require_folder", "require_new"]
+__all__ = ["atomic_path", "make_folder", "require_folder", "require_new", "write_file"]
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """Errors of the disk, not of what is done to other files meanwhile."""
@@ -130,3 +130,17 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         ) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_file(path: str | Path, content: str | bytes) -> None:
+    """Write a file, text as UTF-8, so that it appears whole or not at all; raises as :func:`atomic_path`.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the file.
+    content : str or bytes
+        All of it.
+    """
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)

@@ -35,7 +35,6 @@ class Detection:
     ----------
     scores : (n,) array
         Of the trajectories, in order.
-    p_values : (n,) array
     evidence : (n,) array
         C above, after each trajectory.
     threshold : float
@@ -45,7 +44,6 @@ class Detection:
     """
 
     scores: FloatArray
-    p_values: FloatArray
     evidence: FloatArray
     threshold: float
     alarm: int | None
@@ -77,13 +75,12 @@ def detect(baseline: FloatArray, scores: FloatArray, threshold: float, rng: np.r
         )
     if not threshold > 1:
         raise DataError(f"trajectories between false alarms must be more than 1, got {threshold:g}.")
-    p = conformal_p_values(baseline, scores, rng)
-    evidence, level = np.empty(len(p)), 1.0
-    for i, e in enumerate(e_values(p)):
+    evidence, level = np.empty(len(scores)), 1.0
+    for i, e in enumerate(e_values(conformal_p_values(baseline, scores, rng))):
         level = max(level, 1.0) * e
         evidence[i] = level
     reached = np.flatnonzero(evidence >= threshold)
-    return Detection(scores, p, evidence, threshold, int(reached[0]) if reached.size else None)
+    return Detection(scores, evidence, threshold, int(reached[0]) if reached.size else None)
 
 
 def conformal_p_values(baseline: FloatArray, scores: FloatArray, rng: np.random.Generator) -> FloatArray:

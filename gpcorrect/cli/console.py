@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -14,12 +13,12 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from gpcorrect.errors import GpCorrectError
+from gpcorrect.plain import json_ready
 from gpcorrect.types import Progress as ProgressCallback
 
 __all__ = [
     "bad_input",
     "err",
-    "json_ready",
     "note",
     "out",
     "plain_table",
@@ -78,32 +77,13 @@ def _plain(text: str) -> str:
     return text.replace("[", r"\[")
 
 
-def json_ready(value: Any) -> Any:
-    """Replace what JSON cannot hold (NaN, infinity, NumPy scalars and arrays, tuples) by what it can.
-
-    Parameters
-    ----------
-    value : Any
-        Dictionaries, lists, arrays and scalars, nested.
-    """
-    if isinstance(value, dict):
-        return {str(k): json_ready(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [json_ready(v) for v in value]
-    if hasattr(value, "tolist"):
-        return json_ready(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
 def print_json(value: Any) -> None:
     """Print a value as JSON on standard output: the only thing there when `--json` was given.
 
     Parameters
     ----------
     value : Any
-        As :func:`json_ready` takes it.
+        Mappings, lists, arrays and scalars, nested; what JSON cannot hold becomes what it can.
     """
     typer.echo(json.dumps(json_ready(value), indent=2))
 

@@ -16,7 +16,7 @@ from gpcorrect.logs.proposal import propose_columns
 from gpcorrect.logs.reader import Format, naming, parsed
 from gpcorrect.logs.table import joint_names, orientation_names, position_names
 from gpcorrect.logs.topics import JOINT_TYPES, POSE_TYPES, choose_topics
-from gpcorrect.toml_text import quoted
+from gpcorrect.plain import quoted
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 __all__ = ["Contents", "Part", "contents_of"]

@@ -157,7 +157,6 @@ class Dialect:
         Parameters
         ----------
         path : Path
-            The table.
         """
         with path.open(encoding=self.encoding, errors="replace") as file:
             below = ((n, line.strip("\r\n")) for n, line in enumerate(file, start=1) if n > self.header_lines)
@@ -171,7 +170,6 @@ class Dialect:
         Parameters
         ----------
         path : Path
-            The table.
         """
         if self.cleaned:
             with self.lines(path) as lines:
@@ -190,7 +188,6 @@ class Dialect:
         Parameters
         ----------
         path : Path
-            The table.
         row : int
             Sample, counted from zero.
         """

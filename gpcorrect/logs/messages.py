@@ -33,7 +33,6 @@ class Recorded:
     Parameters
     ----------
     topic : str
-        Its name.
     extract : callable
         Takes what is needed out of a message; the message itself is not stored.
     """

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gpcorrect.toml_text import quoted
+from gpcorrect.plain import quoted
 from gpcorrect.types import FloatArray
 
 __all__ = ["propose_columns"]

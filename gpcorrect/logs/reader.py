@@ -247,7 +247,6 @@ def naming(path: Path) -> Iterator[None]:
     Parameters
     ----------
     path : Path
-        The file.
     """
     try:
         yield

@@ -9,7 +9,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, StrictStr, ValidationError
 
 from gpcorrect.errors import LogError
-from gpcorrect.toml_text import toml_text
+from gpcorrect.plain import toml_text
 from gpcorrect.types import LogMeta
 
 __all__ = ["format_sidecar", "read_sidecar", "sidecar_path"]

@@ -10,7 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv, parquet
 
-from gpcorrect.atomic import atomic_path, require_folder
+from gpcorrect.atomic import atomic_path, require_folder, write_file
 from gpcorrect.errors import LogError
 from gpcorrect.logs.sidecar import format_sidecar, sidecar_path
 from gpcorrect.logs.table import INDEX, joint_names, orientation_names, position_names
@@ -75,8 +75,7 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
             parquet.write_table(table, temporary)
     beside = sidecar_path(target)
     if log.meta != LogMeta() or beside.exists():
-        with atomic_path(beside) as temporary:
-            temporary.write_text(format_sidecar(log.meta), encoding="utf-8")
+        write_file(beside, format_sidecar(log.meta))
 
 
 def _columns(log: CalibrationLog) -> dict[str, NDArray[Any]]:

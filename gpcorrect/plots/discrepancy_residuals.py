@@ -119,7 +119,6 @@ def residual_over_joints(evidence: Evidence, index: int, unit: str, joints: tupl
     index : int
         Of the channel.
     unit : str
-        Its unit.
     joints : tuple of int
         Numbers of the joint columns.
     types : str

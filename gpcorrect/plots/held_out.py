@@ -135,7 +135,6 @@ def trajectory_paths(measured: Measured, log: CalibrationLog, trajectory: int) -
     log : CalibrationLog
         The held-out recording.
     trajectory : int
-        Its number.
     """
     time, paths = _paths(measured, log, trajectory)
     figure, axes = new_figure(9.0, 5.2, 3, 1, share_x=True)
@@ -158,7 +157,6 @@ def trajectory_errors(measured: Measured, log: CalibrationLog, trajectory: int) 
     log : CalibrationLog
         The held-out recording.
     trajectory : int
-        Its number.
     """
     time, rows = _samples(measured, log, trajectory)
     figure, axes = new_figure(9.0, 4.2, 3, 1, share_x=True)

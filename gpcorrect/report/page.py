@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gpcorrect.atomic import atomic_path
+from gpcorrect.atomic import write_file
 from gpcorrect.errors import MissingExtraError
 
 try:
@@ -78,5 +78,4 @@ def write_page(page: Page, path: Path) -> None:
     """
     environment = Environment(loader=PackageLoader("gpcorrect.report"), autoescape=True, undefined=StrictUndefined)
     html = environment.get_template("page.html").render(page=page)
-    with atomic_path(path) as temporary:
-        temporary.write_text(html, encoding="utf-8")
+    write_file(path, html)

@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, SerializeAsAny, ValidationError, field_serializer, field_validator
 
 from gpcorrect.arms import is_robot_file, read_robot
-from gpcorrect.atomic import atomic_path
+from gpcorrect.atomic import write_file
 from gpcorrect.errors import DataError
+from gpcorrect.plain import toml_text
 from gpcorrect.sim.effects import Effect, effect_from_dict, in_order
 from gpcorrect.sim.settings import Noise, NonNegative, Number, Positive, Settings, TrackerFaults
-from gpcorrect.toml_text import toml_text
 
 __all__ = [
     "Controller",
@@ -215,7 +215,6 @@ def model_key(model: Model) -> str:
     Parameters
     ----------
     model : Model
-        Any model.
     """
     digest = "" if model.robot is None else read_robot(model.robot, tool=model.tool, base=model.base).digest
     return model.model_dump_json() + digest
@@ -227,7 +226,6 @@ def model_text(model: Model) -> str:
     Parameters
     ----------
     model : Model
-        Any model.
     """
     return toml_text(model.model_dump(mode="python", exclude_none=True, exclude_defaults=True))
 
@@ -238,14 +236,12 @@ def write_model(model: Model, path: str | Path) -> None:
     Parameters
     ----------
     model : Model
-        Any model.
     path : str or Path
         Of the file; a robot file is named relative to it.
     """
     if model.robot is not None:
         model = model.model_copy(update={"robot": Path(os.path.relpath(model.robot, Path(path).parent)).as_posix()})
-    with atomic_path(path) as temporary:
-        temporary.write_text(model_text(model), encoding="utf-8")
+    write_file(path, model_text(model))
 
 
 def preset_names() -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from gpcorrect import se3
 from gpcorrect.arms import arm_named
 from gpcorrect.errors import DataError
+from gpcorrect.plain import toml_text
 from gpcorrect.sim import (
     joint_motion_log,
     machine_of,
@@ -18,7 +19,6 @@ from gpcorrect.sim import (
     write_model,
 )
 from gpcorrect.sim.effects import Backlash, CableStretch, HomingOffset
-from gpcorrect.toml_text import toml_text
 
 FULL = """
 arm = "raven2_left"

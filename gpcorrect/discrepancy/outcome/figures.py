@@ -58,7 +58,6 @@ def gap_figures(
     block : (n,) int array
         Trajectory of each row: the bootstrap draws whole ones.
     rng : numpy.random.Generator
-        Draws.
     """
     good = np.isfinite(before) & np.isfinite(after)
     before, after = before[good], after[good]
@@ -130,7 +129,6 @@ def permutation_control(
     train : (n,) bool array
         Rows to fit to.
     rng : numpy.random.Generator
-        Deals.
     """
     shuffled = exchanged(residual, block, train, rng)
     rows = train & np.isfinite(shuffled)
@@ -156,7 +154,6 @@ def exchanged(values: FloatArray, block: IntArray, train: BoolArray, rng: np.ran
     train : (n,) bool array
         Rows whose trajectories take part.
     rng : numpy.random.Generator
-        Deals.
     """
     ring = rng.permutation(np.unique(block[train]))
     result = np.full(len(values), np.nan)
@@ -178,7 +175,6 @@ def gaps_of(
     fitted : sequence of FittedEffect
         Named effects.
     noises : sequence of ChannelNoise
-        Of each channel.
     rng : numpy.random.Generator
         For bootstrap and controls.
     """

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from gpcorrect.discrepancy.evidence.localise import Finding
 from gpcorrect.discrepancy.naming.posterior import Alternative
 from gpcorrect.discrepancy.outcome.origin import Provenance
-from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.outcome.words import noise_source_words, region_words
-from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.plain import json_ready
 
-__all__ = ["gaps_of_report", "report_of"]
+if TYPE_CHECKING:
+    from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, PlaceVerdict
+
+__all__ = ["report_of"]
 
 
 def report_of(result: DiscrepancyResult) -> dict[str, Any]:
@@ -63,8 +62,8 @@ def report_of(result: DiscrepancyResult) -> dict[str, Any]:
             ],
         },
     }
-    finite: dict[str, Any] = _finite(report)
-    return finite
+    plain: dict[str, Any] = json_ready(report)
+    return plain
 
 
 def _effect(effect: NamedEffect) -> dict[str, Any]:
@@ -135,32 +134,6 @@ def _gap(gap: ChannelGap) -> dict[str, Any]:
     }
 
 
-def gaps_of_report(report: Mapping[str, Any]) -> list[ChannelGap]:
-    """Return the gaps of report.json as they were written.
-
-    Parameters
-    ----------
-    report : mapping
-        The JSON form, perhaps of an older version: of a channel its name, its figures and its unit are used.
-    """
-    return [_gap_of(name, gap) for name, gap in report["gap"].items()]
-
-
-def _gap_of(name: str, gap: Mapping[str, Any]) -> ChannelGap:
-    signal, _, place = name.rpartition("_")  # a channel's name in JSON is its signal and its joint, or axis
-    joint = int(place) if place.isdigit() else 0
-    (before, after, noise, closed, ceiling, control) = (
-        _number(gap[key]) for key in ("before", "after", "noise", "closed", "black_box_ceiling", "placebo")
-    )
-    p95, largest, ends = ((_number(gap[key][0]), _number(gap[key][1])) for key in ("p95", "max", "closed_ci95"))
-    channel = Channel(name, signal, joint - 1 if joint else "xyz".index(place), joint, gap["unit"])
-    return ChannelGap(before, after, noise, p95, largest, closed, ends, channel, ceiling, control)
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)
-
-
 def _provenance(source: Provenance) -> dict[str, Any]:
     return {
         "data": [vars(d) for d in source.data],
@@ -193,16 +166,3 @@ def _provenance(source: Provenance) -> dict[str, Any]:
         "no_trace": source.no_trace,
         "not_nameable": [{"effect": k.effect, "why": k.why} for k in source.not_nameable],
     }
-
-
-def _finite(value: Any) -> Any:
-    """Replace what JSON cannot say."""
-    if isinstance(value, Mapping):
-        return {str(k): _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    if isinstance(value, np.generic | np.ndarray):
-        return _finite(value.tolist())
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value

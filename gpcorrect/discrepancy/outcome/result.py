@@ -9,6 +9,7 @@ from typing import Any
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.posterior import Alternative, Level, Named
 from gpcorrect.discrepancy.outcome.origin import Provenance
+from gpcorrect.discrepancy.outcome.report import report_of
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.discrepancy.search.state import Step
@@ -319,6 +320,4 @@ class DiscrepancyResult:
 
     def to_report(self) -> dict[str, Any]:
         """Return the content of report.json; numbers that do not exist are None."""
-        from gpcorrect.discrepancy.outcome.report import report_of  # it makes words of results: above this module
-
         return report_of(self)

@@ -14,7 +14,7 @@ from typing import Any, get_type_hints
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from gpcorrect.atomic import atomic_path
+from gpcorrect.atomic import atomic_path, write_file
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
 from gpcorrect.discrepancy.outcome.result import DiscrepancyResult, Evidence
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
@@ -66,7 +66,6 @@ class StageStore:
         Parameters
         ----------
         stage : str
-            Its name.
         """
         try:
             stored = json.loads((self.folder / f"{stage}.json").read_text(encoding="utf-8"))
@@ -83,7 +82,6 @@ class StageStore:
         Parameters
         ----------
         stage : str
-            Its name.
         content : mapping
             Plain values.
 
@@ -93,8 +91,7 @@ class StageStore:
             The folder cannot be written.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        with atomic_path(self.folder / f"{stage}.json") as path:
-            path.write_text(json.dumps({"key": self.key, "content": content}), encoding="utf-8")
+        write_file(self.folder / f"{stage}.json", json.dumps({"key": self.key, "content": content}))
 
     def save_evidence(self, evidence: Evidence) -> None:
         """Store what the figures are drawn from.

@@ -34,7 +34,6 @@ def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise]) -> tuple[Burst, 
     dataset : Dataset
         Recording and simulator.
     noises : sequence of ChannelNoise
-        Of each channel.
     """
     residual, part = dataset.residual(), dataset.part
     first = np.unique(dataset.group[dataset.group >= 0], return_index=True)[1]

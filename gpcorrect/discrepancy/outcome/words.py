@@ -59,7 +59,6 @@ def in_reader_units(value: float, unit: str) -> tuple[float, str]:
     value : float
         SI.
     unit : str
-        Its unit.
     """
     shown, factor = READER_UNITS.get(unit, (unit, 1.0))
     return factor * value, shown
@@ -158,7 +157,6 @@ def noise_source_words(noise: ChannelNoise) -> str:
     Parameters
     ----------
     noise : ChannelNoise
-        Of the channel.
     """
     words = NOISE_SOURCES[noise.source]
     words += "" if noise.rounding_step is None else f"; rounded to {noise.rounding_step:.2g}"

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationError
 
-from gpcorrect.atomic import atomic_path
+from gpcorrect.atomic import write_file
 from gpcorrect.discrepancy.protocol.sizing import Drawn, drawn_effect
 from gpcorrect.errors import DataError
 from gpcorrect.parallel import each
@@ -89,9 +89,7 @@ class Case:
     Parameters
     ----------
     name : str
-        Of the case.
     log : CalibrationLog
-        Recording.
     effects : tuple of Effect
         Hidden ones.
     effect_to_noise : float or None
@@ -110,7 +108,6 @@ def read_spec(path: Path) -> Spec:
     Parameters
     ----------
     path : Path
-        The file.
 
     Raises
     ------
@@ -221,11 +218,9 @@ def seal(labels: Mapping[str, Any], folder: Path) -> str:
     apart = folder / LABELS
     apart.mkdir(exist_ok=True)
     text = json.dumps(labels, indent=2, sort_keys=True)
-    with atomic_path(apart / "labels.json") as path:
-        path.write_text(text, encoding="utf-8")
+    write_file(apart / "labels.json", text)
     digest = hashlib.sha256(text.encode()).hexdigest()
-    with atomic_path(folder / "labels.sha256") as path:
-        path.write_text(f"{digest}  labels.json\n", encoding="utf-8")
+    write_file(folder / "labels.sha256", f"{digest}  labels.json\n")
     return digest
 
 

@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gpcorrect.discrepancy.outcome.report import gaps_of_report
+from gpcorrect.discrepancy.outcome.result import ChannelGap
 from gpcorrect.discrepancy.outcome.sentences import closed_by
+from gpcorrect.discrepancy.recording.channels import Channel
 
 __all__ = ["NO_NAME", "CaseOutcome", "case_outcome"]
 
@@ -72,7 +73,6 @@ def case_outcome(name: str, label: Mapping[str, Any], report: Mapping[str, Any])
     Parameters
     ----------
     name : str
-        Of the case.
     label : mapping
         `set`, `effects` (each with `name`, `joint`, `known` and parameters), `effect_to_noise`, and perhaps `nuisance`:
         effects that are there too and may be named or not.
@@ -85,7 +85,8 @@ def case_outcome(name: str, label: Mapping[str, Any], report: Mapping[str, Any])
     false = [e for e in named if not _possible(e) & allowed]
     single = [e for e in named if e["level"] == "EXACT"]
     answers = tuple(_answer(e, named, false, report["verdict"]["level"]) for e in label["effects"] or [{}])
-    closed = closed_by(gaps_of_report(report), label["effects"][0]["joint"] if label["effects"] else None)
+    gaps = [_gap_of(name, gap) for name, gap in report["gap"].items()]
+    closed = closed_by(gaps, label["effects"][0]["joint"] if label["effects"] else None)
     return CaseOutcome(
         name=name,
         group=label["set"],
@@ -99,6 +100,22 @@ def case_outcome(name: str, label: Mapping[str, Any], report: Mapping[str, Any])
         closed=None if closed is None else closed.fraction,
         seconds=float(report["provenance"]["seconds"]),
     )
+
+
+def _gap_of(name: str, gap: Mapping[str, Any]) -> ChannelGap:
+    """Return a channel's gap as report.json has it, perhaps of an older version."""
+    signal, _, place = name.rpartition("_")  # a channel's name in JSON is its signal and its joint, or axis
+    joint = int(place) if place.isdigit() else 0
+    (before, after, noise, closed, ceiling, control) = (
+        _number(gap[key]) for key in ("before", "after", "noise", "closed", "black_box_ceiling", "placebo")
+    )
+    p95, largest, ends = ((_number(gap[key][0]), _number(gap[key][1])) for key in ("p95", "max", "closed_ci95"))
+    channel = Channel(name, signal, joint - 1 if joint else "xyz".index(place), joint, gap["unit"])
+    return ChannelGap(before, after, noise, p95, largest, closed, ends, channel, ceiling, control)
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)
 
 
 def _flat(effect: Mapping[str, Any]) -> dict[str, Any]:

@@ -100,7 +100,6 @@ def drawn_effect(
     ratio : float
         Root mean square of the change over the noise, in the channel where it is largest.
     rng : numpy.random.Generator
-        Draws.
     names : sequence of str
         Effects to draw from; all when empty.
     besides : sequence of Drawn

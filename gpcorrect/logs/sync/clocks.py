@@ -50,6 +50,11 @@ class Clocks:
     remark: str
     to_note: bool = False
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The remark, where a person must know."""
+        return (self.remark,) if self.to_note else ()
+
 
 def match_clocks(
     log: CalibrationLog,
@@ -160,11 +165,7 @@ def seconds_of(text: str) -> float:
 
 
 def align(
-    log: CalibrationLog,
-    offset: TimeOffset | float,
-    *,
-    signals: Sequence[str] = ("tracker_cp",),
-    max_gap: float | None = None,
+    log: CalibrationLog, offset: TimeOffset | float, *, signals: Sequence[str] = ("tracker_cp",)
 ) -> CalibrationLog:
     """Return the log with signal(t + d) in place of signal(t), for the signals of the other clock.
 
@@ -179,8 +180,6 @@ def align(
         Seconds d by which the stamps of these signals run ahead; an estimate brings its drift along.
     signals : sequence of str
         Those that the other clock stamped; add external_jp where its joints come from the same tracker.
-    max_gap : float, optional
-        Longest time between two samples to interpolate across, s; five median steps by default.
 
     Returns
     -------
@@ -206,16 +205,16 @@ def align(
     for name in signals:
         if name not in (*log.POSES, *log.JOINTS) or name not in log.signals:
             raise LogError(f"cannot align {name}: the log has {', '.join(log.signals)}.", hint="Name a motion signal.")
-    moved: dict[str, Any] = {name: _resampled(log, name, at, max_gap) for name in signals}
+    moved: dict[str, Any] = {name: _resampled(log, name, at) for name in signals}
     return replace(log, **moved)
 
 
-def _resampled(log: CalibrationLog, name: str, at: FloatArray, max_gap: float | None) -> PoseSignal | FloatArray:
+def _resampled(log: CalibrationLog, name: str, at: FloatArray) -> PoseSignal | FloatArray:
     values: PoseSignal | FloatArray = getattr(log, name)
     pose = isinstance(values, PoseSignal)
     moved = {part: np.full(column.shape, np.nan) for part, column in _parts(values).items()}
     for rows in clock_runs(log):
-        piece = interpolate(Stream(name, log.time[rows], values[rows]), at[rows], max_gap)
+        piece = interpolate(Stream(name, log.time[rows], values[rows]), at[rows])
         for part, column in _parts(piece).items():
             moved[part][rows] = column
     return PoseSignal(**moved) if pose else moved["values"]

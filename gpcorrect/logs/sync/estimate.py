@@ -49,14 +49,7 @@ DRIFT_LEVEL = 0.999  # confidence at which a drift is reported: asked of every l
 MIN_DRIFT_SHIFT = 1e-3  # s over the recording; less does not matter at any sample rate here
 
 
-def log_offset(
-    log: CalibrationLog,
-    observed: str | None = None,
-    reference: str | None = None,
-    *,
-    max_lag: float | None = None,
-    centre: float = 0.0,
-) -> TimeOffset:
+def log_offset(log: CalibrationLog, observed: str | None = None, reference: str | None = None) -> TimeOffset:
     """Time offset between two signals of a log, trajectory by trajectory and pooled.
 
     Parameters
@@ -66,8 +59,6 @@ def log_offset(
     observed, reference : str, optional
         Signals to compare; by default the tracker with what the robot reports, else with the command, else
         joints alike.
-    max_lag, centre : float, optional
-        See :func:`estimate_offset`.
 
     Raises
     ------
@@ -80,7 +71,7 @@ def log_offset(
     if log.static:
         return replace(_nothing(("too_few", "static poses have no clock.")), observed=observed, reference=reference)
     pairs = pairs_of(log, observed, reference)
-    return estimate_offset(pairs, max_lag=max_lag, centre=centre, names=(observed, reference))
+    return estimate_offset(pairs, names=(observed, reference))
 
 
 def stream_offset(

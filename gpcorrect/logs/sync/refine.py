@@ -152,15 +152,9 @@ class Refinement:
         size = _size(self.residual, scale)
         return np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
 
-    def half_width(self, level: float = 0.95) -> FloatArray:
-        """(p,) half widths of the confidence intervals.
-
-        Parameters
-        ----------
-        level : float
-            Confidence.
-        """
-        quantile = float(student_t.ppf(0.5 + level / 2, max(self.dof, 1)))
+    def half_width(self) -> FloatArray:
+        """(p,) half widths of the 95 % confidence intervals."""
+        quantile = float(student_t.ppf(0.975, max(self.dof, 1)))
         return quantile * np.sqrt(np.diag(self.covariance))
 
 

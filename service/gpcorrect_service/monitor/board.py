@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gpcorrect import se3
+from gpcorrect.plain import json_ready
 from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, Report, Text
 from gpcorrect_service.monitor.drift import DriftWatch, outside
-from gpcorrect_service.monitor.readable import finite, require_readable
+from gpcorrect_service.monitor.readable import require_readable
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import HealthAnswer
 
@@ -133,7 +134,7 @@ class Board:
         """
         with self._lock:
             arms = [view.snapshot(now) for _, view in sorted(self._arms.items())]
-        shown: dict[str, Any] = finite({"namespace": self.namespace, "arms": arms})
+        shown: dict[str, Any] = json_ready({"namespace": self.namespace, "arms": arms})
         return shown
 
     def _view(self, arm: str) -> _ArmView | None:
@@ -296,7 +297,7 @@ def _shown_replica(replica: _Replica, now: float) -> dict[str, Any]:
 def _shown(pose: Pose) -> dict[str, Any]:
     numbers = np.array(pose.pose)
     turn = np.rad2deg(se3.rotvec_from_matrix(se3.matrix_from_quaternion(numbers[None, 3:]))[0])
-    return {"mm": _plain(1e3 * numbers[:3]), "deg": _plain(turn), "frame": pose.frame}
+    return {"mm": 1e3 * numbers[:3], "deg": turn, "frame": pose.frame}
 
 
 def _difference(one: tuple[float, ...], other: tuple[float, ...]) -> Any:
@@ -313,8 +314,8 @@ def _correction(report: Report) -> dict[str, Any]:
     return {
         "mm": None if size is None else 1e3 * float(np.linalg.norm(size[:3])),
         "deg": None if size is None else math.degrees(float(np.linalg.norm(size[3:]))),
-        "interval_mm": _plain(1e3 * np.array(wide[:3])),
-        "interval_deg": _plain(np.rad2deg(wide[3:])),
+        "interval_mm": 1e3 * np.array(wide[:3]),
+        "interval_deg": np.rad2deg(wide[3:]),
         "in_domain": report.in_domain,
         "status": report.status,
         "reason": report.reason,
@@ -330,7 +331,3 @@ def _error(report: Report, tracked: Pose) -> dict[str, Any] | None:
         return None
     miss = _difference(tracked.pose, report.desired)
     return {"mm": 1e3 * float(np.linalg.norm(miss[:3])), "deg": math.degrees(float(np.linalg.norm(miss[3:])))}
-
-
-def _plain(values: Any) -> list[float | None]:
-    return [float(v) if math.isfinite(v) else None for v in values]

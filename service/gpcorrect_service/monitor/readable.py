@@ -6,9 +6,10 @@ import math
 from typing import Any
 
 from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, Report, Text, checked_numbers
-from gpcorrect_service.protocol.limits import bad_input, checked_pose
+from gpcorrect_service.protocol.errors import bad_input
+from gpcorrect_service.protocol.limits import checked_pose
 
-__all__ = ["finite", "require_readable"]
+__all__ = ["require_readable"]
 
 AXES = 6
 LONGEST = 1000  # characters of a text, chosen by hand
@@ -58,17 +59,3 @@ def _require_poses(*poses: tuple[float, ...]) -> None:
 def _require_short(*texts: str) -> None:
     if any(len(text) > LONGEST for text in texts):
         raise bad_input(f"a text has more than {LONGEST} characters.", "Send a sentence.")
-
-
-def finite(value: Any) -> Any:
-    """Return nested lists and mappings with None where a number is not finite: JSON has no word for it.
-
-    Parameters
-    ----------
-    value
-    """
-    if isinstance(value, dict):
-        return {key: finite(one) for key, one in value.items()}
-    if isinstance(value, list):
-        return [finite(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,12 +1,30 @@
-"""TOML written: the standard library reads it only."""
+"""Values as JSON and TOML can hold them; of TOML the standard library is a reader only."""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["quoted", "toml_text"]
+__all__ = ["json_ready", "quoted", "toml_text"]
+
+
+def json_ready(value: Any) -> Any:
+    """Replace what JSON cannot hold (NaN, infinity, NumPy scalars and arrays, tuples) by what it can.
+
+    Parameters
+    ----------
+    value : Any
+        Mappings, lists, arrays and scalars, nested.
+    """
+    if isinstance(value, Mapping):
+        return {str(k): json_ready(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_ready(v) for v in value]
+    if hasattr(value, "tolist"):
+        return json_ready(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def quoted(text: str) -> str:
