@@ -141,17 +141,17 @@ class ArmKinematics:
         q, left = self.chain.nearest(T, start, self.length)
         return q[0] if left[0] <= self.reach else np.full(len(q[0]), np.nan)
 
-    def carried(self, poses: PoseSignal, q: FloatArray, told: FloatArray) -> PoseSignal:
+    def carried(self, poses: PoseSignal, q: FloatArray, corrected: FloatArray) -> PoseSignal:
         """Return poses moved as the tip moves from joints to others; where the arm reaches them, onto its poses.
 
         Parameters
         ----------
         poses : PoseSignal
             n poses, complete.
-        q, told : (n, d) arrays
+        q, corrected : (n, d) arrays
             Joints of the poses, and those that the arm moves to, rad and m.
         """
-        before, after, turned = self.chain.forward(q), self.chain.forward(told), rotations_of(poses)
+        before, after, turned = self.chain.forward(q), self.chain.forward(corrected), rotations_of(poses)
         assert turned is not None
         R = after[:, :3, :3] @ np.swapaxes(before[:, :3, :3], -1, -2) @ turned
         return PoseSignal(poses.position + after[:, :3, 3] - before[:, :3, 3], se3.quaternion_from_matrix(R))

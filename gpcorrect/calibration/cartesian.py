@@ -165,15 +165,9 @@ class CommandCorrector(Corrector):
             reasons=Reason(reasons),
         )
 
-    def stream(self, window: float = 0.1) -> PoseStream:
-        """Return a stream, which answers poses one after the other and takes velocity and memory from those before.
-
-        Parameters
-        ----------
-        window : float
-            Length of the past that a velocity is estimated from, s.
-        """
-        return PoseStream(self, window)
+    def stream(self) -> PoseStream:
+        """Return a stream, which answers poses one after the other and takes velocity and memory from those before."""
+        return PoseStream(self)
 
     def correct_path(self, poses: ArrayLike, times: ArrayLike) -> Correction:
         """Return what to command instead of a timed path; its velocities come from the five-point stencil on the path.
@@ -208,8 +202,8 @@ class CommandCorrector(Corrector):
         if self.memory is None:
             answer = self.correct_observed(desired, twist)
             if self.route is not None:
-                told = self.route.correct(self.rigid.apply(desired), seconds, labels, self.law.bounds)
-                answer = self.joined(told, answer)
+                in_joints = self.route.correct(self.rigid.apply(desired), seconds, labels, self.law.bounds)
+                answer = self.joined(in_joints, answer)
             return answer.because(Reason.BRIDGED, replaced)
         stream = self.stream()  # memory is of the commands, which are known one after the other
         steps = zip(seconds, queries.pose_rows(desired), twist, strict=True)
@@ -353,8 +347,8 @@ class CommandCorrector(Corrector):
             path = possible.finite & ~np.isin(log.trajectory, log.trajectory[rows])
             path[rows] = True
             known = self.rigid.apply(possible[path])
-            told = self.route.correct(known, log.time[path], log.session[path], self.law.bounds)
-            answer = self.joined(told[np.isin(np.flatnonzero(path), rows)], answer)
+            in_joints = self.route.correct(known, log.time[path], log.session[path], self.law.bounds)
+            answer = self.joined(in_joints[np.isin(np.flatnonzero(path), rows)], answer)
         assert answer.position is not None
         return Measured(
             raw=pose_residual(observed, commanded),

@@ -89,20 +89,15 @@ class Samples:
         usable[rows] = False
         return replace(self, usable=usable)
 
-    def learnable(self, fewest: int = LIMITS.fewest_samples) -> tuple[FloatArray, FloatArray]:
+    def learnable(self) -> tuple[FloatArray, FloatArray]:
         """Return inputs `(k, d)` and targets `(k, m)` to learn from.
-
-        Parameters
-        ----------
-        fewest : int
-            Number of samples below which the fit is refused.
 
         Raises
         ------
         DataError
-            There are fewer than `fewest`.
+            There are fewer than `LIMITS.fewest_samples`.
         """
-        rows = self.rows
+        rows, fewest = self.rows, LIMITS.fewest_samples
         if len(rows) < fewest:
             raise DataError(
                 f"only {len(rows)} of {len(self)} samples can be learned from; at least {fewest} are needed.",

@@ -185,7 +185,6 @@ def run_experiment(
     shuffle : bool
         Hold out random units, not the last ones.
     progress : Progress, optional
-        Receives the progress of the fit.
 
     Raises
     ------

@@ -71,7 +71,6 @@ def fit_corrector(
     settings : FitSettings, optional
         What differs from the defaults.
     progress : Progress, optional
-        Receives the progress of the fit.
 
     Raises
     ------
@@ -102,7 +101,6 @@ def fit_model(
     task : type
         A subclass of :class:`Corrector`.
     progress : Progress, optional
-        Receives the progress of the fit.
 
     Raises
     ------
@@ -131,7 +129,7 @@ def fit_model(
         *log.remarks,
         *outcome.remarks,
         *_too_little(outcome.samples),
-        *([clocks.remark] if clocks.to_note else []),
+        *clocks.notes,
     ]
     summary = _summary(log, outcome, clocks, cleaning, settings, remarks, time.perf_counter() - start)
     return FitResult(

@@ -88,7 +88,6 @@ class JointRoute:
         cleaner : FittedCleaner
             What rejected the others.
         settings : FitSettings
-            The user's settings.
         learn_law : callable
             See :meth:`Corrector.learn`.
         alone : LeftOut, optional
@@ -132,7 +131,7 @@ class JointRoute:
         motion = TrainingMotion(-anywhere, anywhere, np.ones(kinematics.chain.dof), np.nan)
         unknown = IntervalCalibration(np.ones(6))
         route = cls(kinematics, replace(corrector, trained=motion), unknown)
-        told = Correction(
+        in_joints = Correction(
             position=None,
             quaternion=None,
             joints=asked[rows] - corrector.view.wide(outcome.left_out.errors),
@@ -140,7 +139,7 @@ class JointRoute:
             interval95=np.full(asked[rows].shape, np.nan),
             reasons=np.zeros(len(rows), dtype=np.int64),
         )
-        answer = route.as_poses(pair[0][rows], wanted[rows], told)
+        answer = route.as_poses(pair[0][rows], wanted[rows], in_joints)
         assert answer.position is not None
         errors = pose_residual(PoseSignal(answer.position, answer.quaternion), pair[1][rows])
         left_out, known = LeftOut(errors, answer.std, outcome.left_out.novelty), np.isfinite(errors).all(axis=1)
@@ -182,7 +181,7 @@ class JointRoute:
         return self.as_poses(reference, q, self.joints.correct_path(q, time, sessions=session.tolist()), bounds)
 
     def as_pose(
-        self, position: FloatArray, rotation: FloatArray, q: FloatArray, told: Correction, largest: FloatArray
+        self, position: FloatArray, rotation: FloatArray, q: FloatArray, in_joints: Correction, largest: FloatArray
     ) -> Correction:
         """Return one answer in joints as a pose within bounds: the hot path of streams.
 
@@ -192,23 +191,23 @@ class JointRoute:
             Reference pose.
         q : (d,) array
             Its joints.
-        told : Correction
+        in_joints : Correction
             The answer in joints.
         largest : (2,) array
             Largest believed correction of a pose, m and rad.
         """
-        assert told.joints is not None
+        assert in_joints.joints is not None
         chain = self.kinematics.chain
-        before, after = chain.forward(np.array([q, told.joints]))
+        before, after = chain.forward(np.array([q, in_joints.joints]))
         turned = se3.rotvec_from_matrix(after[:3, :3] @ before[:3, :3].T)
         residual = np.concatenate([after[:3, 3] - before[:3, 3], turned])
         moved, quaternion, limited = command(position, rotation, residual, largest)
-        std = np.sqrt(chain.jacobian(told.joints) ** 2 @ np.nan_to_num(told.std) ** 2)
-        reasons = Reason(int(told.reasons) | (int(Reason.LIMITED) if limited else 0))
+        std = np.sqrt(chain.jacobian(in_joints.joints) ** 2 @ np.nan_to_num(in_joints.std) ** 2)
+        reasons = Reason(int(in_joints.reasons) | (int(Reason.LIMITED) if limited else 0))
         return Correction(moved, quaternion, None, std, self.intervals.interval95(std), reasons)
 
     def as_poses(
-        self, reference: PoseSignal, q: FloatArray, told: Correction, bounds: Bounds | None = None
+        self, reference: PoseSignal, q: FloatArray, in_joints: Correction, bounds: Bounds | None = None
     ) -> Correction:
         """Return answers in joints as poses, within bounds; NaN where joints are.
 
@@ -218,26 +217,26 @@ class JointRoute:
             n poses.
         q : (n, d) array
             Their joints.
-        told : Correction
+        in_joints : Correction
             n answers in joints.
         bounds : Bounds, optional
             Largest believed correction of a pose.
         """
-        assert told.joints is not None
-        known = np.asarray(np.isfinite(told.joints).all(axis=1) & np.isfinite(q).all(axis=1))
+        assert in_joints.joints is not None
+        known = np.asarray(np.isfinite(in_joints.joints).all(axis=1) & np.isfinite(q).all(axis=1))
         position, quaternion = np.full((len(q), 3), np.nan), np.full((len(q), 4), np.nan)
         std = np.full((len(q), 6), np.nan)
         cut = np.zeros(len(q), dtype=bool)
         if known.any():
-            moved = self.kinematics.carried(reference[known], q[known], told.joints[known])
+            moved = self.kinematics.carried(reference[known], q[known], in_joints.joints[known])
             if bounds is not None:
                 residual, cut[known] = bounds.limit(pose_residual(reference[known], moved))
                 moved = apply_residual(reference[known], residual) if cut.any() else moved
             position[known], quaternion[known] = moved.position, moved.quaternion
-            spread = self.kinematics.chain.jacobian(told.joints[known]) ** 2
-            std[known] = np.sqrt((spread @ np.nan_to_num(told.std[known])[..., None] ** 2)[..., 0])
+            spread = self.kinematics.chain.jacobian(in_joints.joints[known]) ** 2
+            std[known] = np.sqrt((spread @ np.nan_to_num(in_joints.std[known])[..., None] ** 2)[..., 0])
         intervals = self.intervals.interval95(std)
-        return Correction(position, quaternion, None, std, intervals, told.reasons).because(Reason.LIMITED, cut)
+        return Correction(position, quaternion, None, std, intervals, in_joints.reasons).because(Reason.LIMITED, cut)
 
 
 def joints_of(log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], kinematics: ArmKinematics) -> CalibrationLog:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,11 +12,12 @@ from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.joint_features import JointFeatures, law_penalties
 from gpcorrect.calibration.joint_path import JointPath, joint_path, joint_signal, state_columns
 from gpcorrect.calibration.law import Prediction
+from gpcorrect.calibration.task import Corrector
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, frozen_array
 
-__all__ = ["InputSignal", "JointView", "directed", "joint_layout", "logged_path"]
+__all__ = ["InputSignal", "JointView", "ViewCorrector", "directed", "joint_layout", "logged_path"]
 
 InputSignal = Literal["measured_jp", "setpoint_jp"]
 
@@ -158,6 +159,59 @@ class JointView:
         limit = np.array([STILL[self.types[j]] for j in still])
         strayed: BoolArray = np.asarray((np.abs(q[:, still] - self.rest[still]) > limit).any(axis=1))
         return strayed
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ViewCorrector(Corrector):
+    """A corrector whose samples and answers a view of the log makes, of features of a joint path.
+
+    Parameters
+    ----------
+    view : JointView or ToolView
+        What of a log goes in, and what is to come out.
+    usual_step, shortest_step : float
+        Time between samples in training, s: what a pause is, and over what a velocity is taken.
+    """
+
+    view: Any
+    usual_step: float
+    shortest_step: float
+
+    def correct_log(self, log: CalibrationLog) -> Correction:
+        """Return the answers to a recorded path, n rows.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            n samples; needs no truth.
+
+        Raises
+        ------
+        LogError, DataError
+            A signal is missing or cannot be right, or the log has other joints or state than the training's.
+        """
+        self.refuse_misread(log)
+        reported, samples = self.view.of_log(log, np.ones(len(log), dtype=bool), needs_truth=False)
+        answer: Correction = self.view.answer(reported, self.law.predict(samples))
+        return answer
+
+    def samples(self, log: CalibrationLog, keep: BoolArray) -> Samples:
+        """See :class:`Corrector`."""
+        samples: Samples = self.view.of_log(log, keep)[1]
+        return samples
+
+    def swing(self, n: int) -> JointPath:
+        """Return a short swing through the middle of the training range, all else at zero, to verify a file with.
+
+        Parameters
+        ----------
+        n : int
+            Samples.
+        """
+        features: JointFeatures = self.view.features
+        q = features.centre + np.sin(np.linspace(0.0, 2.0 * np.pi, n))[:, None] * features.half
+        state = np.zeros((n, features.n_state)) if features.n_state else None
+        return joint_path(np.arange(n, dtype=np.float64), np.zeros(n, dtype=np.int64), q, np.zeros(q.shape), state)
 
 
 def joint_layout(features: JointFeatures, targets: int, *, owned: bool, inducing: int) -> Layout:

@@ -9,15 +9,21 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import joint_path, usual_steps
-from gpcorrect.calibration.joint_view import InputSignal, JointView, directed, joint_layout, logged_path
+from gpcorrect.calibration.joint_view import (
+    InputSignal,
+    JointView,
+    ViewCorrector,
+    directed,
+    joint_layout,
+    logged_path,
+)
 from gpcorrect.calibration.metrics import joint_errors, joint_units
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.stream import JointStream
-from gpcorrect.calibration.task import Corrector, LearnLaw, Measured, Outcome, Part
+from gpcorrect.calibration.task import LearnLaw, Measured, Outcome, Part
 from gpcorrect.calibration.training_motion import UNITS, TrainingMotion
 from gpcorrect.cleaning import FittedCleaner, Pair, joint_pair
 from gpcorrect.correction import Correction
@@ -40,7 +46,7 @@ CHECK_SAMPLES = 12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class JointCorrector(Corrector):
+class JointCorrector(ViewCorrector):
     """What was learned of one arm's joints.
 
     Parameters
@@ -49,8 +55,6 @@ class JointCorrector(Corrector):
         Which joints go in, and what comes out.
     offset : (k,) array
         Mean error in training: what a fixed offset would have corrected.
-    usual_step, shortest_step : float
-        Time between samples in training, s: what a pause is, and over what a velocity is taken.
     """
 
     KIND: ClassVar[str] = "gpcorrect.joint_corrector"
@@ -59,8 +63,6 @@ class JointCorrector(Corrector):
 
     view: JointView
     offset: FloatArray
-    usual_step: float
-    shortest_step: float
 
     def __post_init__(self) -> None:
         sizes = {"offset": len(self.offset), "zero": len(self.law.zero), "moving": len(self.view.moving)}
@@ -85,23 +87,6 @@ class JointCorrector(Corrector):
         zero = np.zeros(len(self.view.types))
         zero[self.view.moving] = self.law.zero
         return zero
-
-    def correct_log(self, log: CalibrationLog) -> Correction:
-        """Return the answers to a recorded path, n rows.
-
-        Parameters
-        ----------
-        log : CalibrationLog
-            n samples.
-
-        Raises
-        ------
-        LogError, DataError
-            A signal is missing or cannot be right, or the log has other joints.
-        """
-        self.refuse_misread(log)
-        q, samples = self.view.of_log(log, np.ones(len(log), dtype=bool), needs_truth=False)
-        return self.view.answer(q, self.law.predict(samples))
 
     def correct_path(
         self,
@@ -154,10 +139,6 @@ class JointCorrector(Corrector):
         """See :class:`Corrector`."""
         return directed(log, self.view.input_signal, self.view.direction, needs_truth=False)[0]
 
-    def samples(self, log: CalibrationLog, keep: BoolArray) -> Samples:
-        """See :class:`Corrector`."""
-        return self.view.of_log(log, keep)[1]
-
     def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
         """See :class:`Corrector`; the fixed offset is that of the training."""
         q, samples = self.view.of_log(log, keep)
@@ -190,12 +171,8 @@ class JointCorrector(Corrector):
 
     def check_answers(self) -> FloatArray:
         """See :class:`Corrector`: answers along a short swing through the middle of the training range."""
-        features, n = self.view.features, CHECK_SAMPLES
-        swing = np.sin(np.linspace(0.0, 2.0 * np.pi, n))[:, None] * features.half
-        time, homed = np.arange(n, dtype=np.float64), np.zeros(n, dtype=np.int64)
-        state = np.zeros((n, features.n_state)) if features.n_state else None
-        path = joint_path(time, homed, features.centre + swing, np.zeros(swing.shape), state)
-        prediction = self.law.predict(self.view.samples(path, homed, homed, None, np.zeros(n, dtype=bool)))
+        homed, unknown = np.zeros(CHECK_SAMPLES, dtype=np.int64), np.zeros(CHECK_SAMPLES, dtype=bool)
+        prediction = self.law.predict(self.view.samples(self.swing(CHECK_SAMPLES), homed, homed, None, unknown))
         return np.nan_to_num(np.hstack([prediction.residual, prediction.std]))
 
     def rezeroed(self, log: CalibrationLog) -> Self:

@@ -37,6 +37,7 @@ __all__ = [
     "refused",
     "save",
     "seal_of",
+    "task_of",
 ]
 
 SCHEMA = 5
@@ -111,8 +112,8 @@ def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
         when it was saved.
     """
     header, arrays = read_parts(path)
-    if header["kind"] != kind.KIND:
-        found = next(name for name, task in TASKS.items() if header["kind"] == task.KIND)
+    found = task_of(header).TASK
+    if found != kind.TASK:
         raise ArtifactError(
             f"model file {path} corrects {found}, and a model of {kind.TASK} is needed here.",
             hint=f"Use it with `{SERVED[found]}`, or make a model of {kind.TASK}: {MADE[kind.TASK]}",
@@ -134,7 +135,7 @@ def load_any(path: str | Path) -> Any:
         As for :func:`load`.
     """
     header, arrays = read_parts(path)
-    return _built(path, next(task for task in TASKS.values() if header["kind"] == task.KIND), header, arrays)
+    return _built(path, task_of(header), header, arrays)
 
 
 def _built(path: str | Path, kind: type[Any], header: Header, arrays: Arrays) -> Any:
@@ -173,6 +174,17 @@ def read_parts(path: str | Path) -> tuple[Header, Arrays]:
     if changed:
         raise refused(path, f"array {changed[0]} was altered")
     return header, contents
+
+
+def task_of(header: Header) -> type[Corrector]:
+    """Return the class of the model that a verified header is of.
+
+    Parameters
+    ----------
+    header : dict
+        As :func:`read_parts` returns it.
+    """
+    return next(task for task in TASKS.values() if header["kind"] == task.KIND)
 
 
 def read_history(path: str | Path) -> tuple[Step, ...]:

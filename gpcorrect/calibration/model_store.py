@@ -20,16 +20,12 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from gpcorrect.atomic import atomic_path, make_folder
-from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.history import Step, last_measured
-from gpcorrect.calibration.model_file import TASKS, load, model_hash, read_history, read_parts, refused
+from gpcorrect.atomic import atomic_path, make_folder, write_file
+from gpcorrect.calibration.history import Step
+from gpcorrect.calibration.model_file import TASKS, load, load_any, model_hash, read_history, refused
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
-from gpcorrect.types import FloatArray
 
-__all__ = ["Entry", "ModelStore", "compare", "kind_of"]
+__all__ = ["Entry", "ModelStore"]
 
 SCHEMA = 1
 """Of `store.json`."""
@@ -167,9 +163,8 @@ class ModelStore:
         GpCorrectError
             The store cannot be written.
         """
-        kind = kind_of(path)
-        load(path, TASKS[kind])
-        entry = Entry(name or Path(path).stem, model_hash(path), kind, now)
+        model = load_any(path)
+        entry = Entry(name or Path(path).stem, model_hash(path), model.TASK, now)
         with self._locked() as state:
             target = self.path(entry)
             if not target.exists():
@@ -280,8 +275,8 @@ class ModelStore:
     def _write(self, state: _State) -> None:
         stored = {"schema": SCHEMA, "models": [asdict(entry) for entry in state.models], "history": state.history}
         target = self.folder / "store.json"
-        with _writing(target), atomic_path(target) as temporary:
-            temporary.write_text(json.dumps(stored, indent=2))
+        with _writing(target):
+            write_file(target, json.dumps(stored, indent=2))
         handle = os.open(self.folder, os.O_RDONLY)
         try:
             os.fsync(handle)  # so that the rename outlasts a power cut
@@ -321,23 +316,6 @@ def _check_state(state: _State) -> None:
             raise ValueError(f"its history of {kind!r} names a model that is not there")
 
 
-def kind_of(path: str | Path) -> str:
-    """Return the task of a model file: a key of :data:`gpcorrect.calibration.TASKS`.
-
-    Parameters
-    ----------
-    path : str or Path
-        Model file.
-
-    Raises
-    ------
-    ArtifactError
-        It is no model file, or damaged.
-    """
-    header, _ = read_parts(path)
-    return next(name for name, task in TASKS.items() if header["kind"] == task.KIND)
-
-
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
     try:
@@ -346,67 +324,3 @@ def _writing(path: Path) -> Iterator[None]:
         raise GpCorrectError(
             f"cannot write {path}: {error.strerror}. The active model stays.", hint="Make room, or change the rights."
         ) from error
-
-
-def compare(one: Any, other: Any) -> dict[str, Any]:
-    """Return in what two models differ: what they say of themselves, their errors, how far apart their commands are.
-
-    Parameters
-    ----------
-    one, other : Corrector
-        Models of one task.
-
-    Returns
-    -------
-    dict
-        `made` and `held_out`: the last step of each and the last measured errors (JSON-able, None where not known);
-        `differs`: by name, what the one and the other say; `commands`: distances (mm, deg) on the recorded check
-        queries of both, for models of poses.
-
-    Raises
-    ------
-    DataError
-        They are not of one task.
-    """
-    if one.TASK != other.TASK:
-        raise DataError(f"one model corrects {one.TASK}, the other {other.TASK}: they cannot be compared.")
-    both = (one, other)
-    left, right = (_flat(model.summary) for model in both)
-    names = [name for name in (*left, *(n for n in right if n not in left)) if left.get(name) != right.get(name)]
-    measured = [last_measured(model.history) for model in both]
-    found: dict[str, Any] = {
-        "made": [asdict(model.history[-1]) if model.history else None for model in both],
-        "held_out": [asdict(errors) if errors else None for errors in measured],
-        "differs": {name: (left.get(name), right.get(name)) for name in names},
-    }
-    if isinstance(one, CommandCorrector):
-        found["commands"] = _commands_apart(one, other)
-    return found
-
-
-def _flat(summary: Any, prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in summary.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
-    return flat
-
-
-def _commands_apart(one: CommandCorrector, other: CommandCorrector) -> dict[str, float]:
-    queries = np.vstack([one.check_queries, other.check_queries])
-    size = 7 if one.has_orientation and other.has_orientation else 3
-    pairs = [(one.correct(q[:7], q[7:]), other.correct(q[:7], q[7:])) for q in queries]
-    apart = np.linalg.norm([np.array(a.position) - np.array(b.position) for a, b in pairs], axis=1)
-    turned = [_angle(a.quaternion, b.quaternion) for a, b in pairs if size == 7]
-    return {
-        "queries": len(queries),
-        "mean_mm": 1e3 * float(apart.mean()),
-        "max_mm": 1e3 * float(apart.max()),
-        "max_deg": float(np.degrees(max(turned, default=0.0))),
-    }
-
-
-def _angle(one: FloatArray | None, other: FloatArray | None) -> float:
-    if one is None or other is None:
-        return 0.0
-    chord = min(float(np.linalg.norm(one - other)), float(np.linalg.norm(one + other)))
-    return 4.0 * float(np.arcsin(min(1.0, chord / 2)))

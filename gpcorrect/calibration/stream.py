@@ -40,13 +40,11 @@ class PoseStream:
     ----------
     corrector : CommandCorrector
         What answers.
-    window : float
-        Length of the past that a velocity is estimated from, s.
     """
 
-    def __init__(self, corrector: CommandCorrector, window: float = 0.1) -> None:
+    def __init__(self, corrector: CommandCorrector) -> None:
         self._corrector = corrector
-        self._twist = CausalTwist(window)
+        self._twist = CausalTwist()
         self._slow = SlowStream(corrector.trained)
         self.reset()
 
@@ -91,10 +89,12 @@ class PoseStream:
         if self._joints is not None and corrector.route is not None:
             route = corrector.route
             q = route.kinematics.inverse_one(position, rotation, self._q)
-            told, self._q = self._joints.correct(time, q), q if np.isfinite(q).all() else None
+            in_joints, self._q = self._joints.correct(time, q), q if np.isfinite(q).all() else None
             if self._q is None:
                 return corrector.without_joints(corrector.one(query, velocity, reasons))
-            return route.as_pose(position, rotation, q, told, corrector.law.bounds.largest).because(Reason(reasons))
+            return route.as_pose(position, rotation, q, in_joints, corrector.law.bounds.largest).because(
+                Reason(reasons)
+            )
         if corrector.memory is None:
             return corrector.one(query, velocity, reasons)
         quaternion = se3.quaternion_from_matrix(rotation[None]) if corrector.has_orientation else None

@@ -171,7 +171,6 @@ class Corrector(ABC):
         log : CalibrationLog
             To be learned from.
         settings : FitSettings
-            The user's settings.
 
         Raises
         ------
@@ -195,7 +194,6 @@ class Corrector(ABC):
         cleaner : FittedCleaner
             What rejected the others.
         settings : FitSettings
-            The user's settings.
         learn_law : callable
             From samples and their layout to a law and its predictions of left-out samples.
 

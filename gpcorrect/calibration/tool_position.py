@@ -11,11 +11,11 @@ from gpcorrect import se3
 from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import JointPath, joint_path, state_columns, usual_steps
-from gpcorrect.calibration.joint_view import joint_layout
+from gpcorrect.calibration.joint_view import ViewCorrector, joint_layout
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.stream import ToolStream
-from gpcorrect.calibration.task import Corrector, LearnLaw, Measured, Outcome
+from gpcorrect.calibration.task import LearnLaw, Measured, Outcome
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import TOOL, FittedCleaner, Pair
 from gpcorrect.correction import Correction, Reason
@@ -119,7 +119,7 @@ class ToolView:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PositionEstimator(Corrector):
+class PositionEstimator(ViewCorrector):
     """What was learned of one arm's position error; needs no tracker afterwards.
 
     Parameters
@@ -128,8 +128,6 @@ class PositionEstimator(Corrector):
         What of a log goes in.
     rigid : RigidModel
         The best rigid motion of the training, from the tracker's frame to the base.
-    usual_step, shortest_step : float
-        Time between samples in training, s: what a pause is, and over what a velocity is taken.
     """
 
     KIND: ClassVar[str] = "gpcorrect.position_estimator"
@@ -137,8 +135,6 @@ class PositionEstimator(Corrector):
 
     view: ToolView
     rigid: RigidModel
-    usual_step: float
-    shortest_step: float
 
     @classmethod
     def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
@@ -147,23 +143,6 @@ class PositionEstimator(Corrector):
         _reported_joints(log)
         return TOOL
 
-    def correct_log(self, log: CalibrationLog) -> Correction:
-        """Return estimated positions along a recorded path, base frame, n rows.
-
-        Parameters
-        ----------
-        log : CalibrationLog
-            n samples; needs no tracker.
-
-        Raises
-        ------
-        LogError, DataError
-            A signal is missing, or the log's state has other columns than the training's.
-        """
-        self.refuse_misread(log)
-        reported, samples = self.view.of_log(log, np.ones(len(log), dtype=bool), needs_truth=False)
-        return self.view.answer(reported, self.law.predict(samples))
-
     def stream(self) -> ToolStream:
         """Return an estimator of one sample at a time, which remembers where in its slack the arm is."""
         return ToolStream(self)
@@ -171,10 +150,6 @@ class PositionEstimator(Corrector):
     def query_path(self, log: CalibrationLog) -> FloatArray:
         """See :class:`Corrector`."""
         return _reported_joints(log)
-
-    def samples(self, log: CalibrationLog, keep: BoolArray) -> Samples:
-        """See :class:`Corrector`."""
-        return self.view.of_log(log, keep)[1]
 
     def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
         """See :class:`Corrector`.
@@ -214,13 +189,8 @@ class PositionEstimator(Corrector):
         }
 
     def check_answers(self) -> FloatArray:
-        """See :class:`Corrector`: along a short swing through the middle of the training range, all else at zero."""
-        features, n = self.view.features, CHECK_SAMPLES
-        swing = np.sin(np.linspace(0.0, 2.0 * np.pi, n))[:, None] * features.half
-        state = np.zeros((n, features.n_state))
-        time, session = np.arange(n, dtype=np.float64), np.zeros(n, dtype=np.int64)
-        path = joint_path(time, session, features.centre + swing, np.zeros(swing.shape), state)
-        prediction = self.law.predict_rows(features.transform(path))
+        """See :class:`Corrector`: answers along a short swing."""
+        prediction = self.law.predict_rows(self.view.features.transform(self.swing(CHECK_SAMPLES)))
         return np.nan_to_num(np.hstack([prediction.residual, prediction.std]))
 
     @classmethod

@@ -39,16 +39,15 @@ def uses_of(log: CalibrationLog) -> tuple[Use, ...]:
     Parameters
     ----------
     log : CalibrationLog
-        A recording.
     """
     uses = []
-    for command, require in _REQUIRE.items():
+    for purpose in (one for one in PURPOSES.values() if one.command):
         try:
-            require(log)
+            purpose.require(log)
         except GpCorrectError as error:
-            uses.append(Use(command, error.message.removeprefix(f"{log.name}: "), error.hint))
+            uses.append(Use(purpose.command, error.message.removeprefix(f"{log.name}: "), error.hint))
         else:
-            uses.append(Use(command))
+            uses.append(Use(purpose.command))
     return tuple(uses)
 
 
@@ -60,7 +59,6 @@ def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[Validation
     report : ValidationReport
         Of the same recording.
     log : CalibrationLog
-        A recording.
     """
     if not report.ok:
         return report, ()
@@ -84,7 +82,6 @@ def for_purpose(report: ValidationReport, log: CalibrationLog, purpose: str) -> 
     report : ValidationReport
         Of the same recording.
     log : CalibrationLog
-        A recording.
     purpose : str
         One of :data:`PURPOSES`.
     """
@@ -128,13 +125,6 @@ def _require_motors(log: CalibrationLog) -> None:
         raise LogError(f"at least {LIMITS.fewest_samples} samples are needed, got {len(log)}.")
 
 
-_REQUIRE: dict[str, Callable[[CalibrationLog], object]] = {
-    "fit": require_poses,
-    "joint fit": require_joints,
-    "discrepancy": _require_motors,
-}
-
-
 @dataclass(frozen=True)
 class Purpose:
     """What a recording is for: which signals matter, and what refuses it.
@@ -145,18 +135,21 @@ class Purpose:
         Signals that are learned from.
     require : callable
         Raises where the recording would be refused.
+    command : str
+        That learns from it; empty for none.
     """
 
     uses: tuple[str, ...]
     require: Callable[[CalibrationLog], object]
+    command: str = ""
 
 
 PURPOSES = {
-    "fit": Purpose(("setpoint_cp", "measured_cp", "tracker_cp"), require_poses),
-    "joint": Purpose((*CalibrationLog.JOINTS, *CalibrationLog.SCALARS), require_joints),
+    "fit": Purpose(("setpoint_cp", "measured_cp", "tracker_cp"), require_poses, "fit"),
+    "joint": Purpose((*CalibrationLog.JOINTS, *CalibrationLog.SCALARS), require_joints, "joint fit"),
     "tracker": Purpose(("tracker_cp",), _require_tracker),
     "discrepancy": Purpose(
-        (*CalibrationLog.JOINTS, *CalibrationLog.SCALARS, "tracker_cp", "measured_cp"), _require_motors
+        (*CalibrationLog.JOINTS, *CalibrationLog.SCALARS, "tracker_cp", "measured_cp"), _require_motors, "discrepancy"
     ),
 }
 """What `gpcorrect validate --for` takes."""

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from service_support import PATIENT, endpoint_of, free_port, store_process
 
-from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, fit_model, kind_of, save
+from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, fit_model, load_any, save
 from gpcorrect.cli import main
 from gpcorrect.types import CalibrationLog, LogMeta
 from gpcorrect_service import CorrectionClient
@@ -118,7 +118,7 @@ def test_joint_models_are_stored_and_served_too(tmp_path: Path, run: Run) -> Non
     )
     path = tmp_path / "joints.gpc"
     save(fit_model(log, FitSettings(method="offset", time_offset="none"), task=JointCorrector).corrector, path)
-    assert kind_of(path) == "joints"
+    assert load_any(path).TASK == "joints"
     assert run("models", "add", path, "--store", tmp_path / "store")[0] == 0
     code, text = run("serve", path)
     assert (code, "gpcorrect serve --joints" in text) == (2, True)  # which of the two options it belongs to
