@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gpcorrect.atomic import atomic_path, make_folder, require_folder, require_new
+from gpcorrect.atomic import make_folder, require_folder, require_new, write_file
 from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
 from gpcorrect.cli.options import ArmName, Json, KeyRoot, numbers
 from gpcorrect.cli.processes import free_endpoint, running
@@ -82,8 +82,7 @@ def zigzag_command(
         from gpcorrect.plots import joint_trajectory, png  # drawing is an extra
 
         require_folder(plot)
-        with atomic_path(plot) as temporary:
-            temporary.write_bytes(png(joint_trajectory(path.time, path.q, title)))
+        write_file(plot, png(joint_trajectory(path.time, path.q, title)))
     facts = {
         "direction": chosen,
         "sparsity": sparsity,
@@ -188,17 +187,13 @@ def _sines(block: FloatArray, fastest: FloatArray, seconds: float, seed: int) ->
 
 def _recorded(robot: Robot, paths: list[TimedPath], progress: Progress, what: str) -> CalibrationLog:
     """Drive paths, a trajectory each, and return what was recorded of them."""
-    import numpy as np
-
     from gpcorrect.types import LogMeta
     from gpcorrect_service.crtk.recorder import Recorder
 
     recorder = Recorder(robot.bus, ("measured_js", "setpoint_js", "external_js"))
     for number, path in enumerate(paths):
         progress.step(what, number / len(paths))
-        whole = np.repeat(robot.setpoint[None], len(path.q), axis=0)
-        whole[:, : path.q.shape[1]] = path.q
-        robot.follow(path.time, whole, number)
+        robot.follow(path.time, path.q, number)
     progress.step(what, 1.0)
     types = "RRP" if len(robot.setpoint) == len(UNITS) else ""
     return recorder.recording().log(LogMeta(arm=robot.bus.settings.arm, joint_types=types))

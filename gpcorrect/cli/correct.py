@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol
 import typer
 
 from gpcorrect.cli.console import out, print_json
-from gpcorrect.cli.options import SERVICE, AlwaysJson, ArmName, Config, Endpoint, Json, KeyRoot, ModelFile, one_of
+from gpcorrect.cli.options import AlwaysJson, Json, ModelFile, ServicePlace, one_of, takes_groups
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from gpcorrect.types import FloatArray
     from gpcorrect_service import CorrectionClient
@@ -76,23 +75,22 @@ def correct(
 
 
 @query_app.command("correct")
+@takes_groups
 def query_correct(
     pose: Pose = None,
     position: Position = None,
     twist: Twist = None,
-    endpoint: Endpoint = SERVICE,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
+    *,
+    place: ServicePlace,
     encoding: Annotated[str, typer.Option(help="json or msgpack.")] = "msgpack",
     timeout: Timeout = 0.5,
-    config: Config = None,
     json: Json = False,
 ) -> None:
     """Ask what to command instead of a desired pose.
 
     Example: gpcorrect query correct --pose 0.1 0.02 -0.11 1 0 0 0 --twist 0.05 0 0 0 0 0
     """
-    with _client(endpoint, arm, namespace, timeout, config, encoding) as client:
+    with _client(place, timeout, encoding) as client:
         reply = client.correct(_desired(pose, position), twist)
     if json:
         print_json({**_answer_dict(reply), "provenance": _plain(reply.meta)})
@@ -106,15 +104,9 @@ def _question(show: Callable[[CorrectionClient], None]) -> Callable[[CorrectionC
     """Make a command, with the name and the docstring of `show`, that finds a service and prints its JSON."""
 
     @query_app.command(show.__name__, help=show.__doc__)
-    def _command(
-        endpoint: Endpoint = SERVICE,
-        arm: ArmName = "arm1",
-        namespace: KeyRoot = "gpcorrect",
-        timeout: Timeout = 0.5,
-        config: Config = None,
-        json: AlwaysJson = True,
-    ) -> None:
-        with _client(endpoint, arm, namespace, timeout, config) as client:
+    @takes_groups
+    def _command(place: ServicePlace, timeout: Timeout = 0.5, json: AlwaysJson = True) -> None:
+        with _client(place, timeout) as client:
             show(client)
 
     return show
@@ -133,25 +125,18 @@ def health(client: CorrectionClient) -> None:
 
 
 @query_app.command()
-def metrics(
-    endpoint: Endpoint = SERVICE,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    timeout: Timeout = 0.5,
-    config: Config = None,
-) -> None:
+@takes_groups
+def metrics(place: ServicePlace, timeout: Timeout = 0.5) -> None:
     """Print the numbers of the service (OpenMetrics text)."""
-    with _client(endpoint, arm, namespace, timeout, config) as client:
+    with _client(place, timeout) as client:
         typer.echo(client.metrics(), nl=False)
 
 
-def _client(
-    endpoint: str, arm: str, namespace: str, timeout: float, config: Path | None, encoding: str = "msgpack"
-) -> CorrectionClient:
+def _client(place: ServicePlace, timeout: float, encoding: str = "msgpack") -> CorrectionClient:
     from gpcorrect_service import CorrectionClient  # zenoh is an extra; other commands work without it
 
     chosen = one_of(encoding, ("json", "msgpack"), "the encoding")
-    return CorrectionClient(endpoint, arm, namespace, chosen, timeout, config_file=config)
+    return CorrectionClient(place.endpoint, place.arm, place.namespace, chosen, timeout, config_file=place.config)
 
 
 def _plain(answer: Any) -> Any:

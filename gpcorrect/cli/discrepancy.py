@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
-from gpcorrect.atomic import atomic_path, make_folder
-from gpcorrect.cli.console import err, out, print_json, progress_bar
+from gpcorrect.atomic import make_folder, write_file
+from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar
 from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler, read_logs
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from gpcorrect.discrepancy.outcome.result import ChannelGap
 
 __all__ = ["discrepancy_app"]
@@ -76,12 +77,11 @@ def run(
     with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
         result = find_discrepancy(machine, recording, seed=seed, progress=progress, stages=output / "stages")
     report = result.to_report()
-    with atomic_path(output / "report.json") as path:
-        path.write_text(json_text.dumps(report, indent=2), encoding="utf-8")
+    write_file(output / "report.json", json_text.dumps(report, indent=2))
     written = write_completed(result.model, output / "model.toml")
     write_discrepancy_report(result, output / "report.html")
     if result.read_back:
-        err.print(f"[yellow]note:[/] {output} already held this run, finished; only its files were written anew")
+        note(f"{output} already held this run, finished; only its files were written anew")
     if json:
         print_json(report)
         return
@@ -95,14 +95,8 @@ def run(
 def _gap_table(gaps: Sequence[ChannelGap]) -> Table:
     from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units, number
 
-    table = Table(
-        title="Measured - simulated on the test set, root mean square",
-        title_justify="left",
-        box=None,
-        pad_edge=False,
-    )
-    for column in ("", "before", "after", "noise", "closed"):
-        table.add_column(column, justify="left" if not column else "right", no_wrap=True)
+    title = "Measured - simulated on the test set, root mean square"
+    table = plain_table("", "before", "after", "noise", "closed", title=title)
     for gap in gaps:
         scale, symbol = in_reader_units(1.0, gap.channel.unit)
         sizes = [number(scale * size) for size in (gap.before, gap.after, gap.noise)]

@@ -21,7 +21,7 @@ from gpcorrect.cli.options import (
     Reading,
     Seed,
     one_of,
-    takes_reading,
+    takes_groups,
 )
 from gpcorrect.errors import DataError
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["evaluate", "fit"]
 
 
-@takes_reading
+@takes_groups
 def fit(
     logs: Logs,
     output: ModelOutput,
@@ -113,7 +113,7 @@ def fit(
         _show(experiment, result, output, report)
 
 
-@takes_reading
+@takes_groups
 def evaluate(model: ModelFile, logs: Logs, reading: Reading, json: Json = False) -> None:
     """Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.
 
@@ -128,8 +128,8 @@ def evaluate(model: ModelFile, logs: Logs, reading: Reading, json: Json = False)
     if json:
         print_json(result)
         return
-    if clocks.to_note:
-        note(clocks.remark)
+    for remark in clocks.notes:
+        note(remark)
     _caution(measured.cautions)
     show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
     show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])

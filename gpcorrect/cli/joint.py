@@ -116,7 +116,7 @@ def evaluate(
         **evaluation.to_dict(),
         "zeros": corrector.zeros(log, evaluation.clean),
     }
-    for sentence in (*([clocks.remark] if clocks.to_note else []), *evaluation.cautions):
+    for sentence in (*clocks.notes, *evaluation.cautions):
         note(sentence)
     if json:
         print_json(result)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +11,7 @@ import typer
 
 from gpcorrect.cli.console import out, plain_table, print_json, print_result
 from gpcorrect.cli.info import rmse_words, versions_words
-from gpcorrect.cli.options import SERVICE, ArmName, Config, Json, KeyRoot, one_of
+from gpcorrect.cli.options import SERVICE, ArmName, Config, Json, KeyRoot, ServicePlace, one_of, takes_groups
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -38,28 +38,33 @@ OneModel = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where the models are: in a folder, or in running servers."""
+
+    store: Store = None
+    endpoint: Endpoint = None
+    arm: ArmName = "arm1"
+    namespace: KeyRoot = "gpcorrect"
+    config: Config = None
+
+
 @models_app.command("list")
-def list_models(
-    store: Store = None,
-    endpoint: Endpoint = None,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    config: Config = None,
-    json: Json = False,
-) -> None:
+@takes_groups
+def list_models(place: Place, json: Json = False) -> None:
     """List the models, oldest first.
 
     Example: gpcorrect models list --store models/
     """
-    if store is not None:
-        rows = _stored_rows(_folder(store))
+    if place.store is not None:
+        rows = _stored_rows(_folder(place.store))
     else:
-        with _operator(endpoint, arm, namespace, config) as operator:
+        with _operator(place) as operator:
             rows = [row for answer in operator.models() for row in _served_rows(answer)]
     if json:
         print_json(rows)
-        return
-    _show(rows)
+    else:
+        _show(rows)
 
 
 @models_app.command()
@@ -78,49 +83,35 @@ def add(
 
 
 @models_app.command()
-def activate(
-    model: Name,
-    store: Store = None,
-    endpoint: Endpoint = None,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    config: Config = None,
-    json: Json = False,
-) -> None:
+@takes_groups
+def activate(model: Name, place: Place, json: Json = False) -> None:
     """Make a model the active one: in the folder for the next start, or in every running server at once.
 
     Example: gpcorrect models activate monday --endpoint tcp/127.0.0.1:7449
     """
-    if store is not None:
-        folder = _folder(store)
+    if place.store is not None:
+        folder = _folder(place.store)
         entry = folder.find(model)
         folder.activate(entry)
         print_result(asdict(entry), f"active {entry.kind}: {entry.id} {entry.hash[:12]}", as_json=json)
         return
-    with _operator(endpoint, arm, namespace, config) as operator:
+    with _operator(place) as operator:
         _show_activated(operator, model, as_json=json)
 
 
 @models_app.command()
-def rollback(
-    store: Store = None,
-    endpoint: Endpoint = None,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    config: Config = None,
-    kind: Kind = "pose",
-    json: Json = False,
-) -> None:
+@takes_groups
+def rollback(place: Place, kind: Kind = "pose", json: Json = False) -> None:
     """Go back to the model that was active before.
 
     Example: gpcorrect models rollback --store models/
     """
     one_of(kind, ("pose", "joints"), "a kind")
-    if store is not None:
-        entry = _folder(store).rollback(kind)
+    if place.store is not None:
+        entry = _folder(place.store).rollback(kind)
         print_result(asdict(entry), f"active {kind}: {entry.id} {entry.hash[:12]}", as_json=json)
         return
-    with _operator(endpoint, arm, namespace, config) as operator:
+    with _operator(place) as operator:
         _show_activated(operator, _previous(operator.models()[0], kind), as_json=json)
 
 
@@ -165,12 +156,10 @@ def diff(
 
 
 @models_app.command()
+@takes_groups
 def state(
     state: Annotated[str, typer.Argument(help="ENABLED or PAUSED.", show_default=False)],
-    endpoint: Annotated[str, typer.Option(help="Address of running servers.")] = SERVICE,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    config: Config = None,
+    place: ServicePlace,
     json: Json = False,
 ) -> None:
     """Pause every running server of an arm, or let it go on; ENABLED also ends a FAULT.
@@ -178,7 +167,7 @@ def state(
     Example: gpcorrect models state PAUSED
     """
     one_of(state, ("ENABLED", "PAUSED"), "a state")
-    with _operator(endpoint, arm, namespace, config) as operator:
+    with _operator(place) as operator:
         answers = operator.set_state(state)  # type: ignore[arg-type]  # checked above
     if json:
         print_json([{"replica": answer.replica, "state": answer.state} for answer in answers])
@@ -187,13 +176,13 @@ def state(
         out.print(f"{answer.replica}: {answer.state}", markup=False)
 
 
-def _operator(endpoint: str | None, arm: str, namespace: str, config: Path | None) -> Operator:
+def _operator(place: Place | ServicePlace) -> Operator:
     from gpcorrect_service import ClientSettings  # zenoh is an extra; folders need none
     from gpcorrect_service.client.operator import Operator
 
-    if endpoint is None and config is None:
+    if place.endpoint is None and place.config is None:
         raise DataError("name the models' place.", hint="--store FOLDER, or --endpoint tcp/127.0.0.1:7449")
-    return Operator(ClientSettings((endpoint or SERVICE,), arm, namespace, config_file=config))
+    return Operator(ClientSettings((place.endpoint or SERVICE,), place.arm, place.namespace, config_file=place.config))
 
 
 def _show_activated(operator: Operator, model: str, *, as_json: bool) -> None:

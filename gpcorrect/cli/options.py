@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -40,15 +40,17 @@ __all__ = [
     "Namespace",
     "Reading",
     "Remote",
+    "RobotPlace",
     "Scheduler",
     "Seed",
+    "ServicePlace",
     "Tracker",
     "TrackerLog",
     "numbers",
     "one_of",
     "read_logs",
     "seconds_ahead",
-    "takes_reading",
+    "takes_groups",
 ]
 
 # Recordings and models.
@@ -140,35 +142,56 @@ class Reading:
         return self.time_offset if self.tracker_log is None or self.time_offset == "auto" else "none"
 
 
-def takes_reading(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of :class:`Reading` in the place of its parameter `reading`.
+@dataclass(frozen=True)
+class RobotPlace:
+    """Where a robot is on the network; its fields become options of the command."""
+
+    endpoint: Endpoint = ROBOT
+    arm: ArmName = "arm1"
+    namespace: KeyRoot = "gpcorrect"
+    config: Config = None
+
+
+@dataclass(frozen=True)
+class ServicePlace(RobotPlace):
+    """Where a service is on the network."""
+
+    endpoint: Endpoint = SERVICE
+
+
+def takes_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command options in the place of each parameter that is a dataclass of options, as :class:`Reading` is.
 
     Parameters
     ----------
     command : callable
-        Function of a command with a parameter `reading`.
+        Function of a command.
 
     Returns
     -------
     callable
         The same command; its signature has an option for every field.
     """
-    hints, read = get_type_hints(command, include_extras=True), get_type_hints(Reading, include_extras=True)
-    parameters = []
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
+    keywords = []
     for name, parameter in inspect.signature(command).parameters.items():
-        if name == "reading":
-            parameters += [parameter.replace(name=f.name, default=f.default) for f in fields(Reading)]
+        if name in groups:
+            options = get_type_hints(groups[name], include_extras=True)
+            keywords += [
+                parameter.replace(name=f.name, default=f.default, annotation=options[f.name])
+                for f in fields(groups[name])
+            ]
         else:
-            parameters.append(parameter)
+            keywords.append(parameter.replace(annotation=hints[name]))
 
     @functools.wraps(command)
     def wrapped(**values: Any) -> None:
-        reading = Reading(**{field.name: values.pop(field.name) for field in fields(Reading)})
-        command(reading=reading, **values)
+        made = {n: group(**{f.name: values.pop(f.name) for f in fields(group)}) for n, group in groups.items()}
+        command(**made, **values)
 
-    hints = {name: hint for name, hint in {**hints, **read}.items() if name != "reading"}
-    keywords = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=hints[p.name]) for p in parameters]
-    wrapped.__annotations__ = hints
+    wrapped.__annotations__ = {p.name: p.annotation for p in keywords} | {"return": None}
+    keywords = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in keywords]
     wrapped.__signature__ = inspect.Signature(keywords)  # type: ignore[attr-defined]  # what inspect looks for
     return wrapped
 

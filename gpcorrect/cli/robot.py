@@ -16,18 +16,7 @@ import typer
 from gpcorrect.atomic import require_new
 from gpcorrect.cli.collect import BLOCK, FASTEST, RATE_HZ, Limits, Speed, joint_limits, speed_limits
 from gpcorrect.cli.console import err, out, print_json, print_result, split_names
-from gpcorrect.cli.options import (
-    ROBOT,
-    AlwaysJson,
-    ArmName,
-    Columns,
-    Config,
-    Endpoint,
-    Json,
-    KeyRoot,
-    LogOutput,
-    numbers,
-)
+from gpcorrect.cli.options import AlwaysJson, Columns, Json, LogOutput, RobotPlace, numbers, takes_groups
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -45,18 +34,13 @@ PATIENCE = 10.0  # chosen by hand: s for a robot's first state, on a machine tha
 
 
 @robot_app.command()
-def state(
-    endpoint: Endpoint = ROBOT,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    config: Config = None,
-    json: AlwaysJson = True,
-) -> None:
+@takes_groups
+def state(place: RobotPlace, json: AlwaysJson = True) -> None:
     """Print the robot's operating state, joints and tool pose (JSON).
 
     Example: gpcorrect robot state --arm PSM1
     """
-    with _robot(endpoint, arm, namespace, config) as robot:
+    with _robot(place) as robot:
         pose = robot.setpoint_pose
         print_json(
             {
@@ -72,21 +56,19 @@ def state(
 
 
 @robot_app.command()
+@takes_groups
 def operate(
     command: Annotated[
         str, typer.Argument(help="enable, disable, pause, resume, home, unhome; ready: enable and home.")
     ],
-    endpoint: Endpoint = ROBOT,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    config: Config = None,
+    place: RobotPlace,
     json: Json = False,
 ) -> None:
     """Change the robot's operating state.
 
     Example: gpcorrect robot operate ready
     """
-    with _robot(endpoint, arm, namespace, config) as robot:
+    with _robot(place) as robot:
         if command == "ready":
             robot.make_ready()
         else:
@@ -97,20 +79,19 @@ def operate(
 
 
 @robot_app.command()
+@takes_groups
 def goto(
     joints: Annotated[str, typer.Argument(help="Joint positions: degrees, and mm for sliding joints, with commas.")],
     sliding: Sliding = "3",
-    endpoint: Endpoint = ROBOT,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    config: Config = None,
+    *,
+    place: RobotPlace,
     json: Json = False,
 ) -> None:
     """Go to a joint position, within the speed limits, and wait until the robot is there.
 
     Example: gpcorrect robot goto 40,90,380,0,0,0
     """
-    with _robot(endpoint, arm, namespace, config) as robot:
+    with _robot(place) as robot:
         scale = _units(sliding, len(robot.setpoint))
         robot.move_jp(scale * np.array(numbers(joints, ",", len(scale), "joints")))
         there = robot.measured
@@ -119,15 +100,14 @@ def goto(
 
 
 @robot_app.command()
+@takes_groups
 def random(
     limits: Limits = BLOCK,
     speed: Speed = FASTEST,
     seconds: Annotated[float, typer.Option(help="How long.", min=1)] = 60.0,
     seed: Annotated[int, typer.Option(help="Seed of the motion.", min=0)] = 0,
-    endpoint: Endpoint = ROBOT,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    config: Config = None,
+    *,
+    place: RobotPlace,
     json: Json = False,
 ) -> None:
     """Move the first three joints in random sinusoids; the others stay.
@@ -137,18 +117,16 @@ def random(
     from gpcorrect.calibration import random_sinusoids
 
     path = random_sinusoids(joint_limits(limits), speed_limits(speed), seconds, RATE_HZ, np.random.default_rng(seed))
-    with _robot(endpoint, arm, namespace, config) as robot:
-        robot.follow(path.time, _whole(path.q, robot.setpoint))
+    with _robot(place) as robot:
+        robot.follow(path.time, path.q)
     print_result({"seconds": path.duration}, f"moved for {path.duration:.0f} s", as_json=json)
 
 
 @robot_app.command()
+@takes_groups
 def follow(
     trajectory: Annotated[Path, typer.Argument(help="Joint paths to drive, as `gpcorrect zigzag` writes them.")],
-    endpoint: Endpoint = ROBOT,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    config: Config = None,
+    place: RobotPlace,
     json: Json = False,
 ) -> None:
     """Drive recorded or planned joint paths, a trajectory after the other, and tell recorders which is which.
@@ -161,9 +139,9 @@ def follow(
     if log.setpoint_jp is None:
         raise DataError("the trajectory has no setpoint_jp.", hint="Make one: gpcorrect zigzag --output traj.csv")
     driven: list[dict[str, Any]] = []
-    with _robot(endpoint, arm, namespace, config) as robot:
+    with _robot(place) as robot:
         for number, rows in log.trajectories():
-            robot.follow(log.time[rows], _whole(log.setpoint_jp[rows], robot.setpoint), number)
+            robot.follow(log.time[rows], log.setpoint_jp[rows], number)
             driven.append({"trajectory": int(number), "seconds": float(np.ptp(log.time[rows]))})
             if not json:
                 out.print(f"trajectory {number}: {driven[-1]['seconds']:.0f} s")
@@ -172,6 +150,7 @@ def follow(
 
 
 @robot_app.command()
+@takes_groups
 def draw(
     model: Annotated[
         Path | None, typer.Option(help="Draw in the middle of what this model knows.", show_default=False)
@@ -184,10 +163,8 @@ def draw(
     speed: Annotated[float, typer.Option(help="cm/s.", min=0.1)] = 1.0,
     rounds: Annotated[float, typer.Option(help="How many circles.", min=0.1)] = 3.0,
     frame: Annotated[str, typer.Option(help="Name of the frame that the poses are in.")] = "tracker",
-    endpoint: Endpoint = ROBOT,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    config: Config = None,
+    *,
+    place: RobotPlace,
     json: Json = False,
 ) -> None:
     """Send desired poses on servo_cp, as a planner does: go to a circle and draw it.
@@ -198,7 +175,7 @@ def draw(
     from gpcorrect_service.crtk import Pose
 
     path = circle(_centre(model, centre), radius / 1e3, speed / 100, rounds)
-    with _robot(endpoint, arm, namespace, config) as robot:
+    with _robot(place) as robot:
         robot.bus.publish("move_cp", Pose(robot.time, tuple(path.poses[0].tolist()), frame))
         robot.rest()
         robot.follow_poses(path.times, path.poses, frame)
@@ -207,20 +184,15 @@ def draw(
 
 
 @robot_app.command()
-def keys(
-    sliding: Sliding = "3",
-    endpoint: Endpoint = ROBOT,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    config: Config = None,
-) -> None:
+@takes_groups
+def keys(place: RobotPlace, sliding: Sliding = "3") -> None:
     """Drive the joints from the keyboard.
 
     Example: gpcorrect robot keys
     """
     from gpcorrect_service.crtk.keyboard import HELP, KeyControl
 
-    with _robot(endpoint, arm, namespace, config) as robot, _raw_keys() as strokes:
+    with _robot(place) as robot, _raw_keys() as strokes:
         scale = _units(sliding, len(robot.setpoint))
         control = KeyControl(robot.setpoint, KEY_STEP * scale)
         err.print(HELP)
@@ -233,6 +205,7 @@ def keys(
 
 
 @robot_app.command()
+@takes_groups
 def record(
     output: LogOutput,
     mcap: Annotated[
@@ -241,10 +214,8 @@ def record(
     seconds: Annotated[
         float | None, typer.Option(help="How long; until Ctrl-C without it.", show_default=False)
     ] = None,
-    endpoint: Endpoint = ROBOT,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
-    config: Config = None,
+    *,
+    place: RobotPlace,
     json: Json = False,
 ) -> None:
     """Record what the robot publishes: joints, poses, tracker, outside encoders; a recording is never overwritten.
@@ -258,7 +229,7 @@ def record(
     require_new(output)
     if mcap is not None:
         require_mcap(mcap)
-    with _robot(endpoint, arm, namespace, config) as robot:
+    with _robot(place) as robot:
         recorder = Recorder(robot.bus)
         err.print("recording" + (f" for {seconds:g} s" if seconds is not None else "") + "; stop with Ctrl-C")
         try:
@@ -307,11 +278,11 @@ def extract(
     print_result(facts, words, as_json=json)
 
 
-def _robot(endpoint: str, arm: str, namespace: str, config: Path | None) -> Robot:
+def _robot(place: RobotPlace) -> Robot:
     from gpcorrect_service.crtk import BusSettings  # zenoh is an extra; other commands work without it
     from gpcorrect_service.crtk.robot import Robot
 
-    return Robot(BusSettings(endpoint, arm, namespace, config_file=config), PATIENCE)
+    return Robot(BusSettings(place.endpoint, place.arm, place.namespace, config_file=place.config), PATIENCE)
 
 
 def _centre(model: Path | None, centre: tuple[float, ...] | None) -> FloatArray:
@@ -338,15 +309,6 @@ def _units(sliding: str, dof: int) -> FloatArray:
             raise DataError(f"sliding joints are numbers from 1 to {dof}, got {sliding!r}.")
         scale[int(text) - 1] = 1e-3
     return scale
-
-
-def _whole(q: FloatArray, here: FloatArray) -> FloatArray:
-    """Return a path (n, dof) of all joints of which the first ones move and the others stay."""
-    if q.shape[1] > len(here):
-        raise DataError(f"the path has {q.shape[1]} joints, the robot {len(here)}.")
-    whole = np.repeat(here[None], len(q), axis=0)
-    whole[:, : q.shape[1]] = q
-    return whole
 
 
 def _chosen(log: CalibrationLog, signals: str | None) -> CalibrationLog:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpcorrect.atomic import atomic_path, require_folder
+from gpcorrect.atomic import require_folder, write_file
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors
-from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Reading, takes_reading
+from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Reading, takes_groups
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
-@takes_reading
+@takes_groups
 def update(
     model: ModelFile,
     logs: Logs,
@@ -56,7 +56,7 @@ def update(
     require_folder(target)
     corrector = load(model)
     log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
-    for sentence in (*([clocks.remark] if clocks.to_note else []), corrector.caution_seen(log)):
+    for sentence in (*clocks.notes, corrector.caution_seen(log)):
         if sentence:
             note(sentence)
     with progress_bar(quiet=json) as progress:
@@ -102,7 +102,7 @@ def _show_update(found: Update, target: Path, *, written: bool) -> None:
     out.print(f"model: {target}" if written else "nothing was written; write all the same with --force")
 
 
-@takes_reading
+@takes_groups
 def drift(
     model: Annotated[
         Path, typer.Argument(help="Model file that `gpcorrect fit` or `gpcorrect joint fit` wrote.", show_default=False)
@@ -143,7 +143,7 @@ def drift(
     for i, path in enumerate(logs):
         log = reading.log([path])
         matched, clocks = corrector.on_one_clock(log, reading.clock_left)
-        for sentence in (*([clocks.remark] if clocks.to_note else []), corrector.caution_seen(log)):
+        for sentence in (*clocks.notes, corrector.caution_seen(log)):
             if sentence:
                 note(f"{path}: {sentence}")
         parts.append(corrector.measure(matched, corrector.clean_afresh(matched).keep).scores)
@@ -161,9 +161,8 @@ def drift(
     if plot is not None:
         from gpcorrect import plots  # the figures' library is an extra
 
-        with atomic_path(plot) as temporary:
-            names = [path.name for path in logs]
-            temporary.write_bytes(plots.png(plots.drift_history(baseline, found, ageing, where, names)))
+        names = [path.name for path in logs]
+        write_file(plot, plots.png(plots.drift_history(baseline, found, ageing, where, names)))
     if json:
         print_json(_drift_dict(found, ageing, unit, where, logs))
     else:
@@ -251,8 +250,7 @@ def explore(
     rows = _proposals(found)
     table = _csv(rows)
     if output is not None:
-        with atomic_path(output) as path:
-            path.write_text(table)
+        write_file(output, table)
     if json:
         print_json({"proposals": rows})
         return

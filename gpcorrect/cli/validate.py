@@ -20,7 +20,7 @@ from gpcorrect.cli.options import (
     TrackerLog,
     one_of,
     seconds_ahead,
-    takes_reading,
+    takes_groups,
 )
 
 if TYPE_CHECKING:
@@ -99,15 +99,14 @@ def topics(
 
     Example: gpcorrect topics monday.bag --output map.toml
     """
-    from gpcorrect.atomic import atomic_path, require_new
+    from gpcorrect.atomic import require_new, write_file
     from gpcorrect.logs.contents import contents_of
 
     if output is not None:
         require_new(output)
     found = contents_of(log)
     if output is not None:
-        with atomic_path(output) as temporary:
-            temporary.write_text(found.mapping, encoding="utf-8")
+        write_file(output, found.mapping)
     if json:
         print_json({"format": found.title, "parts": [asdict(part) for part in found.parts], "mapping": found.mapping})
         return
@@ -120,7 +119,7 @@ def topics(
     typer.echo(found.mapping, nl=False)
 
 
-@takes_reading
+@takes_groups
 def convert(
     log: Annotated[Path, typer.Argument(help="Recording to read.", show_default=False)],
     output: Annotated[

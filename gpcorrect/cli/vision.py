@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
 from gpcorrect.atomic import require_folder
-from gpcorrect.cli.console import err, note, out, print_json, progress_bar, split_names
+from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names
 from gpcorrect.cli.options import Columns, Json, Logs, read_logs
 from gpcorrect.errors import DataError
 
@@ -177,7 +176,7 @@ def fit(
         experiment = run_experiment(log, settings, task=PositionEstimator, holdout=holdout, progress=progress)
     save(experiment.corrector, output)
     for remark in experiment.fit.remarks:
-        err.print(f"[yellow]note:[/] {remark}")
+        note(remark)
     figures = {**experiment.to_dict(), "method": method, **position_reductions(experiment.evaluation)}
     if json:
         print_json(figures)
@@ -211,11 +210,9 @@ def evaluate(
 
 def _show_estimator(figures: dict[str, Any]) -> None:
     if "raw" not in figures:
-        err.print("[yellow]note:[/] nothing was held out, so nothing was measured")
+        note("nothing was held out, so nothing was measured")
         return
-    table = Table(box=None, pad_edge=False)
-    for name in ("position error [mm]", "RMS", "SD", "RMS x y z"):
-        table.add_column(name.replace("[", r"\["), justify="left" if "[" in name else "right", no_wrap=True)
+    table = plain_table("position error [mm]", "RMS", "SD", "RMS x y z")
     rows = (("raw", "reported"), ("rigid", "after rigid motion"), ("estimated", "estimated"))
     for key, name in rows:
         row = figures[key]
@@ -250,9 +247,8 @@ def _drawing(
 
 
 def _show_cameras(cameras: list[dict[str, Any]]) -> None:
-    table = Table(box=None, pad_edge=False)
-    for name in ("camera", "boards", "corners [px]", "markers", "markers [px]", "focal [px]", "position ± [mm]"):
-        table.add_column(name.replace("[", r"\["), justify="left" if name == "camera" else "right", no_wrap=True)
+    names = ("camera", "boards", "corners [px]", "markers", "markers [px]", "focal [px]", "position ± [mm]")
+    table = plain_table(*names)
     for row in cameras:
         left_out = f" (without {', '.join(row['marker_outliers'])})" if row["marker_outliers"] else ""
         table.add_row(
@@ -267,9 +263,9 @@ def _show_cameras(cameras: list[dict[str, Any]]) -> None:
     out.print(table)
     for row in cameras:
         if row["without_board"]:
-            err.print(f"[yellow]note:[/] {row['name']}: no chessboard in {', '.join(row['without_board'])}")
+            note(f"{row['name']}: no chessboard in {', '.join(row['without_board'])}")
         if row["position_std_mm"] is None:
-            err.print(f"[yellow]note:[/] {row['name']}: placed by its board alone, roughly: no markers were given")
+            note(f"{row['name']}: placed by its board alone, roughly: no markers were given")
 
 
 def _number(value: float | None) -> str:
@@ -280,5 +276,5 @@ def _show_track(figures: dict[str, Any]) -> None:
     parts = ", ".join(f"{100 * figures[f'{name}_share']:.1f} % {name}" for name in ("measured", "coasting", "lost"))
     out.print(f"{figures['frames']} frames: {parts}; reprojection {_number(figures['reprojection_px'])} px")
     for remark in figures["remarks"]:
-        err.print(f"[yellow]note:[/] {remark}")
+        note(remark)
     out.print(f"{figures['seconds']:.1f} s, {figures['frames_a_second']:.1f} frames a second")

@@ -88,7 +88,7 @@ def test_what_cannot_be_meant_is_refused(gpcorrect, arm, words, said):
 
 
 def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
-    assert_refused(gpcorrect("debride", "--mode", "half"), "in full or at its endpoints")
+    assert_refused(gpcorrect("debride", "--mode", "half"), "full or endpoints")
     assert_refused(gpcorrect("debride", "--picture", tmp_path / "no" / "p.png"), "no folder")
     assert_refused(gpcorrect("monitor", "--host", "0.0.0.0"), "other machines")
     assert_refused(gpcorrect("sim", "serve", "--rate", "5000"), "1000 Hz")
