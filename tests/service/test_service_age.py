@@ -29,15 +29,15 @@ def test_where_a_clock_was_set_to_plays_no_part(offset: float) -> None:
     """A message that was held up for a while is late by that while, however far apart the clocks are."""
     clock = StreamClock()
     for t in STEADY:
-        clock.heard(offset + t + 4000.0, t + 0.002)
-    assert clock.heard(offset + 4002.0, 7.0) == pytest.approx(4.998, abs=0.01)
+        clock.delay(offset + t + 4000.0, t + 0.002)
+    assert clock.delay(offset + 4002.0, 7.0) == pytest.approx(4.998, abs=0.01)
     assert clock.age(offset + 4002.0, 7.0) == pytest.approx(4.998, abs=0.01)
 
 
 def test_a_clock_that_drifts_is_followed() -> None:
     """A quartz that is off by 100 in a million for an hour makes no message late."""
     clock = StreamClock()
-    late = [clock.heard((1 - 1e-4) * t, t) for t in np.arange(0.0, 3600.0, 0.1)]
+    late = [clock.delay((1 - 1e-4) * t, t) for t in np.arange(0.0, 3600.0, 0.1)]
     assert max(late) < 0.001
 
 
@@ -45,8 +45,8 @@ def test_a_clock_that_is_set_back_is_believed_after_a_second() -> None:
     """Stamps of long ago are messages that were held up, until they go on coming for a second."""
     clock = StreamClock()
     for t in STEADY:
-        clock.heard(5000.0 + t, t)
-    late = [clock.heard(1000.0 + t, 2.0 + t) for t in STEADY]
+        clock.delay(5000.0 + t, t)
+    late = [clock.delay(1000.0 + t, 2.0 + t) for t in STEADY]
     assert min(late[:100]) > 1.0
     assert late[-1] == pytest.approx(0.0, abs=0.01)
 

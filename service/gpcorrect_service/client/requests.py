@@ -19,7 +19,7 @@ from gpcorrect_service.client.pinned import PinnedModels
 from gpcorrect_service.client.replies import Reply, identity_joints, identity_poses
 from gpcorrect_service.protocol.answer import Answer, JointsAnswer, PathAnswer, PoseAnswer, nullable, unpack
 from gpcorrect_service.protocol.codec import CODECS, error_codec
-from gpcorrect_service.protocol.errors import FailureStatus, ServiceError
+from gpcorrect_service.protocol.errors import FailureStatus, ServiceError, bad_input
 from gpcorrect_service.protocol.limits import LIMITS, checked_pose
 from gpcorrect_service.protocol.messages import (
     CorrectJointsRequest,
@@ -241,7 +241,6 @@ class RequestBuilder:
         Parameters
         ----------
         kind : str
-            The key.
         form : type
             Of the answer.
         body : Struct, optional
@@ -281,10 +280,9 @@ class RequestBuilder:
         begun = time.monotonic()
         payload = b"" if body is None else self._codec.encode(body)
         if len(payload) > MAX_MESSAGE_BYTES:
-            raise ServiceError(
-                "BAD_INPUT",
+            raise bad_input(
                 f"the request has {len(payload)} bytes; a server takes {MAX_MESSAGE_BYTES}.",
-                hint="Send the path in parts, cut where the robot rests.",
+                "Send the path in parts, cut where the robot rests.",
             )
         meta = RequestMeta(
             request_id=f"{self._prefix}-{next(self._numbers)}",
@@ -358,7 +356,7 @@ def _array(values: ArrayLike, what: str, ndim: int) -> FloatArray:
     try:
         numbers = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ServiceError("BAD_INPUT", f"the {what} is not an array of numbers ({error}).") from error
+        raise bad_input(f"the {what} is not an array of numbers ({error}).") from error
     if numbers.ndim != ndim:
-        raise ServiceError("BAD_INPUT", f"the {what} has {numbers.ndim} dimensions, {ndim} were expected.")
+        raise bad_input(f"the {what} has {numbers.ndim} dimensions, {ndim} were expected.")
     return numbers

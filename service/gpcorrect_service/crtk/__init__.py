@@ -2,18 +2,15 @@
 
 from gpcorrect_service.crtk.arm_server import ArmServer, ArmServerSettings
 from gpcorrect_service.crtk.bus import Bus, BusSettings, in_namespace
-from gpcorrect_service.crtk.messages import Event, JointState, OperatingState, Pose, Report, Text
+from gpcorrect_service.crtk.messages import JointState, OperatingState, Pose
 
 __all__ = [
     "ArmServer",
     "ArmServerSettings",
     "Bus",
     "BusSettings",
-    "Event",
     "JointState",
     "OperatingState",
     "Pose",
-    "Report",
-    "Text",
     "in_namespace",
 ]

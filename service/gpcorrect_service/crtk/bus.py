@@ -28,8 +28,7 @@ from gpcorrect_service.crtk.ros import (
     to_cdr,
 )
 from gpcorrect_service.protocol.codec import JSON, MSGPACK
-from gpcorrect_service.protocol.errors import EndpointError, ServiceError
-from gpcorrect_service.protocol.limits import bad_input
+from gpcorrect_service.protocol.errors import EndpointError, ServiceError, bad_input
 from gpcorrect_service.protocol.process import open_zenoh
 from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_config, read_config
 from gpcorrect_service.protocol.settings import check_loopback

@@ -8,20 +8,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import msgspec
 
 from gpcorrect_service.protocol.cdr import OPERATING_STATE, POSE_STAMPED, STRING_STAMPED
-from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.messages import JointState, Numbers, Row
+from gpcorrect_service.protocol.errors import bad_input
+from gpcorrect_service.protocol.messages import JointState, Numbers, Row, State
 
-__all__ = ["STATES", "TOPICS", "Event", "Heartbeat", "JointState", "Message", "OperatingState", "Pose", "Report"]
+__all__ = ["TOPICS", "Event", "Heartbeat", "JointState", "Message", "OperatingState", "Pose", "Report"]
 __all__ += ["State", "Text", "Topic", "checked_numbers"]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"  # name of the ROS type
-State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
-STATES: tuple[State, ...] = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
 
 
 class Pose(msgspec.Struct, frozen=True):
@@ -104,7 +101,7 @@ def checked_numbers(numbers: Sequence[float | None], count: int, what: str) -> N
     """
     finite = tuple(one for one in numbers if one is not None and math.isfinite(one))
     if not len(numbers) == len(finite) == count:
-        raise ServiceError("BAD_INPUT", f"{what} must be {count} finite numbers, got {list(numbers)}.")
+        raise bad_input(f"{what} must be {count} finite numbers, got {list(numbers)}.")
     return finite
 
 

@@ -24,9 +24,8 @@ from gpcorrect_service.crtk.messages import OperatingState, Pose, Report, Text
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.protocol.answer import PoseAnswer, pack
 from gpcorrect_service.protocol.clocks import OLDEST, StreamClock
-from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.limits import (
-    bad_input,
     check_command,
     check_frame,
     check_inside,
@@ -133,7 +132,7 @@ class Prefilter:
                 self._last = None
                 self._clock.reset()
                 self._settled_at = now + SETTLING
-            self._clock.heard(state.stamp, now)
+            self._clock.delay(state.stamp, now)
             self._state = state
 
     def servo(self, message: Pose) -> tuple[Pose, Report]:
@@ -239,11 +238,11 @@ class Prefilter:
         """Let the command change no faster than the desired pose does, and the correction's own speed on top."""
         command, seconds = _pose(answer), stamp - last.stamp
         linear = float(np.linalg.norm(pose[:3] - last.desired[:3])) + self._settings.linear * seconds
-        angular = _angle(pose, last.desired) + self._settings.angular * seconds
+        angular = float(se3.quaternion_angle(pose[3:], last.desired[3:])) + self._settings.angular * seconds
         fraction = min(
             1.0,
             linear / max(float(np.linalg.norm(command[:3] - last.command[:3])), 1e-12),
-            angular / max(_angle(command, last.command), 1e-12),
+            angular / max(float(se3.quaternion_angle(command[3:], last.command[3:])), 1e-12),
         )
         if fraction >= 1.0:
             return answer
@@ -365,7 +364,3 @@ def _pose(answer: Correction) -> FloatArray:
     assert answer.position is not None
     assert answer.quaternion is not None
     return np.concatenate([answer.position, answer.quaternion])
-
-
-def _angle(one: FloatArray, other: FloatArray) -> float:
-    return 2.0 * math.acos(min(1.0, abs(float(one[3:] @ other[3:]))))

@@ -197,7 +197,7 @@ class Robot:
         self._until(lambda: not self.state.is_busy, None, "come to rest")
 
     def follow(self, times: FloatArray, q: FloatArray, trajectory: int = 0) -> None:
-        """Go to the first joints of a path, then stream it on the robot's own clock.
+        """Go to the start of a path of the first joints, then stream it on the robot's own clock; the others stay.
 
         States that wait while this process is held up (a busy machine, a garbage collection) come all at once after it.
         A command for each would reach the robot as a jump, so none goes further from its latest setpoint than the path
@@ -207,16 +207,22 @@ class Robot:
         ----------
         times : (n,) array
             s.
-        q : (n, dof) array
+        q : (n, k) array
             rad or m.
         trajectory : int
             Number that recorders give the samples of this path.
 
         Raises
         ------
+        DataError
+            The path has more joints than the robot.
         RobotError
             The robot refuses, or falls silent.
         """
+        here = self.setpoint
+        if q.shape[1] > len(here):
+            raise DataError(f"the path has {q.shape[1]} joints, the robot {len(here)}.")
+        q = np.hstack([q, np.tile(here[q.shape[1] :], (len(q), 1))])
         self.move_jp(q[0])
         self._mark(trajectory)
         longest = LONGEST_LEAD * np.abs(np.diff(q, axis=0) / np.diff(times)[:, None]).max(axis=0, initial=0.0) + NEAR

@@ -7,20 +7,19 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import accumulate
-from typing import Any
+from typing import Any, get_args
 
 from prometheus_client import CollectorRegistry
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
 from prometheus_client.openmetrics.exposition import CONTENT_TYPE_LATEST, generate_latest
 
-from gpcorrect_service.protocol.messages import HealthAnswer
+from gpcorrect_service.protocol.messages import HealthAnswer, State
 
 __all__ = ["OPENMETRICS", "Counters", "exposition", "metrics_of"]
 
 OPENMETRICS = str(CONTENT_TYPE_LATEST)
 # s from a query's arrival to its answer: a correction takes about 0.1 ms, a long path some 10 ms.
 LATENCY_BOUNDS = (5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5, 1.0)
-STATES = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
 
 
 class _Key:
@@ -101,7 +100,7 @@ class _Collector:
         """Yield all metric families."""
         report = self._report()
         state = GaugeMetricFamily("gpcorrect_state", "1 for the state the server is in.", labels=["state"])
-        for name in STATES:
+        for name in get_args(State):
             state.add_metric([name], float(report.state == name))
         queued = GaugeMetricFamily("gpcorrect_queued", "Requests that wait.", labels=["key"])
         for name, count in report.queued.items():

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from gpcorrect.errors import MissingExtraError
-from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.errors import bad_input
 
 __all__ = ["CDR_ENCODING", "OPERATING_STATE", "POSE_STAMPED", "STRING_STAMPED", "StampedPose"]
 __all__ += ["decode_cdr", "read_pose", "ros_pose", "ros_types", "write_pose"]
@@ -71,16 +71,15 @@ def decode_cdr(data: bytes, ros_type: str) -> Any:
     try:
         store = ros_types()
     except MissingExtraError as error:
-        raise ServiceError("BAD_INPUT", "CDR is not spoken here.", hint=error.hint) from error
+        raise bad_input("CDR is not spoken here.", error.hint) from error
     from rosbags.serde import SerdeError
 
     try:
         return store.deserialize_cdr(data, ros_type)
     except (SerdeError, ValueError, IndexError) as error:
-        raise ServiceError(
-            "BAD_INPUT",
+        raise bad_input(
             f"{len(data)} bytes are not a {ros_type} in CDR ({error}).",
-            hint="Send the message as ROS 2 serialises it, with its 4-byte header.",
+            "Send the message as ROS 2 serialises it, with its 4-byte header.",
         ) from error
 
 
@@ -121,9 +120,7 @@ def read_pose(data: bytes) -> StampedPose:
     message = decode_cdr(data, POSE_STAMPED)
     stamp = message.header.stamp
     if stamp.sec == 0 and stamp.nanosec == 0:
-        raise ServiceError(
-            "BAD_INPUT", "the stamp of the message is 0.", hint="Set header.stamp: nothing else says when."
-        )
+        raise bad_input("the stamp of the message is 0.", "Set header.stamp: nothing else says when.")
     p, q = message.pose.position, message.pose.orientation
     return StampedPose((p.x, p.y, p.z, q.w, q.x, q.y, q.z), stamp.sec, stamp.nanosec, message.header.frame_id)
 

@@ -32,7 +32,7 @@ class StreamClock:
         self._newest, self._at = 0.0, 0.0
         self._behind_since: float | None = None
 
-    def heard(self, stamp: float, now: float) -> float:
+    def delay(self, stamp: float, now: float) -> float:
         """Take note of a message; return how much longer it was on its way than the quickest one, s.
 
         Parameters
@@ -57,7 +57,7 @@ class StreamClock:
         Parameters
         ----------
         stamp, now : float
-            As for :meth:`heard`.
+            As for :meth:`delay`.
         """
         return 0.0 if self._apart is None else now - stamp / self._rate - self._apart
 

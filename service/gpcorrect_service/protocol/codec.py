@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeVar
 
 import msgspec
 
-from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.protocol.messages import KINDS, SCHEMA_VERSION, Kind
 
 __all__ = ["CODECS", "JSON", "MSGPACK", "Codec", "Form", "codec_of", "error_codec"]
@@ -70,10 +70,9 @@ class Codec:
         try:
             decoded: S = decode(data)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise ServiceError(
-                "BAD_INPUT",
+            raise bad_input(
                 f"{len(data)} bytes are not a {message.__name__} in {self.name}: {error}.",
-                hint="Compare with the forms in docs/service.md; null stands where JSON was given NaN.",
+                "Compare with the forms in docs/service.md; null stands where JSON was given NaN.",
             ) from error
         return decoded
 
@@ -119,8 +118,7 @@ def codec_of(encoding: str, form: Form) -> Codec:
     if encoding in PLAIN:
         return PLAIN[encoding]
     expected = " or ".join(codec.encoding(form) for codec in CODECS.values())
-    raise ServiceError(
-        "BAD_INPUT",
+    raise bad_input(
         f"encoding {encoding[:100]!r} is not understood here; this server speaks schema {SCHEMA_VERSION}.",
-        hint=f"Send {expected}.",
+        f"Send {expected}.",
     )

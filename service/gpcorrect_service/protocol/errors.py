@@ -6,7 +6,7 @@ from typing import Literal
 
 from gpcorrect.errors import GpCorrectError
 
-__all__ = ["EndpointError", "FailureStatus", "ServiceError"]
+__all__ = ["EndpointError", "FailureStatus", "ServiceError", "bad_input"]
 
 FailureStatus = Literal["BAD_INPUT", "STALE", "BUSY", "NO_MODEL", "INTERNAL", "NO_SERVICE", "OTHER_MODEL"]
 
@@ -34,6 +34,19 @@ class ServiceError(GpCorrectError):
 
     def __str__(self) -> str:
         return f"{self.status}: {super().__str__()}"
+
+
+def bad_input(cause: str, next_step: str = "") -> ServiceError:
+    """Return the refusal of a request that cannot be meant.
+
+    Parameters
+    ----------
+    cause : str
+        One sentence.
+    next_step : str, optional
+        Another one.
+    """
+    return ServiceError("BAD_INPUT", cause, hint=next_step)
 
 
 class EndpointError(GpCorrectError):

@@ -11,10 +11,10 @@ import numpy as np
 
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray
-from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.messages import Row
 
-__all__ = ["LIMITS", "Limits", "bad_input", "check_command", "check_frame"]
+__all__ = ["LIMITS", "Limits", "check_command", "check_frame"]
 __all__ += ["check_inside", "check_times"]
 __all__ += ["checked_joints", "checked_path", "checked_pose", "checked_rows", "checked_stamp", "checked_twist"]
 __all__ += ["position_limit"]
@@ -353,17 +353,6 @@ def check_frame(frame: str, expected: str) -> None:
             f"the pose is in frame {frame!r}, and this model takes poses in {expected!r}.",
             "Transform it, or name the frame that its tracker has in ROS: gpcorrect serve --frame",
         )
-
-
-def bad_input(cause: str, next_step: str) -> ServiceError:
-    """Return the refusal of a request that cannot be meant.
-
-    Parameters
-    ----------
-    cause, next_step : str
-        One sentence each.
-    """
-    return ServiceError("BAD_INPUT", cause, hint=next_step)
 
 
 def _check_finite(what: str, numbers: Sequence[float]) -> None:

@@ -29,6 +29,7 @@ __all__ = [
     "ReplyMeta",
     "RequestMeta",
     "Row",
+    "State",
     "StateAnswer",
     "StateRequest",
 ]
@@ -46,6 +47,7 @@ Kind = Literal[
     "admin/state",
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]  # CRTK's operating states, of robots and of servers
 Numbers = tuple[float, ...]
 Row = tuple[float | None, ...]
 Session = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]  # what MessagePack and arrays of numbers hold

@@ -10,7 +10,7 @@ from gpcorrect.calibration import Entry, ModelStore, last_measured
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, exposition, metrics_of
-from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.messages import (
     ActivateAnswer,
     ActivateRequest,
@@ -81,9 +81,7 @@ class Admin:
         """Load, verify and try a model of the store once, note it there, and answer with it from then on."""
         asked = parsed.codec.decode(ActivateRequest, parsed.request.payload)
         if self._store is None:
-            raise ServiceError(
-                "BAD_INPUT", "this server has no model store.", hint="Start it with: gpcorrect serve --store FOLDER"
-            )
+            raise bad_input("this server has no model store.", "Start it with: gpcorrect serve --store FOLDER")
         entry = self._store.find(asked.model)
         now = self._active.now
         before = now.pose if entry.kind == "pose" else now.joints
@@ -92,7 +90,7 @@ class Admin:
             _check_fits(model, before)
             self._store.activate(entry, verified=True)
         except ArtifactError as error:
-            raise ServiceError("BAD_INPUT", f"{error.message} The active model stays.", hint=error.hint) from error
+            raise bad_input(f"{error.message} The active model stays.", error.hint) from error
         except DataError:
             raise
         except GpCorrectError as error:

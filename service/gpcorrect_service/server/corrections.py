@@ -14,9 +14,9 @@ from gpcorrect.types import FloatArray
 from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, pack
 from gpcorrect_service.protocol.bounds import CorrectionBound
 from gpcorrect_service.protocol.cdr import CDR_ENCODING, read_pose, write_pose
+from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.protocol.limits import (
     LIMITS,
-    bad_input,
     check_command,
     check_frame,
     check_inside,

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -15,11 +15,11 @@ from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray, PoseSignal
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import position_limit
+from gpcorrect_service.protocol.messages import State
 
 __all__ = ["Active", "Corrector", "JointCorrector", "JointModel", "JointStream", "Model", "PoseStream"]
-__all__ += ["Snapshot", "State", "load_joint_model", "load_model"]
+__all__ += ["Snapshot", "load_joint_model", "load_model"]
 
-State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 FAULTS_IN_A_ROW = 10  # chosen by hand: after so many failures without one answer a model is not asked any more
 
 

@@ -12,7 +12,7 @@ from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.protocol.cdr import CDR_ENCODING
 from gpcorrect_service.protocol.codec import JSON, MSGPACK, Codec, codec_of
-from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.messages import SCHEMA_VERSION, ErrorAnswer, Kind, ReplyMeta, RequestMeta
 from gpcorrect_service.server.models import Active, JointModel, Model
 
@@ -90,7 +90,6 @@ class RequestParser:
         Parameters
         ----------
         kind : str
-            The key.
         work : callable
             Answers a parsed request; may raise ServiceError and DataError.
         """
@@ -132,8 +131,7 @@ class RequestParser:
                 )
             return _error_response(codec, error, self.replica, meta.request_id)
         except DataError as error:
-            bad = ServiceError("BAD_INPUT", error.message, hint=error.hint)
-            return _error_response(codec, bad, self.replica, meta.request_id)
+            return _error_response(codec, bad_input(error.message, error.hint), self.replica, meta.request_id)
         except BaseException as error:  # SystemExit and panics of compiled code are failures like others
             self._failed(kind)
             self._logger.error("query failed inside", kind=kind, request_id=meta.request_id, exc_info=error)
@@ -162,7 +160,6 @@ def plain_response(parsed: Parsed, kind: Kind, message: msgspec.Struct) -> Respo
     ----------
     parsed : Parsed
     kind : str
-        The key.
     message : Struct
     """
     return Response(parsed.codec.encode(message), parsed.codec.encoding(kind))

@@ -17,8 +17,8 @@ from gpcorrect_service.protocol.answer import EstimateAnswer, pack
 from gpcorrect_service.protocol.bounds import RateBound
 from gpcorrect_service.protocol.clocks import StreamClock
 from gpcorrect_service.protocol.codec import codec_of
-from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.limits import bad_input, check_inside, checked_joints, checked_rows, checked_stamp
+from gpcorrect_service.protocol.errors import ServiceError, bad_input
+from gpcorrect_service.protocol.limits import check_inside, checked_joints, checked_rows, checked_stamp
 from gpcorrect_service.protocol.messages import JointState
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.models import Active, JointModel, JointStream
@@ -108,7 +108,7 @@ class Estimator:
             correction, cut = self._bound.step(state.stamp, answer.joints - q)
             answer = replace(answer, joints=q + correction).because(Reason.RATE_LIMITED, cut)
         # What waited outside of this process, in a socket while it was stopped, came fresh by its arrival alone.
-        age = self._clock.heard(state.stamp, arrived) + self._monotonic() - arrived
+        age = self._clock.delay(state.stamp, arrived) + self._monotonic() - arrived
         answer = answer.because(Reason.STALE, age > self._settings.stream_max_age)
         return pack(
             EstimateAnswer,
