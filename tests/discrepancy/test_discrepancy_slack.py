@@ -8,7 +8,7 @@ from gpcorrect import se3
 from gpcorrect.arms import raven2
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.tolerance import slack_of, table_slopes
-from gpcorrect.discrepancy.recording.tracker import Tracker, rotation_onto
+from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.types import PoseSignal
 
 
@@ -43,8 +43,9 @@ def test_slopes_agree_with_a_tracker_that_is_turned() -> None:
     tip = chain.forward(q)
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
-    np.testing.assert_allclose(rotation_onto(tip[:, :3, 3], tip[:, :3, 3] @ turn.T + 1.0), turn, atol=1e-12)
-    T = se3.pose(turn, np.zeros(3))
+    T = se3.pose(turn, np.ones(3))
+    seen = tracker_of(T @ tip, base_known=False)
+    np.testing.assert_allclose(seen.predicted(tip)[:, :3], (T @ tip)[:, :3, 3], atol=1e-12)
     plain, seen = (table_slopes(chain, q, S, tracker_of(S @ tip, base_known=True)) for S in (np.eye(4), T))
     rows = plain.shape[2] - 6  # the last six are the registration's own errors
     np.testing.assert_allclose(seen[:, :3], np.einsum("ij,njr->nir", turn, plain[:, :3]), atol=1e-9)

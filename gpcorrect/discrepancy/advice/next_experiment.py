@@ -48,7 +48,6 @@ def advise(
     named : sequence of Named
         All that were weighed, with their alternatives.
     noises : sequence of ChannelNoise
-        Of each channel.
 
     Returns
     -------
@@ -93,7 +92,6 @@ class Comparison:
     rivals : tuple of Candidate
         The other one, in its shape variants; none for "nothing".
     noises : tuple of ChannelNoise
-        Of each channel.
     """
 
     scene: Scene

@@ -136,7 +136,6 @@ def localise(
     channels: Sequence[ChannelData],
     rng: np.random.Generator,
     *,
-    level: float = TESTS.level,
     draws: int = TESTS.draws,
     tolerance: float = 0.0,
 ) -> Localisation:
@@ -148,8 +147,6 @@ def localise(
         What to test.
     rng : numpy.random.Generator
         Draws the bootstrap.
-    level : float
-        Quantile of the largest gain in noise that a finding must beat.
     draws : int
         Bootstrap samples.
     tolerance : float
@@ -159,7 +156,7 @@ def localise(
     if not results:
         return Localisation((), 0.0, 0.0, ())
     null = np.max([r.null for r in results], axis=0)
-    threshold = max(0.0, _quantile_of_largest(null, level))
+    threshold = max(0.0, _quantile_of_largest(null, TESTS.level))
     findings = sorted((f for r in results for f in r.findings if f.nats > threshold), key=_rank)
     largest = max(r.largest for r in results)
     bounds = []
@@ -277,20 +274,18 @@ class _Systematic:
         square = float(self.fraction @ (self.beta**2 - np.diag(self.covariance)))
         return float(np.sqrt(max(0.0, square)))
 
-    def upper(self, rng: np.random.Generator, draws: int = 400) -> float:
+    def upper(self, rng: np.random.Generator) -> float:
         """Return the upper 95 % bound of its root mean square.
 
         Parameters
         ----------
         rng : numpy.random.Generator
             Draws from the posterior.
-        draws : int
-            How many.
         """
         k = len(self.beta)
         # Posterior draws scatter once more than the estimate did; that scatter taken off twice leaves the true part.
         root = np.linalg.cholesky(self.covariance + 1e-12 * np.trace(self.covariance) * np.eye(k))
-        scattered = self.beta[:, None] + root @ rng.standard_normal((k, draws))
+        scattered = self.beta[:, None] + root @ rng.standard_normal((k, 400))
         squares = self.fraction @ scattered**2 - 2 * float(self.fraction @ np.diag(self.covariance))
         return float(np.sqrt(max(0.0, np.quantile(squares, 0.95))))
 

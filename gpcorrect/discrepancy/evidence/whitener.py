@@ -37,7 +37,6 @@ class DatasetWhitener:
         For each channel, block of each row, -1 where the channel is missing or the row is left out; from 0 without
         gaps.
     noises : tuple of ChannelNoise
-        Of each channel.
     weight : (M,) array
         Of each stacked row, for heavy tails.
     """
@@ -169,7 +168,6 @@ def whitener_on(
     rows : (m,) bool array
         Those to use.
     noises : tuple of ChannelNoise
-        Of each channel.
     """
     blocks = []
     wanted = np.unique(dataset.block[rows])

@@ -40,7 +40,6 @@ def build_scene(
     Parameters
     ----------
     log : CalibrationLog
-        Recording.
     model : Model
         What is known of the machine.
     registered_on : (n,) bool array

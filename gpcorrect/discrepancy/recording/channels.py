@@ -56,7 +56,6 @@ def joint_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) -> 
     Parameters
     ----------
     log : CalibrationLog
-        The recording.
     signal : str
         Name of the signal.
     joints : tuple of int
@@ -84,7 +83,6 @@ def motor_side(log: CalibrationLog) -> str:
     Parameters
     ----------
     log : CalibrationLog
-        The recording.
 
     Raises
     ------
@@ -111,7 +109,6 @@ def continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
     Parameters
     ----------
     log : CalibrationLog
-        The recording.
     motor : (n, k) array
         rad or m.
     """
@@ -152,7 +149,6 @@ def compared_channels(
     Parameters
     ----------
     log : CalibrationLog
-        Recording.
     body : Body
         Nominal arm.
     source : str

@@ -155,7 +155,6 @@ class Dataset(Parts):
         Parameters
         ----------
         noises : sequence of ChannelNoise
-            Of each channel.
 
         Returns
         -------

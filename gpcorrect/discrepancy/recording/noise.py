@@ -352,7 +352,6 @@ def standard_draws(tail: float, shape: tuple[int, ...], rng: np.random.Generator
     shape : tuple of int
         Of the result.
     rng : numpy.random.Generator
-        Draws.
     """
     if np.isinf(tail):
         return rng.standard_normal(shape)

@@ -94,7 +94,8 @@ class PathMemory:
         return [JointColumn(changed[j], self._paths[changed[j]]) if j in changed else c for j, c in enumerate(columns)]
 
     def _walk(self, effect: PathEffect, columns: list[JointColumn], motion: Motion, changed: dict[int, int]) -> None:
-        self._forget(columns[0].path.nbytes)
+        while len(self._paths) * columns[0].path.nbytes > REMEMBERED_BYTES:
+            self._paths.pop(next(iter(self._paths)))
         if not effect.joint_by_joint:
             behind = effect.act(np.stack([c.path for c in columns], axis=-1), motion)
             self._paths.update({number: behind[..., j] for j, number in changed.items()})
@@ -105,10 +106,6 @@ class PathMemory:
 
     def _number(self, made: Hashable) -> int:
         return self._numbers.setdefault(made, len(self._numbers))
-
-    def _forget(self, size: int) -> None:
-        while len(self._paths) * size > REMEMBERED_BYTES:
-            self._paths.pop(next(iter(self._paths)))
 
 
 REMEMBERED = 48  # closed-loop runs in memory

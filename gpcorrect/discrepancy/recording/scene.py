@@ -20,9 +20,8 @@ from gpcorrect.discrepancy.recording.layout import Layout
 from gpcorrect.discrepancy.recording.replay_memory import ReplayMemory
 from gpcorrect.discrepancy.recording.tolerance import Slack
 from gpcorrect.discrepancy.recording.tracker import Tracker
-from gpcorrect.sim.body import Body
 from gpcorrect.sim.dynamics import posture_at
-from gpcorrect.sim.effects import ChainEffect, Effect, LoadEffect, Stage, in_order, of_kind
+from gpcorrect.sim.effects import Effect, Stage, in_order
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
@@ -212,7 +211,7 @@ class Scene:
         machine = self._machine(effects)
         replay = self._replay(machine)
         q = self.memory.paths.joint_path(machine.effects, replay, _inside(machine))
-        tip = tip_path(machine.effects, self._body(machine).forward(q), replay)
+        tip = tip_path(machine.effects, machine.actual_body(self.payload).forward(q), replay)
         assert tip is not None
         return self.layout.gather(se3.compose(machine.T_tracker_base, tip, machine.T_tip_marker), len(self))
 
@@ -239,21 +238,12 @@ class Scene:
             made = loop.motion
             motion = replace(self.motion, load=made.load, gravity_load=made.gravity_load, tip_force=made.tip_force)
             return motion if self.measured else replace(motion, position=made.position, velocity=made.velocity)
-        body = self._body(machine)
+        body = machine.actual_body(self.payload)
         posture = posture_at(body, self.motion.position)
         if posture is None:
             return self.motion
         gravity = posture.gravity_load()
         return replace(self.motion, load=gravity, gravity_load=gravity, tip_force=body.tip_force)
-
-    def _body(self, machine: Machine) -> Body:
-        """Body with the payloads of the replayed runs and the effects on masses and geometry."""
-        links, chain = replace(machine.body.links, payload=self.payload), machine.body.chain
-        for load in of_kind(machine.effects, LoadEffect):
-            links = load.act(links)
-        for change in of_kind(machine.effects, ChainEffect):
-            chain = chain if chain is None else change.act(chain)
-        return replace(machine.body, links=links, chain=chain).compact()
 
     def _loop(self, machine: Machine) -> Driven | None:
         if self.plan is None:

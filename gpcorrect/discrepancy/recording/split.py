@@ -70,7 +70,6 @@ def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: n
     time, trajectory, session : (n,) arrays
         Of the log.
     rng : numpy.random.Generator
-        Deals.
 
     Returns
     -------

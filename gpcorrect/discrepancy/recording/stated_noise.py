@@ -48,7 +48,6 @@ def samples_are_dense(scene: Scene) -> bool:
     Parameters
     ----------
     scene : Scene
-        The recording.
     """
     return sampling_step(scene) <= NOISE.dense
 
@@ -124,7 +123,6 @@ def rounded_to(noise: ChannelNoise, step: float) -> ChannelNoise:
     Parameters
     ----------
     noise : ChannelNoise
-        Of the channel.
     step : float
         Size of the steps, rad or m; 0 for none.
     """

@@ -70,7 +70,6 @@ def slack_of(slopes: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ..
     rows : (n, c) bool array
         Measured rows that may be looked at.
     noises : tuple of ChannelNoise
-        Of each channel.
     step : float
         Seconds from sample to sample: slow noise counts for less, the denser the samples.
     """

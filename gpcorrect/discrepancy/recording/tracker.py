@@ -11,7 +11,7 @@ from gpcorrect import se3
 from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.types import BoolArray, FloatArray, PoseSignal
 
-__all__ = ["Tracker", "rotation_onto"]
+__all__ = ["Tracker"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +94,9 @@ class Tracker:
             return position, np.eye(3)
         rows = self.rows & np.isfinite(self.position).all(axis=1) & np.isfinite(position).all(axis=1)
         a, b = position[rows], self.position[rows]
-        turn = rotation_onto(a, b)
-        moved: FloatArray = (position - a.mean(axis=0)) @ turn.T + b.mean(axis=0)
+        middle, centre = a.mean(axis=0), b.mean(axis=0)
+        turn = se3.nearest_rotation((b - centre).T @ (a - middle))
+        moved: FloatArray = (position - middle) @ turn.T + centre
         return moved, turn
 
     def _placed(self, T: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -115,20 +116,3 @@ class Tracker:
         """Rotation vectors `(n, 3)`, tracker's frame, from the reference to these orientations; NaN stays."""
         assert self.reference is not None
         return se3.rotvec_from_matrix(rotation @ self.reference.swapaxes(1, 2))
-
-
-def rotation_onto(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the rotation `(3, 3)` that best turns points onto others, both about their means (Arun 1987).
-
-    Parameters
-    ----------
-    a : (n, 3) array
-        Points to turn.
-    b : (n, 3) array
-        Where they should be.
-    """
-    good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-    a, b = a[good], b[good]
-    u, _, vt = np.linalg.svd((b - b.mean(axis=0)).T @ (a - a.mean(axis=0)))
-    turn: FloatArray = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return turn

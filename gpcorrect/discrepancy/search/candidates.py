@@ -36,7 +36,6 @@ def watched(scene: Scene, session: int) -> tuple[float, float]:
     Parameters
     ----------
     scene : Scene
-        The recording.
     session : int
         Index of the session, from 0.
     """

@@ -74,7 +74,6 @@ class Coordinate:
         Parameters
         ----------
         u : float
-            Coordinate.
         """
         if self.kind == "inverse":
             return self.typical / u if u > 0 else float("inf")
@@ -102,7 +101,6 @@ class Coordinate:
         Parameters
         ----------
         u : float
-            Coordinate.
         """
         free = self.amplitude or self.kind != "log" or self.parameter.change_point
         return 0.0 if free else u / PRIOR_LOG

@@ -36,7 +36,6 @@ def split_by_needs(
     scene : Scene
         Recording and model.
     log : CalibrationLog
-        The recording.
     """
     every = list(candidates)
     placed = {c.name for c in every}

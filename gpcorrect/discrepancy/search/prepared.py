@@ -55,7 +55,6 @@ def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) ->
     Parameters
     ----------
     log : CalibrationLog
-        The recording.
     model : Model
         What is known of the machine.
     rng : numpy.random.Generator
@@ -102,7 +101,6 @@ def localise_residual(
     fitted : sequence of FittedEffect
         The set.
     noises : tuple of ChannelNoise
-        Of each channel.
     tolerance : float
         Of the task, rad or m.
     rng : numpy.random.Generator
