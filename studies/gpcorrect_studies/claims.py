@@ -7,13 +7,24 @@ from __future__ import annotations
 
 import math
 import tomllib
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from importlib.resources import files
-from typing import Any
+from typing import Any, ClassVar
 
-__all__ = ["Better", "Claim", "ClaimTable", "CompareSettings", "Compared", "Comparison", "Verdict", "number_at"]
+__all__ = [
+    "Better",
+    "Claim",
+    "ClaimTable",
+    "CompareSettings",
+    "Compared",
+    "Comparison",
+    "StudyResult",
+    "Verdict",
+    "number_at",
+]
 
 
 class Verdict(StrEnum):
@@ -240,6 +251,48 @@ class ClaimTable:
         if found is None:
             raise KeyError(f"no printed number at {claim.of!r} or {claim.against!r}")
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult(ABC):
+    """A study done again; what it measured are the fields of its own class.
+
+    Parameters
+    ----------
+    scope : dataclass
+        How much was done.
+    seed : int
+        Of everything random.
+    seconds : float
+        Of the whole study.
+    """
+
+    CLAIMS: ClassVar[ClaimTable]
+    NOTES: ClassVar[Mapping[str, Sequence[str]]] = {}
+    """Sentences on what is comparable and what is not."""
+
+    scope: Any
+    seed: int
+    seconds: float = field(kw_only=True)
+
+    @abstractmethod
+    def figures(self) -> dict[str, Any]:
+        """Return what was measured, as JSON-able data."""
+
+    @property
+    def short(self) -> bool:
+        """Whether less was done than the whole study."""
+        whole: bool = self.scope == type(self.scope)()
+        return not whole
+
+    def compared(self) -> Comparison:
+        """Return the paper's claims beside this run."""
+        return self.CLAIMS.compare(self.figures())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as JSON-able data."""
+        notes = {name: list(sentences) for name, sentences in self.NOTES.items()}
+        return self.figures() | {**self.compared().to_dict(), "printed": self.CLAIMS.printed, **notes}
 
 
 def number_at(figures: Any, place: str) -> float | None:

@@ -3,16 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
-from gpcorrect.report.page import Section, TableData
-from gpcorrect_studies.claims import Comparison, Verdict
+from gpcorrect.report.page import Page, Section, TableData, write_page
+from gpcorrect_studies.claims import Comparison, StudyResult, Verdict
 
-__all__ = ["claims_section", "counted", "number", "paired", "setup_section", "short_run"]
+__all__ = ["claims_section", "counted", "number", "paired", "setup_section", "write_study_page"]
 
 LEGEND = (
     "Beyond: better than printed by more than the tolerance. Reversed: the order of the two things that are compared "
     "is the other one here, or a gain is a loss, whichever is better."
 )
+
+
+def write_study_page(
+    study: str,
+    result: StudyResult,
+    verdict: str,
+    facts: Sequence[tuple[str, str]],
+    sections: Sequence[Section],
+    path: Path,
+) -> None:
+    """Write the self-contained page of a study: how its claims came out, each claim, then its own sections.
+
+    Parameters
+    ----------
+    study : str
+        Its name on the command line.
+    result : StudyResult
+        The whole study.
+    verdict : str
+        Its own first sentences; of a run of less than the whole study, the page says so before anything else.
+    facts, sections : sequences
+        What else the page shows.
+    path : Path
+        HTML file.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
+    """
+    comparison = result.compared()
+    words = f"Of {len(comparison.rows)} claims of the paper: {counted(comparison.counts())}. {verdict}"
+    if result.short:
+        words = f"A short run, with less of everything than the whole study. {words}"
+    facts = [*facts, ("time", f"{result.seconds:.0f} s for everything on this page")]
+    write_page(Page(f"gpcorrect reproduce {study}", words, facts, [claims_section(comparison), *sections]), path)
 
 
 def claims_section(comparison: Comparison) -> Section:
@@ -64,11 +101,6 @@ def counted(counts: Mapping[Verdict, int]) -> str:
 def number(value: float) -> str:
     """Return a number as text, with three digits at least."""
     return f"{value:.0f}" if abs(value) >= 100 or value == int(value) else f"{value:.3g}"
-
-
-def short_run(verdict: str, *, short: bool) -> str:
-    """Return the first sentences of a page; a run of less than the whole study says so before anything else."""
-    return f"A short run, with less of everything than the whole study. {verdict}" if short else verdict
 
 
 def paired(ours: Mapping[str, Sequence[str]], printed: Mapping[str, Sequence[str]]) -> list[list[str]]:

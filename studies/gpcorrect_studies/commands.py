@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json as json_text
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
-from gpcorrect.atomic import atomic_path, make_folder
-from gpcorrect.cli.console import json_ready, out, print_json, progress_bar
+from gpcorrect.atomic import make_folder, write_file
+from gpcorrect.cli.console import out, plain_table, print_json, progress_bar
 from gpcorrect.cli.options import Jobs, Json, Scheduler
 from gpcorrect.parallel import workers
+from gpcorrect.plain import json_ready
 
 __all__ = ["reproduce_app"]
 
@@ -122,8 +123,7 @@ def peng2024(
 def _finish(result: dict[str, Any], output: Path, show: Callable[[dict[str, Any]], None], *, json: bool) -> None:
     """Write the figures, and print them for programs or for people."""
     figures = json_ready(result)
-    with atomic_path(output / "reproduce.json") as path:
-        path.write_text(json_text.dumps(figures, indent=2), encoding="utf-8")
+    write_file(output / "reproduce.json", json_text.dumps(figures, indent=2))
     if json:
         print_json(figures)
         return
@@ -149,7 +149,7 @@ def _show_claims(figures: dict[str, Any]) -> None:
 
 def _show_mahler2014(figures: dict[str, Any]) -> None:
     for which in ("clean", "dirty"):
-        table = _table(f"Table I, {which} set", ("position (mm)", "SD", "rotation (deg)", "SD"))
+        table = plain_table("", "position (mm)", "SD", "rotation (deg)", "SD", title=f"Table I, {which} set")
         for method, errors in figures["table1"][which].items():
             parts = (errors["position_mm"], errors["rotation_deg"])
             table.add_row(method, *(f"{part[leaf]:.2f}" for part in parts for leaf in ("mean", "sd")))
@@ -161,14 +161,15 @@ def _show_mahler2014(figures: dict[str, Any]) -> None:
 
 def _show_peng2020(figures: dict[str, Any]) -> None:
     parts = ("x_mm", "y_mm", "z_mm", "length_mm")
-    table = _table("Table I: where the cameras see the tool, RMS and SD in mm", ("x", "y", "z", "3D"))
+    title = "Table I: where the cameras see the tool, RMS and SD in mm"
+    table = plain_table("", "x", "y", "z", "3D", title=title)
     for name, row in figures["table1"].items():
         for leaf in ("rms", "sd"):
             table.add_row(f"{name}, {leaf.upper()}", *(f"{row[part][leaf]:.3f}" for part in parts))
     out.print(table)
     out.print(f"cameras placed within {max(figures['cameras_mm']):.2f} mm")
     title = "Estimator on held-out reaches: RMS in mm, time of a sample in us"
-    rows = _table(title, ("raw", "rigid", "RMS", "RMS less", "SD less", "us"))
+    rows = plain_table("", "raw", "rigid", "RMS", "RMS less", "SD less", "us", title=title)
     for method, row in figures["estimator"].items():
         errors = [f"{row[name]['rms_mm']:.3f}" for name in ("raw", "rigid", "estimated")]
         less = [f"{row[name]:.1f} %" for name in ("rms_reduction", "sd_reduction")]
@@ -178,7 +179,7 @@ def _show_peng2020(figures: dict[str, Any]) -> None:
 
 def _show_peng2024(figures: dict[str, Any]) -> None:
     rows = figures["table1"]
-    table = _table("Table I, RMSE by training direction (deg, deg, mm)", tuple(rows))
+    table = plain_table("", *rows, title="Table I, RMSE by training direction (deg, deg, mm)")
     for method in next(iter(rows.values())):
         table.add_row(method, *(_three(row[method]["mean"]) for row in rows.values()))
     out.print(table)
@@ -190,15 +191,6 @@ def _show_peng2024(figures: dict[str, Any]) -> None:
     for name, target in figures["targets"].items():
         met = ", ".join("met" if one else "not met" for one in target["met"])
         out.print(f"{name}: {_three(target['measured'])} (target below {_three(target['target'])}): {met}")
-
-
-def _table(title: str, columns: Sequence[str]) -> Table:
-    """Return a table whose first column names the rows."""
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    table.add_column("", no_wrap=True)
-    for column in columns:
-        table.add_column(column, no_wrap=True, justify="right")
-    return table
 
 
 def _three(values: list[float]) -> str:

@@ -14,10 +14,10 @@ import typer
 from joblib import Parallel, delayed
 from rich.table import Table
 
-from gpcorrect.atomic import atomic_path, make_folder, require_folder
+from gpcorrect.atomic import atomic_path, make_folder, require_folder, write_file
 from gpcorrect.calibration import FitSettings, fit_corrector, save
 from gpcorrect.cli.console import err, out, print_json, progress_bar
-from gpcorrect.cli.options import Json
+from gpcorrect.cli.options import Json, one_of
 from gpcorrect.cli.processes import free_endpoint, running
 from gpcorrect.errors import DataError
 from gpcorrect.planning import Margins, Mode
@@ -79,9 +79,7 @@ def debride(
     for path in (picture, animation, report):
         if path is not None:
             require_folder(path)
-    chosen = next((known for known in get_args(Mode) if known == mode), None)
-    if chosen is None:
-        raise DataError(f"a path is corrected in full or at its endpoints; got {mode!r}.")
+    chosen: Mode = one_of(mode, get_args(Mode), "the mode")
     scene, places = stations(arms)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(TemporaryDirectory())) if models is None else models
@@ -123,8 +121,7 @@ def _learn(scene: Scene, place: Station, folder: Path, rehearsals: int, speed: f
     digest = hashlib.sha256(made_from).hexdigest()
     if not (model.exists() and note.exists() and note.read_text() == digest):
         save(fit_corrector(log, FitSettings(inducing=INDUCING, marker="none", seed=seed)), model)
-        with atomic_path(note) as temporary:
-            temporary.write_text(digest)
+        write_file(note, digest)
     return float(log.time[-1])
 
 
@@ -192,8 +189,7 @@ def _draw(
     from gpcorrect_studies.debridement.page import debridement_gif, debridement_paths, write_debride_page
 
     if picture is not None:
-        with atomic_path(picture) as temporary:
-            temporary.write_bytes(png(debridement_paths(scene, places, conditions)))
+        write_file(picture, png(debridement_paths(scene, places, conditions)))
     if animation is not None:
         with atomic_path(animation) as temporary:
             debridement_gif(scene, places, conditions[:2], temporary)

@@ -25,7 +25,6 @@ class Fetched:
     Parameters
     ----------
     arm : str
-        Its name.
     fragment : (3,) array
         Where it lay, tracker frame.
     removed : bool

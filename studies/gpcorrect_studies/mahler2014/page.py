@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from gpcorrect.plots import trajectory_errors, trajectory_paths, typical_trajectory
 from gpcorrect.plots.style import COLOURS, new_figure, png
-from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
+from gpcorrect.report.page import FigureImage, Section, TableData
 from gpcorrect.types import FloatArray
-from gpcorrect_studies.claims_page import claims_section, counted, paired, short_run
+from gpcorrect_studies.claims_page import paired, write_study_page
 from gpcorrect_studies.mahler2014.regressions import TrainingSize
 from gpcorrect_studies.mahler2014.study import CLAIMS, COMPARABLE, NOT_COMPARABLE, Mahler2014
 from gpcorrect_studies.mahler2014.table1 import COMPONENTS, METHODS, NORMS, PRINTED
@@ -35,7 +35,7 @@ POSITION, ANGLES = COMPONENTS[:3], COMPONENTS[3:]
 
 
 def write_mahler_report(result: Mahler2014, path: Path) -> None:
-    """Write the self-contained page.
+    """Write the self-contained page; raises as :func:`write_study_page`.
 
     Parameters
     ----------
@@ -43,26 +43,17 @@ def write_mahler_report(result: Mahler2014, path: Path) -> None:
         The whole study.
     path : Path
         HTML file.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
-    percent, comparison = result.table1.percent_of_raw("dirty"), result.compared()
+    percent = result.table1.percent_of_raw("dirty")
     verdict = (
-        f"Of {len(comparison.rows)} claims of the paper: {counted(comparison.counts())}. Full correction leaves "
-        f"{percent['position_mm']:.1f} % of the position error and {percent['rotation_deg']:.1f} % of the rotation "
-        "error of the dirty set."
+        f"Full correction leaves {percent['position_mm']:.1f} % of the position error and "
+        f"{percent['rotation_deg']:.1f} % of the rotation error of the dirty set."
     )
-    first = short_run(verdict, short=result.short)
     facts = [
         ("recording", f"simulated: {result.scope.reaches} reaches, {result.samples} samples, seed {result.seed}"),
         ("held out", "the last fifth of the reaches, whole"),
-        ("time", f"{result.seconds:.0f} s for everything on this page"),
     ]
     sections = [
-        claims_section(comparison),
         _table1(result),
         _fig4(result),
         _fig5(result),
@@ -72,7 +63,7 @@ def write_mahler_report(result: Mahler2014, path: Path) -> None:
         Section("What is comparable", COMPARABLE),
         Section("What is not", NOT_COMPARABLE),
     ]
-    write_page(Page("gpcorrect reproduce mahler2014", first, facts, sections), path)
+    write_study_page("mahler2014", result, verdict, facts, sections, path)
 
 
 def _targets(result: Mahler2014) -> Section:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim import debridement_log, machine_of, preset
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.types import Progress
-from gpcorrect_studies.claims import ClaimTable, Comparison
+from gpcorrect_studies.claims import ClaimTable, StudyResult
 from gpcorrect_studies.mahler2014.closed_loop import Landing, closed_loop, places_to_visit
 from gpcorrect_studies.mahler2014.regressions import Limit, TrainingSize, limits, training_sizes
 from gpcorrect_studies.mahler2014.table1 import FULL, MEMORY, TableOne, table_one
@@ -97,15 +97,11 @@ class Scope:
 
 
 @dataclass(frozen=True, eq=False)
-class Mahler2014:
+class Mahler2014(StudyResult):
     """All parts of the study, measured.
 
     Parameters
     ----------
-    scope : Scope
-        How much was done.
-    seed : int
-        Of the recording and of everything random.
     samples : int
         Of the recording.
     table1 : TableOne
@@ -116,18 +112,17 @@ class Mahler2014:
         Where the robot really came to rest.
     limits : tuple of Limit
         What is left under each assumption.
-    seconds : float
-        Of the whole run.
     """
 
+    CLAIMS = CLAIMS
+    NOTES: ClassVar = {"comparable": COMPARABLE, "not_comparable": NOT_COMPARABLE}
+
     scope: Scope
-    seed: int
     samples: int
     table1: TableOne
     fig5: tuple[TrainingSize, ...]
     table2: Mapping[str, Landing]
     limits: tuple[Limit, ...]
-    seconds: float
 
     def targets(self) -> dict[str, dict[str, Any]]:
         """Return each target with what was measured on the dirty set, and whether it is met."""
@@ -151,11 +146,6 @@ class Mahler2014:
             for name, target in TARGETS.items()
         }
 
-    @property
-    def short(self) -> bool:
-        """Whether less was done than the whole study."""
-        return self.scope != Scope()
-
     def training_sizes(self) -> dict[str, dict[str, float]]:
         """Return what all training states gain over the paper's 2.5 % of them, and the seconds of both.
 
@@ -172,19 +162,6 @@ class Mahler2014:
                 "rotation_deg": few.rotation_deg - most.rotation_deg,
             },
             "fig5_seconds": {"few": few.seconds, "all": most.seconds},
-        }
-
-    def compared(self) -> Comparison:
-        """Return the paper's claims beside this run."""
-        return CLAIMS.compare(self.figures())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything as JSON-able data."""
-        return self.figures() | {
-            **self.compared().to_dict(),
-            "printed": CLAIMS.printed,
-            "comparable": list(COMPARABLE),
-            "not_comparable": list(NOT_COMPARABLE),
         }
 
     def figures(self) -> dict[str, Any]:
@@ -228,7 +205,6 @@ def reproduce_mahler2014(scope: Scope, seed: int = 0, progress: Progress | None 
     seed : int
         Of the recording and of everything random.
     progress : Progress, optional
-        Receives how far each part is.
 
     Raises
     ------
@@ -247,4 +223,4 @@ def reproduce_mahler2014(scope: Scope, seed: int = 0, progress: Progress | None 
     table2 = closed_loop(table1.full.corrector, machine, places, scope.repetitions, recording_end, rng)
     progress.step("Table II", 1.0)
     left = limits(scope.reaches, settings, progress)
-    return Mahler2014(scope, seed, len(log), table1, fig5, table2, left, time.perf_counter() - start)
+    return Mahler2014(scope, seed, len(log), table1, fig5, table2, left, seconds=time.perf_counter() - start)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gpcorrect.report.page import Page, Section, TableData, write_page
-from gpcorrect_studies.claims_page import claims_section, counted, paired, setup_section, short_run
+from gpcorrect.report.page import Section, TableData
+from gpcorrect_studies.claims_page import paired, setup_section, write_study_page
 from gpcorrect_studies.peng2020.study import CLAIMS, COMPONENTS, Peng2020
 
 __all__ = ["write_peng2020_report"]
@@ -20,7 +20,7 @@ NOT_COMPARABLE = (
 
 
 def write_peng2020_report(result: Peng2020, path: Path) -> None:
-    """Write the self-contained page.
+    """Write the self-contained page; raises as :func:`write_study_page`.
 
     Parameters
     ----------
@@ -28,17 +28,11 @@ def write_peng2020_report(result: Peng2020, path: Path) -> None:
         The whole study.
     path : Path
         HTML file.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
-    comparison, network = result.compared(), result.estimator["network"]
+    network = result.estimator["network"]
     verdict = (
-        f"Of {len(comparison.rows)} claims of the paper: {counted(comparison.counts())}. The network takes away "
-        f"{network['rms_reduction']:.1f} % of the simulated robot's RMS error and {network['sd_reduction']:.1f} % of "
-        "its SD."
+        f"The network takes away {network['rms_reduction']:.1f} % of the simulated robot's RMS error and "
+        f"{network['sd_reduction']:.1f} % of its SD."
     )
     facts = [
         ("pictures", f"rendered, {result.scope.frames} frames of four webcams, seed {result.seed}"),
@@ -47,16 +41,14 @@ def write_peng2020_report(result: Peng2020, path: Path) -> None:
             f"simulated RAVEN-II, {result.scope.reaches} reaches, {result.samples} samples, the last fifth held out",
         ),
         ("network", f"{'-'.join(map(str, result.scope.layers))}, {result.scope.epochs} epochs"),
-        ("time", f"{result.seconds:.0f} s for everything on this page"),
     ]
     sections = [
-        claims_section(comparison),
         _table1(result),
         _estimator(result),
         setup_section(CLAIMS.setup, result.setup()),
         Section("What is not comparable", NOT_COMPARABLE),
     ]
-    write_page(Page("gpcorrect reproduce peng2020", short_run(verdict, short=result.short), facts, sections), path)
+    write_study_page("peng2020", result, verdict, facts, sections, path)
 
 
 def _table1(result: Peng2020) -> Section:

@@ -20,7 +20,7 @@ from gpcorrect.calibration import (
 )
 from gpcorrect.sim import Noise, preset, random_reaches_log
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
-from gpcorrect_studies.claims import ClaimTable, Comparison
+from gpcorrect_studies.claims import ClaimTable, StudyResult
 from gpcorrect_studies.rendering import Card, Lens, Stage, looking_at, marker_points, random_motion
 from gpcorrect_studies.rendering import single_ball as one_ball
 
@@ -76,15 +76,11 @@ class Peng2020Scope:
 
 
 @dataclass(frozen=True, eq=False)
-class Peng2020:
+class Peng2020(StudyResult):
     """Both halves of the study, measured.
 
     Parameters
     ----------
-    scope : Peng2020Scope
-        How much was done.
-    seed : int
-        Of scene, motion and noise.
     samples : int
         Of the simulated robot's recording.
     table1 : mapping
@@ -94,22 +90,15 @@ class Peng2020:
         Errors of the cameras' positions, mm.
     estimator : mapping
         By method: errors on held-out reaches, and what they are less than the reported ones.
-    seconds : float
-        Of the whole study.
     """
 
+    CLAIMS = CLAIMS
+
     scope: Peng2020Scope
-    seed: int
     samples: int
     table1: Mapping[str, Any]
     cameras_mm: Sequence[float]
     estimator: Mapping[str, Any]
-    seconds: float
-
-    @property
-    def short(self) -> bool:
-        """Whether less was done than the whole study."""
-        return self.scope != Peng2020Scope()
 
     def setup(self) -> dict[str, float]:
         """Return the numbers of the set-up, under the names of the printed ones."""
@@ -125,10 +114,6 @@ class Peng2020:
             "frames": self.scope.frames,
         }
 
-    def compared(self) -> Comparison:
-        """Return the paper's claims beside this run."""
-        return CLAIMS.compare(self.figures())
-
     def figures(self) -> dict[str, Any]:
         """Return what was measured, as JSON-able data."""
         return {
@@ -143,10 +128,6 @@ class Peng2020:
             "estimator": self.estimator,
         }
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything as JSON-able data."""
-        return self.figures() | {**self.compared().to_dict(), "printed": CLAIMS.printed}
-
 
 def reproduce_peng2020(scope: Peng2020Scope, seed: int = 0, progress: Progress | None = None) -> Peng2020:
     """Do both halves of the study again: the cameras' accuracy, and what an estimator makes of their labels.
@@ -158,7 +139,6 @@ def reproduce_peng2020(scope: Peng2020Scope, seed: int = 0, progress: Progress |
     seed : int
         Of scene, motion and noise.
     progress : Progress, optional
-        Receives how far each part is.
     """
     begun, progress = time.perf_counter(), progress or Progress()
     table, placed = _table1(scope, seed, progress)
@@ -176,7 +156,7 @@ def reproduce_peng2020(scope: Peng2020Scope, seed: int = 0, progress: Progress |
             "microseconds_a_sample": _microseconds(experiment, log),
         }
     progress.step("estimators", 1.0)
-    return Peng2020(scope, seed, len(log), table, placed, estimators, time.perf_counter() - begun)
+    return Peng2020(scope, seed, len(log), table, placed, estimators, seconds=time.perf_counter() - begun)
 
 
 def _table1(scope: Peng2020Scope, seed: int, progress: Progress) -> tuple[dict[str, Any], list[float]]:

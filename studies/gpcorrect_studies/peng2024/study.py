@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from gpcorrect.types import Progress
-from gpcorrect_studies.claims import ClaimTable, Comparison
+from gpcorrect_studies.claims import ClaimTable, StudyResult
 from gpcorrect_studies.peng2024.fits import PengScope, StudyFits
 from gpcorrect_studies.peng2024.recordings import RavenStudy
 from gpcorrect_studies.peng2024.tables import (
@@ -50,27 +50,23 @@ PENG_NOT_COMPARABLE = (
 
 
 @dataclass(frozen=True, eq=False)
-class Peng2024:
+class Peng2024(StudyResult):
     """All parts of the study, measured; RMSE in deg, deg and mm.
 
     Parameters
     ----------
-    scope : PengScope
-        How much was done.
-    seed : int
-        Of the recordings.
     table1, table2, table4, table5 : mappings
         By direction; by method; by test run; by method.
     fig5, fig9 : lists
         A sparsity, and a number of homings, an entry.
     fig6, fig8 : mappings
         By use; few features and the whole state.
-    seconds : float
-        Of the whole study.
     """
 
+    CLAIMS = CLAIMS
+    NOTES: ClassVar = {"comparable": PENG_COMPARABLE, "not_comparable": PENG_NOT_COMPARABLE}
+
     scope: PengScope
-    seed: int
     table1: Mapping[str, Any]
     table2: Mapping[str, Any]
     table4: Mapping[str, Any]
@@ -79,12 +75,6 @@ class Peng2024:
     fig6: Mapping[str, Any]
     fig8: Mapping[str, Any]
     fig9: list[dict[str, Any]]
-    seconds: float
-
-    @property
-    def short(self) -> bool:
-        """Whether less was done than the whole study."""
-        return self.scope != PengScope()
 
     @property
     def table3(self) -> dict[str, Any]:
@@ -108,10 +98,6 @@ class Peng2024:
         row = CLAIMS.printed["table1"]["J2-J3"]
         pairs = zip(row["network"]["mean"], row["fixed_offset"]["mean"], strict=True)
         return [100.0 * left / offset for left, offset in pairs]
-
-    def compared(self) -> Comparison:
-        """Return the paper's claims beside this run."""
-        return CLAIMS.compare(self.figures())
 
     def targets(self) -> dict[str, dict[str, Any]]:
         """Return what was to be reached, what was, and whether it is met; set before the first full run."""
@@ -147,15 +133,6 @@ class Peng2024:
             "targets": self.targets(),
         }
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything as JSON-able data."""
-        return self.figures() | {
-            **self.compared().to_dict(),
-            "printed": CLAIMS.printed,
-            "comparable": list(PENG_COMPARABLE),
-            "not_comparable": list(PENG_NOT_COMPARABLE),
-        }
-
 
 def reproduce_peng2024(scope: PengScope, seed: int = 0, progress: Progress | None = None) -> Peng2024:
     """Do the whole study on a simulated RAVEN-II.
@@ -167,7 +144,6 @@ def reproduce_peng2024(scope: PengScope, seed: int = 0, progress: Progress | Non
     seed : int
         Of the recordings.
     progress : Progress, optional
-        Receives how far each part is.
     """
     begun = time.perf_counter()
     study = RavenStudy(seed, scope.homings)

@@ -7,7 +7,6 @@ from gpcorrect_studies.rendering.board import Board, board_picture
 from gpcorrect_studies.rendering.lens import Lens, looking_at
 from gpcorrect_studies.rendering.picture import Ball, Card, Light, Studio, backdrop
 from gpcorrect_studies.rendering.stage import (
-    END_EFFECTOR_BALLS,
     Stage,
     four_cameras,
     marker_points,
@@ -16,7 +15,6 @@ from gpcorrect_studies.rendering.stage import (
 )
 
 __all__ = [
-    "END_EFFECTOR_BALLS",
     "Ball",
     "Board",
     "Card",

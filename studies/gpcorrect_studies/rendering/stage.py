@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.rendering.lens import Lens, looking_at
@@ -39,17 +40,15 @@ def single_ball(name: str = "red") -> dict[str, tuple[float, float, float]]:
     return {name: (0.0, 0.0, 0.0)}
 
 
-def four_cameras(rng: np.random.Generator, *, size: tuple[int, int] = (640, 480)) -> tuple[Lens, ...]:
+def four_cameras(rng: np.random.Generator) -> tuple[Lens, ...]:
     """Return four webcams at the corners of a table, each a little different from the next.
 
     Parameters
     ----------
     rng : numpy.random.Generator
         Of the differences.
-    size : (2,) tuple
-        Width and height in pixels.
     """
-    lenses = []
+    size, lenses = (640, 480), []
     for k in range(4):
         bearing = np.pi / 4 + k * np.pi / 2 + rng.uniform(-0.1, 0.1)
         away = rng.uniform(0.36, 0.42)
@@ -77,10 +76,8 @@ def marker_points() -> FloatArray:
     return np.array([(x, y, z + up) for group, ups in posts for x, y, z in group for up in ups])
 
 
-def random_motion(
-    count: int, rate_hz: float, rng: np.random.Generator, *, reach: float = 0.04, turn: float = 0.4
-) -> FloatArray:
-    """Smooth poses `(count, 4, 4)` of the tool about the workspace's middle: world from tool, m.
+def random_motion(count: int, rate_hz: float, rng: np.random.Generator) -> FloatArray:
+    """Smooth poses `(count, 4, 4)` of the tool, world from tool, within 40 mm and 0.4 rad of the workspace's middle, m.
 
     Parameters
     ----------
@@ -89,27 +86,14 @@ def random_motion(
         Poses a second.
     rng : numpy.random.Generator
         Of rates and phases.
-    reach, turn : float
-        Amplitudes along and about each axis, m and rad.
     """
     t = np.arange(count) / rate_hz
     rates, phases = rng.uniform(0.4, 1.6, (6, 2)), rng.uniform(0, 2 * np.pi, (6, 2))
     swing = np.sin(rates[:, None, :] * t[None, :, None] + phases[:, None, :]).mean(axis=2).T
     poses = np.tile(np.eye(4), (count, 1, 1))
-    poses[:, :3, 3] = WORKSPACE + reach * swing[:, :3]
-    poses[:, :3, :3] = [_turned(v) for v in turn * swing[:, 3:]]
+    poses[:, :3, 3] = WORKSPACE + 0.04 * swing[:, :3]
+    poses[:, :3, :3] = Rotation.from_rotvec(0.4 * swing[:, 3:]).as_matrix()
     return poses
-
-
-def _turned(rotvec: FloatArray) -> FloatArray:
-    """Return the rotation by Rodrigues' formula."""
-    angle = float(np.linalg.norm(rotvec))
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = rotvec / angle
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    matrix: FloatArray = np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
-    return matrix
 
 
 @dataclass(eq=False)
