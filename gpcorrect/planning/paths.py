@@ -54,7 +54,7 @@ class DesiredPath:
         return last
 
 
-def reach(stops: FloatArray, pace: Pace, rate_hz: float = PATH_RATE_HZ) -> DesiredPath:
+def reach(stops: FloatArray, pace: Pace) -> DesiredPath:
     """Go from pose to pose in straight lines, at rest in each, turning evenly.
 
     Parameters
@@ -63,12 +63,10 @@ def reach(stops: FloatArray, pace: Pace, rate_hz: float = PATH_RATE_HZ) -> Desir
         Start, stops and goal.
     pace : Pace
         Speed, acceleration and rests.
-    rate_hz : float
-        Poses a second.
     """
     count = len(stops) - 1
-    path = tour(stops, range(count), [pace] * count, rate_hz)
-    return DesiredPath(np.arange(len(path.T_base_tip)) / rate_hz, path.T_base_tip)
+    path = tour(stops, range(count), [pace] * count, PATH_RATE_HZ)
+    return DesiredPath(np.arange(len(path.T_base_tip)) / PATH_RATE_HZ, path.T_base_tip)
 
 
 def circle(

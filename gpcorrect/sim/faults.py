@@ -40,7 +40,6 @@ def corrupted(
     faults : TrackerFaults
         How often, and how badly.
     rng : numpy.random.Generator
-        Chance.
 
     Returns
     -------

@@ -96,7 +96,6 @@ def joint_motion_plan(
     rate_hz : float
         Samples a second.
     rng : numpy.random.Generator
-        Chance.
     sessions : int
         The trajectories are divided evenly among them.
     payloads : sequence of float

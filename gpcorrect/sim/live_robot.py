@@ -175,7 +175,7 @@ class LiveRobot:
             case _:
                 raise DataError(f"a robot knows {', '.join(COMMANDS)}; got {command!r}.")
         if command != "resume":
-            self._stand()
+            self._path, self._target, self._coming = self._path[:0], self._setpoint, 0.0  # stay
 
     def servo_jp(self, q: FloatArray) -> None:
         """Go to joints at once: one of a stream of commands.
@@ -289,10 +289,6 @@ class LiveRobot:
         self._coming = max(0.0, self._coming - steps * self._live.step)
         path: FloatArray = self._setpoint + share * (self._target - self._setpoint)
         return path
-
-    def _stand(self) -> None:
-        """Stay where the setpoint is."""
-        self._path, self._target, self._coming = self._path[:0], self._setpoint, 0.0
 
     def _check_ready(self) -> None:
         if self.state != "ENABLED" or not self.is_homed:

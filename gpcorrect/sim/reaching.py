@@ -94,7 +94,6 @@ class Workspace:
         count : int
             How many.
         rng : numpy.random.Generator
-            Chance.
 
         Raises
         ------

@@ -122,7 +122,6 @@ def rehomed(model: Model, sessions: int, rng: np.random.Generator) -> Model:
     sessions : int
         Homings; one leaves the model as it is.
     rng : numpy.random.Generator
-        Chance.
     """
     if sessions == 1:
         return model

@@ -43,7 +43,6 @@ def write_completed(model: Model, path: Path) -> Written:
     Parameters
     ----------
     model : Model
-        Any model.
     path : Path
         Of the model file (TOML).
 

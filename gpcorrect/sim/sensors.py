@@ -25,7 +25,6 @@ class SensorNoise:
     Parameters
     ----------
     rng : numpy.random.Generator
-        Chance.
     white, slow : (d,) arrays or float
         Standard deviations of the two parts.
     phi : float
@@ -71,7 +70,6 @@ class Sensors:
     machine : Machine
         With its noise and effects.
     rng : numpy.random.Generator
-        Chance.
     """
 
     def __init__(self, machine: Machine, rng: np.random.Generator) -> None:

@@ -52,7 +52,6 @@ def hypotheses(
     Parameters
     ----------
     cameras : sequence of Camera
-        All cameras.
     candidates : sequence of sequence of Outline
         What each may see of the ball.
     radius : float or None
@@ -136,7 +135,6 @@ def acquire(
     Parameters
     ----------
     cameras : sequence of Camera
-        All cameras.
     target : Target
         The balls.
     candidates : sequence (cameras) of sequence (balls) of sequence of Outline

@@ -39,7 +39,6 @@ def annotated(frame: Frame, images: Sequence[Image | None], cameras: Sequence[Ca
     cameras : sequence of Camera
         That took them.
     target : Target
-        What is tracked.
 
     Returns
     -------

@@ -54,7 +54,6 @@ def find_corners(image: Image, board: Chessboard) -> FloatArray | None:
     image : (height, width, 3) or (height, width) uint8 array
         The picture.
     board : Chessboard
-        The board.
 
     Returns
     -------
@@ -86,7 +85,6 @@ def find_markers(
     Parameters
     ----------
     image : (height, width, 3) uint8 array
-        The picture.
     expected : mapping of marker to (2,) array
         Where each should be, px, to within half the way to the next one; NaN when it is out of sight.
     settings : CalibrationSettings
@@ -151,7 +149,6 @@ class LensCalibration:
     Parameters
     ----------
     intrinsics : Intrinsics
-        The lens.
     corners : tuple of (n, 2) arrays
         Of the boards that were used, px.
     poses : tuple of (2, 3) arrays
@@ -182,7 +179,6 @@ def calibrate_lens(
     corners : sequence of (n, 2) arrays
         In the order of `board.points`, px; at least three pictures, slanted differently.
     board : Chessboard
-        The board.
     size : (2,) tuple
         Width and height of the pictures, px.
     settings : CalibrationSettings

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from gpcorrect import se3
-from gpcorrect.atomic import atomic_path
+from gpcorrect.atomic import write_file
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 from gpcorrect.vision.boards import Chessboard
@@ -207,8 +207,7 @@ def write_cameras(cameras: Sequence[Camera], path: str | Path) -> None:
         }
         for c in cameras
     ]
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps({"format": FORMAT, "cameras": rows}, indent=1), encoding="utf-8")
+    write_file(path, json.dumps({"format": FORMAT, "cameras": rows}, indent=1))
 
 
 def read_target(path: str | Path) -> Target:

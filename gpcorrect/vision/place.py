@@ -65,11 +65,9 @@ def poses_from_board(
     corners : (n, 2) array
         Of the board, px.
     board : Chessboard
-        The board.
     T_tracker_board : (4, 4) array
         Its place, m.
     lens : Intrinsics
-        The lens.
 
     Returns
     -------
@@ -93,7 +91,6 @@ def poses_from_points(points: FloatArray, pixels: FloatArray, lens: Intrinsics) 
     pixels : (n, 2) array
         Where each is seen.
     lens : Intrinsics
-        The lens.
 
     Returns
     -------
@@ -199,7 +196,6 @@ class Bundle:
     Parameters
     ----------
     intrinsics : Intrinsics
-        The lens.
     placement : Placement
         The pose; its covariance now holds what the lens leaves open.
     corner_rms_px : float
@@ -229,7 +225,6 @@ def adjust(
     calibration : LensCalibration
         The lens from the boards alone, and their corners.
     board : Chessboard
-        The board.
     points, pixels : (n, 3) and (n, 2) arrays
         Known points (m) and where they are seen.
     placement : Placement

@@ -59,7 +59,6 @@ def outline(
     Parameters
     ----------
     image : (height, width, 3) uint8 array
-        The picture.
     circle : (3,) array
         Where the ball was found: u, v, radius, px.
     lens : Intrinsics

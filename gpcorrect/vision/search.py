@@ -100,7 +100,6 @@ def detect_near(
     Parameters
     ----------
     image : (height, width, 3) uint8 array
-        The picture.
     camera : Camera
         That took it.
     ball : BallSpec
@@ -142,7 +141,6 @@ def detect_everywhere(
     Parameters
     ----------
     image : (height, width, 3) uint8 array
-        The picture.
     camera : Camera
         That took it.
     ball : BallSpec

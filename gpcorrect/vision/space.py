@@ -313,7 +313,6 @@ def pose_from_observations(
     Parameters
     ----------
     cameras : sequence of Camera
-        All cameras.
     places : (b, 3) array
         Balls in the tool frame, m.
     observations : Observations

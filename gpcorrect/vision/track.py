@@ -184,7 +184,6 @@ def track(
     cameras : sequence of Camera
         Calibrated.
     target : Target
-        What is tracked.
     settings : TrackSettings, optional
         How.
     progress : Progress, optional

@@ -99,8 +99,6 @@ class Frame:
         What was measured in this very frame.
     balls : (b, 3) array
         Centres of the balls, tracker frame, m; NaN for a ball that fewer than two cameras see.
-    balls_std : (b, 3) array
-        Their standard deviations, m.
     views : tuple (cameras) of tuple (balls) of View
         What each camera saw.
     reprojection_px : float
@@ -111,7 +109,6 @@ class Frame:
     pose: Filtered
     measured: PoseFit | None
     balls: FloatArray
-    balls_std: FloatArray
     views: tuple[tuple[View, ...], ...]
     reprojection_px: float
 
@@ -124,7 +121,6 @@ class Tracker:
     cameras : sequence of Camera
         Calibrated; at least two.
     target : Target
-        What is tracked.
     settings : VisionSettings
         When a ball is one, when a view is trusted, how the tool may move.
     workers : int
@@ -202,7 +198,6 @@ class Tracker:
             pose,
             fit if pose.status == Status.MEASURED else None,
             np.array([none if p is None else p.position for p in located]),
-            np.array([none if p is None else np.sqrt(np.diag(p.covariance)) for p in located]),
             tuple(tuple(replace(view) for view in views) for views in self._views),
             float("nan") if fit is None else fit.rms,
         )

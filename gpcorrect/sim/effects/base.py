@@ -362,7 +362,6 @@ class ReadingEffect(Effect):
         motion : Motion
             The stretch.
         rng : numpy.random.Generator
-            Chance.
         memory : dict
             Empty at the start of a recording.
         """
@@ -373,7 +372,6 @@ class ReadingEffect(Effect):
         Parameters
         ----------
         rng : numpy.random.Generator
-            Chance.
         """
         return partial(self.advance, rng=rng, memory={})
 
