@@ -56,16 +56,6 @@ class Transmission:
         """
         return np.asarray(q, dtype=np.float64) @ self.matrix.T
 
-    def joint_torque(self, motor_torque: ArrayLike) -> FloatArray:
-        """Return the torques and forces (..., dof) on the joints that lossless motors exert.
-
-        Parameters
-        ----------
-        motor_torque : (..., dof) array
-            N m.
-        """
-        return np.asarray(motor_torque, dtype=np.float64) @ self.matrix
-
     def motor_torque(self, joint_torque: ArrayLike) -> FloatArray:
         """Return the torques (..., dof), N m, of lossless motors that exert these on the joints.
 

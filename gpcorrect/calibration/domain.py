@@ -103,8 +103,8 @@ class Domain:
             middle, half = (low + high) / 2, np.maximum((high - low) / 2, np.finfo(float).tiny)
             trained = 1 / (1 + 2 * LIMITS.margin)  # of the region, without its margins
             place = (inputs[..., self.fading] - middle) / half
-            share = np.clip((1 - np.abs(place)) / (1 - trained), 0, 1)
-            inputs[..., self.fading] = middle + share * half * np.clip(place, -trained, trained)
+            fraction = np.clip((1 - np.abs(place)) / (1 - trained), 0, 1)
+            inputs[..., self.fading] = middle + fraction * half * np.clip(place, -trained, trained)
         return inputs
 
     def holds(self, X: FloatArray, novelty: FloatArray) -> BoolArray:

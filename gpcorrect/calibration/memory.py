@@ -250,9 +250,9 @@ def lag_step(behind: FloatArray, moved: FloatArray, step: float, constants: Floa
     after = np.empty((len(constants), len(moved)))
     for t in range(len(constants)):
         left = np.exp(-step / constants[t])
-        share = (1.0 - left) * constants[t] / step
+        fraction = (1.0 - left) * constants[t] / step
         for j in range(len(moved)):
-            after[t, j] = behind[t, j] * left + (moved[j] * share if np.isfinite(moved[j]) else 0.0)
+            after[t, j] = behind[t, j] * left + (moved[j] * fraction if np.isfinite(moved[j]) else 0.0)
     return after
 
 

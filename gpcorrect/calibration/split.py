@@ -42,7 +42,7 @@ def hold_out_units(log: CalibrationLog, by: HoldOut = HoldOut.AUTO) -> IntArray:
 def held_out(
     log: CalibrationLog, holdout: float, by: HoldOut = HoldOut.AUTO, *, rng: np.random.Generator | None = None
 ) -> BoolArray:
-    """Return which samples `(n,)` to measure on: the last share of whole units, or a random one.
+    """Return which samples `(n,)` to measure on: the last fraction of whole units, or a random one.
 
     Parameters
     ----------

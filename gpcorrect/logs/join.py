@@ -221,7 +221,7 @@ def _doubt(found: TimeOffset, robot: FloatArray, take: FloatArray) -> str:
     if found.explained < SAME_MOTION:
         return f"at the best shift one explains only {found.explained:.0%} of the other."
     start, stop = max(robot[0] + found.offset, take[0]), min(robot[-1] + found.offset, take[-1])
-    share = (stop - start) / min(np.ptp(robot), np.ptp(take))
-    if share < IN_COMMON:
-        return f"at the best shift they share only {share:.0%} of the shorter recording."
+    fraction = (stop - start) / min(np.ptp(robot), np.ptp(take))
+    if fraction < IN_COMMON:
+        return f"at the best shift they share only {fraction:.0%} of the shorter recording."
     return ""

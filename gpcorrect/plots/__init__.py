@@ -1,7 +1,6 @@
 """Results in, figures out; the only place for matplotlib."""
 
-from gpcorrect.plots.discrepancy_evidence import nats_waterfall, posterior_bars, signature_correlation
-from gpcorrect.plots.discrepancy_gap import gap_chart
+from gpcorrect.plots.discrepancy_findings import gap_chart, nats_waterfall, posterior_bars, signature_correlation
 from gpcorrect.plots.discrepancy_residuals import loop_plots, residual_over_joints
 from gpcorrect.plots.held_out import (
     error_by_speed,

@@ -222,8 +222,8 @@ class LiveRobot:
         self._check_ready()
         self._check_limits(q)
         duration = PEAK * float((np.abs(q - self._setpoint) / self._speed).max())
-        share = minimum_jerk(max(duration, 0.05), 1.0 / self._live.step)[1:, None]
-        self._path = self._setpoint + share * (q - self._setpoint)
+        fraction = minimum_jerk(max(duration, 0.05), 1.0 / self._live.step)[1:, None]
+        self._path = self._setpoint + fraction * (q - self._setpoint)
 
     def servo_cp(self, T: FloatArray) -> None:
         """Go to a tool pose at once.
@@ -285,9 +285,9 @@ class LiveRobot:
             return np.concatenate([now, np.repeat(now[-1:], steps - len(now), axis=0)])
         if self._coming <= 0.0:
             return np.repeat(self._setpoint[None], steps, axis=0)
-        share = np.minimum(np.arange(1, steps + 1) * self._live.step / self._coming, 1.0)[:, None]
+        fraction = np.minimum(np.arange(1, steps + 1) * self._live.step / self._coming, 1.0)[:, None]
         self._coming = max(0.0, self._coming - steps * self._live.step)
-        path: FloatArray = self._setpoint + share * (self._target - self._setpoint)
+        path: FloatArray = self._setpoint + fraction * (self._target - self._setpoint)
         return path
 
     def _check_ready(self) -> None:

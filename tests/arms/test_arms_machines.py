@@ -104,13 +104,11 @@ def test_raven2_tool_motors_follow_the_jaw_equations(side, instrument):
 
 
 def test_transmission_keeps_power():
-    """Lossless cables keep power: tau_m . m' = tau_q . q'; torques to joints and back are the same."""
+    """Lossless cables keep power: tau_m . m' = tau_q . q'."""
     drive, rng = raven2("right").transmission, np.random.default_rng(2)
-    speed, motor_torque = rng.normal(size=(2, 5, 6))
-    power_motor = (motor_torque * drive.motor_from_joint(speed)).sum(axis=1)
-    power_joint = (drive.joint_torque(motor_torque) * speed).sum(axis=1)
-    np.testing.assert_allclose(power_joint, power_motor, rtol=1e-12)
-    np.testing.assert_allclose(drive.motor_torque(drive.joint_torque(motor_torque)), motor_torque, atol=1e-12)
+    speed, joint_torque = rng.normal(size=(2, 5, 6))
+    power_motor = (drive.motor_torque(joint_torque) * drive.motor_from_joint(speed)).sum(axis=1)
+    np.testing.assert_allclose(power_motor, (joint_torque * speed).sum(axis=1), rtol=1e-12)
 
 
 def test_transmissions_that_cannot_be_inverted_are_refused():

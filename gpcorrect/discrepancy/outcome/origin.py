@@ -1,4 +1,4 @@
-"""Where a result comes from, as it is told: recordings, seed, versions, thresholds, and what had to be assumed."""
+"""Where a result comes from, as it is reported: recordings, seed, versions, thresholds, and what had to be assumed."""
 
 from __future__ import annotations
 

@@ -91,10 +91,10 @@ def _noise_remark(state: Search) -> str:
 
 def _model_remarks(scene: Scene) -> list[str]:
     robot = robot_of(scene.model)
-    said = [] if robot is None else [f"robot file: {remark}" for remark in robot.remarks]
+    remarks = [] if robot is None else [f"robot file: {remark}" for remark in robot.remarks]
     parts = ("controller", "transmission", "links", "T_tracker_base")
     absent = [name for name in parts if getattr(scene.model, name) is None]
     if absent:
         names = ", ".join(absent)
-        said.append(f"absent from the model file, taken from the arm's description or from the data: {names}")
-    return said
+        remarks.append(f"absent from the model file, taken from the arm's description or from the data: {names}")
+    return remarks

@@ -78,7 +78,7 @@ class Dataset(Parts):
     time : (m,) array
         Of the condensed rows, s.
     block, part : (m,) int arrays
-        Their block, from 0 without gaps, and part (0 discovery, 1 confirmation, 2 sealed).
+        Their block, from 0 without gaps, and part (0 discovery, 1 confirmation, 2 test).
     still : (m,) bool array
         Whether nothing moved.
     """

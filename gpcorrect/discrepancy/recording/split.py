@@ -16,7 +16,7 @@ NOT_USED = -1  # block of a row that is left out
 
 
 class Parts:
-    """Rows by the part that they were dealt to: 0 discovery, 1 confirmation, 2 sealed."""
+    """Rows by the part that they were dealt to: 0 discovery, 1 confirmation, 2 test."""
 
     part: IntArray
 
@@ -45,7 +45,7 @@ class Split(Parts):
     block : (n,) int array
         Trajectory, or piece of a long one, each row belongs to; -1 for rows left out.
     part : (n,) int array
-        0 discovery, 1 confirmation, 2 sealed, -1 left out.
+        0 discovery, 1 confirmation, 2 test, -1 left out.
     remark : str
         How it was done.
     """

@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 ROUNDS = 3  # of aligning and taking the median; the second changes the configuration by less than the noise
-FLATNESS = 1e-3  # markers whose width is below this share of their length lie on a line
+FLATNESS = 1e-3  # markers whose width is below this fraction of their length lie on a line
 FRAMES = 500  # that are looked at for the marker that moves most against the others
 
 
@@ -184,7 +184,7 @@ def configuration(points: FloatArray) -> FloatArray:
         The markers lie on a line.
     """
     seen = np.asarray(np.isfinite(points).all(axis=2))
-    shown = f"they are seen in {', '.join(f'{share:.0%}' for share in seen.mean(axis=0))} of the frames."
+    shown = f"they are seen in {', '.join(f'{part:.0%}' for part in seen.mean(axis=0))} of the frames."
     first = int(np.argmax(seen.sum(axis=1)))
     if seen[first].sum() < 3:
         raise DataError(f"no frame shows three markers; {shown}")

@@ -254,8 +254,8 @@ def _fine_finding(
     if compared < MIN_COMPARED:
         return "too_few", f"only {compared:.1f} s of motion could be compared."
     if fit.explained < MIN_EXPLAINED:
-        share = f"{max(fit.explained, 0.0):.0%}"
-        return "unrelated", f"{reference} explains only {share} of where {observed} was."
+        fraction = f"{max(fit.explained, 0.0):.0%}"
+        return "unrelated", f"{reference} explains only {fraction} of where {observed} was."
     if fit.information < MIN_INFORMATION:
         return (
             "steady",

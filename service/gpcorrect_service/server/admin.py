@@ -151,13 +151,13 @@ class Health:
         """Return the state of this moment; FAULT also when a worker is gone."""
         active = self._parser.active
         now = active.now
-        alive = all(queue.alive for queue in self._queues.values())
+        queues = dict(self._queues)  # as they are now: while a server starts, more are added
         return HealthAnswer(
-            state=active.state if alive else "FAULT",
+            state=active.state if all(queue.alive for queue in queues.values()) else "FAULT",
             model_id=now.pose.id if now.pose else "",
             model_hash=now.pose.hash if now.pose else "",
             uptime=self._monotonic() - self._started,
-            queued={name: queue.waiting for name, queue in self._queues.items()},
+            queued={name: queue.waiting for name, queue in queues.items()},
             counts=self._counters.counts(),
             joint_model_id=now.joints.id if now.joints else "",
             joint_model_hash=now.joints.hash if now.joints else "",

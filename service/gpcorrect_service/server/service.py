@@ -197,8 +197,8 @@ class Server:
             capacity=s.queue_capacity,
             logger=self._logger,
         )
-        self._queues[kind] = queue
         queue.start()
+        self._queues[kind] = queue  # only now: a worker that does not run is a fault
         monotonic, throttled = self._clock.monotonic, kind in CORRECTIONS and math.isfinite(s.max_rate)
 
         def _receive(query: zenoh.Query) -> None:
@@ -214,8 +214,8 @@ class Server:
         """Listen to the robot's joints, and publish estimates."""
         s = self.settings
         queue, receive = stream_queue(session, self.active, s, self._counters, self._logger, self._clock.monotonic)
-        self._queues["estimate"] = queue
         queue.start()
+        self._queues["estimate"] = queue
         callback = zenoh.handlers.Callback(receive, indirect=False)
         self._queryables.enter_context(session.declare_subscriber(f"{s.arm}/{s.stream_key}", callback))
 

@@ -40,7 +40,7 @@ class Card:
 
 @dataclass(frozen=True)
 class Light:
-    """Where the light comes from, the share of it that is everywhere, and the exponent of highlights."""
+    """Where the light comes from, the fraction of it that is everywhere, and the exponent of highlights."""
 
     towards: tuple[float, float, float] = (0.25, -0.35, 0.9)
     ambient: float = 0.45
@@ -134,10 +134,10 @@ class Studio:
         u, v = _grid(left, top, right, bottom, self.samples)
         colour, hit = _seen(ball, self.lens, self.light, u, v)
         shape = (bottom - top, self.samples, right - left, self.samples)
-        share = hit.reshape(shape).mean(axis=(1, 3))
+        fraction = hit.reshape(shape).mean(axis=(1, 3))
         paint = (colour * hit[..., None]).reshape(*shape, 3).mean(axis=(1, 3))
         patch = image[top:bottom, left:right]
-        image[top:bottom, left:right] = patch * (1.0 - share[..., None]) + paint
+        image[top:bottom, left:right] = patch * (1.0 - fraction[..., None]) + paint
 
 
 def _grid(left: int, top: int, right: int, bottom: int, samples: int) -> tuple[FloatArray, FloatArray]:
