@@ -105,7 +105,7 @@ def test_a_disk_that_takes_nothing_changes_nothing(
     def refuse(*_: object) -> None:
         raise OSError(code, os.strerror(code))
 
-    places = {"write": (Path, "write_text"), "sync": (os, "fsync"), "rename": (Path, "replace")}
+    places = {"write": (Path, "write_bytes"), "sync": (os, "fsync"), "rename": (Path, "replace")}
     monkeypatch.setattr(*places[step], refuse)
     with pytest.raises(GpCorrectError, match=os.strerror(code)):
         store.activate(tuesday)
@@ -120,7 +120,7 @@ from pathlib import Path
 from gpcorrect.calibration import ModelStore
 step, folder = sys.argv[1], sys.argv[2]
 def die(*_): os._exit(9)
-if step == "before the write": Path.write_text = die
+if step == "before the write": Path.write_bytes = die
 if step == "before the sync": os.fsync = die
 if step == "before the rename": Path.replace = die
 if step == "after the rename":
