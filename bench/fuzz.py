@@ -25,7 +25,9 @@ FAULTS = ("traceback", "crash", "hang", "memory")
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--only", choices=["payloads", "readers", "models"])
-    options.add_argument("--kind", default="", help="only kinds of recordings or model files with this in their name")
+    options.add_argument(
+        "--kind", default="", help="only kinds of recordings or model files whose name this regular expression finds"
+    )
     options.add_argument("--model", type=Path, help="model for the payloads; without it a small one is fitted")
     options.add_argument("--long", action="store_true")
     options.add_argument("--payloads", type=int, help="another number of payloads")

@@ -101,8 +101,15 @@ def _unpack(hint: Any, data: Any, arrays: Mapping[str, Any]) -> Any:
     if origin is Mapping and isinstance(data, dict):
         return {name: _unpack(inner[1], item, arrays) for name, item in data.items()}
     if hint is Any or (data in inner if origin is Literal else type(data) in PLAIN.get(hint, ())):
-        return data
+        return _number(data) if hint is float else data
     raise DataError(f"cannot rebuild {hint} from {type(data).__name__}.")
+
+
+def _number(data: float) -> float:
+    try:
+        return float(data)
+    except OverflowError as error:
+        raise DataError("no floating-point number is as large as the stored integer.") from error
 
 
 def _array(hint: Any, data: Any, arrays: Mapping[str, Any]) -> Any:

@@ -109,6 +109,13 @@ def test_what_is_not_of_its_type_is_refused(place: str, value: object) -> None:
         unpack(Tree, {**data, place: value}, arrays)
 
 
+def test_an_integer_that_no_float_holds_is_no_number() -> None:
+    """Others become floats: what prints or computes them later meets no integer of 400 digits."""
+    assert isinstance(unpack(Bud, {"type": "Bud", "size": 3}, {}).size, float)
+    with pytest.raises(DataError, match="floating-point"):
+        unpack(Bud, {"type": "Bud", "size": 10**400}, {})
+
+
 def test_an_array_of_another_type_is_refused() -> None:
     """Text, or single precision, is no array of float64."""
     data, arrays = pack(make_tree(), "tree")

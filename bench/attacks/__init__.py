@@ -4,4 +4,16 @@ A scenario is a function that takes a :class:`attacks.lab.Lab` and returns a :cl
 module with its scenarios in a tuple `SCENARIOS`. A new group is one module and one name in `GROUPS` below.
 """
 
-GROUPS = ("commands", "replicas", "planners", "processes", "watching", "operators", "recordings", "sites")
+GROUPS = (
+    "commands",
+    "replicas",
+    "planners",
+    "processes",
+    "watching",
+    "operators",
+    "recordings",
+    "sites",
+    "metrics",
+    "histories",
+    "reaching",
+)

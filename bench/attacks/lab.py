@@ -92,6 +92,19 @@ class Lab:
         save(fit_model(log, FitSettings(method="linear", time_offset="none"), task=JointCorrector).corrector, path)
         return path
 
+    @cached_property
+    def jointed_model(self) -> Path:
+        """A model file of poses that are answered through the joints of a simulated dVRK."""
+        from gpcorrect.calibration import FitSettings, fit_model, save
+        from gpcorrect.sim import random_reaches_log
+
+        path, features = self.folder / "jointed.gpc", ("pose", "velocity", "joints")
+        settings = FitSettings(
+            features=features, clean=False, inducing=60, marker="none", time_offset="none", search_samples=100
+        )
+        save(fit_model(random_reaches_log("dvrk_psm", 16, 0, faults=False), settings).corrector, path)
+        return path
+
     def program(self, *words: str, ready: str) -> Program:
         """Run `gpcorrect WORDS` until the block ends, however that process was stopped meanwhile.
 
@@ -137,6 +150,8 @@ def fitted(path: Path, reaches: int) -> Path:
     from gpcorrect.calibration import FitSettings, fit_corrector, save
     from gpcorrect.sim import debridement_log
 
-    settings = FitSettings(clean=False, inducing=20, marker="none", time_offset="none")
+    settings = FitSettings(
+        features=("pose", "velocity"), clean=False, inducing=20, marker="none", time_offset="none", search_samples=60
+    )
     save(fit_corrector(debridement_log(reaches=reaches), settings), path)
     return path

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from service_bench import free_endpoint
 
 from attacks.lab import Lab, Scenario, Seen
-from attacks.programs import ENDS, refused
+from attacks.programs import ENDS, accepted
 
 MOMENTS = (0.2, 0.4, 0.7, 1.1, 1.6, 2.2)  # s after the start
 
@@ -29,7 +29,7 @@ def commands(lab: Lab) -> Seen:
             ("robot", "record", "-o", str(lab.folder / "run.txt"), "--seconds", "60", *at),
             ("serve", str(lab.joint_model), "--endpoint", free_endpoint()),
         ]
-        wrong = sum(not refused(words) for words in tried) + (there.read_text() != "precious")
+        wrong = accepted(tried) + (there.read_text() != "precious")
     return Seen(len(tried) + 1, wrong)
 
 

@@ -10,13 +10,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
 from service_bench import PATIENT
 
-__all__ = ["ENDS", "Program", "SettableClock", "held", "refused", "waited"]
+__all__ = ["ENDS", "Program", "SettableClock", "accepted", "held", "refused", "waited"]
 
 ENDS = 30.0  # s that a command has to end by itself
 FAREWELL = 10.0  # s that a program has to end when it is asked to
@@ -189,6 +190,12 @@ def refused(words: Sequence[str]) -> bool:
     except subprocess.TimeoutExpired:
         return False
     return done.returncode == 2 and "Traceback" not in done.stderr and "try:" in done.stderr
+
+
+def accepted(commands: Sequence[Sequence[str]]) -> int:
+    """How many of several commands are not refused as :func:`refused` says; as many at once as there are cores."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return sum(not one for one in pool.map(refused, commands))
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from scipy.io import savemat
 from service_bench import free_endpoint
 
 from attacks.lab import Lab, Scenario, Seen
-from attacks.programs import refused
+from attacks.programs import accepted
 from gpcorrect.calibration import FitSettings, evaluate_model, fit_model, load
 from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
 from gpcorrect.cli.options import read_logs
@@ -119,7 +119,7 @@ def forgeries(lab: Lab) -> Seen:
         spots = list(_places(header["model"]))
         node, key = spots[rng.integers(len(spots))]
         node[key] = VALUES[rng.integers(len(VALUES))]
-        _write(file, {**header, "seal": seal_of(header)}, arrays)
+        write(file, {**header, "seal": seal_of(header)}, arrays)
         try:
             load_any(file)
         except ArtifactError:
@@ -138,26 +138,26 @@ def misfits(lab: Lab) -> Seen:
         if ".predictor.parts.0." in name
     ]
     forged += [(lab.joint_model, "model.view.moving", joints["model.view.moving"] + 1)]
-    wrong = 0
-    for model, name, array in forged:
+    tried = []
+    for k, (model, name, array) in enumerate(forged):
         header, arrays = read_parts(model)
         header["digests"][name] = _digest(array)
-        _write(lab.folder / "misfit.gpc", {**header, "seal": seal_of(header)}, {**arrays, name: array})
+        file = lab.folder / f"misfit{k}.gpc"
+        write(file, {**header, "seal": seal_of(header)}, {**arrays, name: array})
         option = ["--joints"] if model == lab.joint_model else []
-        wrong += not refused(["serve", *option, str(lab.folder / "misfit.gpc"), "--endpoint", free_endpoint()])
-    return Seen(len(forged), wrong)
+        tried.append(["serve", *option, str(file), "--endpoint", free_endpoint()])
+    return Seen(len(forged), accepted(tried))
 
 
 def damaged(lab: Lab) -> Seen:
     """Look into MATLAB files whose numbers are of a type that does not exist, which crash SciPy's reader."""
-    file, wrong = lab.folder / "damaged.mat", 0
-    savemat(file, {"time": np.arange(30.0)})
-    whole = file.read_bytes()
-    for command in ("topics", "validate"):
-        for kind in KINDS:
-            file.write_bytes(whole[:TYPE] + bytes([kind]) + whole[TYPE + 1 :])
-            wrong += not refused([command, str(file)])
-    return Seen(2 * len(KINDS), wrong)
+    savemat(lab.folder / "whole.mat", {"time": np.arange(30.0)})
+    whole, tried = (lab.folder / "whole.mat").read_bytes(), []
+    for kind in KINDS:
+        file = lab.folder / f"damaged{kind}.mat"
+        file.write_bytes(whole[:TYPE] + bytes([kind]) + whole[TYPE + 1 :])
+        tried += [("topics", str(file)), ("validate", str(file))]
+    return Seen(len(tried), accepted(tried))
 
 
 def _places(node: Any) -> Any:
@@ -167,7 +167,7 @@ def _places(node: Any) -> Any:
         yield from _places(node[key])
 
 
-def _write(file: Path, header: dict[str, Any], arrays: dict[str, Any]) -> None:
+def write(file: Path, header: dict[str, Any], arrays: dict[str, Any]) -> None:
     contents = {"header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays}
     with file.open("wb") as out:
         np.savez(out, **contents)

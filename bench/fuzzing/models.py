@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -22,8 +23,20 @@ from support import ROOT
 
 from fuzzing.mutations import BYTES
 from fuzzing.trial import FAULTS, Trial, tried
-from gpcorrect.calibration import LEARNERS, FitSettings, JointCorrector, ModelStore, PositionEstimator, fit_model, save
+from gpcorrect.calibration import (
+    LEARNERS,
+    CommandCorrector,
+    FitSettings,
+    JointCorrector,
+    ModelStore,
+    PositionEstimator,
+    fit_model,
+    save,
+)
 from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
+from gpcorrect.calibration.poses import pose_pair
+from gpcorrect.cli.console import out
+from gpcorrect.cli.info import show_model
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.sim import debridement_log, preset, random_reaches_log
 from gpcorrect.types import CalibrationLog
@@ -31,10 +44,13 @@ from gpcorrect.types import CalibrationLog
 sys.path.insert(0, str(ROOT / "tests"))
 from joint_logs import joint_log
 
-POSES = (("gp", {"rigid": False}), *((method, {}) for method in LEARNERS if method != "ukf"))  # ukf: of joints only
+OTHERS = tuple(method for method in LEARNERS if method != "ukf")  # which is of joints only
+POSES: dict[str, dict[str, Any]] = {"gp not rigid": {"method": "gp", "rigid": False}}
+POSES |= {method: {"method": method} for method in OTHERS}
+POSES |= {f"gp {past}": {"method": "gp", "features": ("pose", "velocity", past)} for past in ("memory", "joints")}
 JOINTS = tuple(LEARNERS)
-POSITIONS = ("linear", "network", "gp")
-QUICK = {"inducing": 12, "layers": (5,), "epochs": 5, "time_offset": "none"}
+QUICK = {"inducing": 12, "search_samples": 60, "layers": (5,), "epochs": 5, "time_offset": "none"}
+STREAMED = 12  # samples
 SAME = 1e-9  # m, rad: answers that differ by rounding
 VALUES = (
     None,
@@ -70,7 +86,7 @@ def fuzz_models(count: int, seed: int = 0, only: str = "") -> dict[str, Any]:
     """Change every kind of model file, and the state of a store, `count` times; return what came of it, by kind."""
     with TemporaryDirectory() as folder:
         found = {m.name: change(m, count, seed) for m in models(Path(folder), only)}
-        if only in "store":
+        if re.search(only, "store"):
             found["store"] = change_store(Path(folder), count, seed)
     return found
 
@@ -81,21 +97,21 @@ def models(folder: Path, only: str = "") -> Iterator[Model]:
     assert simulated.T_tracker_base is not None
     frame = (*simulated.T_tracker_base.translation, *simulated.T_tracker_base.rotvec)
     reaches = random_reaches_log("raven2_left", 10, 0, faults=False, model=simulated)
-    logs = {
-        None: debridement_log(1, reaches=10, faults=False),
+    logs: dict[type[Any], CalibrationLog] = {
+        CommandCorrector: debridement_log(1, reaches=10, faults=False),
         JointCorrector: joint_log(1, trajectories=8, seconds=10.0),
         PositionEstimator: replace(reaches, meta=replace(reaches.meta, tracker_base=frame)),
     }
-    wanted = [(f"pose {m}{' not rigid' if more else ''}", None, m, {"marker": "none", **more}) for m, more in POSES]
-    wanted += [(f"joints {m}", JointCorrector, m, {}) for m in JOINTS]
-    wanted += [(f"tool position {m}", PositionEstimator, m, {}) for m in POSITIONS]
-    for name, task, method, more in wanted:
-        if only not in name:
+    wanted = [(f"pose {name}", CommandCorrector, {"marker": "none", **more}) for name, more in POSES.items()]
+    wanted += [(f"joints {m}", JointCorrector, {"method": m}) for m in JOINTS]
+    wanted += [(f"tool position {m}", PositionEstimator, {"method": m}) for m in OTHERS]
+    for name, task, more in wanted:
+        if not re.search(only, name):
             continue
-        log = logs[task]
-        settings = FitSettings(**{**QUICK, "method": method, "clean": name == "pose gp", **more})
+        log = reaches if "joints" in more.get("features", ()) else logs[task]
+        settings = FitSettings(**{**QUICK, "clean": name == "pose gp", **more})
         path = folder / f"{name.replace(' ', '_')}.gpc"
-        save(fit_model(log, settings, **({"task": task} if task else {})).corrector, path)
+        save(fit_model(log, settings, task=task).corrector, path)
         yield Model(name, path, log.select(log.trajectory < 2))
 
 
@@ -174,12 +190,32 @@ def _report(name: str, trial: Trial) -> None:
 
 
 def answers(path: Path, log: CalibrationLog) -> np.ndarray[Any, Any]:
-    """Load a model, describe it, and measure it on a recording."""
+    """Load a model, describe it, measure it on a recording, and answer the beginning of a stream."""
     with np.errstate(all="ignore"):
         model = load_any(path)
         json.dumps(model.summary)
+        with out.capture():
+            show_model(model, "")
+        model.caution_seen(log)
         measured = model.measure(log, np.ones(len(log), dtype=bool))
-        return np.hstack([measured.corrected, measured.interval95])
+        return np.vstack([np.hstack([measured.corrected, measured.interval95]), streamed(model, log)])
+
+
+def streamed(model: Any, log: CalibrationLog) -> np.ndarray[Any, Any]:
+    """Return what a stream of poses or joints is answered, a row a sample; nothing of another task."""
+    if isinstance(model, CommandCorrector):
+        observed = pose_pair(log)[0]
+        rows = observed.position if observed.quaternion is None else np.hstack([observed.position, observed.quaternion])
+        stream = model.stream()
+        found = [stream.correct(*row) for row in zip(log.time[:STREAMED], rows, strict=False)]
+        return np.array([np.hstack([one.position, np.zeros(3), one.interval95]) for one in found])
+    if not isinstance(model, JointCorrector):
+        return np.zeros((0, 6))
+    source, effort = model.query_path(log), log.measured_jf
+    stream = model.stream()
+    efforts = [None] * STREAMED if effort is None else effort
+    samples = zip(log.time[:STREAMED], source, efforts, strict=False)
+    return np.array([np.hstack([one.joints, one.interval95]) for one in (stream.correct(*s) for s in samples)])
 
 
 def altered(rng: np.random.Generator, header: Any, arrays: Any, _: bytes) -> bytes:

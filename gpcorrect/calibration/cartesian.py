@@ -23,7 +23,7 @@ from gpcorrect.calibration.stream import PoseStream
 from gpcorrect.calibration.task import Corrector, LearnLaw, Measured, Outcome
 from gpcorrect.cleaning import POSES, FittedCleaner, Pair
 from gpcorrect.correction import Correction, Reason
-from gpcorrect.errors import LogError
+from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import FeatureMap
 from gpcorrect.rigid import RigidModel, apply_residual, pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
@@ -31,7 +31,7 @@ from gpcorrect.velocity import twists
 
 __all__ = ["CommandCorrector"]
 
-POSITION = 3  # numbers of a pose without orientation
+POSITION, POSE, TWIST = 3, 7, 6  # numbers of a pose without orientation and with it, and of a velocity
 NO_MEMORY = np.zeros(0)
 
 
@@ -77,8 +77,25 @@ class CommandCorrector(Corrector):
         object.__setattr__(self, "check_queries", frozen_array(self.check_queries))
         object.__setattr__(self, "frame", frame(self.rigid, self.features))
         object.__setattr__(self, "region", np.array([self.law.domain.low, self.law.domain.high]))
+        self._check_fits()
         middle = (self.trained.low + self.trained.high) / 2
         self.correct([*middle, 1.0, 0.0, 0.0, 0.0])  # what is compiled at first use is compiled now
+
+    def _check_fits(self) -> None:
+        """Refuse parts that do not fit together before compiled code, which does not look, reads them."""
+        sizes, d = (3, 3) if self.has_orientation else (3,), self.features.n_features
+        laws = [(self.law, d)]
+        if self.memory is not None:
+            laws.append((self.memory.law, d + self.memory.states.size))
+        fits = self.features.spread.shape == (d,) and self.law.domain.low.shape == (d,)
+        fits = fits and self.trained.low.shape == self.trained.high.shape == (POSITION,)
+        for law, width in laws:
+            fits = fits and tuple(law.bounds.sizes) == sizes
+            single, rows = law.unguarded_one(np.zeros(width)), law.predict_rows(np.zeros((1, width)))
+            found = [np.shape(part) for part in (*single[:2], rows.residual[0], rows.interval95[0])]
+            fits = fits and found == 4 * [(sum(sizes),)]
+        if not fits or self.check_queries.shape[1:] != (POSE + TWIST,):
+            raise DataError(f"a model of poses with {d} features does not fit together.")
 
     @classmethod
     def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
@@ -367,11 +384,21 @@ class CommandCorrector(Corrector):
         return error_table(errors)
 
     def check_answers(self) -> FloatArray:
-        """See :class:`Corrector`."""
+        """See :class:`Corrector`: to each recorded query by itself, then with memory or through the arm's joints."""
         size = 7 if self.has_orientation else 3
         answers = [self.correct(query[:size], query[7:]) for query in self.check_queries]
         columns = [(a.position, a.quaternion, np.nan_to_num(a.std)) for a in answers]
-        return np.array([np.concatenate([part for part in parts if part is not None]) for parts in columns])
+        found = [np.array([np.concatenate([part for part in parts if part is not None]) for parts in columns])]
+        poses, twist = self.check_queries[:, :size], self.check_queries[:, 7:]
+        desired = PoseSignal(poses[:, :3], poses[:, 3:] if size > POSITION else None)
+        if self.memory is not None:
+            new = np.arange(len(poses)) == 0
+            recalled = self.correct_observed(desired, twist, self.rigid.apply(desired), new)
+            parts = (recalled.position, recalled.quaternion, np.nan_to_num(recalled.interval95))
+            found.append(np.hstack([part for part in parts if part is not None]))
+        if self.route is not None:
+            found.append(self.route.check_answers(self.rigid.apply(desired), self.law.bounds))
+        return np.vstack(found)
 
     @classmethod
     def learn(

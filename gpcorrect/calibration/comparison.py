@@ -61,6 +61,9 @@ def _flat(summary: Any, prefix: str = "") -> dict[str, Any]:
 def _commands_apart(one: CommandCorrector, other: CommandCorrector) -> dict[str, float]:
     queries = np.vstack([one.check_queries, other.check_queries])
     first, second = ([model.correct(q[:7], q[7:]) for q in queries] for model in (one, other))
+    if one.route is not None or other.route is not None:  # single poses say nothing of what paths are answered by
+        first += [one.correct_path([q[:7]], [0.0])[0] for q in queries]
+        second += [other.correct_path([q[:7]], [0.0])[0] for q in queries]
     apart = np.linalg.norm(np.array([a.position for a in first]) - np.array([a.position for a in second]), axis=1)
     turned = np.zeros(1)
     if one.has_orientation and other.has_orientation:

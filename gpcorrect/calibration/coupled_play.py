@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 from scipy.optimize import least_squares
 
+from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
 __all__ = ["CoupledPlay", "learn_coupled_play"]
@@ -51,6 +52,8 @@ class CoupledPlay:
     def __post_init__(self) -> None:
         object.__setattr__(self, "stiffness", frozen_array(self.stiffness))
         object.__setattr__(self, "gap", frozen_array(self.gap))
+        if self.gap.ndim != 1 or self.stiffness.shape != 2 * self.gap.shape:  # compiled code does not look
+            raise DataError(f"a play with gaps {self.gap.shape} has no stiffness {self.stiffness.shape}.")
 
     def lags(self, path: FloatArray, new: BoolArray) -> FloatArray:
         """Return the lags `(n, d)` of the joints behind `path` (n, d); where `new`, a path starts without any.

@@ -74,6 +74,12 @@ class JointFeatures:
     n_state: int
     used: IntArray
 
+    def __post_init__(self) -> None:
+        alike = {len(self.centre), len(self.half), len(self.centre if self.play is None else self.play.gap)}
+        unknown = "memory" in self.kinds and self.play is None and self.used.size
+        if len(alike) > 1 or np.ndim(self.lags) != 1 or unknown:
+            raise DataError(f"features of {len(self.centre)} joints do not fit together.")
+
     @classmethod
     def learn(cls, kinds: Sequence[str], path: JointPath, errors: FloatArray, rows: IntArray) -> JointFeatures:
         """Learn ranges, and for `memory` the coupled play.

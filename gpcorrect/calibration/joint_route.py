@@ -31,7 +31,7 @@ from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.rigid import apply_residual, pose_residual
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
-__all__ = ["JointRoute"]
+__all__ = ["JointRoute", "joints_of"]
 
 SAME_BRANCH = 1.0
 """rad or m that a command and its pose may be apart in joints: more is another branch of the inverse. By hand."""
@@ -125,43 +125,80 @@ class JointRoute:
             replace(settings, direction="command", features=(), input_signal="setpoint_jp", end_to_end=False),
             promising,
         )
-        corrector, rows = outcome.corrector, outcome.samples.rows
+        corrector = outcome.corrector
         assert isinstance(corrector, JointCorrector)
         anywhere = np.full(kinematics.chain.dof, np.inf)  # poses are looked at where they come in
         motion = TrainingMotion(-anywhere, anywhere, np.ones(kinematics.chain.dof), np.nan)
         unknown = IntervalCalibration(np.ones(6))
         route = cls(kinematics, replace(corrector, trained=motion), unknown)
-        in_joints = Correction(
-            position=None,
-            quaternion=None,
-            joints=asked[rows] - corrector.view.wide(outcome.left_out.errors),
-            std=corrector.view.wide(outcome.left_out.std),
-            interval95=np.full(asked[rows].shape, np.nan),
-            reasons=np.zeros(len(rows), dtype=np.int64),
-        )
-        answer = route.as_poses(pair[0][rows], wanted[rows], in_joints)
-        assert answer.position is not None
-        errors = pose_residual(PoseSignal(answer.position, answer.quaternion), pair[1][rows])
-        left_out, known = LeftOut(errors, answer.std, outcome.left_out.novelty), np.isfinite(errors).all(axis=1)
-        trajectory = outcome.samples.trajectory[rows][known]
-        intervals = IntervalCalibration.fit(errors[known], answer.std[known], trajectory)
-        intervals = intervals.widened(outcome.samples.widening)
-        outcome = replace(outcome, left_out=left_out, interval95=intervals.interval95(answer.std))
-        return replace(route, intervals=intervals), outcome
+        route, left_out = route.calibrated(joints, pair, outcome.samples, outcome.left_out)
+        return route, replace(outcome, left_out=left_out, interval95=route.intervals.interval95(left_out.std))
 
-    def samples(self, log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal]) -> Samples:
-        """Return complete samples of a log of poses as the law of joints sees them.
+    def samples(self, joints: CalibrationLog) -> Samples:
+        """Return samples as the law of joints sees them.
 
         Parameters
         ----------
-        log : CalibrationLog
-            n complete samples.
-        pair : two PoseSignal
-            Their references and commands.
+        joints : CalibrationLog
+            From :func:`joints_of`.
         """
-        joints = joints_of(log, pair, self.kinematics)
         assert joints.external_jp is not None
         return self.joints.samples(joints, np.asarray(np.isfinite(joints.external_jp).all(axis=1)))
+
+    def calibrated(
+        self, joints: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], samples: Samples, left_out: LeftOut
+    ) -> tuple[JointRoute, LeftOut]:
+        """Return the route with intervals that hold for left-out samples as poses, and what it leaves of these.
+
+        Parameters
+        ----------
+        joints : CalibrationLog
+            n samples, from :func:`joints_of`.
+        pair : two PoseSignal
+            Their references and commands.
+        samples : Samples
+            The same as the law of joints sees them.
+        left_out : LeftOut
+            Of the law of joints, at those of them that it learns from.
+        """
+        assert joints.setpoint_jp is not None
+        assert joints.external_jp is not None
+        rows, view = samples.rows, self.joints.view
+        told = Correction(
+            position=None,
+            quaternion=None,
+            joints=joints.setpoint_jp[rows] - view.wide(left_out.errors),
+            std=view.wide(left_out.std),
+            interval95=np.full((len(rows), len(view.types)), np.nan),
+            reasons=np.zeros(len(rows), dtype=np.int64),
+        )
+        answer = self.as_poses(pair[0][rows], joints.external_jp[rows], told)
+        assert answer.position is not None
+        errors = pose_residual(PoseSignal(answer.position, answer.quaternion), pair[1][rows])
+        known = np.isfinite(errors).all(axis=1)
+        intervals = IntervalCalibration.fit(errors[known], answer.std[known], samples.trajectory[rows][known])
+        left_out = LeftOut(errors, answer.std, left_out.novelty)
+        return replace(self, intervals=intervals.widened(samples.widening)), left_out
+
+    def check_answers(self, reference: PoseSignal, bounds: Bounds) -> FloatArray:
+        """Return answers `(2 n, 13)` to poses, each by itself and then as a path: position, wxyz, half intervals.
+
+        Parameters
+        ----------
+        reference : PoseSignal
+            n poses in the command's frame.
+        bounds : Bounds
+            Largest believed correction of a pose.
+        """
+        time: FloatArray = np.arange(len(reference), dtype=np.float64) * self.joints.usual_step
+        found = []
+        for session in (np.arange(len(reference)), np.zeros(len(reference), dtype=np.int64)):
+            answer = self.correct(reference, time, session, bounds)
+            assert answer.position is not None
+            assert answer.quaternion is not None
+            found.append(np.hstack([answer.position, answer.quaternion, answer.interval95]))
+        answers: FloatArray = np.nan_to_num(np.vstack(found))
+        return answers
 
     def correct(self, reference: PoseSignal, time: FloatArray, session: IntArray, bounds: Bounds) -> Correction:
         """Return what to command along a path of reference poses; NaN where the arm comes not near.

@@ -20,6 +20,7 @@ from gpcorrect.atomic import atomic_path
 from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.joints import JointCorrector
+from gpcorrect.calibration.summary import check_summary
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.tool_position import PositionEstimator
 from gpcorrect.codec import pack, unpack
@@ -40,8 +41,8 @@ __all__ = [
     "task_of",
 ]
 
-SCHEMA = 5
-"""5: with the model's history."""
+SCHEMA = 6
+"""5: with the model's history. 6: memory and joints of poses are asked check queries too."""
 OLDEST = 4
 """That is read: with where and how fast the training moved; files of before are fitted anew."""
 TASKS: dict[str, type[Corrector]] = {t.TASK: t for t in (CommandCorrector, JointCorrector, PositionEstimator)}
@@ -143,10 +144,13 @@ def _built(path: str | Path, kind: type[Any], header: Header, arrays: Arrays) ->
     try:
         with np.errstate(all="ignore"):  # forged numbers overflow; what comes of it is compared below
             corrector = unpack(kind, header["model"], arrays)
+            check_summary(corrector.summary)
             given = corrector.check_answers()
         expected = np.array(header.get("check"), dtype=np.float64)
     except Exception as error:  # whatever numbers of the wrong kind, shape or size make the code of a model raise
         raise refused(path, f"its contents do not form a model ({error})") from error
+    if header["schema"] < SCHEMA:
+        given = given[: len(expected)]
     if expected.shape != given.shape or not np.allclose(expected, given, rtol=0, atol=CHECK_TOLERANCE):
         raise refused(path, "it answers its own check queries otherwise than when it was saved")
     return corrector

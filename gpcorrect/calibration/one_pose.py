@@ -97,6 +97,10 @@ def inputs(
     near : bool
         Whether the inputs lie inside their bounds.
     """
+    kind, moving = int(f.kind[0]), int(f.kind[1])
+    turned = 0 if kind == NO_ROTATION else 6 if kind == COLUMNS else 3
+    if 3 + turned + moving + len(memory) != len(f.spread):  # before anything is written
+        raise ValueError("the features do not fit the frame")
     x, rotation = np.empty(len(f.spread)), np.zeros((3, 3))
     rotation[0, 0] = rotation[1, 1] = rotation[2, 2] = 1.0
     if not (_sane(pose) and _sane(twist)):
@@ -119,14 +123,12 @@ def inputs(
     position = _turn(f.R_position, arm)
     _add(position, f.t)
     _write(position, x, 0)
-    filled = 3 + _write_rotation(rotation, f, x)
-    moving = int(f.kind[1])
+    _write_rotation(rotation, f, x)
+    filled = 3 + turned
     if moving > 0:
         _write(_turn(f.R_position, linear), x, filled)
     if moving > 3:
         _write(_turn(f.R_left, twist[3:]), x, filled + 3)
-    if filled + moving + len(memory) != len(x):
-        raise ValueError("the memory features do not fit the frame")
     _write(memory, x, filled + moving)
     for i in range(len(x)):
         x[i] /= f.spread[i]
@@ -244,22 +246,18 @@ def rotvec_from_matrix(R: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
-def _write_rotation(R: FloatArray, f: Frame, x: FloatArray) -> int:
-    """Write the rotation's features behind the position's, see `gpr.features`; return how many there are."""
+def _write_rotation(R: FloatArray, f: Frame, x: FloatArray) -> None:
+    """Write the rotation's features behind the position's, see `gpr.features`."""
     kind = int(f.kind[0])
-    if kind == NO_ROTATION:
-        return 0
     if kind == COLUMNS:
         for i in range(3):
             x[3 + i], x[6 + i] = R[i, 0], R[i, 1]
-        return 6
-    if kind == EULER:
+    elif kind == EULER:
         angles, centre = _fixed_axes_angles(R), _fixed_axes_angles(f.R_mean)
         for i in range(3):
             x[3 + i] = centre[i] + (angles[i] - centre[i] + pi) % (2 * pi) - pi
-        return 3
-    _write(rotvec_from_matrix(_product(R, f.R_mean.T)), x, 3)
-    return 3
+    elif kind == ROTVEC:
+        _write(rotvec_from_matrix(_product(R, f.R_mean.T)), x, 3)
 
 
 @njit(cache=True)

@@ -19,6 +19,7 @@ from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.evaluate import Evaluation, evaluate_model
 from gpcorrect.calibration.history import step_now
+from gpcorrect.calibration.joint_route import JointRoute, joints_of
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import GPMap
 from gpcorrect.calibration.pose_samples import PosePairs
@@ -26,9 +27,9 @@ from gpcorrect.calibration.split import folds_of, held_out
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.errors import DataError
-from gpcorrect.gpr import IntervalCalibration, Predictor, Statistics
+from gpcorrect.gpr import IntervalCalibration, LeftOut, Predictor, Statistics
 from gpcorrect.gpr.statistics import statistics_of, updated
-from gpcorrect.types import CalibrationLog, FloatArray, IntArray, Progress
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
 
 __all__ = ["KEEPS", "Update", "update_model"]
 
@@ -107,19 +108,17 @@ def update_model(
     keep = corrector.clean_afresh(train).keep
     with threadpool_limits(limits=1):
         samples = corrector.samples(train, keep)
-        law, weight, unseen = _learn(corrector.law, samples, progress)
+        law, weight, unseen, _ = _learn(corrector.law, samples, progress)
         changed: Corrector = replace(corrector, law=law)
         if isinstance(corrector, CommandCorrector) and corrector.memory is not None:
             samples = corrector.samples(train, keep, with_memory=True)
-            law, weight, unseen = _learn(corrector.memory.law, samples, progress)
+            law, weight, unseen, _ = _learn(corrector.memory.law, samples, progress)
             changed = replace(corrector, law=changed.law, memory=replace(corrector.memory, law=law))
         if isinstance(corrector, CommandCorrector) and corrector.route is not None:
-            route = corrector.route
             pairs = PosePairs.of(train, keep, corrector.velocity_step)
             pair = (corrector.rigid.apply(pairs.observed), pairs.command)
-            samples = route.samples(train.select(pairs.rows), pair)
-            law, weight, unseen = _learn(route.joints.law, samples, progress)
-            changed = replace(corrector, law=changed.law, route=replace(route, joints=replace(route.joints, law=law)))
+            route, samples, weight, unseen = _learn_route(corrector.route, train.select(pairs.rows), pair, progress)
+            changed = replace(corrector, law=changed.law, route=route)
     n = len(samples.rows)
     entry = {"source": log.name, "sha256": log.digest, "recordings": list(log.recordings), "n_added": n, "keep": weight}
     summary = {**corrector.summary, "updates": [*corrector.summary.get("updates", []), entry]}
@@ -135,8 +134,29 @@ def update_model(
     return Update(changed, weight, n, unseen, before, after)
 
 
-def _learn(law: Law, samples: Samples, progress: Progress) -> tuple[Law, float, float]:
-    """Return the law that learned from the samples too, the weight of the old data, and what points cannot see."""
+def _learn_route(
+    route: JointRoute, log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], progress: Progress
+) -> tuple[JointRoute, Samples, float, float]:
+    """Return the route that learned from a log of poses too, its samples, and the rest of :func:`_learn`.
+
+    Intervals of poses are calibrated anew as those of the joints are: errors that have changed in the joints have
+    changed in the poses.
+    """
+    joints = joints_of(log, pair, route.kinematics)
+    samples = route.samples(joints)
+    law, weight, unseen, left_out = _learn(route.joints.law, samples, progress)
+    fresh, _ = replace(route, joints=replace(route.joints, law=law)).calibrated(joints, pair, samples, left_out)
+    if len(np.unique(samples.trajectory[samples.rows])) < ENOUGH:
+        factor = np.maximum(fresh.intervals.factor, route.intervals.factor)
+        fresh = replace(fresh, intervals=IntervalCalibration(factor))
+    return fresh, samples, weight, unseen
+
+
+def _learn(law: Law, samples: Samples, progress: Progress) -> tuple[Law, float, float, LeftOut]:
+    """Return the law that learned from the samples too, the weight of the old data, what points cannot see.
+
+    And last what is left of the samples, each predicted without its own fold.
+    """
     learned = law.learned
     if not isinstance(learned, GPMap):
         raise DataError("only Gaussian processes take more data.", hint="Fit again: --method gp")
@@ -145,7 +165,7 @@ def _learn(law: Law, samples: Samples, progress: Progress) -> tuple[Law, float, 
     left = target - law.zero - (0.0 if learned.linear is None else learned.linear.mean(law.inputs(X)))
     part = _Part(learned.predictor, law.intervals, learned.statistics)
     chosen, trajectory = X[:, learned.columns], samples.trajectory[samples.rows]
-    fresh, weight, unseen = part.with_samples(chosen, left, trajectory, progress)
+    fresh, weight, unseen, left_out = part.with_samples(chosen, left, trajectory, progress)
     bounded = len(law.domain.low)
     grown = Domain.of(X[:, :bounded], np.zeros(bounded), law.domain.novelty, correction)
     changed = Law(
@@ -155,7 +175,7 @@ def _learn(law: Law, samples: Samples, progress: Progress) -> tuple[Law, float, 
         bounds=law.bounds.widened(Bounds.of(correction, law.bounds.sizes)),
         zero=law.zero,
     )
-    return changed, weight, unseen
+    return changed, weight, unseen, left_out
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +188,8 @@ class _Part:
 
     def with_samples(
         self, X: FloatArray, Y: FloatArray, trajectory: IntArray, progress: Progress
-    ) -> tuple[_Part, float, float]:
-        """Return the part that learned from the samples too, the weight of the old data, and what points cannot see.
+    ) -> tuple[_Part, float, float, LeftOut]:
+        """Return the part that learned from the samples too, and the rest of :func:`_learn`.
 
         Parameters
         ----------
@@ -195,7 +215,8 @@ class _Part:
         predictor = Predictor(tuple(map(updated, self.predictor.parts, statistics)))
         intervals = self._calibrated(*tries[best], trajectory)
         unseen = max(added.unseen(len(added.G)) for added in new)
-        return _Part(predictor, intervals, statistics), KEEPS[best], unseen
+        left_out = LeftOut(*tries[best], np.zeros(len(X)))
+        return _Part(predictor, intervals, statistics), KEEPS[best], unseen, left_out
 
     def _collected(self, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
         found, first = [], 0

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.plain import json_ready
@@ -27,6 +28,7 @@ __all__ = [
     "progress_bar",
     "show_errors",
     "split_names",
+    "styled",
 ]
 
 
@@ -34,7 +36,17 @@ WIDEST_TABLE = 10_000
 """Characters: more than any table has."""
 
 
-class _Remarks(Console):
+class _Plain(Console):
+    """Words come out as they are: brackets in them are no markup, and control characters are shown and not obeyed."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, markup=False, emoji=False, soft_wrap=True, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        return super().render_str(_visible(text), **options)
+
+
+class _Remarks(_Plain):
     """Standard error: a remark that cannot be written (a full disk) is lost, and the command goes on."""
 
     def print(self, *objects: Any, **options: Any) -> None:
@@ -42,8 +54,8 @@ class _Remarks(Console):
             super().print(*objects, **options)
 
 
-out = Console(highlight=False, soft_wrap=True, width=WIDEST_TABLE)  # the terminal wraps; no number is cut off
-err = _Remarks(stderr=True, highlight=False, soft_wrap=True)
+out = _Plain(width=WIDEST_TABLE)  # the terminal wraps; no number is cut off
+err = _Remarks(stderr=True)
 
 BAD_INPUT = 2  # exit status, as of a wrong option
 
@@ -56,9 +68,9 @@ def bad_input(error: GpCorrectError) -> int:
     error : GpCorrectError
         Its message and hint are shown.
     """
-    err.print(f"[bold red]error:[/] {_plain(error.message)}")
+    err.print(styled(("error:", "bold red"), " ", error.message))
     if error.hint:
-        err.print(f"[bold]  try:[/] {_plain(error.hint)}")
+        err.print(styled(("  try:", "bold"), " ", error.hint))
     return BAD_INPUT
 
 
@@ -70,11 +82,26 @@ def note(text: str) -> None:
     text : str
         One sentence.
     """
-    err.print(f"[yellow]note:[/] {_plain(text)}")
+    err.print(styled(("note:", "yellow"), " ", text))
 
 
-def _plain(text: str) -> str:
-    return text.replace("[", r"\[")
+def styled(*parts: str | tuple[str, str]) -> Text:
+    """Return a line of texts, or of texts with their styles.
+
+    Parameters
+    ----------
+    *parts : str or (str, str)
+        Text; with a style as rich names it, such as "bold red".
+    """
+    pairs = [(part, "") if isinstance(part, str) else part for part in parts]
+    return Text.assemble(*((_visible(text), style) for text, style in pairs))
+
+
+def _visible(text: str) -> str:
+    """Return a text with its control characters, and what no file can be written in, as escapes."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
 
 
 def print_json(value: Any) -> None:
@@ -103,7 +130,7 @@ def print_result(facts: Mapping[str, Any], words: str, *, as_json: bool) -> None
     if as_json:
         print_json(dict(facts))
     else:
-        out.print(words, markup=False)
+        out.print(words)
 
 
 def split_names(text: str) -> tuple[str, ...]:
@@ -156,7 +183,7 @@ def plain_table(*columns: str, title: str | None = None, left: int = 1) -> Table
     """
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for number, column in enumerate(columns):
-        table.add_column(_plain(column), justify="left" if number < left else "right", no_wrap=True)
+        table.add_column(column, justify="left" if number < left else "right", no_wrap=True)
     return table
 
 

@@ -173,12 +173,12 @@ def _show_answer(answer: Answer) -> None:
     """Print one correction for people: mm and degrees for what is uncertain."""
     import numpy as np
 
-    out.print(f"command  position \\[m]     {_numbers(answer.position, 6)}")
+    out.print(f"command  position [m]     {_numbers(answer.position, 6)}")
     if answer.quaternion is not None:
         out.print(f"         quaternion wxyz  {_numbers(answer.quaternion, 6)}")
-    out.print(f"95 %     position \\[mm]    +- {_numbers(1e3 * answer.interval95[:3], 2)}")
+    out.print(f"95 %     position [mm]    +- {_numbers(1e3 * answer.interval95[:3], 2)}")
     if np.isfinite(answer.interval95[3:]).any():
-        out.print(f"         rotation \\[deg]   +- {_numbers(np.rad2deg(answer.interval95[3:]), 2)}")
+        out.print(f"         rotation [deg]   +- {_numbers(np.rad2deg(answer.interval95[3:]), 2)}")
     out.print(f"status   {answer.status}" + (f": {answer.reason}" if answer.reason else ""))
 
 

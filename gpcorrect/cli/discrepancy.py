@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gpcorrect.atomic import make_folder, write_file
-from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar
+from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, styled
 from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler, read_logs
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def run(
     if json:
         print_json(report)
         return
-    out.print(f"[bold]{verdict_sentence(result)}[/]")
+    out.print(styled((verdict_sentence(result), "bold")))
     out.print(_gap_table(result.gap))
     out.print(f"next: {next_step(result)}")
     robot = "" if written.robot is None else f"   robot: {written.robot}"
@@ -101,7 +101,7 @@ def _gap_table(gaps: Sequence[ChannelGap]) -> Table:
         scale, symbol = in_reader_units(1.0, gap.channel.unit)
         sizes = [number(scale * size) for size in (gap.before, gap.after, gap.noise)]
         closed = f"{100 * gap.closed:.0f} %" if isfinite(gap.closed) else "–"
-        table.add_row(f"{channel_words(gap.channel)} [{symbol}]".replace("[", r"\["), *sizes, closed)
+        table.add_row(f"{channel_words(gap.channel)} [{symbol}]", *sizes, closed)
     return table
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 from gpcorrect.atomic import atomic_path, make_folder, require_folder
-from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, split_names
+from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, split_names, styled
 from gpcorrect.cli.options import (
     Clean,
     Holdout,
@@ -168,7 +168,7 @@ def _write_report(experiment: Experiment, folder: Path) -> None:
 
 def _caution(sentences: tuple[str, ...]) -> None:
     for sentence in sentences:
-        err.print(f"[yellow]caution:[/] {sentence}")
+        err.print(styled(("caution:", "yellow"), " ", sentence))
 
 
 def _show(experiment: Experiment, result: dict[str, Any], output: Path, report: Path | None) -> None:

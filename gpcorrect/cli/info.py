@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from gpcorrect.calibration import Corrector, HeldOut, Step
 
-__all__ = ["info", "rmse_words", "versions_words"]
+__all__ = ["info", "rmse_words", "show_model", "versions_words"]
 
 DIGITS = 12
 """Hexadecimal digits of a digest that are shown to people, as in `gpcorrect models list`; JSON holds all."""
@@ -38,6 +38,19 @@ def info(
         described = {"file": str(model), "hash": digest, "task": corrector.TASK, "bytes": model.stat().st_size}
         print_json({**described, "history": [asdict(s) for s in corrector.history], "model": corrector.info()})
         return
+    show_model(corrector, digest)
+
+
+def show_model(corrector: Corrector, digest: str) -> None:
+    """Print for people what a model remembers.
+
+    Parameters
+    ----------
+    corrector : Corrector
+        Of any task.
+    digest : str
+        SHA-256 of its file.
+    """
     table = plain_table("", "", left=2)
     table.show_header = False
     for name, value in _facts(corrector, digest).items():
@@ -93,10 +106,10 @@ def _facts(corrector: Corrector, digest: str) -> dict[str, str]:
 
 
 def _show_step(step: Step) -> None:
-    out.print(f"\n{step.what} of {step.date}", markup=False)
-    out.print(f"  $ {step.command}", markup=False)
-    out.print(f"  data {step.source} {step.sha256[:DIGITS]}", markup=False)
-    out.print(f"  with {versions_words(step)}", markup=False)
+    out.print(f"\n{step.what} of {step.date}")
+    out.print(f"  $ {step.command}")
+    out.print(f"  data {step.source} {step.sha256[:DIGITS]}")
+    out.print(f"  with {versions_words(step)}")
     if step.held_out is None:
         out.print("  nothing was held out")
     else:

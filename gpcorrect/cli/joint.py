@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 from gpcorrect.atomic import require_folder
-from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names
+from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names, styled
 from gpcorrect.cli.options import Clean, Columns, Holdout, HoldOutBy, Json, Logs, ModelOutput, Seed, one_of, read_logs
 from gpcorrect.errors import DataError
 
@@ -237,6 +237,6 @@ def _show_methods(rows: list[dict[str, Any]], n_test: int) -> None:
     best = [min(row["errors"][j]["rmse"] for row in rows) for j in range(len(joints))]
     for row in rows:
         found = zip([leaf["rmse"] for leaf in row["errors"]], best, strict=True)
-        cells = [f"[bold]{rmse:.4f}[/]" if rmse == least else f"{rmse:.4f}" for rmse, least in found]
+        cells = [styled((f"{rmse:.4f}", "bold" if rmse == least else "")) for rmse, least in found]
         table.add_row(row["method"], *cells, f"{row['seconds']:.1f}")
     out.print(table)

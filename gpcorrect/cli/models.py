@@ -173,7 +173,7 @@ def state(
         print_json([{"replica": answer.replica, "state": answer.state} for answer in answers])
         return
     for answer in answers:
-        out.print(f"{answer.replica}: {answer.state}", markup=False)
+        out.print(f"{answer.replica}: {answer.state}")
 
 
 def _operator(place: Place | ServicePlace) -> Operator:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from gpcorrect.cli.console import err, out, print_json, print_result
+from gpcorrect.cli.console import err, out, print_json, print_result, styled
 from gpcorrect.cli.options import SERVICE, ArmName, Config, Json, KeyRoot
 from gpcorrect.cli.processes import stop_signal
 
@@ -77,10 +77,10 @@ def doctor(
     for finding in examine(settings):
         findings.append(finding)
         if not json:
-            mark = "[green]well[/]" if finding.well else "[bold red]wrong[/]"
-            out.print(f"{mark:<6} {finding.step:<7} {finding.what}  {finding.cause}")
+            mark = ("well  ", "green") if finding.well else ("wrong ", "bold red")
+            out.print(styled(mark, f" {finding.step:<7} {finding.what}  {finding.cause}"))
             if finding.next_step and not finding.well:
-                out.print(f"       [bold]try:[/] {finding.next_step}")
+                out.print(styled("       ", ("try:", "bold"), " ", finding.next_step))
     if json:
         print_json([asdict(finding) for finding in findings])
     raise typer.Exit(0 if all(finding.well for finding in findings) else 1)

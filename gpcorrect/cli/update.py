@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gpcorrect.atomic import require_folder, write_file
-from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors
+from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, styled
 from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Reading, takes_groups
 from gpcorrect.errors import DataError
 
@@ -98,7 +98,7 @@ def _show_update(found: Update, target: Path, *, written: bool) -> None:
             "fit anew to old and new recordings to learn there"
         )
     if found.worse:
-        err.print(f"[yellow]worse:[/] the held-out error grew in {' and '.join(found.worse)}")
+        err.print(styled(("worse:", "yellow"), f" the held-out error grew in {' and '.join(found.worse)}"))
     out.print(f"model: {target}" if written else "nothing was written; write all the same with --force")
 
 
@@ -138,7 +138,7 @@ def drift(
     if age is not None and len(age) != len(logs):
         raise DataError(f"give one --age a log: {len(logs)} logs, {len(age)} ages.", hint="In the order of the logs.")
     corrector = load_any(model)
-    baseline = np.asarray(corrector.summary["baseline"], dtype=np.float64)
+    baseline = np.asarray(corrector.summary.get("baseline", ()), dtype=np.float64)
     parts, ages, recorded = [], [], 0.0
     for i, path in enumerate(logs):
         log = reading.log([path])
@@ -194,10 +194,9 @@ def _show_drift(found: Detection, ageing: Ageing, unit: str, where: IntArray, lo
     if found.alarm is None:
         out.print(f"no alarm: evidence of drift reached {found.evidence.max():.3g} of {found.threshold:g}")
     else:
-        out.print(
-            f"[bold red]drift:[/] alarm at trajectory {found.alarm + 1} of {len(found.scores)}, in "
-            f"{logs[int(where[found.alarm])]}; a false one comes at most once in {found.threshold:g} on average"
-        )
+        place = f" alarm at trajectory {found.alarm + 1} of {len(found.scores)}, in {logs[int(where[found.alarm])]}"
+        rarely = f"; a false one comes at most once in {found.threshold:g} on average"
+        out.print(styled(("drift:", "bold red"), place, rarely))
     if ageing.remaining is None or ageing.remaining95 is None:
         out.print("not ageing: errors do not grow with time beyond chance, so no end is in sight")
     elif ageing.remaining == 0:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpcorrect.cli.console import out, plain_table, print_json
+from gpcorrect.cli.console import out, plain_table, print_json, styled
 from gpcorrect.cli.options import (
     Arm,
     Columns,
@@ -114,7 +114,7 @@ def topics(
     for part in found.parts:
         table.add_row(part.name, part.kind, str(part.samples), part.detail)
     out.print(f"{log}: {found.title}")
-    out.print(table, markup=False)
+    out.print(table)
     out.print(f"a mapping file ({output or 'save it and give it with --columns'}):")
     typer.echo(found.mapping, nl=False)
 
@@ -144,7 +144,7 @@ def convert(
         print_json({**facts, "extra_columns": sorted(recording.extra), "remarks": list(recording.remarks)})
         return
     for remark in recording.remarks:
-        out.print(f"[dim]read    [/] {remark}")
+        out.print(styled(("read    ", "dim"), " ", remark))
     out.print(f"{len(recording)} samples of {', '.join(recording.signals)} -> {output}")
 
 
@@ -160,19 +160,19 @@ def _show(report: ValidationReport, uses: tuple[Use, ...]) -> None:
         table.add_row(name, f"{100 * signal['missing']:.2g} %", ranges + turned)
     out.print(table)
     for remark in facts["remarks"]:
-        out.print(f"[dim]read    [/] {remark}")
+        out.print(styled(("read    ", "dim"), " ", remark))
     for finding in report.findings:
         about = f"{finding.signal}: " if finding.signal else ""
-        out.print(f"[{STYLE[finding.severity]}]{finding.severity:8}[/] {about}{finding.message}")
+        out.print(styled((f"{finding.severity:8}", STYLE[finding.severity]), " ", about, finding.message))
         if finding.hint and finding.severity != "info":
-            out.print(f"         [dim]{finding.hint}[/]")
+            out.print(styled("         ", (finding.hint, "dim")))
     able = [use.command for use in uses if not use.refusal]
     for use in uses if able else ():
         if use.refusal:
-            out.print(f"[dim]{'not for':8} {use.command}: {use.refusal}[/]")
+            out.print(styled((f"{'not for':8} {use.command}: {use.refusal}", "dim")))
     verdict = f"can be used for {', '.join(able)}" if report.ok else "mend the errors first"
     counts = f"{len(report.errors)} errors, {len(report.warnings)} warnings"
-    out.print(f"[bold]{verdict}[/] ({counts})")
+    out.print(styled((verdict, "bold"), f" ({counts})"))
 
 
 def _recording(facts: Mapping[str, Any]) -> str:

@@ -142,7 +142,14 @@ class Predictor:
             Standard deviation of a new observation: latent variance and noise.
         novelty : float
             Fraction of the prior variance that is left, of the group known least: 0 amid data, 1 far from all.
+
+        Raises
+        ------
+        DataError
+            The input has another length.
         """
+        if len(x) != self.tables.origin.shape[1]:  # compiled code does not look
+            raise DataError(f"a predictor of {self.tables.origin.shape[1]} inputs was asked about {len(x)}.")
         # A copy: another layout or a read-only array would be compiled for anew.
         return predict_one(np.array(x, dtype=np.float64), self.tables)
 

@@ -17,7 +17,8 @@ from joint_logs import joint_log
 from support import short_search, small_log
 
 from gpcorrect.atomic import atomic_path
-from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, fit_model, save
+from gpcorrect.calibration import CommandCorrector, FitSettings, JointCorrector, ModelStore, fit_model, save
+from gpcorrect.calibration.coupled_play import CoupledPlay
 from gpcorrect.calibration.domain import Domain
 from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError, LogError
@@ -86,6 +87,41 @@ def test_structural_flips_are_refused_or_answer_as_before(model: Path, tmp_path:
             np.savez(out, header=text, **arrays)
         with suppress(ArtifactError):
             load_any(file)
+
+
+@pytest.mark.parametrize(
+    ("place", "forged"),
+    [
+        ("fit", "x"),
+        ("fit.dropped", {"occluded": "many"}),
+        ("data", []),
+        ("data.sha256", 3),
+        ("features", "pose"),
+        ("features", [3]),
+        ("remarks", [{"a": 1}]),
+        ("baseline", [None]),
+        ("training_region", {"position_min": [0, 0, 0]}),
+        ("training_region", {"position_min": [0, 0], "position_max": [1, 1, 1]}),
+        ("frames", ["tracker", "base"]),
+        ("updates", [{}]),
+        ("updates", 1),
+        ("arm", {}),
+    ],
+)
+def test_a_description_that_programs_cannot_read_is_refused(
+    model: Path, tmp_path: Path, place: str, forged: Any
+) -> None:
+    """What `info`, `models diff`, `drift` and the service read of it is of the type that they expect, or no model."""
+    header, arrays = read_parts(model)
+    node, *inner = (header["model"]["summary"], *place.split("."))
+    for name in inner[:-1]:
+        node = node[name]
+    node[inner[-1]] = forged
+    header["seal"] = seal_of(header)
+    with (tmp_path / "forged.gpc").open("wb") as out:
+        np.savez(out, header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays)
+    with pytest.raises(ArtifactError, match="do not form a model"):
+        load_any(tmp_path / "forged.gpc")
 
 
 @pytest.mark.parametrize("name", ["kind", "schema", "version", "model", "digests"])
@@ -190,6 +226,24 @@ def test_numbers_that_no_check_query_asks_for_must_fit_as_well(tmp_path: Path) -
     for offset in (np.zeros(7), model.offset[:, None]):
         with pytest.raises(DataError, match="does not fit together"):
             replace(model, offset=offset)
+
+
+def test_parts_of_other_sizes_never_reach_compiled_code(small_corrector: CommandCorrector) -> None:
+    """Compiled code writes as much as it was built for: features without a spread had it write beyond its arrays."""
+    whole, law = small_corrector, small_corrector.law
+    assert law.bounds.sizes == (3, 3)
+    for parts in (
+        {"features": replace(whole.features, spread=np.empty(0))},
+        {"features": replace(whole.features, kinds=("pose",), spread=whole.features.spread[:6])},
+        {"law": replace(law, domain=Domain(-np.ones(2), np.ones(2), 1.0, np.ones(6)))},
+        {"law": replace(law, bounds=replace(law.bounds, sizes=(6,), largest=np.ones(1)))},
+        {"check_queries": whole.check_queries[:, :9]},
+        {"trained": replace(whole.trained, low=np.zeros(2), high=np.ones(2))},
+    ):
+        with pytest.raises(DataError, match=r"does not fit together|was asked about"):
+            replace(whole, **parts)
+    with pytest.raises(DataError, match="stiffness"):
+        CoupledPlay(np.eye(3), np.ones(2))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from gpcorrect.calibration import (
     CommandCorrector,
     FitResult,
     FitSettings,
+    compare,
     evaluate_model,
     fit_model,
     load,
@@ -22,7 +24,8 @@ from gpcorrect.calibration import (
     update_model,
 )
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
-from gpcorrect.errors import DataError, DegenerateError, LogError
+from gpcorrect.calibration.model_file import _digest, read_parts, seal_of
+from gpcorrect.errors import ArtifactError, DataError, DegenerateError, LogError
 from gpcorrect.logs import read_log
 from gpcorrect.sim import random_reaches_log
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
@@ -135,6 +138,47 @@ def test_new_recordings_are_added(learned: FitResult) -> None:
     assert update.after is not None
     errors = [e.clean_errors["corrected"]["rotation_deg"]["norm"]["rmse"] for e in (update.before, update.after)]
     assert errors[1] < 1.1 * errors[0]
+
+
+def test_an_update_calibrates_intervals_of_poses_anew(learned: FitResult) -> None:
+    """Where the new recordings show that intervals are far too narrow or too wide, updated ones are as they show."""
+    log = reaches(0, 40).select(reaches(0, 40).trajectory >= 24)
+    factors = []
+    for off in (0.1, 10.0):
+        wrong = replace(learned.corrector.route, intervals=learned.corrector.route.intervals.widened(off))
+        update = update_model(replace(learned.corrector, route=wrong), log)
+        assert update.before is not None
+        assert update.after is not None
+        assert abs(update.before.clean.coverage95.mean() - 0.95) > 0.04
+        assert update.after.clean.coverage95.mean() > 0.85
+        factors.append(update.corrector.route.intervals.factor)
+    np.testing.assert_allclose(factors[0], factors[1])
+    few = update_model(replace(learned.corrector, route=wrong), log.select(log.trajectory < 28), holdout=0.0)
+    assert (few.corrector.route.intervals.factor >= wrong.intervals.factor).all()
+
+
+@pytest.mark.parametrize("part", ["kinematics.chain.base", "joints.view.features.centre", "intervals.factor"])
+def test_a_file_is_asked_what_its_joints_answer(learned: FitResult, tmp_path: Path, part: str) -> None:
+    """Numbers that only paths and streams depend on cannot be changed under a fresh seal either."""
+    save(learned.corrector, tmp_path / "m.gpc")
+    header, arrays = read_parts(tmp_path / "m.gpc")
+    name = f"model.route.{part}"
+    arrays[name] = 1.5 * arrays[name] + 0.2
+    header["digests"][name] = _digest(arrays[name])
+    header["seal"] = seal_of(header)
+    with (tmp_path / "forged.gpc").open("wb") as file:
+        np.savez(file, header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays)
+    with pytest.raises(ArtifactError, match="otherwise than when it was saved"):
+        load(tmp_path / "forged.gpc")
+
+
+def test_models_that_differ_in_their_joints_alone_are_not_the_same(learned: FitResult) -> None:
+    """Commands of paths are compared as well: single poses are answered without joints."""
+    route = learned.corrector.route
+    law = route.joints.law.rezeroed(np.full(6, 0.01))
+    other = replace(learned.corrector, route=replace(route, joints=replace(route.joints, law=law)))
+    assert compare(learned.corrector, learned.corrector)["commands"]["max_mm"] == 0.0
+    assert compare(learned.corrector, other)["commands"]["max_mm"] > 0.1
 
 
 def test_a_gripper_is_left_out_and_two_fingers_determine_nothing() -> None:

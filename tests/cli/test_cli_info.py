@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -96,6 +97,37 @@ def test_the_list_shows_held_out_errors(gpcorrect: CommandLine, fitted: Fitted, 
     assert listed.code == 0, listed.err
     assert f"{rmse:.3g} mm" in listed.out
     assert "old" in listed.out
+
+
+def test_words_of_a_file_are_shown_and_not_obeyed(gpcorrect: CommandLine, fitted: Fitted, tmp_path: Path) -> None:
+    """Brackets in a history are no markup, and its control characters do not reach the terminal."""
+    corrector = load(fitted.model)
+    (step,) = corrector.history
+    words = "[/b] x [mm] :bomb: \x1b]0;gone\x07\x1b[2J\u202e"
+    forged = replace(step, command=words, source=words, date=words, versions={words: words})
+    summary = {**corrector.summary, "remarks": [words], "data": {**corrector.summary["data"], "source": words}}
+    save(replace(corrector, history=(forged,), summary=summary), tmp_path / "[m].gpc")
+    store = tmp_path / "[/store]"
+    for command in (
+        ("info", tmp_path / "[m].gpc"),
+        ("models", "add", tmp_path / "[m].gpc", "--store", store, "--name", words),
+        ("models", "list", "--store", store),
+        ("models", "diff", tmp_path / "[m].gpc", fitted.model),
+    ):
+        result = gpcorrect(*command)
+        assert result.code == 0, result.err
+        assert "[/b] x [mm] :bomb:" in result.out
+        assert not set("\x1b\x07\u202e") & set(result.out + result.err)
+
+
+def test_a_recording_with_brackets_in_its_names_is_shown_as_it_is(
+    gpcorrect: CommandLine, fitted: Fitted, tmp_path: Path
+) -> None:
+    """Units in brackets are not swallowed."""
+    log = tmp_path / "run [mm].csv"
+    log.write_bytes(fitted.log.read_bytes())
+    result = gpcorrect("validate", log)
+    assert log.name in result.out
 
 
 def test_what_is_no_model_is_refused(gpcorrect: CommandLine, fitted: Fitted, tmp_path: Path) -> None:

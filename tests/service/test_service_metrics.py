@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import socket
+import struct
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,7 @@ from support import ROOT
 
 from gpcorrect.calibration import load
 from gpcorrect_service import CorrectionClient
+from gpcorrect_service.ops.metrics_http import SILENT_SECONDS
 
 EXAMPLES = ROOT / "examples" / "monitoring"
 PROMETHEUS = "text/plain;version=0.0.4"  # what Prometheus asks for where OpenMetrics is not known
@@ -100,6 +104,30 @@ def test_other_names_paths_and_methods_are_turned_away(small_model: Path) -> Non
     assert done.returncode == 2
     assert "--metrics-port" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_silent_broken_and_foreign_connections_keep_no_scrape_out(small_model: Path) -> None:
+    """With 300 connections open that say nothing, after garbage and resets, it answers, and writes no traceback."""
+    garbage = (
+        b"\x00" * 64 + b"\r\n\r\n",
+        b"GET " + b"a" * 70_000 + b"\r\n\r\n",
+        b"\x16\x03\x01\x02\x00\x01",
+        b"GET / HTTP/9.9\r\n\r\n",
+    )
+    with serving(small_model) as (port, _, process), ExitStack() as silent:
+        for _ in range(300):
+            silent.enter_context(socket.create_connection(("127.0.0.1", port), PATIENT))
+        files = len(list(Path(f"/proc/{process.pid}/fd").iterdir()))
+        for payload in garbage:
+            with socket.create_connection(("127.0.0.1", port), PATIENT) as link:
+                link.sendall(payload)
+                link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # ends with a reset
+        assert "gpcorrect_state" in scraped(port)[1]
+        time.sleep(SILENT_SECONDS + 1.0)  # those that say nothing are closed by then
+        assert "gpcorrect_state" in scraped(port)[1]
+        process.terminate()
+        assert "Traceback" not in process.communicate(timeout=PATIENT)[1]
+    assert files < 200
 
 
 def expressions() -> list[str]:

@@ -15,6 +15,7 @@ from gpcorrect.calibration.learners.learner import Fitted
 from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.split import folds_of
+from gpcorrect.errors import DataError
 from gpcorrect.gpr import LeftOut, Predictor, SparseGPR, Statistics, learn_inflation
 from gpcorrect.types import FloatArray, IntArray, Progress
 
@@ -54,6 +55,11 @@ class GPMap:
     columns: IntArray
     predictor: Predictor
     statistics: tuple[Statistics, ...]
+
+    def __post_init__(self) -> None:
+        inputs = self.predictor.tables.origin.shape[1]
+        if self.columns.shape != (inputs,) or (self.columns < 0).any():
+            raise DataError(f"a regression of {inputs} inputs does not look at columns {self.columns}.")
 
     @property
     def extrapolates(self) -> bool:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from socketserver import ThreadingMixIn
 from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
@@ -20,14 +21,42 @@ NAMES = (HOST, "localhost")
 """Under which it may be asked; others are turned away, so that no page in a browser can read it under its own name."""
 SILENT_SECONDS = 5.0
 """After which a connection that says nothing is closed: half of the shortest usual scrape interval; chosen by hand."""
+MOST_CONNECTIONS = 32
+"""At once; one more closes the oldest. A scrape takes milliseconds, and open files are the correction service's too:
+chosen by hand."""
 
 
 class _Server(ThreadingMixIn, WSGIServer):
     daemon_threads = True
+    request_queue_size = 128  # connections that wait to be accepted; the base's 5 keep scrapers out for seconds
+
+    def __init__(self, *given: Any) -> None:
+        self._open: dict[socket.socket, None] = {}  # oldest first
+        self._lock = threading.Lock()
+        super().__init__(*given)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        with self._lock:
+            self._open[request] = None
+            oldest = next(iter(self._open)) if len(self._open) > MOST_CONNECTIONS else None
+            if oldest is not None:
+                del self._open[oldest]
+                with suppress(OSError):  # it has just ended by itself
+                    oldest.shutdown(socket.SHUT_RDWR)  # its thread reads the end, and closes it
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        with self._lock:
+            self._open.pop(request, None)
+        super().shutdown_request(request)
 
 
 class _Handler(WSGIRequestHandler):
     timeout = SILENT_SECONDS
+
+    def handle(self) -> None:
+        with suppress(OSError):  # it said nothing in time, or went away: nobody is there to be answered
+            super().handle()
 
     def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002  # the base's name
         """Say nothing: a scrape every few seconds is no event."""
