@@ -10,8 +10,9 @@ Names are imported when they are first used (PEP 562), so that `import gpcorrect
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from gpcorrect.lazy import imported_on_demand
 
 if TYPE_CHECKING:
     from gpcorrect.calibration import (
@@ -49,24 +50,16 @@ __all__ = [
     "write_log",
 ]
 
-_MODULES = {
-    "CalibrationLog": "types",
-    "CommandCorrector": "calibration",
-    "Correction": "correction",
-    "FitSettings": "calibration",
-    "GpCorrectError": "errors",
-    "JointCorrector": "calibration",
-    "PoseSignal": "types",
-    "Reason": "correction",
-    "Status": "correction",
-    "fit_corrector": "calibration",
-    "fit_model": "calibration",
-    "load": "calibration",
-    "read_log": "logs",
-    "save": "calibration",
-    "validate_log": "logs",
-    "write_log": "logs",
-}
+_find = imported_on_demand(
+    __name__,
+    {
+        "calibration": "CommandCorrector FitSettings JointCorrector fit_corrector fit_model load save",
+        "correction": "Correction Reason Status",
+        "errors": "GpCorrectError",
+        "logs": "read_log validate_log write_log",
+        "types": "CalibrationLog PoseSignal",
+    },
+)
 
 
 def __getattr__(name: str) -> Any:
@@ -74,11 +67,7 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version  # reads the installed package's files
 
         return version("gpcorrect")
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"gpcorrect.{_MODULES[name]}"), name)
-    globals()[name] = value
-    return value
+    return _find(name)
 
 
 def __dir__() -> list[str]:

@@ -5,8 +5,9 @@ A task defines what it compares; learners, splits, cleaning, regions, bounds, in
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from gpcorrect.lazy import imported_on_demand
 
 if TYPE_CHECKING:
     from gpcorrect.calibration.cartesian import CommandCorrector
@@ -40,39 +41,33 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.uses import PURPOSES, Use, for_purpose, with_uses
     from gpcorrect.calibration.zigzags import DIRECTIONS, Direction, TimedPath, direction_named, timed, zigzag
 
-_HOMES = {
-    "cartesian": ("CommandCorrector",),
-    "comparison": ("compare",),
-    "drift": ("Ageing", "Detection", "detect", "estimate_ageing"),
-    "evaluate": (
-        "COMPONENTS",
-        "METHODS",
-        "Evaluation",
-        "Experiment",
-        "evaluate_model",
-        "position_reductions",
-        "run_experiment",
-    ),
-    "excitation": ("random_sinusoids", "random_sweeps"),
-    "explore": ("Proposal", "propose"),
-    "fit": ("FitResult", "fit_corrector", "fit_model"),
-    "history": ("HeldOut", "Step", "last_measured"),
-    "joint_view": ("InputSignal",),
-    "joints": ("JointCorrector",),
-    "learners": ("LEARNERS", "learner_named"),
-    "metrics": ("ErrorTable", "JointErrors", "error_table", "joint_units", "spread"),
-    "model_file": ("load", "load_any", "model_hash", "save"),
-    "model_store": ("Entry", "ModelStore"),
-    "settings": ("FitSettings",),
-    "split": ("HoldOut", "folds_of"),
-    "stream": ("JointStream", "PoseStream", "RobotState", "ToolStream"),
-    "task": ("Corrector", "Measured"),
-    "tool_position": ("PositionEstimator",),
-    "update": ("Update", "update_model"),
-    "uses": ("PURPOSES", "Use", "for_purpose", "with_uses"),
-    "zigzags": ("DIRECTIONS", "Direction", "TimedPath", "direction_named", "timed", "zigzag"),
-}
-_HOME = {name: module for module, names in _HOMES.items() for name in names}
+__getattr__ = imported_on_demand(
+    __name__,
+    {
+        "cartesian": "CommandCorrector",
+        "comparison": "compare",
+        "drift": "Ageing Detection detect estimate_ageing",
+        "evaluate": "COMPONENTS METHODS Evaluation Experiment evaluate_model position_reductions run_experiment",
+        "excitation": "random_sinusoids random_sweeps",
+        "explore": "Proposal propose",
+        "fit": "FitResult fit_corrector fit_model",
+        "history": "HeldOut Step last_measured",
+        "joint_view": "InputSignal",
+        "joints": "JointCorrector",
+        "learners": "LEARNERS learner_named",
+        "metrics": "ErrorTable JointErrors error_table joint_units spread",
+        "model_file": "load load_any model_hash save",
+        "model_store": "Entry ModelStore",
+        "settings": "FitSettings",
+        "split": "HoldOut folds_of",
+        "stream": "JointStream PoseStream RobotState ToolStream",
+        "task": "Corrector Measured",
+        "tool_position": "PositionEstimator",
+        "update": "Update update_model",
+        "uses": "PURPOSES Use for_purpose with_uses",
+        "zigzags": "DIRECTIONS Direction TimedPath direction_named timed zigzag",
+    },
+)
 
 __all__ = [
     "COMPONENTS",
@@ -136,10 +131,3 @@ __all__ = [
     "with_uses",
     "zigzag",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

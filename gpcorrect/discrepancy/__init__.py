@@ -8,8 +8,9 @@ result.level, [effect.name for effect in result.effects], result.to_report()
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from gpcorrect.lazy import imported_on_demand
 
 if TYPE_CHECKING:
     from gpcorrect.discrepancy.naming.posterior import Level
@@ -18,17 +19,11 @@ if TYPE_CHECKING:
 
 __all__ = ["DiscrepancyResult", "Level", "NamedEffect", "Verdict", "find_discrepancy"]
 
-PLACES = {
-    "DiscrepancyResult": "outcome.result",
-    "Level": "naming.posterior",
-    "NamedEffect": "outcome.result",
-    "Verdict": "outcome.result",
-    "find_discrepancy": "run",
-}
-
-
-def __getattr__(name: str) -> object:
-    """Import a public name when it is asked for: the simulator and numba take their time."""
-    if name not in PLACES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{PLACES[name]}"), name)
+__getattr__ = imported_on_demand(
+    __name__,
+    {
+        "naming.posterior": "Level",
+        "outcome.result": "DiscrepancyResult NamedEffect Verdict",
+        "run": "find_discrepancy",
+    },
+)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from gpcorrect.lazy import imported_on_demand
 
 if TYPE_CHECKING:
     from gpcorrect.logs.join import join_logs, with_tracker
@@ -32,28 +33,14 @@ __all__ = [
     "write_log",
 ]
 
-_PLACES = {
-    "Clocks": "sync",
-    "Stream": "streams",
-    "TimeOffset": "sync",
-    "ValidationReport": "validate",
-    "align": "sync",
-    "combine": "streams",
-    "interpolate": "streams",
-    "join_logs": "join",
-    "log_offset": "sync",
-    "match_clocks": "sync",
-    "read_log": "reader",
-    "refuse_misread": "validate",
-    "require_writable": "writer",
-    "validate_log": "validate",
-    "with_tracker": "join",
-    "write_log": "writer",
-}
-
-
-def __getattr__(name: str) -> object:
-    """Import a public name when it is first asked for: reading needs no statistics, filters or kinematics."""
-    if name not in _PLACES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
+__getattr__ = imported_on_demand(
+    __name__,
+    {
+        "join": "join_logs with_tracker",
+        "reader": "read_log",
+        "streams": "Stream combine interpolate",
+        "sync": "Clocks TimeOffset align log_offset match_clocks",
+        "validate": "ValidationReport refuse_misread validate_log",
+        "writer": "require_writable write_log",
+    },
+)

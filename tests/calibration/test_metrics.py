@@ -35,7 +35,7 @@ def test_position_only_errors_have_no_rotation_table() -> None:
     assert set(error_table(np.array([[1.0, 2.0, 3.0, np.nan, np.nan, np.nan]]))) == {"position_mm"}
 
 
-def test_coverage_counts_the_share_inside() -> None:
+def test_coverage_counts_the_fraction_inside() -> None:
     """Of ten errors uniform in steps of 0.1, half lie within 0.45."""
     errors = np.arange(10.0)[:, None] / 10
     assert coverage(errors, np.full((10, 1), 0.45))[0] == pytest.approx(0.5)

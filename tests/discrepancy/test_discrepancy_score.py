@@ -103,7 +103,7 @@ def test_the_target_table_counts_each_set() -> None:
     assert "at most 1 %" in text
 
 
-def test_the_wilson_interval_holds_the_share_and_shrinks() -> None:
+def test_the_wilson_interval_holds_the_fraction_and_shrinks() -> None:
     """The interval lies inside 0 to 1, holds the fraction, and is narrower for more cases; of none it is undefined."""
     few, many = Proportion(9, 10).interval, Proportion(900, 1000).interval
     assert 0.0 <= few[0] < 0.9 < few[1] <= 1.0

@@ -82,7 +82,7 @@ def test_poses_of_different_moments_are_not_compared():
     assert arm(board)["error"] is None
 
 
-def test_the_share_out_of_domain_is_that_of_the_last_minute():
+def test_the_fraction_out_of_domain_is_that_of_the_last_minute():
     """Reports older than a minute no longer count."""
     board = Board("ns")
     for k in range(10):

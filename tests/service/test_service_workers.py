@@ -94,8 +94,8 @@ def test_a_full_disk_under_the_log_leaves_the_worker_alive() -> None:
     assert works.done == [7]
 
 
-def test_sealed_lane_takes_nothing_and_finishes() -> None:
-    """After sealing, offers are refused and what waited is still worked on."""
+def test_a_closed_queue_takes_nothing_and_finishes() -> None:
+    """Once closed, offers are refused and what waited is still worked on."""
     works = Works()
     for item in range(3):
         works.queue.offer(item)

@@ -35,10 +35,10 @@ def test_good_samples_are_untouched_and_bad_ones_are_not():
     np.testing.assert_array_equal(changed, code != Fault.GOOD)
 
 
-def test_each_fault_comes_in_its_share():
+def test_each_fault_is_as_frequent_as_asked():
     _, _, code, _, _ = failed(ALL)
-    share = [(code == fault).mean() for fault in (Fault.LOST_FIDUCIAL, Fault.OUTLIER, Fault.FLIP, Fault.DROPOUT)]
-    np.testing.assert_allclose(share, [0.03, 0.01, 0.005, 0.01], rtol=0.35)
+    fraction = [(code == fault).mean() for fault in (Fault.LOST_FIDUCIAL, Fault.OUTLIER, Fault.FLIP, Fault.DROPOUT)]
+    np.testing.assert_allclose(fraction, [0.03, 0.01, 0.005, 0.01], rtol=0.35)
     assert (code == Fault.OCCLUSION_JUMP).mean() == pytest.approx(0.5 * 0.08, rel=0.35)
 
 

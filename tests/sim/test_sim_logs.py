@@ -75,7 +75,7 @@ def test_debridement_errors_depend_on_velocity(clean):
         assert left[1] < 0.5 * left[0]
 
 
-def test_debridement_faults_are_told(debridement, clean):
+def test_debridement_faults_are_labelled(debridement, clean):
     """The fault column is right: good samples are those of the clean recording, and each fault occurs."""
     code = debridement.extra["fault"]
     good = code == Fault.GOOD

@@ -53,7 +53,7 @@ def study(recorder: Recorder) -> Peng2024:
     return reproduce_peng2024(SCOPE, SEED, recorder)
 
 
-def test_every_part_is_done_and_told(study: Peng2024, recorder: Recorder) -> None:
+def test_every_part_is_done_and_reported(study: Peng2024, recorder: Recorder) -> None:
     """All parts hold every method with means, deviations and repeats, and progress names each to its end."""
     names = ("Table I", "Fig. 5", "Fig. 6", "Fig. 8", "Fig. 9", "Table II", "Table IV", "Table V")
     assert tuple(recorder.stages) == names

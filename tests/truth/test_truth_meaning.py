@@ -180,7 +180,7 @@ def test_counts_of_an_encoder_are_the_same() -> None:
     np.testing.assert_allclose(written, pair.truth.readings.reported[pair.rows, column], atol=1e-9)
 
 
-def test_noise_is_louder_by_as_much_and_from_the_moment_that_the_label_says() -> None:
+def test_noise_is_higher_by_as_much_and_from_the_moment_that_the_label_says() -> None:
     """Before it the recording's noise is the declared one; after it the variances add."""
     pair = _pair("noise_change")
     column, params = pair.label["joint"] - 1, pair.label["params"]
