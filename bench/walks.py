@@ -183,11 +183,12 @@ def show(name: str, walk: Walk, calls: bool) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("walks", nargs="*", choices=["fit", "service", "discrepancy"], help="which; all without it")
+    names = ["fit", "service", "discrepancy"]
+    parser.add_argument("walks", nargs="*", choices=[*names, "all"], default="all", help="which; all without it")
     parser.add_argument("--calls", action="store_true", help="name the calls that turn back")
     arguments = parser.parse_args()
     for walk in (fit, service, discrepancy):
-        if not arguments.walks or walk.__name__ in arguments.walks:
+        if "all" in arguments.walks or walk.__name__ in arguments.walks:
             with tempfile.TemporaryDirectory() as folder:
                 show(walk.__name__, walk(Path(folder)), arguments.calls)
 
