@@ -20,12 +20,14 @@ from typing import Any
 import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics_families
 from prometheus_client.parser import text_string_to_metric_families
-from service_support import PATIENT, endpoint_of, free_port, wait_for
+from service_support import PATIENT, ShiftCorrector, endpoint_of, free_port, wait_for
 from support import ROOT
 
 from gpcorrect.calibration import load
-from gpcorrect_service import CorrectionClient
+from gpcorrect_service import CorrectionClient, ServerSettings
 from gpcorrect_service.ops.metrics_http import SILENT_SECONDS
+from gpcorrect_service.server.queues import WorkerQueue
+from gpcorrect_service.server.service import Server
 
 EXAMPLES = ROOT / "examples" / "monitoring"
 PROMETHEUS = "text/plain;version=0.0.4"  # what Prometheus asks for where OpenMetrics is not known
@@ -128,6 +130,24 @@ def test_silent_broken_and_foreign_connections_keep_no_scrape_out(small_model: P
         process.terminate()
         assert "Traceback" not in process.communicate(timeout=PATIENT)[1]
     assert files < 200
+
+
+def test_a_server_that_is_starting_is_not_in_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scrapes while keys are declared, one after the other, never find the state of a server whose worker died."""
+    port, start, texts = free_port(), WorkerQueue.start, []
+
+    def _slow_start(queue: WorkerQueue[Any]) -> None:
+        texts.append(scraped(port)[1])
+        start(queue)
+        texts.append(scraped(port)[1])
+
+    settings = ServerSettings(endpoint=endpoint_of(free_port()), metrics_port=port)
+    server = Server(ShiftCorrector(), settings)
+    monkeypatch.setattr(WorkerQueue, "start", _slow_start)
+    with server:
+        pass
+    assert len(texts) > 4
+    assert {samples_of(text)["gpcorrect_state", ("state", "FAULT")] for text in texts[1:]} == {0.0}
 
 
 def expressions() -> list[str]:
