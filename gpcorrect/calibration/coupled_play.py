@@ -68,6 +68,24 @@ class CoupledPlay:
         lags: FloatArray = _lags(np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new)
         return lags
 
+    def lags_and_slopes(self, path: FloatArray, new: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Return the lags `(n, d)`, and how they change with the play's numbers `(n, d, e)`.
+
+        Those are the d half gaps, the entries of the stiffness above its diagonal (with those below), and what is added
+        to its whole diagonal. Exact but where a joint is just between stick and slip.
+
+        Parameters
+        ----------
+        path : (n, d) array
+            Positions of the motors in units of half the ranges.
+        new : (n,) mask
+            Where a path starts.
+        """
+        found: tuple[FloatArray, FloatArray] = _lags_and_slopes(
+            np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new
+        )
+        return found
+
     def advance(self, joints: FloatArray, motors: FloatArray) -> FloatArray:
         """Return where joints `(d,)` stand after the motors have moved on to `(d,)`: one step of a live path.
 
@@ -113,15 +131,28 @@ def learn_coupled_play(
 def _learned(path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray) -> CoupledPlay:
     dof = path.shape[1]
     linear = np.hstack([np.ones((len(path), 1)), path])
-    scale = np.maximum(_left(linear, errors, rows).std(axis=0), 1e-300)
+    inside = linear[rows]
+    left = errors[rows] - inside @ np.linalg.lstsq(inside, errors[rows], rcond=None)[0]
+    wanted = errors[rows] / np.maximum(left.std(axis=0), 1e-300)
+    penalty = np.hstack([np.zeros((dof * (dof - 1) // 2, dof)), COUPLING_PENALTY * np.eye(dof * (dof - 1) // 2)])
 
     def _residual(p: FloatArray) -> FloatArray:
-        play = _play_of(p, dof)
-        left = _left(np.hstack([linear, play.lags(path, new)]), errors, rows)
-        return np.concatenate([(left / scale).ravel(), COUPLING_PENALTY * p[dof:]])
+        A = np.hstack([inside, _play_of(p, dof).lags(path, new)[rows]])
+        return np.concatenate([(wanted - A @ np.linalg.lstsq(A, wanted, rcond=None)[0]).ravel(), penalty @ p])
 
-    start = np.concatenate([np.full(dof, np.log(FIRST_GAP)), np.zeros(dof * (dof - 1) // 2)])
-    found: Any = least_squares(_residual, start, diff_step=[1e-3], max_nfev=MOST_SEARCH)
+    def _jacobian(p: FloatArray) -> FloatArray:
+        """Of the residual, the weights' part in it too: Golub and Pereyra 1973, Eq. 5.4."""
+        lags, slopes = _play_of(p, dof).lags_and_slopes(path, new)
+        A, by = np.hstack([inside, lags[rows]]), slopes[rows] @ _play_slopes(p, dof)
+        inverse = np.linalg.pinv(A)
+        weights = inverse @ wanted
+        moved = (weights[-dof:].T @ by).reshape(len(rows), -1)
+        turned = np.moveaxis(np.tensordot(by, wanted - A @ weights, (0, 0)), 2, 1).reshape(dof, -1)
+        moved += inverse[-dof:].T @ turned - A @ (inverse @ moved)
+        return np.vstack([-moved.reshape(-1, len(p)), penalty])
+
+    start = np.concatenate([np.full(dof, np.log(FIRST_GAP)), np.zeros(len(penalty))])
+    found: Any = least_squares(_residual, start, _jacobian, max_nfev=MOST_SEARCH)
     return _play_of(found.x, dof)
 
 
@@ -136,10 +167,19 @@ def _play_of(p: FloatArray, dof: int) -> CoupledPlay:
     )
 
 
-def _left(A: FloatArray, errors: FloatArray, rows: IntArray) -> FloatArray:
-    inside = A[rows]
-    left: FloatArray = errors[rows] - inside @ np.linalg.lstsq(inside, errors[rows], rcond=None)[0]
-    return left
+def _play_slopes(p: FloatArray, dof: int) -> FloatArray:
+    """Slopes `(e, p)` of a play's numbers by what the search moves: see `_play_of`."""
+    upper = np.triu_indices(dof, 1)
+    stiffness = np.eye(dof)
+    stiffness[upper] = STRONGEST * np.tanh(p[dof:])
+    values, vectors = np.linalg.eigh(stiffness + np.triu(stiffness, 1).T)
+    coupling = STRONGEST / np.cosh(p[dof:]) ** 2
+    slopes = np.zeros((dof + len(coupling) + 1, len(p)))
+    slopes[:dof, :dof] = np.diag(np.where((p[:dof] > -9.0) & (p[:dof] < 1.0), np.exp(np.clip(p[:dof], -9.0, 1.0)), 0.0))
+    slopes[dof:-1, dof:] = np.diag(coupling)
+    if values[0] < LEAST_EIGENVALUE:
+        slopes[-1, dof:] = -2.0 * vectors[upper[0], 0] * vectors[upper[1], 0] * coupling
+    return slopes
 
 
 def _thinned(
@@ -192,3 +232,70 @@ def _drag(y: FloatArray, q: FloatArray, K: FloatArray, gap: FloatArray) -> None:
             y[i] = place
         if change < TOLERANCE:
             break
+
+
+@njit(cache=True)
+def _lags_and_slopes(path: FloatArray, K: FloatArray, gap: FloatArray, new: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Follow the path: a joint that sticks keeps its slopes, those that slip hang together by one law."""
+    dof = path.shape[1]
+    lag, slopes = np.empty(path.shape), np.zeros((len(path), dof, dof + dof * (dof - 1) // 2 + 1))
+    y, before, slips = np.empty(dof), np.empty(dof), np.empty(dof, dtype=np.bool_)
+    A, right = np.empty((dof, dof)), np.empty(slopes.shape[1:])
+    for t in range(len(path)):
+        fresh = new[t] or t == 0
+        for i in range(dof):
+            if fresh:
+                y[i] = path[t, i]
+            before[i] = y[i]
+        if not new[t]:
+            _drag(y, path[t], K, gap)
+        for i in range(dof):
+            lag[t, i] = path[t, i] - y[i]
+            slips[i] = y[i] != before[i]
+        if not fresh:
+            _slip_law(A, right, lag[t], slips, K, slopes[t - 1])
+            _solve(A, right)
+            for i in range(dof):
+                for e in range(right.shape[1]):
+                    slopes[t, i, e] = right[i, e]
+    return lag, slopes
+
+
+@njit(cache=True)
+def _slip_law(
+    A: FloatArray, right: FloatArray, lag: FloatArray, slips: BoolArray, K: FloatArray, before: FloatArray
+) -> None:
+    """Write the linear law `A slopes = right` of a step: `lag_i = -sum_j K_ij lag_j / K_ii -+ gap_i` where i slips."""
+    dof, n_slopes = right.shape
+    for i in range(dof):
+        for e in range(n_slopes):
+            right[i, e] = 0.0 if slips[i] else before[i, e]
+        pull, entry = 0.0, dof
+        for j in range(dof):
+            A[i, j] = 1.0 if j == i else (K[i, j] / K[i, i] if slips[i] else 0.0)
+            pull += 0.0 if j == i else K[i, j] / K[i, i] * lag[j]
+        if not slips[i]:
+            continue
+        for low in range(dof):
+            for high in range(low + 1, dof):
+                if i in (low, high):
+                    right[i, entry] -= lag[high if i == low else low] / K[i, i]
+                entry += 1
+        right[i, i] += 1.0 if lag[i] > -pull else -1.0
+        right[i, n_slopes - 1] += pull / K[i, i]
+
+
+@njit(cache=True)
+def _solve(A: FloatArray, right: FloatArray) -> None:
+    """Put the solution of `A x = right` into `right`; both are used up. The matrix is a minimum's: no pivots."""
+    for a in range(len(A)):
+        for b in range(len(A)):
+            factor = A[b, a] / A[a, a]
+            if b != a and factor != 0.0:
+                for c in range(a, len(A)):
+                    A[b, c] -= factor * A[a, c]
+                for e in range(right.shape[1]):
+                    right[b, e] -= factor * right[a, e]
+    for a in range(len(A)):
+        for e in range(right.shape[1]):
+            right[a, e] /= A[a, a]

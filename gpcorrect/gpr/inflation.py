@@ -8,6 +8,7 @@ keeps the spectrum shared by all outputs (docs/design/0002), and left-out whole 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import reduce
 
@@ -108,11 +109,12 @@ def _afresh(
     groups: IntArray | None,
     times: FloatArray | None,
 ) -> Iterator[SparseGPR]:
-    """Models that saw nothing of each fold, hyperparameters and points included."""
+    """Models that saw nothing of each fold, hyperparameters and points included; they search among as many fewer."""
     for fold in np.unique(folds):
         rows = folds != fold
         stretches = (None if part is None else part[rows] for part in (groups, times))
-        yield regressor.relearn(X[rows], Y[rows], *stretches)
+        fewer = copy(regressor).set_params(n_learn=round(regressor.n_learn * float(rows.mean())))
+        yield fewer.relearn(X[rows], Y[rows], *stretches)
 
 
 def _squares(model: SparseGPR, X: FloatArray, Y: FloatArray, candidates: Sequence[float]) -> FloatArray:

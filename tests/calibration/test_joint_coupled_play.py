@@ -56,6 +56,25 @@ def test_a_path_in_steps_is_the_path_at_once() -> None:
     np.testing.assert_array_equal(path - np.array(seen), PLAY.lags(path, np.arange(60) == 0))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_slopes_are_those_of_finite_differences(seed: int) -> None:
+    """By each gap, each pair of entries of the stiffness, and the diagonal: to 1e-6 where stick and slip stay."""
+    path, new, step = walk(seed), np.isin(np.arange(400), (0, 150)), 1e-7
+    lags, slopes = PLAY.lags_and_slopes(path, new)
+    np.testing.assert_array_equal(lags, PLAY.lags(path, new))
+    eye = np.eye(3)
+    moves = [(np.zeros((3, 3)), row) for row in eye]
+    moves += [(np.outer(eye[i], eye[j]) + np.outer(eye[j], eye[i]), np.zeros(3)) for i, j in ((0, 1), (0, 2), (1, 2))]
+    moves += [(eye, np.zeros(3))]
+    for e, (stiffness, gap) in enumerate(moves):
+        up, down = (
+            CoupledPlay(PLAY.stiffness + way * stiffness, PLAY.gap + way * gap).lags(path, new) for way in (step, -step)
+        )
+        off = np.abs(slopes[:, :, e] - (up - down) / (2 * step))
+        assert np.quantile(off, 0.98) < 1e-6
+        assert np.abs(slopes[:, :, e]).max() > 0.1
+
+
 def test_planted_slack_is_found() -> None:
     """Stiffness and gaps come back from errors that they made."""
     log = joint_log(5)

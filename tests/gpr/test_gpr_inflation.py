@@ -65,14 +65,14 @@ def test_the_left_out_are_those_of_the_other_folds() -> None:
 
 
 def test_of_few_trajectories_nothing_is_learned_from_the_left_out() -> None:
-    """What is said of a fold is, within a tenth of the noise, what a model fitted to the others from scratch says."""
+    """What is said of a fold differs from what a model fitted to two thirds from scratch says by a tenth of the noise."""
     X, Y, _, trajectory = tracked(2, shared=True)
     rest, times = trajectory % 3 != 1, stretches(GROUPS, STEPS, STEP)[1]
     inflated, left_out = learn_inflation(fitted(X, Y, trajectory), X, Y, trajectory % 3, trajectory, times)
     assert inflated.inflation is not None
-    alone = SparseGPR(n_inducing=150, n_learn=300).fit(X[rest], Y[rest], groups=trajectory[rest], times=times[rest])
+    alone = SparseGPR(n_inducing=150, n_learn=200).fit(X[rest], Y[rest], groups=trajectory[rest], times=times[rest])
     expected = alone.inflated(inflated.inflation).predict(X[~rest])
-    np.testing.assert_allclose((Y - left_out.errors)[~rest], expected, atol=0.1)
+    assert np.sqrt(np.mean(((Y - left_out.errors)[~rest] - expected) ** 2)) < 0.1
 
 
 def test_a_single_fold_is_refused() -> None:
