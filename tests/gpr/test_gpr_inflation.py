@@ -65,7 +65,7 @@ def test_the_left_out_are_those_of_the_other_folds() -> None:
 
 
 def test_of_few_trajectories_nothing_is_learned_from_the_left_out() -> None:
-    """What is said of a fold differs from what a model fitted to two thirds from scratch says by a tenth of the noise."""
+    """What is said of a fold is, to a tenth of the noise, what a model fitted to two thirds from scratch says."""
     X, Y, _, trajectory = tracked(2, shared=True)
     rest, times = trajectory % 3 != 1, stretches(GROUPS, STEPS, STEP)[1]
     inflated, left_out = learn_inflation(fitted(X, Y, trajectory), X, Y, trajectory % 3, trajectory, times)
