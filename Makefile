@@ -44,7 +44,9 @@ lint: $(VENV)/.dev
 docs: $(VENV)/.dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-check: lint docs test
+check: $(VENV)/.dev
+	$(MAKE) --jobs 2 lint docs
+	$(MAKE) test
 
 bench: $(VENV)/.dev
 	@for script in bench/*.py; do echo "== $$script"; $(ONE_THREAD) $(BIN)/python $$script || exit 1; done

@@ -70,6 +70,7 @@ class JointRoute:
     @classmethod
     def learn(
         cls,
+        kinematics: ArmKinematics,
         log: CalibrationLog,
         pair: tuple[PoseSignal, PoseSignal],
         cleaner: FittedCleaner,
@@ -81,6 +82,8 @@ class JointRoute:
 
         Parameters
         ----------
+        kinematics : ArmKinematics
+            Of the log.
         log : CalibrationLog
             n complete samples.
         pair : two PoseSignal
@@ -97,10 +100,9 @@ class JointRoute:
         Raises
         ------
         LogError, DataError, DegenerateError
-            The log shows no kinematics (see :meth:`ArmKinematics.of`), or its joints cannot be learned from, or promise
-            nothing.
+            The log's joints cannot be learned from, or promise nothing.
         """
-        kinematics = ArmKinematics.of(log).reaching(pair[0])
+        kinematics = kinematics.reaching(pair[0])
         joints = joints_of(log, pair, kinematics)
         asked, wanted = joints.setpoint_jp, joints.external_jp
         assert asked is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.bridging import MotionLimits
 from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.pose_samples import (
@@ -62,6 +63,8 @@ def learn_poses(
     kinds, features = features_of(log, settings)
     step = stencil_step(log) if settings.velocity_step == "auto" else settings.velocity_step
     pairs = PosePairs.of(log, keep, step)
+    shown = log.select(pairs.rows)
+    kinematics = ArmKinematics.of(shown) if JOINTS in kinds else None  # what is asked for is refused before the work
     registration = pairs.register(log, settings)
     reference = registration.model.apply(pairs.observed)
     moved = reference_twists(registration.model, rotations_of(pairs.observed), pairs.twist)
@@ -94,9 +97,10 @@ def learn_poses(
         used.append(MEMORY)
     if JOINTS in kinds or (not settings.features and not log.static and log.setpoint_jp is not None):
         try:
-            pair = (reference, pairs.command)
+            kinematics = kinematics or ArmKinematics.of(shown)
             alone = None if JOINTS in kinds else left_out
-            route, found = JointRoute.learn(log.select(pairs.rows), pair, cleaner, settings, learn_law, alone)
+            pair = (reference, pairs.command)
+            route, found = JointRoute.learn(kinematics, shown, pair, cleaner, settings, learn_law, alone)
         except GpCorrectError as error:
             if JOINTS in kinds:
                 raise
