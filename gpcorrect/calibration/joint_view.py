@@ -12,12 +12,13 @@ from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.joint_features import JointFeatures, law_penalties
 from gpcorrect.calibration.joint_path import JointPath, joint_path, joint_signal, state_columns
 from gpcorrect.calibration.law import Prediction
+from gpcorrect.calibration.stops import Stops
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, frozen_array
 
-__all__ = ["InputSignal", "JointView", "ViewCorrector", "directed", "joint_layout", "logged_path"]
+__all__ = ["InputSignal", "JointView", "ViewCorrector", "directed", "error_of", "joint_layout", "logged_path"]
 
 InputSignal = Literal["measured_jp", "setpoint_jp"]
 
@@ -45,6 +46,8 @@ class JointView:
         What the law looks at, of the k joints.
     end_to_end : bool
         Whether the law predicts the positions themselves, not their error.
+    stops : Stops or None
+        Where joints end, whatever is wrong with them besides; None where training showed no stop.
     """
 
     direction: Literal["estimate", "command"]
@@ -54,6 +57,7 @@ class JointView:
     rest: FloatArray
     features: JointFeatures
     end_to_end: bool
+    stops: Stops | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "moving", frozen_array(self.moving, np.int64))
@@ -62,6 +66,18 @@ class JointView:
             raise DataError(f"joints {self.moving} are to be corrected, which are not {len(self.types)} in order.")
         if self.rest.shape != (len(self.types),):
             raise DataError(f"a model of {len(self.types)} joints rests in {self.rest.shape}.")
+        if self.stops is not None and len(self.stops.low) != len(self.types):
+            raise DataError(f"a model of {len(self.types)} joints has stops of {len(self.stops.low)}.")
+
+    def reached(self, q: FloatArray) -> FloatArray:
+        """Return joints `(..., d)` taken back to their stops: what the law sees of those that go in.
+
+        Parameters
+        ----------
+        q : (..., d) array
+            rad or m.
+        """
+        return q if self.stops is None else self.stops.reached(q)
 
     def of_log(self, log: CalibrationLog, keep: BoolArray, *, needs_truth: bool = True) -> tuple[FloatArray, Samples]:
         """Return the joints `(n, d)` that go in, and the samples of a log.
@@ -83,8 +99,9 @@ class JointView:
         source, truth = directed(log, self.input_signal, self.direction, needs_truth=needs_truth)
         if source.shape[1] != len(self.types):
             raise DataError(f"the model knows {len(self.types)} joints, the log has {source.shape[1]}.")
-        path = logged_path(log, source, self.moving, self.direction, self.features.kinds)
-        error = None if truth is None else (truth - source)[:, self.moving]
+        inside = self.reached(source)
+        path = logged_path(log, inside, self.moving, self.direction, self.features.kinds)
+        error = None if truth is None else error_of(inside, truth, self.stops, self.direction)[:, self.moving]
         return source, self.samples(path, log.trajectory, log.session, error, keep)
 
     def samples(
@@ -124,7 +141,7 @@ class JointView:
         prediction : Prediction
             Of the k moving joints.
         """
-        joints = q.copy()
+        joints = np.array(self.reached(q))
         joints[:, self.moving] += prediction.residual
         missing = ~np.isfinite(joints).all(axis=1)
         joints[missing] = np.nan
@@ -270,6 +287,21 @@ def directed(
             path=log.name,
         )
     return (reported, true) if direction == "estimate" else (joint_signal(log, "external_jp"), reported)
+
+
+def error_of(source: FloatArray, truth: FloatArray, stops: Stops | None, direction: str) -> FloatArray:
+    """Return what is to be added to joints `(n, d)` that are back at their stops; commands are taken back there too.
+
+    Parameters
+    ----------
+    source, truth : (n, d) arrays
+        Joints that go in, and what is to come out, rad or m.
+    stops : Stops or None
+        Where joints end.
+    direction : str
+        "estimate" or "command".
+    """
+    return (truth if stops is None or direction == "estimate" else stops.reached(truth)) - source
 
 
 def logged_path(

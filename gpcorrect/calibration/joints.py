@@ -17,11 +17,13 @@ from gpcorrect.calibration.joint_view import (
     JointView,
     ViewCorrector,
     directed,
+    error_of,
     joint_layout,
     logged_path,
 )
 from gpcorrect.calibration.metrics import joint_errors, joint_units
 from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.calibration.stops import Stops
 from gpcorrect.calibration.stream import JointStream
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome, Part
 from gpcorrect.calibration.training_motion import UNITS, TrainingMotion
@@ -127,7 +129,7 @@ class JointCorrector(ViewCorrector):
         seconds = np.array(times, dtype=np.float64)
         self.trained.refuse_far(joints, UNITS)
         self.trained.refuse_slow(joints, seconds, homed)
-        path = joint_path(seconds, homed, joints[:, moving], effort)
+        path = joint_path(seconds, homed, self.view.reached(joints)[:, moving], effort)
         samples = self.view.samples(path, homed, homed, None, np.zeros(n, dtype=bool))
         return self.view.answer(joints, self.law.predict(samples))
 
@@ -144,14 +146,15 @@ class JointCorrector(ViewCorrector):
         q, samples = self.view.of_log(log, keep)
         prediction = self.law.predict(samples)
         answer = self.view.answer(q, prediction)
-        raw = samples.target - samples.origin
+        missed = samples.target - samples.origin
+        raw = missed + (self.view.reached(q) - q)[:, self.view.moving]
         rows = np.flatnonzero(samples.usable & np.isfinite(prediction.residual).all(axis=1))
         if rows.size == 0:
             raise LogError("no sample has both positions and their truth.", path=log.name)
         return Measured(
             raw=self.view.wide(raw[rows]),
             registered=self.view.wide((raw - self.offset)[rows]),
-            corrected=self.view.wide((raw - prediction.residual)[rows]),
+            corrected=self.view.wide((missed - prediction.residual)[rows]),
             interval95=answer.interval95[rows],
             in_domain=answer.in_domain[rows],
             speed=np.full(len(rows), np.nan),
@@ -246,8 +249,12 @@ class JointCorrector(ViewCorrector):
         if still:
             remarks.append(f"joint {', '.join(still)} never moves in training: left uncorrected")
         kinds = settings.features or _default_features(log, settings)
+        stops = Stops.of(*((source, truth) if settings.direction == "estimate" else (truth, source)))
+        if stops is not None:
+            remarks += stops.remarks(truth if settings.direction == "command" else source, types)
+            source = stops.reached(source)
         path = logged_path(log, source, moving, settings.direction, kinds)
-        error = (truth - source)[:, moving]
+        error = error_of(source, truth, stops, settings.direction)[:, moving]
         features = JointFeatures.learn(kinds, path, error, rows)
         remarks += features.remarks((moving + 1).tolist())
         view = JointView(
@@ -258,6 +265,7 @@ class JointCorrector(ViewCorrector):
             rest=np.median(source[rows], axis=0),
             features=features,
             end_to_end=settings.end_to_end and settings.method != "ukf",
+            stops=stops,
         )
         samples = view.samples(path, log.trajectory, log.session, error, keep)
         law, left_out = learn_law(samples, joint_layout(features, len(moving), owned=True, inducing=INDUCING))

@@ -42,7 +42,7 @@ __all__ = [
 ]
 
 SCHEMA = 6
-"""5: with the model's history. 6: memory and joints of poses are asked check queries too."""
+"""5: with the model's history. 6: with stops; memory and joints of poses are asked check queries too."""
 OLDEST = 4
 """That is read: with where and how fast the training moved; files of before are fitted anew."""
 TASKS: dict[str, type[Corrector]] = {t.TASK: t for t in (CommandCorrector, JointCorrector, PositionEstimator)}

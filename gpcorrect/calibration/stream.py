@@ -183,7 +183,7 @@ class JointStream:
         self._corrector.trained.refuse_far(joints, UNITS)
         self._slow.look(time, joints)
         self._follower.arrive(time)
-        moving = joints[view.moving]
+        moving = view.reached(joints)[view.moving]
         if not np.isfinite(moving).all():
             self.reset()
             return view.answer(joints[None], law.unknown())[0]
