@@ -24,7 +24,6 @@ class Reaches:
     rotations: FloatArray
     twists: FloatArray
     residuals: FloatArray
-    noiseless: FloatArray
     trajectory: IntArray
 
 
@@ -57,7 +56,7 @@ def simulate_reaches(
     trajectory = np.repeat(np.arange(n_reaches), n_samples)
     errors = _correlated_noise(n_reaches, n_samples, noise_correlation, rng) * noise * np.repeat([1.0, 10.0], 3)
     rotations = se3.matrix_from_rotvec(rotvecs)
-    return Reaches(positions, rotations, twists, field + errors, field, trajectory)
+    return Reaches(positions, rotations, twists, field + errors, trajectory)
 
 
 def _paths(n_reaches: int, n_samples: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:

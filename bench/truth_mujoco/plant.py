@@ -155,7 +155,6 @@ class State:
 
     motor: Array
     speed: Array
-    motor_dofs: NDArray[np.int64]
 
 
 def nominal_torques(plant: Plant, reference: Reference) -> Array:
@@ -230,7 +229,7 @@ def integrate(plant: Plant, reference: Reference, torques: Array) -> Recorded:
     waves = np.array(plant.waves, dtype=np.float64).reshape(-1, 4)
     kp, kd = plant.kp * plant.gains[0], plant.kd * plant.gains[1]
     _at_rest(plant, model, data, reference, feed[0], offset[0], qpos_of)
-    state = State(data.qpos[qpos_of], data.qvel[dof_of], dof_of)
+    state = State(data.qpos[qpos_of], data.qvel[dof_of])
     hooks = [hook(model, data, reference, plant) for hook in plant.hooks]
     n = len(reference.time)
     kept = Recorded(np.empty((n, k)), np.empty((n, k)), np.empty((n, k)), np.zeros((n, 3)))

@@ -53,7 +53,6 @@ class Pair:
 
     truth: Truth
     label: dict
-    plan: Plan
     without: Outcome
     with_it: Outcome | None
 
@@ -103,7 +102,7 @@ def _pair(name: str) -> Pair:
     plan, model = _plan(truth), model_from_dict(dict(truth.case.nominal))
     effect = None if name == "hysteresis" else _effect(label)
     with_it = None if effect is None else run(machine_of(model.with_effects(effect)), plan)
-    return Pair(truth, dict(label), plan, run(machine_of(model), plan), with_it)
+    return Pair(truth, dict(label), run(machine_of(model), plan), with_it)
 
 
 def _explained(hidden: np.ndarray, ours: np.ndarray) -> float:

@@ -52,10 +52,6 @@ class Scene:
 Draw = Callable[[np.random.Generator, int, Scene], Params]
 
 
-def _unchanged(params: Params) -> Params:
-    return params
-
-
 @dataclass(frozen=True)
 class Kind:
     """One sort of hidden cause.
