@@ -166,7 +166,7 @@ class JointRoute:
         assert joints.setpoint_jp is not None
         assert joints.external_jp is not None
         rows, view = samples.rows, self.joints.view
-        told = Correction(
+        in_joints = Correction(
             position=None,
             quaternion=None,
             joints=joints.setpoint_jp[rows] - view.wide(left_out.errors),
@@ -174,7 +174,7 @@ class JointRoute:
             interval95=np.full((len(rows), len(view.types)), np.nan),
             reasons=np.zeros(len(rows), dtype=np.int64),
         )
-        answer = self.as_poses(pair[0][rows], joints.external_jp[rows], told)
+        answer = self.as_poses(pair[0][rows], joints.external_jp[rows], in_joints)
         assert answer.position is not None
         errors = pose_residual(PoseSignal(answer.position, answer.quaternion), pair[1][rows])
         known = np.isfinite(errors).all(axis=1)

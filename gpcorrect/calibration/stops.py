@@ -86,15 +86,15 @@ class Stops:
         types : str
             R or P for each joint.
         """
-        said = []
+        sentences = []
         for j, kind in enumerate(types):
             scale, unit = (1e3, "mm") if kind == "P" else (np.rad2deg(1.0), "deg")
             for stop, rows in ((self.low[j], sent[:, j] < self.low[j]), (self.high[j], sent[:, j] > self.high[j])):
                 if np.isfinite(stop):
-                    said.append(
+                    sentences.append(
                         f"joint {j + 1} ends at {scale * stop:.1f} {unit}; sent further in {rows.sum()} samples"
                     )
-        return said
+        return sentences
 
 
 def _upper(sent: FloatArray, ended: FloatArray) -> float:
