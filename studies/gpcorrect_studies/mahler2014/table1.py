@@ -27,7 +27,7 @@ FITS: dict[str, dict[str, Any]] = {
     WITH_VELOCITY: {"clean": False},
     FULL: {},
     GPR_ALONE: {"features": ("pose",), "rigid": False, "clean": False},
-    MEMORY: {"features": ("pose", "velocity", "joints")},  # whose plays and lags follow the commands
+    MEMORY: {"features": ("pose", "velocity", "memory")},  # of the commands that were sent before
 }
 # What each column is measured on: a fit, and which of its errors.
 MEASURED = {
