@@ -4,6 +4,9 @@ Each is to be answered with one of the service's own words, read, or refused in 
 crash, no more than 10 s of processor time, no more than 1 GB. Everything is seeded; what fails is printed, and damaged
 recordings that fail are left in the temporary folder.
 
+Compiled code does not look whether it reads or writes beyond an array. With NUMBA_BOUNDSCHECK=1 (and an empty folder in
+NUMBA_CACHE_DIR) it does, and a model file that leads it there is a fault.
+
     python bench/fuzz.py
     python bench/fuzz.py --long
     python bench/fuzz.py --only readers --mutations 1000 --kind mcap

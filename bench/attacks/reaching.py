@@ -23,8 +23,8 @@ from gpcorrect_service.crtk import Bus, BusSettings, OperatingState, Pose
 from gpcorrect_service.crtk.prefilter import PrefilterSettings
 
 ROWS, STEP = 1000, 1e-3  # poses of a path, and s between them
-ROUNDS = 3  # of every kind of path: 21,000 poses in all
-NEAR = 0.2  # of the way between two postures of the training: with 1 s for it, motion as in the training
+ROUNDS = 3  # of every kind of path: 24,000 poses in all
+FAST = 0.5  # of the training region's largest joint velocities, at which a path that the arm can follow moves
 JUMP = 0.5e-3, np.radians(0.5)  # m and rad that a correction may change by from one millisecond to the next
 ROUNDING = 1 + 1e-6
 SAME = 1e-9  # m: between processes
@@ -41,17 +41,17 @@ def paths(lab: Lab) -> Seen:
         lab.server(lab.jointed_model) as (end, _),
         CorrectionClient(end, path_timeout=30.0, connect_timeout=PATIENT) as client,
     ):
-        for poses in _hostile(model, np.random.default_rng(0)):
+        for poses in hostile(model, np.random.default_rng(0)):
             times = STEP * np.arange(len(poses))
             reply, own = client.correct_path(poses, times), model.correct_path(poses, times)
             tried += len(poses)
             wrong["not the model's"] += int((np.abs(reply.position - own.position).max(axis=1) > SAME).sum())
-            wrong.update(_wrong(model, poses, reply.position, reply.quaternion, reply.in_domain))
+            wrong.update(wrong_in(model, poses, reply.position, reply.quaternion, reply.in_domain))
         fault = client.health().state == "FAULT"
     return Seen(tried, sum(wrong.values()) + fault, f"{dict(+wrong)}")
 
 
-def _wrong(
+def wrong_in(
     model: CommandCorrector, poses: FloatArray, position: FloatArray, quaternion: FloatArray, inside: FloatArray
 ) -> Counter[str]:
     """Count corrections above the bound, numbers that are missing, and jumps where both answers are called good."""
@@ -68,21 +68,23 @@ def _wrong(
     return wrong
 
 
-def _hostile(model: CommandCorrector, rng: np.random.Generator) -> Iterator[FloatArray]:
+def hostile(model: CommandCorrector, rng: np.random.Generator) -> Iterator[FloatArray]:
     """Yield paths `(n, 7)` that the arm can follow badly or not at all."""
     assert model.route is not None
     kinematics = model.route.kinematics
     chain, starts = kinematics.chain, kinematics.starts
     low, high = starts.min(axis=0), starts.max(axis=0)
     weights = np.array([kinematics.length] * 3 + [1.0] * 3)[:, None]
-    ramp, rising = np.linspace(0, 1, ROWS) ** 2, np.sin(np.linspace(0, np.pi, ROWS))[:, None] ** 2
+    speeds, seconds = _speeds(model), ROWS * STEP
+    ramp, rising = np.linspace(0, 1, ROWS) ** 4, np.sin(np.linspace(0, np.pi, ROWS))[:, None] ** 2
     for _ in range(ROUNDS):
         one, other, *jumps = starts[rng.integers(len(starts), size=7)]
         wide = rng.uniform(1.7 * low - 0.7 * high, 1.7 * high - 0.7 * low, (2000, chain.dof))
         rates = np.linalg.svd(chain.jacobian(wide) / weights, compute_uv=False)[:, -1]
         singular, aside = wide[np.argmin(rates)], 0.05 * (high - low) * rng.normal(size=chain.dof)
-        quiet = chain.forward(_smooth(np.array([one, one + NEAR * (other - one)])))
-        away = 0.4 * rising * np.eye(3)[rng.integers(3)]
+        near = min(1.0, float((FAST * speeds / np.maximum(1.5 * np.abs(other - one) / seconds, 1e-9)).min()))
+        quiet = chain.forward(_smooth(np.array([one, one + near * (other - one)])))
+        away = 0.05 * rising * np.eye(3)[rng.integers(3)]  # slowly: what is learned of speeds is no jump
         turned, whole = np.outer(4 * np.pi * ramp, rng.normal(size=3)), np.zeros((ROWS, chain.dof))
         joint = rng.integers(chain.dof)
         whole[:, joint] = (2 * np.pi if chain.revolute[joint] else 2 * high[joint]) * ramp
@@ -91,9 +93,22 @@ def _hostile(model: CommandCorrector, rng: np.random.Generator) -> Iterator[Floa
         yield _poses(model.rigid, chain.forward(_smooth(np.array([singular - aside, singular, singular + aside]))))
         yield _poses(model.rigid, chain.forward(np.array(jumps).repeat(ROWS // len(jumps), axis=0)))
         yield _poses(model.rigid, _moved(quiet, away, 0 * away))
+        yield _poses(model.rigid, _moved(quiet, 7 * away.max() + away, 0 * away))
         yield _poses(model.rigid, _moved(quiet, 0 * away, turned))
         yield _poses(model.rigid, chain.forward(one + whole))
         yield _poses(model.rigid, _moved(quiet, *shaken))
+
+
+def _speeds(model: CommandCorrector) -> FloatArray:
+    """Return the joint velocities `(d,)` up to which the training region reaches, rad/s and m/s."""
+    assert model.route is not None
+    joints = model.route.joints
+    kinds, owners = joints.view.features.origins
+    columns, speeds = np.flatnonzero(kinds == "velocity"), np.full(len(joints.types), np.inf)
+    domain = joints.law.domain
+    edges = np.minimum(-domain.low[columns], domain.high[columns])
+    speeds[owners[columns]] = edges * joints.view.features.half[owners[columns]]
+    return speeds
 
 
 def _smooth(points: FloatArray) -> FloatArray:
@@ -150,7 +165,7 @@ def others(lab: Lab) -> Seen:
 def streamed(lab: Lab) -> Seen:
     """Stream hostile poses and NaN at a pre-filter that is held up once; count commands that break what it promises."""
     model, end = load(lab.jointed_model), free_endpoint()
-    hostile = np.vstack([poses[::25] for poses in _hostile(model, np.random.default_rng(1))])
+    poses = np.vstack([path[::25] for path in hostile(model, np.random.default_rng(1))])
     came: list[tuple[float, Pose]] = []
     refusals, sent = Counter[str](), []
     good, missing = model.check_queries[0, :7], np.full(7, np.nan)
@@ -168,8 +183,8 @@ def streamed(lab: Lab) -> Seen:
             time.sleep(PERIOD)
 
         waited(lambda: _send(good) or came)
-        for number, pose in enumerate(hostile):
-            if number == len(hostile) // 2:
+        for number, pose in enumerate(poses):
+            if number == len(poses) // 2:
                 with held(prefilter.pid):
                     until = time.monotonic() + HELD
                     while time.monotonic() < until:

@@ -51,6 +51,7 @@ POSES |= {f"gp {past}": {"method": "gp", "features": ("pose", "velocity", past)}
 JOINTS = tuple(LEARNERS)
 QUICK = {"inducing": 12, "search_samples": 60, "layers": (5,), "epochs": 5, "time_offset": "none"}
 STREAMED = 12  # samples
+BEYOND = "index is out of bounds"  # says compiled code under NUMBA_BOUNDSCHECK=1
 SAME = 1e-9  # m, rad: answers that differ by rounding
 VALUES = (
     None,
@@ -128,7 +129,8 @@ def change(model: Model, count: int, seed: int) -> dict[str, Any]:
         try:
             after = answers(forged, model.log)
         except GpCorrectError as error:
-            return ("refused", str(error)) if error.message.strip() else ("traceback", "an error without words")
+            said = BEYOND not in error.message and error.message.strip()
+            return ("refused", str(error)) if said else ("traceback", f"without words, or beyond an array: {error}")
         if after.shape == before.shape and np.allclose(after, before, rtol=0, atol=SAME, equal_nan=True):
             return "same", way.__name__
         if way is forged_anew:

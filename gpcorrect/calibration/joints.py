@@ -68,8 +68,11 @@ class JointCorrector(ViewCorrector):
 
     def __post_init__(self) -> None:
         sizes = {"offset": len(self.offset), "zero": len(self.law.zero), "moving": len(self.view.moving)}
-        if len(set(sizes.values())) > 1 or np.ndim(self.offset) != 1:
-            raise DataError(f"a model of {len(self.view.types)} joints does not fit together: {sizes}.")
+        moved = len(self.trained.low)
+        if len(set(sizes.values())) > 1 or np.ndim(self.offset) != 1 or moved != len(self.view.types):
+            raise DataError(
+                f"a model of {len(self.view.types)} joints does not fit together: {sizes}, trained on {moved}."
+            )
 
     @classmethod
     def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:

@@ -136,6 +136,12 @@ class PositionEstimator(ViewCorrector):
     view: ToolView
     rigid: RigidModel
 
+    def __post_init__(self) -> None:
+        if len(self.trained.low) != len(self.view.features.centre):
+            raise DataError(
+                f"a model of {len(self.view.features.centre)} joints was not trained on {len(self.trained.low)}."
+            )
+
     @classmethod
     def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
         """See :class:`Corrector`."""

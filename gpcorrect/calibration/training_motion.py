@@ -46,6 +46,10 @@ class TrainingMotion:
     def __post_init__(self) -> None:
         for name in ("low", "high", "size"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
+        if self.low.ndim != 1 or not self.low.shape == self.high.shape == self.size.shape or not (self.size > 0).all():
+            raise DataError(
+                f"no training moved from {self.low} to {self.high}, measured by {self.size}: the numbers do not fit."
+            )
 
     @classmethod
     def of(

@@ -223,6 +223,11 @@ def test_numbers_that_no_check_query_asks_for_must_fit_as_well(tmp_path: Path) -
     for rest in (np.zeros(2), model.view.rest[:, None]):
         with pytest.raises(DataError, match="rests in"):
             replace(model.view, rest=rest)
+    moved = model.trained
+    with pytest.raises(DataError, match="do not fit"):
+        replace(moved, low=moved.low[:2])
+    with pytest.raises(DataError, match="does not fit together"):
+        replace(model, trained=replace(moved, low=moved.low[:2], high=moved.high[:2], size=moved.size[:2]))
     for offset in (np.zeros(7), model.offset[:, None]):
         with pytest.raises(DataError, match="does not fit together"):
             replace(model, offset=offset)
@@ -238,7 +243,7 @@ def test_parts_of_other_sizes_never_reach_compiled_code(small_corrector: Command
         {"law": replace(law, domain=Domain(-np.ones(2), np.ones(2), 1.0, np.ones(6)))},
         {"law": replace(law, bounds=replace(law.bounds, sizes=(6,), largest=np.ones(1)))},
         {"check_queries": whole.check_queries[:, :9]},
-        {"trained": replace(whole.trained, low=np.zeros(2), high=np.ones(2))},
+        {"trained": replace(whole.trained, low=np.zeros(2), high=np.ones(2), size=np.ones(2))},
     ):
         with pytest.raises(DataError, match=r"does not fit together|was asked about"):
             replace(whole, **parts)
