@@ -28,6 +28,7 @@ SPREAD_QUANTILES = (16, 84)  # two standard deviations apart in normal data, and
 # What a feature may always lie outside its training range, m, rad, m/s and rad/s.
 SLACK, TURN_SLACK, SPEED_SLACK, TURNING_SLACK = 0.005, 0.1, 0.02, 0.2
 LEAST_LINEAR = 1e-4  # m and m/s
+ORTHONORMAL = 1e-6  # of R R^T - I: far above rounding
 LEAST_ANGULAR = 1e-3  # rad, rad/s, and entries of a rotation matrix
 
 
@@ -72,6 +73,8 @@ class FeatureMap:
         object.__setattr__(self, "spread", frozen_array(self.spread))
         if self.R_mean.shape != (3, 3) or self.spread.shape not in ((0,), (self.n_features,)):
             raise DataError(f"a feature map of {self.n_features} features was expected, got {self.spread.shape}.")
+        if not (np.abs(self.R_mean @ self.R_mean.T - np.eye(3)).max() < ORTHONORMAL and np.linalg.det(self.R_mean) > 0):
+            raise DataError(f"no features are counted from {self.R_mean.tolist()}, which is no rotation.")
         if not (self.spread > 0).all():
             raise DataError(f"no features are spread {self.spread}.")
 

@@ -261,6 +261,7 @@ def test_parts_of_other_sizes_never_reach_compiled_code(small_corrector: Command
         (Domain(-np.ones(2), np.ones(2), 1.0, np.ones(3)), {"spread": np.array([1.0, 1.0, -1.0])}),
         (Domain(-np.ones(2), np.ones(2), 1.0, np.ones(3)), {"fading": np.array([2])}),
         (FeatureMap(("pose",), spread=np.ones(3)), {"spread": np.array([1.0, 1.0, 0.0])}),
+        (FeatureMap(("pose",), spread=np.ones(3)), {"R_mean": -np.eye(3)}),
     ],
 )
 def test_numbers_that_cannot_be_make_no_part_of_a_model(part: Any, forged: dict[str, Any]) -> None:
