@@ -51,6 +51,7 @@ POSES |= {f"gp {past}": {"method": "gp", "features": ("pose", "velocity", past)}
 JOINTS = tuple(LEARNERS)
 QUICK = {"inducing": 12, "search_samples": 60, "layers": (5,), "epochs": 5, "time_offset": "none"}
 STREAMED = 12  # samples
+STOP = 0.405  # m, short of where the last joint is sent
 BEYOND = "index is out of bounds"  # says compiled code under NUMBA_BOUNDSCHECK=1
 SAME = 1e-9  # m, rad: answers that differ by rounding
 VALUES = (
@@ -100,7 +101,7 @@ def models(folder: Path, only: str = "") -> Iterator[Model]:
     reaches = random_reaches_log("raven2_left", 10, 0, faults=False, model=simulated)
     logs: dict[type[Any], CalibrationLog] = {
         CommandCorrector: debridement_log(1, reaches=10, faults=False),
-        JointCorrector: joint_log(1, trajectories=8, seconds=10.0),
+        JointCorrector: stopped(joint_log(1, trajectories=8, seconds=10.0)),
         PositionEstimator: replace(reaches, meta=replace(reaches.meta, tracker_base=frame)),
     }
     wanted = [(f"pose {name}", CommandCorrector, {"marker": "none", **more}) for name, more in POSES.items()]
@@ -114,6 +115,14 @@ def models(folder: Path, only: str = "") -> Iterator[Model]:
         path = folder / f"{name.replace(' ', '_')}.gpc"
         save(fit_model(log, settings, task=task).corrector, path)
         yield Model(name, path, log.select(log.trajectory < 2))
+
+
+def stopped(log: CalibrationLog) -> CalibrationLog:
+    """Return a log whose last joint ends at a stop, so that its models hold one."""
+    assert log.external_jp is not None
+    truth = np.array(log.external_jp)
+    truth[:, -1] = np.minimum(truth[:, -1], STOP)
+    return replace(log, external_jp=truth)
 
 
 def change(model: Model, count: int, seed: int) -> dict[str, Any]:

@@ -74,7 +74,7 @@ class Querier:
         """Whether some server declares this key now; none does once the client was closed, in whichever thread."""
         try:
             return matched(self._nearest)
-        except zenoh.ZError:
+        except (zenoh.ZError, RuntimeError):  # RuntimeError: "already mutably borrowed", by the thread that closes it
             return False
 
     @property
