@@ -149,6 +149,28 @@ class Correction:
             return replace(self, reasons=np.where(rows, self.reasons | int(reason), self.reasons))
         return replace(self, reasons=self.reasons | reason) if rows else self
 
+    def at(self, rows: BoolArray, other: Correction) -> Self:
+        """Return these answers at rows (n,) of n, and another's, of the same parts, elsewhere."""
+        mask = rows[:, None]
+
+        def column(name: str) -> Any:
+            mine, its = getattr(self, name), getattr(other, name)
+            return None if mine is None or its is None else np.where(mask, mine, its)
+
+        return type(self)(
+            position=column("position"),
+            quaternion=column("quaternion"),
+            joints=column("joints"),
+            std=column("std"),
+            interval95=column("interval95"),
+            reasons=np.where(rows, self.reasons, other.reasons),
+        )
+
+    def numbers(self, width: FloatArray) -> FloatArray:
+        """Return the poses of n answers beside how sure they are, `width` (n, k), whose NaN become 0."""
+        parts = (self.position, self.quaternion, np.nan_to_num(width))
+        return np.hstack([part for part in parts if part is not None])
+
     @classmethod
     def stack(cls, answers: Sequence[Correction]) -> Self:
         """Gather single answers, one at least, given one after the other."""

@@ -301,17 +301,7 @@ class CommandCorrector(Corrector):
             n answers.
         """
         known = np.asarray(np.isfinite(answer.std).all(axis=1))
-        if known.all():
-            return answer
-        alone, row = self.without_joints(alone), known[:, None]
-        return Correction(
-            position=_either(row, answer.position, alone.position),
-            quaternion=_either(row, answer.quaternion, alone.quaternion),
-            joints=None,
-            std=np.where(row, answer.std, alone.std),
-            interval95=np.where(row, answer.interval95, alone.interval95),
-            reasons=np.where(known, answer.reasons, alone.reasons),
-        )
+        return answer if known.all() else answer.at(known, self.without_joints(alone))
 
     def query_path(self, log: CalibrationLog) -> FloatArray:
         """See :class:`Corrector`."""
@@ -334,8 +324,7 @@ class CommandCorrector(Corrector):
         LogError
             The log lacks a signal, or orientations that the model needs, or any good sample.
         """
-        observed, _ = pose_pair(log)
-        if self.has_orientation and observed.quaternion is None:
+        if self.has_orientation and pose_pair(log)[0].quaternion is None:
             raise LogError("the model corrects orientations, and the log holds none.", path=log.name)
         pairs = PosePairs.of(log, keep, self.velocity_step)
         if not self.has_orientation:
@@ -385,17 +374,15 @@ class CommandCorrector(Corrector):
 
     def check_answers(self) -> FloatArray:
         """See :class:`Corrector`: to each recorded query by itself, then with memory or through the arm's joints."""
-        size = 7 if self.has_orientation else 3
-        answers = [self.correct(query[:size], query[7:]) for query in self.check_queries]
-        columns = [(a.position, a.quaternion, np.nan_to_num(a.std)) for a in answers]
-        found = [np.array([np.concatenate([part for part in parts if part is not None]) for parts in columns])]
-        poses, twist = self.check_queries[:, :size], self.check_queries[:, 7:]
+        size = POSE if self.has_orientation else POSITION
+        poses, twist = self.check_queries[:, :size], self.check_queries[:, POSE:]
+        alone = Correction.stack([self.correct(*query) for query in zip(poses, twist, strict=True)])
+        found = [alone.numbers(alone.std)]
         desired = PoseSignal(poses[:, :3], poses[:, 3:] if size > POSITION else None)
         if self.memory is not None:
             new = np.arange(len(poses)) == 0
             recalled = self.correct_observed(desired, twist, self.rigid.apply(desired), new)
-            parts = (recalled.position, recalled.quaternion, np.nan_to_num(recalled.interval95))
-            found.append(np.hstack([part for part in parts if part is not None]))
+            found.append(recalled.numbers(recalled.interval95))
         if self.route is not None:
             found.append(self.route.check_answers(self.rigid.apply(desired), self.law.bounds))
         return np.vstack(found)
@@ -411,7 +398,3 @@ class CommandCorrector(Corrector):
 def _six(values: FloatArray) -> FloatArray:
     """Pad the three components `(..., 3)` of a position-only model with NaN."""
     return values if values.shape[-1] == 6 else np.concatenate([values, np.full_like(values, np.nan)], axis=-1)
-
-
-def _either(row: BoolArray, first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
-    return None if first is None or second is None else np.where(row, first, second)

@@ -25,6 +25,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 __all__ = ["CoupledPlay", "learn_coupled_play"]
 
 FIRST_GAP = 0.08  # half gap that learning starts from, in units of half the range; chosen by hand
+GAPS = (-9.0, 1.0)  # logarithms of the half gaps that may be found, in the same units; chosen by hand
 STRONGEST = 0.9  # coupling, as a correlation of stiffness; chosen by hand
 LEAST_EIGENVALUE = 0.05  # of the stiffness, which must be positive definite; chosen by hand
 COUPLING_PENALTY = 0.3  # standard deviations a unit: couplings that the data do not show stay near 0; chosen by hand
@@ -157,25 +158,27 @@ def _learned(path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArra
 
 
 def _play_of(p: FloatArray, dof: int) -> CoupledPlay:
-    stiffness = np.eye(dof)
-    upper = np.triu_indices(dof, 1)
-    stiffness[upper] = STRONGEST * np.tanh(p[dof:])
-    stiffness = stiffness + np.triu(stiffness, 1).T
+    stiffness = _coupled(p, dof)
     least = float(np.linalg.eigvalsh(stiffness)[0])
-    return CoupledPlay(
-        stiffness + max(LEAST_EIGENVALUE - least, 0.0) * np.eye(dof), np.exp(np.clip(p[:dof], -9.0, 1.0))
-    )
+    return CoupledPlay(stiffness + max(LEAST_EIGENVALUE - least, 0.0) * np.eye(dof), np.exp(np.clip(p[:dof], *GAPS)))
+
+
+def _coupled(p: FloatArray, dof: int) -> FloatArray:
+    """Stiffness `(d, d)` of unit diagonal, which need not be positive definite yet."""
+    upper = np.zeros((dof, dof))
+    upper[np.triu_indices(dof, 1)] = STRONGEST * np.tanh(p[dof:])
+    stiffness: FloatArray = np.eye(dof) + upper + upper.T
+    return stiffness
 
 
 def _play_slopes(p: FloatArray, dof: int) -> FloatArray:
     """Slopes `(e, p)` of a play's numbers by what the search moves: see `_play_of`."""
     upper = np.triu_indices(dof, 1)
-    stiffness = np.eye(dof)
-    stiffness[upper] = STRONGEST * np.tanh(p[dof:])
-    values, vectors = np.linalg.eigh(stiffness + np.triu(stiffness, 1).T)
+    values, vectors = np.linalg.eigh(_coupled(p, dof))
     coupling = STRONGEST / np.cosh(p[dof:]) ** 2
     slopes = np.zeros((dof + len(coupling) + 1, len(p)))
-    slopes[:dof, :dof] = np.diag(np.where((p[:dof] > -9.0) & (p[:dof] < 1.0), np.exp(np.clip(p[:dof], -9.0, 1.0)), 0.0))
+    inside = np.clip(p[:dof], *GAPS)
+    slopes[:dof, :dof] = np.diag(np.where(inside == p[:dof], np.exp(inside), 0.0))
     slopes[dof:-1, dof:] = np.diag(coupling)
     if values[0] < LEAST_EIGENVALUE:
         slopes[-1, dof:] = -2.0 * vectors[upper[0], 0] * vectors[upper[1], 0] * coupling

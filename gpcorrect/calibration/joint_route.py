@@ -196,9 +196,7 @@ class JointRoute:
         found = []
         for session in (np.arange(len(reference)), np.zeros(len(reference), dtype=np.int64)):
             answer = self.correct(reference, time, session, bounds)
-            assert answer.position is not None
-            assert answer.quaternion is not None
-            found.append(np.hstack([answer.position, answer.quaternion, answer.interval95]))
+            found.append(answer.numbers(answer.interval95))
         answers: FloatArray = np.nan_to_num(np.vstack(found))
         return answers
 
