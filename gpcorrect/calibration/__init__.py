@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.excitation import random_sinusoids, random_sweeps
     from gpcorrect.calibration.explore import Proposal, propose
     from gpcorrect.calibration.fit import FitResult, fit_corrector, fit_model
+    from gpcorrect.calibration.forward import reached
     from gpcorrect.calibration.history import HeldOut, Step, last_measured
     from gpcorrect.calibration.joint_view import InputSignal
     from gpcorrect.calibration.joints import JointCorrector
@@ -51,6 +52,7 @@ __getattr__ = imported_on_demand(
         "excitation": "random_sinusoids random_sweeps",
         "explore": "Proposal propose",
         "fit": "FitResult fit_corrector fit_model",
+        "forward": "reached",
         "history": "HeldOut Step last_measured",
         "joint_view": "InputSignal",
         "joints": "JointCorrector",
@@ -123,6 +125,7 @@ __all__ = [
     "propose",
     "random_sinusoids",
     "random_sweeps",
+    "reached",
     "run_experiment",
     "save",
     "spread",

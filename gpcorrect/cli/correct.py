@@ -59,19 +59,32 @@ def correct(
     pose: Pose = None,
     position: Position = None,
     twist: Twist = None,
+    reached: Annotated[
+        bool,
+        typer.Option(
+            "--reached",
+            help="The other way round: pose and velocity are commanded ones, and what is printed is the pose reached.",
+        ),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Print what to command instead of a desired pose, and how sure that is.
 
     Example: gpcorrect correct model.gpc --pose 0.1 0.02 -0.11 1 0 0 0 --twist 0.05 0 0 0 0 0
-    """
-    from gpcorrect.calibration import load
 
-    answer = load(model).correct(_desired(pose, position), twist)
+    Example: gpcorrect correct model.gpc --pose 0.1 0.02 -0.11 1 0 0 0 --reached
+    """
+    from gpcorrect import calibration
+
+    corrector, asked = calibration.load(model), _desired(pose, position)
+    if reached:
+        answer = calibration.reached(corrector, [asked], None if twist is None else [twist])[0]
+    else:
+        answer = corrector.correct(asked, twist)
     if json:
         print_json(_answer_dict(answer))
     else:
-        _show_answer(answer)
+        _show_answer(answer, "reached" if reached else "command")
 
 
 @query_app.command("correct")
@@ -169,11 +182,11 @@ def _answer_dict(answer: Answer) -> dict[str, Any]:
     }
 
 
-def _show_answer(answer: Answer) -> None:
-    """Print one correction for people: mm and degrees for what is uncertain."""
+def _show_answer(answer: Answer, name: str = "command") -> None:
+    """Print one correction, or the pose that is reached, for people: mm and degrees for what is uncertain."""
     import numpy as np
 
-    out.print(f"command  position [m]     {_numbers(answer.position, 6)}")
+    out.print(f"{name}  position [m]     {_numbers(answer.position, 6)}")
     if answer.quaternion is not None:
         out.print(f"         quaternion wxyz  {_numbers(answer.quaternion, 6)}")
     out.print(f"95 %     position [mm]    +- {_numbers(1e3 * answer.interval95[:3], 2)}")

@@ -85,15 +85,39 @@ class RigidModel:
         quaternion = se3.quaternion_from_matrix(self.R_left @ R_obs @ self.R_right)
         return PoseSignal(self._positions(observed.position, R_obs), quaternion)
 
+    def inverse(self, command: PoseSignal) -> PoseSignal:
+        """Return the poses in the observer's frame that :meth:`apply` takes to `command`.
+
+        Parameters
+        ----------
+        command : PoseSignal
+            Poses in the command's frame.
+
+        Raises
+        ------
+        DataError
+            As for :meth:`apply`.
+        """
+        position = (command.position - self.t) @ self.R_position
+        if command.quaternion is None:
+            return PoseSignal(position - self._levers(None))
+        R_obs = self.R_left.T @ se3.matrix_from_quaternion(command.quaternion) @ self.R_right.T
+        return PoseSignal(position - self._levers(R_obs), se3.quaternion_from_matrix(R_obs))
+
     def _positions(self, position: FloatArray, R_obs: FloatArray | None) -> FloatArray:
-        if self.needs_orientation:
-            if R_obs is None:
-                raise DataError(
-                    "a model with a marker offset needs orientations to map positions, got positions only.",
-                    hint='Give orientations, or register with marker="none".',
-                )
-            position = position + R_obs @ self.offset
-        return position @ self.R_position.T + self.t
+        return (position + self._levers(R_obs)) @ self.R_position.T + self.t
+
+    def _levers(self, R_obs: FloatArray | None) -> FloatArray:
+        """Return from the marker to the tool tip `(n, 3)`, or `(3,)` zeros where they are one point."""
+        if not self.needs_orientation:
+            return self.offset
+        if R_obs is None:
+            raise DataError(
+                "a model with a marker offset needs orientations to map positions, got positions only.",
+                hint='Give orientations, or register with marker="none".',
+            )
+        levers: FloatArray = R_obs @ self.offset
+        return levers
 
     def followed_by(self, other: RigidModel) -> RigidModel:
         """Return the model that maps as this one and then `other` do.

@@ -74,6 +74,9 @@ def test_correct_asks_the_model_file(gpcorrect: CommandLine, fitted: Fitted) -> 
     assert np.linalg.norm(np.array(answer["position"]) - log.setpoint_cp.position[row]) < 1e-3
     assert answer["status"] == "OK"
     assert answer["in_domain"]
+    sent = [*answer["position"], *answer["quaternion"], "--twist", *velocity, 0, 0, 0]
+    back = gpcorrect("correct", fitted.model, "--reached", "--json", "--pose", *sent).json
+    assert np.linalg.norm(np.array(back["position"]) - pose[:3]) < 1e-3
 
 
 def test_far_outside_is_said_to_be_outside(gpcorrect: CommandLine, fitted: Fitted) -> None:

@@ -28,6 +28,16 @@ def test_apply_is_the_stated_law(kind: str, rng: np.random.Generator) -> None:
         )
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_inverse_maps_back(kind: str, rng: np.random.Generator) -> None:
+    """What `apply` maps, `inverse` maps back."""
+    model, observed = random_model(kind, rng), motion(7, rng)
+    back = model.inverse(model.apply(observed))
+    np.testing.assert_allclose(back.position, observed.position, atol=1e-13)
+    turned = (se3.matrix_from_quaternion(q) for q in (back.quaternion, observed.quaternion))
+    np.testing.assert_allclose(*turned, atol=1e-13)
+
+
 def test_marker_model_is_a_product_of_poses(rng: np.random.Generator) -> None:
     """A marker model is `T_base_tracker X T_marker_tip`."""
     model, observed = random_model("marker", rng), motion(5, rng)

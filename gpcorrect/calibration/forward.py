@@ -1,0 +1,106 @@
+"""Where a command takes the robot: the model asked the other way round, for simulators and planners.
+
+A model says which command `c = F(x)` reaches a pose `x`. The pose that a command reaches solves this for `x`. What `F`
+adds to the registration is small and smooth, so that taking it off the command again and again converges.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gpcorrect import se3
+from gpcorrect.calibration import queries
+from gpcorrect.calibration.cartesian import CommandCorrector
+from gpcorrect.correction import Correction, Reason
+from gpcorrect.errors import DataError
+from gpcorrect.rigid import RigidModel, apply_residual, pose_residual
+from gpcorrect.types import FloatArray, PoseSignal
+
+__all__ = ["reached"]
+
+SOLVED = 1e-7
+"""m and rad between a command and that of the pose found: far below any tracker."""
+STEPS = 50
+"""An addition whose slope is below 0.7 is solved in them; where it is steeper, two poses may have one command."""
+
+
+def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike | None = None) -> Correction:
+    """Return the poses that commands reach, and how sure that is, each for itself: memory and joints are not used.
+
+    Velocities are those of the commands, which are known; a pose that follows through slack may stand still.
+
+    Parameters
+    ----------
+    corrector : CommandCorrector
+        Of the arm.
+    commands : (n, 7) or (n, 3) array
+        Commanded positions (m) and unit quaternions wxyz, base frame.
+    twist : (n, 6) array, optional
+        Velocities of the commands, m/s and rad/s, base frame. Without them the arm is taken as at rest, and answers are
+        marked.
+
+    Returns
+    -------
+    Correction
+        n poses in the observer's frame, with standard deviations and intervals along its axes. Where no pose is found
+        that has this command, the answer is marked as outside the training region.
+
+    Raises
+    ------
+    DataError
+        A command or twist is not finite or has the wrong shape, or is so far off the training that it cannot be in m.
+    """
+    rows = queries.checked_poses(commands, orientation=corrector.has_orientation)
+    moving = np.zeros((len(rows), 6)) if twist is None else np.array(twist, dtype=np.float64)
+    if moving.shape != (len(rows), 6) or not np.isfinite(moving).all():
+        raise DataError(
+            f"twists must be finite and of shape ({len(rows)}, 6), got shape {moving.shape}.",
+            hint="vx vy vz in m/s and wx wy wz in rad/s of every command.",
+        )
+    target = PoseSignal(rows[:, :3], rows[:, 3:] if rows.shape[1] > 3 else None)
+    rigid, poses = corrector.rigid, corrector.rigid.inverse(target)
+    corrector.trained.refuse_far(poses.position)
+    for _ in range(STEPS):
+        answer = corrector.correct_observed(poses, _observed_twists(rigid, poses, moving))
+        assert answer.position is not None
+        missed = pose_residual(PoseSignal(answer.position, answer.quaternion), target)
+        left = np.nanmax(np.abs(missed), axis=1)
+        if (left < SOLVED).all():
+            break
+        poses = rigid.inverse(apply_residual(rigid.apply(poses), missed))
+    unsolved = left >= SOLVED
+    std = corrector.law.domain.widen(answer.std[:, : len(corrector.law.zero)], answer.in_domain & ~unsolved)
+    width = corrector.law.intervals.interval95(std)
+    found = Correction(
+        position=poses.position,
+        quaternion=poses.quaternion,
+        joints=None,
+        std=_observed_std(rigid, poses, std),
+        interval95=_observed_std(rigid, poses, width),
+        reasons=answer.reasons,
+    ).because(Reason.OUTSIDE, unsolved)
+    if corrector.memory is not None or corrector.route is not None:
+        found = found.because(Reason.NO_HISTORY)
+    return found.because(Reason.AT_REST) if twist is None and corrector.features.uses_velocity else found
+
+
+def _observed_std(rigid: RigidModel, poses: PoseSignal, std: FloatArray) -> FloatArray:
+    """Return deviations of commands `(n, 6)` or `(n, 3)`, base frame, as those of poses `(n, 6)`, observer's frame."""
+    variance = np.zeros((len(std), 6))
+    variance[:, : std.shape[1]] = std**2
+    position = variance[:, :3] @ (rigid.R_position**2)
+    if poses.quaternion is not None and rigid.needs_orientation:
+        lever = se3.hat(se3.matrix_from_quaternion(poses.quaternion) @ rigid.offset) @ rigid.R_left.T
+        position = position + np.einsum("nij,nj->ni", lever**2, variance[:, 3:])
+    rotation = variance[:, 3:] @ (rigid.R_left**2) if std.shape[1] > 3 else np.full((len(std), 3), np.nan)
+    turned: FloatArray = np.sqrt(np.hstack([position, rotation]))
+    return turned
+
+
+def _observed_twists(rigid: RigidModel, poses: PoseSignal, twist: FloatArray) -> FloatArray:
+    """Velocities `(n, 6)` of observed poses from those of their commands: the inverse of `reference_twists`."""
+    linear, angular = twist[:, :3] @ rigid.R_position, twist[:, 3:] @ rigid.R_left
+    if poses.quaternion is not None and rigid.needs_orientation:
+        linear = linear - np.cross(angular, se3.matrix_from_quaternion(poses.quaternion) @ rigid.offset)
+    return np.hstack([linear, angular])

@@ -1,0 +1,69 @@
+"""Laws of the question which pose a command reaches."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import small_log
+
+from gpcorrect.calibration import CommandCorrector, reached
+from gpcorrect.errors import DataError
+from gpcorrect.rigid import RigidModel, pose_residual
+from gpcorrect.types import FloatArray, PoseSignal
+
+
+def commands(corrector: CommandCorrector, desired: FloatArray, twist: FloatArray) -> FloatArray:
+    """Return what the model commands for each desired pose."""
+    answers = [corrector.correct(*query) for query in zip(desired, twist, strict=True)]
+    return np.array([[*a.position, *a.quaternion] for a in answers])
+
+
+@pytest.fixture
+def registered(small_corrector: CommandCorrector) -> CommandCorrector:
+    """Return a corrector whose marker is not its tool tip."""
+    turn = RigidModel("marker", offset=[0.01, -0.02, 0.015])
+    return replace(small_corrector, rigid=turn)
+
+
+def test_the_pose_that_a_command_reaches_has_that_command(registered: CommandCorrector) -> None:
+    """From a desired pose to its command and back is nothing, at rest and in motion."""
+    desired, twist = registered.check_queries[:, :7], np.zeros((len(registered.check_queries), 6))
+    for moving in (twist, twist + np.array([0.02, -0.01, 0.0, 0.0, 0.0, 0.0])):
+        back = reached(registered, commands(registered, desired, moving), moving)
+        found, asked = PoseSignal(back.position, back.quaternion), PoseSignal(desired[:, :3], desired[:, 3:])
+        assert np.abs(pose_residual(found, asked)).max() < 1e-5
+        assert back.in_domain.all()
+
+
+def test_other_reaches_end_where_it_says(small_corrector: CommandCorrector) -> None:
+    """On other trajectories of the same machine its error is far below the registration's, and intervals hold it."""
+    log = small_log(seed=1)
+    sent = np.hstack([log.setpoint_cp.position, log.setpoint_cp.quaternion])
+    velocity = np.gradient(sent[:, :3], log.time, axis=0)
+    answer = reached(small_corrector, sent, np.hstack([velocity, np.zeros(velocity.shape)]))
+    own = pose_residual(PoseSignal(answer.position, answer.quaternion), log.tracker_cp)
+    before = pose_residual(small_corrector.rigid.inverse(log.setpoint_cp), log.tracker_cp)
+    assert np.linalg.norm(own[:, :3]) < 0.2 * np.linalg.norm(before[:, :3])
+    assert (np.abs(own) <= answer.interval95).mean() > 0.9
+
+
+def test_what_was_not_used_is_said(small_corrector: CommandCorrector) -> None:
+    """Without a velocity the arm is taken as at rest; far from the training nothing is promised."""
+    near = small_corrector.check_queries[:1, :7]
+    assert reached(small_corrector, near)[0].reason
+    away = near + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    known, unknown = reached(small_corrector, near)[0], reached(small_corrector, away)[0]
+    assert not unknown.in_domain
+    assert (unknown.interval95 > known.interval95).all()
+
+
+def test_what_cannot_be_a_command_is_refused(small_corrector: CommandCorrector) -> None:
+    """Millimetres, no rotation, NaN and a velocity too few are said to be so."""
+    near = small_corrector.check_queries[:1, :7]
+    for wrong in (near * [1e3, 1e3, 1e3, 1, 1, 1, 1], near * [1, 1, 1, 2, 2, 2, 2], near * np.nan):
+        with pytest.raises(DataError):
+            reached(small_corrector, wrong)
+    with pytest.raises(DataError, match="twists must be finite"):
+        reached(small_corrector, near, np.zeros(6))
