@@ -75,7 +75,7 @@ def silence(lab: Lab) -> Seen:
 def _page(lab: Lab, *endpoints: str) -> Iterator[Callable[[], Any]]:
     """Run a monitor of some addresses; give what asks for its snapshot."""
     address = free_endpoint().removeprefix("tcp/")
-    words = [word for end in endpoints for word in ("--connect", end)]
+    words = [word for end in endpoints for word in ("--endpoint", end)]
 
     def _ask() -> Any:
         with urllib.request.urlopen(f"http://{address}/api/state", timeout=10.0) as reply:

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_units, spread
     from gpcorrect.calibration.model_file import load, load_any, model_hash, save
     from gpcorrect.calibration.model_store import Entry, ModelStore
+    from gpcorrect.calibration.outside_joints import with_outside_joints, with_poses
     from gpcorrect.calibration.settings import FitSettings
     from gpcorrect.calibration.split import HoldOut, folds_of
     from gpcorrect.calibration.stream import JointStream, PoseStream, RobotState, ToolStream
@@ -60,6 +61,7 @@ __getattr__ = imported_on_demand(
         "metrics": "ErrorTable JointErrors error_table joint_units spread",
         "model_file": "load load_any model_hash save",
         "model_store": "Entry ModelStore",
+        "outside_joints": "with_outside_joints with_poses",
         "settings": "FitSettings",
         "split": "HoldOut folds_of",
         "stream": "JointStream PoseStream RobotState ToolStream",
@@ -131,6 +133,8 @@ __all__ = [
     "spread",
     "timed",
     "update_model",
+    "with_outside_joints",
+    "with_poses",
     "with_uses",
     "zigzag",
 ]

@@ -18,7 +18,7 @@ from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal, frozen_array
 
-__all__ = ["ArmKinematics"]
+__all__ = ["GRIPPER", "SOURCES", "ArmKinematics", "pose_matrices", "require_determined"]
 
 SOURCES = (("setpoint_cp", "setpoint_jp"), ("measured_cp", "measured_jp"))
 """Pairs of which one kinematics made the first from the second."""
@@ -92,12 +92,10 @@ class ArmKinematics:
         else:
             raise LogError("it does not hold poses with orientation and the joints they were computed from.")
         rows = np.flatnonzero(poses.finite & np.isfinite(joints).all(axis=1))
-        T, q = _matrices(poses[rows]), joints[rows]
+        T, q = pose_matrices(poses[rows]), joints[rows]
         chain = _chain_of(q, T, log.joint_types(q.shape[1]))
         q, length = q[:, : chain.dof], workspace(T)
-        rates = np.linalg.svd(chain.jacobian(q) / np.array([length] * 3 + [1.0] * 3)[:, None], compute_uv=False)
-        if chain.dof > len(rates[0]) or np.median(rates[:, -1] / rates[:, 0]) < LEAST_SHARE:
-            raise DegenerateError(f"poses do not determine the {chain.dof} joints that move the tip.")
+        require_determined(chain, q, length)
         kinematics = cls(chain, q[np.unique(np.linspace(0, len(q) - 1, STARTS).astype(np.int64))], length)
         _, left = kinematics.chain.nearest(T, q, length)
         return replace(kinematics, reach=float(left.max()))
@@ -158,7 +156,7 @@ class ArmKinematics:
 
     def _inverse(self, poses: PoseSignal) -> tuple[FloatArray, FloatArray]:
         q, left, known = np.full((len(poses), self.chain.dof), np.nan), np.full(len(poses), np.nan), poses.finite
-        T = _matrices(poses[known])
+        T = pose_matrices(poses[known])
         start = self.starts[self._nearest.query(self._coordinates(T))[1]]
         q[known], left[known] = self.chain.nearest(T, start, self.length)
         return q, left
@@ -188,7 +186,35 @@ def _chain_of(q: FloatArray, T: FloatArray, types: str) -> Chain:
     raise failed or DegenerateError("no joint of the log moves the tip.")
 
 
-def _matrices(poses: PoseSignal) -> FloatArray:
+def require_determined(chain: Chain, q: FloatArray, length: float) -> None:
+    """Refuse an arm whose poses do not say where its joints are.
+
+    Parameters
+    ----------
+    chain : Chain
+    q : (n, dof) array
+        Postures, rad and m.
+    length : float
+        m that weigh as much as one radian.
+
+    Raises
+    ------
+    DegenerateError
+        In most postures some motion of the joints hardly moves the tip.
+    """
+    rates = np.linalg.svd(chain.jacobian(q) / np.array([length] * 3 + [1.0] * 3)[:, None], compute_uv=False)
+    if chain.dof > len(rates[0]) or np.median(rates[:, -1] / rates[:, 0]) < LEAST_SHARE:
+        raise DegenerateError(f"poses do not determine the {chain.dof} joints that move the tip.")
+
+
+def pose_matrices(poses: PoseSignal) -> FloatArray:
+    """Return poses with orientation as matrices `(n, 4, 4)`.
+
+    Parameters
+    ----------
+    poses : PoseSignal
+        n poses.
+    """
     rotations = rotations_of(poses)
     assert rotations is not None
     return se3.pose(rotations, poses.position)

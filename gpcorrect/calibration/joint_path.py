@@ -99,9 +99,11 @@ def joint_signal(log: CalibrationLog, name: str) -> FloatArray:
     """
     values: FloatArray | None = getattr(log, name)
     if values is None:
+        of_tracker = name == "external_jp" and log.tracker_cp is not None
         raise LogError(
             f"joint calibration needs {name}; the log has {', '.join(log.signals) or 'no signals'}.",
-            hint="Map its columns: --columns map.toml",
+            hint="Map its columns: --columns map.toml"
+            + (", or name the arm that the tracker saw: --machine robot.urdf" if of_tracker else ""),
             path=log.name,
         )
     for joint, kind in enumerate(log.joint_types(values.shape[1])):

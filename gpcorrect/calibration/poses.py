@@ -103,10 +103,12 @@ def pose_pair(log: CalibrationLog) -> tuple[PoseSignal, PoseSignal]:
     """
     missing = [name for name in ("tracker_cp", "setpoint_cp") if getattr(log, name) is None]
     if missing or log.tracker_cp is None or log.setpoint_cp is None:
+        of_joints = log.setpoint_cp is None and log.setpoint_jp is not None
         raise LogError(
             f"learning needs tracker_cp and setpoint_cp; missing: {', '.join(missing)}. "
             f"Present: {', '.join(log.signals) or 'none'}.",
-            hint="Name the columns in a mapping file: --columns map.toml",
+            hint="Name the columns in a mapping file: --columns map.toml"
+            + (", or the arm whose joints these are: --machine robot.urdf" if of_joints else ""),
             path=log.name,
         )
     if len(log) == 0:

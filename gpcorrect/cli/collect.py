@@ -12,7 +12,7 @@ import typer
 
 from gpcorrect.atomic import make_folder, require_folder, require_new, write_file
 from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
-from gpcorrect.cli.options import ArmName, Json, KeyRoot, numbers
+from gpcorrect.cli.options import ArmName, Json, KeyRoot, OldArm, OldConnect, chain_of, numbers
 from gpcorrect.cli.processes import free_endpoint, running
 from gpcorrect.errors import DataError
 
@@ -46,12 +46,13 @@ def zigzag_command(
     ] = "J1",
     sparsity: Sparsity = 4,
     limits: Limits = BLOCK,
-    arm: Annotated[
-        str, typer.Option(help="Arm whose limits must hold: raven2_left, raven2_right, dvrk_psm, or none.")
+    machine: Annotated[
+        str, typer.Option(help="Whose limits must hold: packaged machine, robot or model file; or none.")
     ] = "raven2_left",
     speed: Speed = FASTEST,
     rate: Annotated[float, typer.Option(help="Samples a second.")] = RATE_HZ,
     plot: Annotated[Path | None, typer.Option(help="Picture to write (PNG).", show_default=False)] = None,
+    old_arm: OldArm = None,
     json: Json = False,
 ) -> None:
     """Write a zig-zag calibration trajectory for the first three joints, within their speed limits.
@@ -70,8 +71,8 @@ def zigzag_command(
 
     require_folder(output)
     chosen, block = direction_named(direction), joint_limits(limits)
-    if arm != "none":
-        _require_within(block, arm)
+    if machine != "none":
+        _require_within(block, machine)
     corners = zigzag(chosen, sparsity, block)
     path = timed(corners, speed_limits(speed), rate)
     still = np.zeros(len(path.time), dtype=np.int64)
@@ -106,13 +107,14 @@ def collect_zigzag(
     speed: Speed = FASTEST,
     test: Annotated[float, typer.Option(help="Seconds of random motion to measure on.", min=5)] = 120.0,
     method: Annotated[str, typer.Option(help="How to calibrate; see gpcorrect joint fit.")] = "gp",
-    connect: Annotated[
+    endpoint: Annotated[
         str | None, typer.Option(help="Address of a robot that runs; a simulated one is started without it.")
     ] = None,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
     time_scale: Annotated[float, typer.Option(help="How many times faster the simulated arm lives.")] = 20.0,
     seed: Annotated[int, typer.Option(help="Seed of test motion, noise and fit.", min=0)] = 0,
+    old_connect: OldConnect = None,
     json: Json = False,
 ) -> None:
     """Drive zig-zags and a random test run, record them, learn the joints' errors, and measure on the test run.
@@ -123,7 +125,7 @@ def collect_zigzag(
 
     gpcorrect collect zigzag --output calibration/
 
-    gpcorrect collect zigzag --direction J2-J3 --sparsity 4 --connect tcp/127.0.0.1:7448 --output today/
+    gpcorrect collect zigzag --direction J2-J3 --sparsity 4 --endpoint tcp/127.0.0.1:7448 --output today/
     """
     from gpcorrect.calibration import (
         FitSettings,
@@ -149,12 +151,12 @@ def collect_zigzag(
     learner_named(method)
     settings = FitSettings(method=method, time_offset="none", seed=seed)
     with ExitStack() as stack:
-        endpoint = connect or free_endpoint()
-        if connect is None:
-            words = ["--machine", MACHINE, "--arm", arm, "--namespace", namespace, "--endpoint", endpoint]
+        place = endpoint or free_endpoint()
+        if endpoint is None:
+            words = ["--machine", MACHINE, "--arm", arm, "--namespace", namespace, "--endpoint", place]
             more = ["--rate", f"{RATE_HZ:g}", "--time-scale", f"{time_scale:g}", "--seed", str(seed)]
             stack.enter_context(running("sim", "serve", *words, *more))
-        robot = stack.enter_context(Robot(BusSettings(endpoint, arm, namespace, patience=PATIENCE), PATIENCE))
+        robot = stack.enter_context(Robot(BusSettings(place, arm, namespace, patience=PATIENCE), PATIENCE))
         robot.make_ready()
         gc.freeze()  # what was imported: a collection that goes through it would stop the commands for 0.15 s
         progress = stack.enter_context(progress_bar(quiet=json))
@@ -201,15 +203,15 @@ def _recorded(robot: Robot, paths: list[TimedPath], progress: Progress, what: st
 
 def _require_within(block: FloatArray, name: str) -> None:
     """Refuse a block that the arm's own limits do not hold."""
-    from gpcorrect.arms import arm_named
-
-    allowed = arm_named(name).limits[: len(block)]
+    allowed = chain_of(name).limits[: len(block)]
+    if len(allowed) < len(block):
+        raise DataError(f"{name} has {len(allowed)} moving joints; zig-zags move {len(block)}.")
     for joint, ((low, high), (least, most), unit) in enumerate(zip(block, allowed, UNITS, strict=True), start=1):
         if low < least - ROUNDING or high > most + ROUNDING:
             raise DataError(
                 f"joint {joint} would go from {low / unit:g} to {high / unit:g}, beyond the limits of {name}, "
                 f"{least / unit:g} to {most / unit:g}.",
-                hint="Narrow --limits, name another --arm, or give --arm none.",
+                hint="Narrow --limits, name another --machine, or give --machine none.",
             )
 
 

@@ -12,7 +12,7 @@ import typer
 
 from gpcorrect.atomic import make_folder, write_file
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, styled
-from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler, read_logs
+from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler, model_named, read_logs
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -30,9 +30,14 @@ discrepancy_app = typer.Typer(
 
 @discrepancy_app.command("run")
 def run(
-    model: Annotated[
-        Path,
-        typer.Option(help="What is known of the machine (TOML), or a robot file (MJCF, URDF).", show_default=False),
+    machine: Annotated[
+        str,
+        typer.Option(
+            "--machine",
+            "--model",
+            help="What is known of the machine: model file (TOML), robot file (MJCF, URDF), or a packaged one's name.",
+            show_default=False,
+        ),
     ],
     log: Annotated[
         list[Path], typer.Option(help="Recording; repeat it for several sessions of one machine.", show_default=False)
@@ -50,7 +55,7 @@ def run(
     """Name what is missing in a model, or say that nothing is, or that these data cannot tell.
 
     Writes report.json, report.html (needs no other file) and model.toml: the model with the named effects, ready for
-    --model and for `gpcorrect simulate`. With a robot file, model.xml is that file with the effects for which it has
+    --machine and for `gpcorrect simulate`. With a robot file, model.xml is that file with the effects for which it has
     words (friction, damping, force limits, ranges, payload, link geometry), and model.toml names it and holds the
     others. Ends with status 0 whatever the verdict, 2 for input that cannot be used.
 
@@ -59,23 +64,22 @@ def run(
 
     For example:
 
-    gpcorrect discrepancy run --model nominal.toml --log monday.csv --log tuesday.csv --output missing/
+    gpcorrect discrepancy run --machine nominal.toml --log monday.csv --log tuesday.csv --output missing/
 
-    gpcorrect discrepancy run --model missing/model.toml --log friday.csv --output left/ --json
+    gpcorrect discrepancy run --machine missing/model.toml --log friday.csv --output left/ --json
 
-    gpcorrect discrepancy run --model robot.xml --log monday.csv --output missing/
+    gpcorrect discrepancy run --machine robot.xml --log monday.csv --output missing/
     """
     from gpcorrect.discrepancy import find_discrepancy
     from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
     from gpcorrect.parallel import workers
     from gpcorrect.report import write_discrepancy_report  # the report's libraries are an extra: say so before the work
-    from gpcorrect.sim import read_model
     from gpcorrect.sim.robot_output import write_completed
 
     make_folder(output)
-    machine, recording = read_model(model), read_logs(log, columns)
+    model, recording = model_named(machine), read_logs(log, columns)
     with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
-        result = find_discrepancy(machine, recording, seed=seed, progress=progress, stages=output / "stages")
+        result = find_discrepancy(model, recording, seed=seed, progress=progress, stages=output / "stages")
     report = result.to_report()
     write_file(output / "report.json", json_text.dumps(report, indent=2))
     written = write_completed(result.model, output / "model.toml")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from gpcorrect.atomic import atomic_path, make_folder, require_folder
+from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, split_names, styled
 from gpcorrect.cli.options import (
     Clean,
@@ -19,8 +19,10 @@ from gpcorrect.cli.options import (
     ModelFile,
     ModelOutput,
     Reading,
+    Report,
     Seed,
     one_of,
+    report_page,
     takes_groups,
 )
 from gpcorrect.errors import DataError
@@ -64,10 +66,7 @@ def fit(
         bool, typer.Option("--shuffle", help="Hold out random trajectories, not the last ones.")
     ] = False,
     seed: Seed = 0,
-    report: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the report page and the list of dropped samples.", show_default=False),
-    ] = None,
+    report: Report = None,
     json: Json = False,
 ) -> None:
     """Learn what to command from recordings, and measure it on trajectories that were held out.
@@ -81,14 +80,15 @@ def fit(
     gpcorrect fit lab.csv --columns map.toml --output model.gpc --json
 
     gpcorrect fit robot.bag --tracker-log "Take 2026-11-21.csv" --output model.gpc
+
+    gpcorrect fit joints.csv --machine ur5e.urdf --output model.gpc
     """
     from gpcorrect.calibration import FitSettings, HoldOut, learner_named, run_experiment, save
     from gpcorrect.cleaning import CleaningSettings
     from gpcorrect.rigid import MarkerOption
 
     require_folder(output)
-    if report is not None:
-        make_folder(report)
+    page = None if report is None else report_page(report)
     learner_named(method)
     by = HoldOut(one_of(hold_out_by, tuple(HoldOut), "what is held out"))
     settings = FitSettings(
@@ -105,12 +105,12 @@ def fit(
         experiment = run_experiment(log, settings, holdout=holdout, by=by, shuffle=shuffle, progress=progress)
     save(experiment.corrector, output)
     result = experiment.to_dict()
-    if report is not None:
-        _write_report(experiment, report)
+    if page is not None:
+        _write_report(experiment, page)
     if json:
         print_json(result)
     else:
-        _show(experiment, result, output, report)
+        _show(experiment, result, output, page)
 
 
 @takes_groups
@@ -152,15 +152,16 @@ def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
     return tuple(segments)
 
 
-def _write_report(experiment: Experiment, folder: Path) -> None:
+def _write_report(experiment: Experiment, page: Path) -> None:
+    """Write the page, and beside it the list of dropped samples."""
     from gpcorrect.report import write_fit_report  # the report's libraries are an extra
 
-    write_fit_report(experiment, folder / "report.html")
+    write_fit_report(experiment, page)
     reports = [("train", experiment.fit.cleaning)]
     if experiment.evaluation is not None:
         reports.append(("held out", experiment.evaluation.cleaning))
     rows: list[dict[str, Any]] = [{"set": name, **row} for name, r in reports for row in r.to_table()]
-    with atomic_path(folder / "cleaning.csv") as path, path.open("w", newline="") as file:
+    with atomic_path(page.with_name("cleaning.csv")) as path, path.open("w", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]) if rows else ["set"])
         writer.writeheader()
         writer.writerows(rows)
@@ -171,7 +172,7 @@ def _caution(sentences: tuple[str, ...]) -> None:
         err.print(styled(("caution:", "yellow"), " ", sentence))
 
 
-def _show(experiment: Experiment, result: dict[str, Any], output: Path, report: Path | None) -> None:
+def _show(experiment: Experiment, result: dict[str, Any], output: Path, page: Path | None) -> None:
     for remark in experiment.fit.remarks:
         note(remark)
     _caution(experiment.evaluation.cautions if experiment.evaluation else ())
@@ -181,4 +182,4 @@ def _show(experiment: Experiment, result: dict[str, Any], output: Path, report: 
         out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} % of the held-out errors")
     dropped = ", ".join(f"{n} {why}" for why, n in result["dropped"].items() if n) or "none"
     out.print(f"trained on {result['n_train']} samples in {result['seconds']:.1f} s; dropped: {dropped}")
-    out.print(f"model: {output}" + (f"   report: {report / 'report.html'}" if report else ""))
+    out.print(f"model: {output}" + (f"   report: {page}" if page else ""))

@@ -10,7 +10,18 @@ import typer
 
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names, styled
-from gpcorrect.cli.options import Clean, Columns, Holdout, HoldOutBy, Json, Logs, ModelOutput, Seed, one_of, read_logs
+from gpcorrect.cli.options import (
+    Clean,
+    Holdout,
+    HoldOutBy,
+    Json,
+    Logs,
+    ModelOutput,
+    Reading,
+    Seed,
+    one_of,
+    takes_groups,
+)
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -34,15 +45,15 @@ Input = Annotated[
     typer.Option("--input", help="measured_jp or setpoint_jp; the reported one where logged.", show_default=False),
 ]
 Way = Annotated[str, typer.Option("--direction", help="estimate (reported to true) or command (desired to commanded).")]
-Clock = Annotated[str, typer.Option("--time-offset", help="Clock of the outside encoders: auto, none, or seconds.")]
-JOINTS = ("setpoint_jp", "measured_jp", "external_jp")
 Model = Annotated[Path, typer.Argument(help="Model file that `gpcorrect joint fit` wrote.", show_default=False)]
 
 
 @joint_app.command()
+@takes_groups
 def fit(
     logs: Logs,
     output: ModelOutput,
+    reading: Reading,
     method: Method = "gp",
     features: Features = None,
     input_signal: Input = None,
@@ -52,18 +63,20 @@ def fit(
     clean: Clean = True,
     end_to_end: Annotated[bool, typer.Option("--end-to-end", help="Learn the true positions, not the error.")] = False,
     layers: Annotated[str, typer.Option(help="Widths of the network, as 600,500,400.")] = "100,100",
-    columns: Columns = None,
-    time_offset: Clock = "auto",
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
     """Learn joint errors from recordings with outside encoders, and measure on trajectories that were held out.
+
+    With --machine a tracker of whole poses stands in for the encoders.
 
     For example:
 
     gpcorrect joint fit zigzags.csv --method gp --output joints.gpc
 
     gpcorrect joint fit monday.csv --method network --features position,effort --output net.gpc --json
+
+    gpcorrect joint fit ur5e.bag --machine ur5e.xml --output joints.gpc
     """
     from gpcorrect.calibration import HoldOut, JointCorrector, learner_named, run_experiment, save
 
@@ -74,13 +87,13 @@ def fit(
     if not widths or not all(width.isdigit() and int(width) > 0 for width in widths):
         raise DataError(f"layers are widths above 0, got {layers!r}.", hint="For example 100,100 or 600,500,400")
     settings = replace(
-        _settings(features, input_signal, direction, time_offset, seed),
+        _settings(features, input_signal, direction, reading.clock_left, seed),
         method=method,
         clean=clean,
         end_to_end=end_to_end,
         layers=tuple(map(int, widths)),
     )
-    log = read_logs(logs, columns, learned=JOINTS)
+    log = reading.joint_log(logs)
     with progress_bar(quiet=json) as progress:
         experiment = run_experiment(log, settings, task=JointCorrector, holdout=holdout, by=by, progress=progress)
     save(experiment.corrector, output)
@@ -98,9 +111,8 @@ def fit(
 
 
 @joint_app.command()
-def evaluate(
-    model: Model, logs: Logs, columns: Columns = None, time_offset: Clock = "auto", json: Json = False
-) -> None:
+@takes_groups
+def evaluate(model: Model, logs: Logs, reading: Reading, json: Json = False) -> None:
     """Measure a joint model on recordings it has not seen.
 
     Example: gpcorrect joint evaluate joints.gpc tuesday.csv
@@ -108,7 +120,7 @@ def evaluate(
     from gpcorrect.calibration import JointCorrector, evaluate_model, load
 
     corrector = load(model, JointCorrector)
-    log, clocks = corrector.on_one_clock(read_logs(logs, columns, learned=JOINTS), time_offset)
+    log, clocks = corrector.on_one_clock(reading.joint_log(logs), reading.clock_left)
     evaluation = evaluate_model(corrector, log)
     result = {
         "n_test": len(evaluation.clean.rows),
@@ -131,14 +143,14 @@ def evaluate(
 
 
 @joint_app.command()
+@takes_groups
 def compare(
     logs: Logs,
+    reading: Reading,
     features: Features = None,
     input_signal: Input = None,
     direction: Way = "estimate",
     holdout: Holdout = 0.2,
-    columns: Columns = None,
-    time_offset: Clock = "auto",
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -148,9 +160,9 @@ def compare(
     """
     from gpcorrect.calibration import LEARNERS, JointCorrector, run_experiment
 
-    log = read_logs(logs, columns, learned=JOINTS)
+    log = reading.joint_log(logs)
     rows: list[dict[str, Any]] = []
-    settings = _settings(features, input_signal, direction, time_offset, seed)
+    settings = _settings(features, input_signal, direction, reading.clock_left, seed)
     with progress_bar(quiet=json) as progress:
         for number, method in enumerate(LEARNERS):
             progress.step("methods", number / len(LEARNERS))
@@ -169,7 +181,8 @@ def compare(
 
 
 @joint_app.command()
-def rezero(model: Model, logs: Logs, output: ModelOutput, columns: Columns = None, json: Json = False) -> None:
+@takes_groups
+def rezero(model: Model, logs: Logs, output: ModelOutput, reading: Reading, json: Json = False) -> None:
     """Set the zeros of a model anew from a short run, as after a homing: a minute instead of a calibration.
 
     Example: gpcorrect joint rezero joints.gpc minute.csv --output joints-today.gpc
@@ -179,7 +192,7 @@ def rezero(model: Model, logs: Logs, output: ModelOutput, columns: Columns = Non
     from gpcorrect.calibration import JointCorrector, joint_units, load, save
 
     require_folder(output)
-    corrector, log = load(model, JointCorrector), read_logs(logs, columns, learned=JOINTS)
+    corrector, log = load(model, JointCorrector), reading.joint_log(logs)
     fresh = corrector.rezeroed(log)
     names, scale = joint_units(corrector.types)
     shift = (fresh.zero - corrector.zero) * scale

@@ -7,13 +7,18 @@ import inspect
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from gpcorrect.atomic import make_folder, require_folder
 from gpcorrect.cli.console import note
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import CalibrationLog
+
+if TYPE_CHECKING:
+    from gpcorrect.arms import Chain
+    from gpcorrect.sim import Model
 
 __all__ = [
     "ROBOT",
@@ -35,23 +40,53 @@ __all__ = [
     "KeyRoot",
     "LogOutput",
     "Logs",
+    "Machine",
+    "MachineName",
     "ModelFile",
     "ModelOutput",
-    "Namespace",
+    "OldArm",
+    "OldConnect",
+    "OldNamespace",
+    "OldPage",
     "Reading",
     "Remote",
+    "Report",
     "RobotPlace",
     "Scheduler",
     "Seed",
     "ServicePlace",
     "Tracker",
     "TrackerLog",
+    "arm_chosen",
+    "chain_of",
+    "model_named",
     "numbers",
     "one_of",
     "read_logs",
+    "renamed",
+    "report_page",
     "seconds_ahead",
     "takes_groups",
 ]
+
+
+def renamed(old: str, new: str, why: str) -> Any:
+    """Return the hidden option that refuses a name which an option had, and says the new one.
+
+    Parameters
+    ----------
+    old, new : str
+        Names of the option, with their dashes.
+    why : str
+        What the old name means elsewhere.
+    """
+
+    def _refuse(value: Any) -> None:
+        if value:
+            raise DataError(f"{old} is not taken here: {why}.", hint=f"Give {new} instead of {old}.")
+
+    return typer.Option(old, hidden=True, callback=_refuse)
+
 
 # Recordings and models.
 Logs = Annotated[
@@ -64,7 +99,6 @@ Logs = Annotated[
 Columns = Annotated[
     Path | None, typer.Option(help="Mapping file (TOML) for a foreign table or a bag: which column is what.")
 ]
-Namespace = Annotated[str | None, typer.Option(help="Arm's namespace in a bag that holds several, such as PSM1.")]
 Tracker = Annotated[str | None, typer.Option(help="Topic of the outside tracker in a bag.")]
 TrackerLog = Annotated[
     Path | None,
@@ -73,7 +107,38 @@ TrackerLog = Annotated[
         show_default=False,
     ),
 ]
-Arm = Annotated[str | None, typer.Option(help="Which arm of a raven_state topic: left or right.")]
+Arm = Annotated[
+    str | None,
+    typer.Option(help="Which arm of a recording that holds several: PSM1, as its topics name it; left or right."),
+]
+OldNamespace = Annotated[str | None, renamed("--namespace", "--arm", "it is the first part of the keys on the network")]
+OldConnect = Annotated[list[str] | None, renamed("--connect", "--endpoint", "addresses have one name in every command")]
+OldPage = Annotated[Path | None, renamed("--page", "--report", "pages have one name in every command")]
+OldArm = Annotated[
+    str | None, renamed("--arm", "--machine", "it is the name of an arm on the network or in a recording")
+]
+MachineName = Annotated[
+    str | None,
+    typer.Option(
+        "--machine",
+        help="Packaged machine (raven2_left, raven2_right, dvrk_psm), or a robot file (MJCF, URDF), or a model file "
+        "(TOML). Its kinematics stands in for poses, or outside joints, that a recording lacks.",
+        show_default=False,
+    ),
+]
+Machine = Annotated[
+    str | None,
+    typer.Option(
+        "--machine",
+        "--model",
+        help="Packaged machine (raven2_left, dvrk_psm, ...), robot file (MJCF, URDF), or model file (TOML).",
+        show_default=False,
+    ),
+]
+Report = Annotated[
+    Path | None,
+    typer.Option("--report", help="Page to write: an .html file, or a folder for report.html.", show_default=False),
+]
 AsIs = Annotated[bool, typer.Option("--as-is", help="Take recordings whose units or frames look wrong as they are.")]
 Disordered = Annotated[
     bool, typer.Option("--drop-disordered", help="Leave out samples whose time does not increase, and say how many.")
@@ -125,16 +190,38 @@ class Reading:
 
     columns: Columns = None
     time_offset: Clock = "auto"
-    namespace: Namespace = None
+    arm: Arm = None
     tracker_topic: Tracker = None
     tracker_log: TrackerLog = None
-    arm: Arm = None
+    machine: MachineName = None
     as_is: AsIs = False
     drop_disordered: Disordered = False
+    old_namespace: OldNamespace = None
 
     def log(self, paths: list[Path]) -> CalibrationLog:
-        """Read the recordings as :func:`read_logs` does."""
-        return read_logs(paths, **{field.name: getattr(self, field.name) for field in fields(self)})
+        """Read the recordings as :func:`read_logs` does; the machine's kinematics adds poses that they lack."""
+        from gpcorrect.calibration import with_poses
+
+        return self._read(paths, ("setpoint_cp", "tracker_cp"), with_poses)
+
+    def joint_log(self, paths: list[Path]) -> CalibrationLog:
+        """Read recordings of joints; the machine's kinematics adds the true joints that a tracker's poses stand for."""
+        from gpcorrect.calibration import with_outside_joints
+
+        learned = ("setpoint_jp", "measured_jp", "external_jp", *(() if self.machine is None else ("tracker_cp",)))
+        return self._read(paths, learned, with_outside_joints)
+
+    def _read(
+        self, paths: list[Path], learned: Collection[str], completed: Callable[[CalibrationLog, Chain], CalibrationLog]
+    ) -> CalibrationLog:
+        given = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("machine", "old_namespace")}
+        log = read_logs(paths, **given, learned=learned)
+        if self.machine is None:
+            return log
+        whole = completed(log, chain_of(self.machine))
+        added = [name for name in whole.signals if name not in log.signals]
+        note(f"{' and '.join(added)} computed by the kinematics of {self.machine}" if added else NOTHING_ADDED)
+        return whole
 
     @property
     def clock_left(self) -> str:
@@ -157,6 +244,72 @@ class ServicePlace(RobotPlace):
     """Where a service is on the network."""
 
     endpoint: Endpoint = SERVICE
+
+
+NOTHING_ADDED = "--machine changes nothing: the recording holds all that its kinematics could add"
+
+
+def model_named(machine: str) -> Model:
+    """Return the packaged machine of a name, or that of a file.
+
+    Parameters
+    ----------
+    machine : str
+        As `--machine` takes it.
+
+    Raises
+    ------
+    DataError
+        There is neither.
+    """
+    from gpcorrect.sim import preset, preset_names, read_model
+
+    if machine in preset_names():
+        return preset(machine)
+    if not Path(machine).exists():
+        known = f"Packaged machines: {', '.join(preset_names())}."
+        raise DataError(f"there is no machine {machine}, packaged or as a file.", hint=known)
+    return read_model(machine)
+
+
+def chain_of(machine: str) -> Chain:
+    """Return the kinematics of a machine, from the joints that a recording has of it.
+
+    Parameters
+    ----------
+    machine : str
+        As `--machine` takes it.
+
+    Raises
+    ------
+    DataError
+        There is no such machine, or it has none.
+    """
+    from gpcorrect.sim import machine_of
+
+    body = machine_of(model_named(machine)).body.compact()
+    if body.chain is None or body.chain.dof != len(body.joints):
+        raise DataError(
+            f"the moving joints of {machine} do not give its poses: "
+            + ("it has bare joints." if body.chain is None else "others before or between them are held."),
+            hint="Name a machine whose first joints move, as the recording has them.",
+        )
+    return body.chain
+
+
+def report_page(report: Path) -> Path:
+    """Return the file of a report, after a look whether it can be written.
+
+    Parameters
+    ----------
+    report : Path
+        An .html file, or the folder for report.html.
+    """
+    if report.suffix.lower() in (".html", ".htm"):
+        require_folder(report)
+        return report
+    make_folder(report)
+    return report / "report.html"
 
 
 def takes_groups(command: Callable[..., None]) -> Callable[..., None]:
@@ -202,7 +355,6 @@ def read_logs(
     *,
     as_is: bool | None = None,
     drop_disordered: bool = False,
-    namespace: str | None = None,
     tracker_topic: str | None = None,
     arm: str | None = None,
     tracker_log: Path | None = None,
@@ -220,8 +372,8 @@ def read_logs(
     as_is, drop_disordered : bool
         Take what looks misread (None where the command has no such option); leave out samples whose time does not
         increase.
-    namespace, tracker_topic, arm : str, optional
-        Which arm and tracker of a bag.
+    tracker_topic, arm : str, optional
+        Which tracker and arm of a recording.
     tracker_log : Path, optional
         The tracker's own recording.
     time_offset : str
@@ -243,7 +395,7 @@ def read_logs(
     from gpcorrect.logs import join_logs, read_log, refuse_misread, with_tracker
 
     disorder = "drop" if drop_disordered else "refuse"
-    chosen: dict[str, Any] = {"namespace": namespace, "tracker_topic": tracker_topic, "arm": arm, "disorder": disorder}
+    chosen: dict[str, Any] = {"tracker_topic": tracker_topic, "disorder": disorder, **arm_chosen(arm)}
     logs = [read_log(path, columns=columns, **chosen) for path in paths]
     if tracker_log is not None:
         if len(logs) > 1:
@@ -258,6 +410,17 @@ def read_logs(
             hint = f"{error.hint} More: gpcorrect validate LOG.{past}"
             raise LogError(error.message, hint=hint) from error
     return logs[0] if len(logs) == 1 else join_logs(logs)
+
+
+def arm_chosen(arm: str | None) -> dict[str, Any]:
+    """Return the arguments of :func:`gpcorrect.logs.read_log` that choose an arm.
+
+    Parameters
+    ----------
+    arm : str or None
+        Namespace of its topics; left and right are also the two arms of a RAVEN-II's state, and of JIGSAWS.
+    """
+    return {"namespace": arm, "arm": arm if arm in ("left", "right") else None}
 
 
 def seconds_ahead(time_offset: str) -> float | None:

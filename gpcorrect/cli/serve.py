@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gpcorrect.cli.console import err
-from gpcorrect.cli.options import ROBOT, SERVICE, ArmName, Config, Endpoint, KeyRoot, ModelFile, Remote
+from gpcorrect.cli.options import ROBOT, SERVICE, ArmName, Config, Endpoint, KeyRoot, ModelFile, OldConnect, Remote
 from gpcorrect.cli.processes import stop_signal
 from gpcorrect.cli.sim import RosDomain, RosName, ros_distro_of
 from gpcorrect.errors import DataError, MissingExtraError
@@ -143,7 +143,7 @@ def prefilter(
 
 
 def monitor(
-    connect: Annotated[
+    endpoint: Annotated[
         list[str] | None,
         typer.Option(help="Address of a robot or a service, repeatable; both on this machine without it."),
     ] = None,
@@ -154,14 +154,15 @@ def monitor(
         bool, typer.Option("--allow-remote", help="Serve on an address that other machines can reach.")
     ] = False,
     config: Annotated[
-        Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --connect.", show_default=False)
+        Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.", show_default=False)
     ] = None,
+    old_connect: OldConnect = None,
 ) -> None:
     """Serve a page that shows every arm of a namespace: poses, correction, interval, domain, latency, drift, servers.
 
     The page reads and can change nothing.
 
-    Example: gpcorrect monitor --connect tcp/127.0.0.1:7448 --connect tcp/127.0.0.1:7449
+    Example: gpcorrect monitor --endpoint tcp/127.0.0.1:7448 --endpoint tcp/127.0.0.1:7449
 
     gpcorrect monitor --config site/monitor.json5
     """
@@ -173,15 +174,15 @@ def monitor(
             f"{host} can be reached from other machines, and the page asks nobody who they are.",
             hint="Serve on 127.0.0.1 and tunnel to it, or allow remote access on purpose: --allow-remote",
         )
-    if config is not None and connect:
-        raise DataError("--config and --connect both say where to look.", hint="Give one of them.")
+    if config is not None and endpoint:
+        raise DataError("--config and --endpoint both say where to look.", hint="Give one of them.")
     import uvicorn
 
     from gpcorrect_service.crtk import BusSettings, in_namespace
     from gpcorrect_service.monitor import Board, Watcher  # zenoh is an extra; other commands work without it
     from gpcorrect_service.monitor.app import application
 
-    places = [BusSettings(one, namespace=namespace) for one in connect or [ROBOT, SERVICE]]
+    places = [BusSettings(one, namespace=namespace) for one in endpoint or [ROBOT, SERVICE]]
     if config is not None:
         places = [in_namespace(BusSettings(namespace=namespace, config_file=config))]
     board = Board(places[0].namespace)

@@ -12,7 +12,19 @@ import typer
 
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import err, print_result
-from gpcorrect.cli.options import ROBOT, ArmName, Config, Json, KeyRoot, LogOutput, Remote, one_of
+from gpcorrect.cli.options import (
+    ROBOT,
+    ArmName,
+    Config,
+    Json,
+    KeyRoot,
+    LogOutput,
+    Machine,
+    OldArm,
+    Remote,
+    model_named,
+    one_of,
+)
 from gpcorrect.cli.processes import stop_signal
 from gpcorrect.errors import DataError
 
@@ -24,12 +36,6 @@ __all__ = ["RosDomain", "RosName", "ros_distro_of", "sim_app", "simulate"]
 
 sim_app = typer.Typer(no_args_is_help=True, help="Simulated arms that run live.")
 
-Machine = Annotated[
-    Path | None,
-    typer.Option(
-        help="Machine to simulate (TOML), or a robot file (MJCF, URDF); a packaged one without it.", show_default=False
-    ),
-]
 RosDomain = Annotated[
     int | None, typer.Option(help="Speak on rmw_zenoh's keys too, in this ROS_DOMAIN_ID.", show_default=False)
 ]
@@ -68,6 +74,8 @@ def ros_distro_of(chosen: str | None, domain: int | None) -> RosDistro:
 
 
 COUNTS = {"debridement": 303, "reaches": 40, "joints": 24}  # motions of a task; the paper had 303 reaches
+DEFAULT_MACHINE = "raven2_debridement"  # that lives, where none is named
+DEFAULT_ARM = "raven2_left"  # that reaches, where no machine is named
 LARGEST_RATE = 1000.0  # Hz
 LONGEST_BLOCK = 20  # servo steps
 
@@ -78,8 +86,7 @@ def simulate(
         typer.Argument(help="debridement (default), reaches, or joints (default with --model).", show_default=False),
     ] = None,
     output: LogOutput = Path("log.csv"),
-    model: Machine = None,
-    arm: Annotated[str, typer.Option(help="Arm of the packaged machine, for reaches.")] = "raven2_left",
+    machine: Machine = None,
     reaches: Annotated[
         int | None, typer.Option("--reaches", "--trajectories", help="How many motions.", show_default=False)
     ] = None,
@@ -99,6 +106,7 @@ def simulate(
     clean: Annotated[bool, typer.Option("--clean", help="A tracker without occlusions and outliers.")] = False,
     position_only: Annotated[bool, typer.Option("--position-only", help="A tracker that sees positions only.")] = False,
     seed: Annotated[int, typer.Option(help="Seed of motion, noise and faults.", min=0)] = 0,
+    old_arm: OldArm = None,
     json: Json = False,
 ) -> None:
     """Simulate a recording: what was commanded, reported, and seen by an outside tracker, faults included.
@@ -107,40 +115,40 @@ def simulate(
 
     gpcorrect simulate debridement --output reaches.csv
 
-    gpcorrect simulate reaches --arm dvrk_psm --reaches 60 --output psm.parquet
+    gpcorrect simulate reaches --machine dvrk_psm --reaches 60 --output psm.parquet
 
-    gpcorrect simulate joints --model model.toml --seed 3 --output joints.csv
+    gpcorrect simulate joints --machine model.toml --seed 3 --output joints.csv
 
-    gpcorrect simulate joints --model robot.xml --effect "backlash joint=2 radius=0.004" --noise 1e-4
+    gpcorrect simulate joints --machine robot.xml --effect "backlash joint=2 radius=0.004" --noise 1e-4
     """
     from gpcorrect.logs import write_log
-    from gpcorrect.sim import debridement_log, joint_motion_log, random_reaches_log, read_model
+    from gpcorrect.sim import debridement_log, joint_motion_log, random_reaches_log
 
     require_folder(output)
-    machine = None if model is None else _altered(read_model(model), effect or (), noise)
-    if machine is None and (effect or noise is not None):
-        raise DataError("effects and noise are added to a model.", hint="Give it: --model model.toml")
-    chosen = task or ("debridement" if machine is None else "joints")
+    model = None if machine is None else _altered(model_named(machine), effect or (), noise)
+    if model is None and (effect or noise is not None):
+        raise DataError("effects and noise are added to a machine.", hint="Give it: --machine model.toml")
+    chosen = task or ("debridement" if model is None else "joints")
     if chosen not in COUNTS:
         raise DataError(f"a task is one of {', '.join(COUNTS)}; got {chosen!r}.")
     count = COUNTS[chosen] if reaches is None else reaches
     if chosen == "debridement":
-        log = debridement_log(seed, reaches=count, faults=not clean, position_only=position_only, model=machine)
+        log = debridement_log(seed, reaches=count, faults=not clean, position_only=position_only, model=model)
     elif chosen == "reaches":
         log = random_reaches_log(
-            arm,
+            DEFAULT_ARM,
             count,
             seed,
             sessions=sessions,
             payloads=payload or (),
             position_only=position_only,
             faults=not clean,
-            model=machine,
+            model=model,
         )
-    elif machine is None:
-        raise DataError("joint motion needs to know the machine.", hint="Give it: --model model.toml")
+    elif model is None:
+        raise DataError("joint motion needs to know the machine.", hint="Give it: --machine model.toml")
     else:
-        log = joint_motion_log(machine, count, seconds, seed, sessions=sessions, payloads=payload or ())
+        log = joint_motion_log(model, count, seconds, seed, sessions=sessions, payloads=payload or ())
     write_log(log, output)
     count = len(log.trajectory_ids)
     print_result(
@@ -177,8 +185,7 @@ def _effect(text: str) -> Effect:
 
 @sim_app.command()
 def serve(
-    model: Machine = None,
-    machine: Annotated[str, typer.Option(help="Packaged machine.")] = "raven2_debridement",
+    machine: Machine = None,
     arm: ArmName = "arm1",
     endpoint: Annotated[str, typer.Option(help="Address to listen on.")] = ROBOT,
     namespace: KeyRoot = "gpcorrect",
@@ -210,14 +217,14 @@ def serve(
     stop = stop_signal()
     import numpy as np
 
-    from gpcorrect.sim import machine_of, preset, read_model
+    from gpcorrect.sim import machine_of
     from gpcorrect.sim.live_robot import LiveRobot
     from gpcorrect_service.crtk import ArmServer, ArmServerSettings, Bus, BusSettings  # zenoh is an extra
 
     distro = ros_distro_of(ros_distro, ros_domain)
     if not 1.0 <= rate <= LARGEST_RATE or not time_scale > 0:
         raise DataError(f"the rate goes from 1 to {LARGEST_RATE:.0f} Hz and time forward, got {rate}, {time_scale}.")
-    known = preset(machine) if model is None else read_model(model)
+    known = model_named(machine or DEFAULT_MACHINE)
     real = machine_of(known)
     robot = LiveRobot(
         real, np.random.default_rng(seed), block=max(1, min(LONGEST_BLOCK, round(real.drive.rate_hz / rate)))

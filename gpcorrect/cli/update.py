@@ -131,7 +131,7 @@ def drift(
     """
     import numpy as np
 
-    from gpcorrect.calibration import detect, estimate_ageing, load_any
+    from gpcorrect.calibration import JointCorrector, detect, estimate_ageing, load_any
 
     if plot is not None:
         require_folder(plot)
@@ -141,7 +141,7 @@ def drift(
     baseline = np.asarray(corrector.summary.get("baseline", ()), dtype=np.float64)
     parts, ages, recorded = [], [], 0.0
     for i, path in enumerate(logs):
-        log = reading.log([path])
+        log = reading.joint_log([path]) if isinstance(corrector, JointCorrector) else reading.log([path])
         matched, clocks = corrector.on_one_clock(log, reading.clock_left)
         for sentence in (*clocks.notes, corrector.caution_seen(log)):
             if sentence:

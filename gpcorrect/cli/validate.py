@@ -14,10 +14,13 @@ from gpcorrect.cli.options import (
     Arm,
     Columns,
     Json,
-    Namespace,
+    MachineName,
+    OldNamespace,
     Reading,
     Tracker,
     TrackerLog,
+    arm_chosen,
+    chain_of,
     one_of,
     seconds_ahead,
     takes_groups,
@@ -35,9 +38,9 @@ STYLE = {"error": "bold red", "warning": "yellow", "info": "dim"}
 def validate(
     log: Annotated[Path, typer.Argument(help="Recording to look at.", show_default=False)],
     columns: Columns = None,
-    namespace: Namespace = None,
-    tracker_topic: Tracker = None,
     arm: Arm = None,
+    tracker_topic: Tracker = None,
+    machine: MachineName = None,
     tracker_log: TrackerLog = None,
     time_offset: Annotated[
         str, typer.Option(help="Clock of --tracker-log: auto (matched by the motion), none, or seconds it runs ahead.")
@@ -50,6 +53,7 @@ def validate(
             show_default=False,
         ),
     ] = None,
+    old_namespace: OldNamespace = None,
     json: Json = False,
 ) -> None:
     """Look at a recording before fitting: rates, gaps, stamps, frozen signals, units, limits, swapped arms.
@@ -58,20 +62,21 @@ def validate(
 
     Examples
     --------
-    gpcorrect validate monday.bag --namespace PSM2
+    gpcorrect validate monday.bag --arm PSM2
 
     gpcorrect validate robot.csv --tracker-log "Take 2026-11-21.csv"
 
     gpcorrect validate "Take 2026-11-21.csv" --for tracker
     """
-    from gpcorrect.calibration import PURPOSES, Use, for_purpose, with_uses
+    from gpcorrect.calibration import PURPOSES, Use, for_purpose, with_outside_joints, with_poses, with_uses
     from gpcorrect.logs import read_log, validate_log, with_tracker
 
-    recording = read_log(
-        log, columns=columns, namespace=namespace, tracker_topic=tracker_topic, arm=arm, disorder="keep"
-    )
+    recording = read_log(log, columns=columns, tracker_topic=tracker_topic, disorder="keep", **arm_chosen(arm))
     if tracker_log is not None:
         recording = with_tracker(recording, read_log(tracker_log, columns=columns), seconds_ahead(time_offset))
+    if machine is not None:
+        chain = chain_of(machine)
+        recording = with_outside_joints(with_poses(recording, chain), chain)
     uses: tuple[Use, ...]
     if purpose is None:
         report, uses = with_uses(validate_log(recording), recording)
@@ -130,7 +135,7 @@ def convert(
 ) -> None:
     """Write a recording of any known format as a native log: SI units, one clock, a column a number.
 
-    Example: gpcorrect convert monday.bag monday.parquet --namespace PSM2
+    Example: gpcorrect convert monday.bag monday.parquet --arm PSM2
     """
     from gpcorrect.atomic import require_new
     from gpcorrect.logs import require_writable, write_log

@@ -11,7 +11,7 @@ import typer
 
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names
-from gpcorrect.cli.options import Columns, Json, Logs, read_logs
+from gpcorrect.cli.options import Columns, Json, Logs, OldPage, Report, read_logs, report_page
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are imported when a command needs them
@@ -28,8 +28,6 @@ vision_app = typer.Typer(
     help="Ground truth from ordinary cameras and coloured balls, and a position estimator from it.",
 )
 
-Page = Annotated[Path | None, typer.Option(help="Quality page (HTML) to write.", show_default=False)]
-
 
 @vision_app.command()
 def calibrate(
@@ -37,27 +35,28 @@ def calibrate(
     output: Annotated[Path, typer.Option("--output", "-o", help="Calibration file to write (JSON).")] = Path(
         "cameras.json"
     ),
-    page: Page = None,
+    report: Report = None,
+    old_page: OldPage = None,
     json: Json = False,
 ) -> None:
     """Calibrate cameras: lenses from chessboards, places from markers at known points.
 
     Examples
     --------
-    gpcorrect vision calibrate rig.toml --output cameras.json --page calibration.html
+    gpcorrect vision calibrate rig.toml --output cameras.json --report calibration.html
     """
     from gpcorrect.vision import calibrate_rig, read_rig, write_cameras
 
-    for path in filter(None, (output, page)):
-        require_folder(path)
+    require_folder(output)
+    page = None if report is None else report_page(report)
     with progress_bar(quiet=json) as progress:
-        report = calibrate_rig(read_rig(rig), progress)
-    write_cameras([camera.camera for camera in report.cameras], output)
+        result = calibrate_rig(read_rig(rig), progress)
+    write_cameras([camera.camera for camera in result.cameras], output)
     if page is not None:
         from gpcorrect.report import write_calibration_page  # the report's libraries are an extra
 
-        write_calibration_page(report, page)
-    figures = report.to_dict()
+        write_calibration_page(result, page)
+    figures = result.to_dict()
     if json:
         print_json(figures)
     else:
@@ -90,7 +89,8 @@ def track(
     annotated: Annotated[
         Path | None, typer.Option(help="Annotated video to write (.mp4 or .avi).", show_default=False)
     ] = None,
-    page: Page = None,
+    report: Report = None,
+    old_page: OldPage = None,
     measured_only: Annotated[
         bool, typer.Option("--measured-only", help="Leave out poses that were predicted through an occlusion.")
     ] = False,
@@ -108,14 +108,15 @@ def track(
     --------
     gpcorrect vision track front.mp4 left.mp4 back.mp4 right.mp4 --cameras cameras.json --output log.parquet
 
-    gpcorrect vision track cam0/ cam1/ --ball red --fps 25 --annotated look.mp4 --page quality.html
+    gpcorrect vision track cam0/ cam1/ --ball red --fps 25 --annotated look.mp4 --report quality.html
     """
     from gpcorrect.logs import write_log
     from gpcorrect.vision import TrackSettings, open_source, read_cameras
     from gpcorrect.vision import track as track_sources
 
-    for path in filter(None, (output, page, annotated)):
+    for path in filter(None, (output, annotated)):
         require_folder(path)
+    page = None if report is None else report_page(report)
     if output.suffix not in (".csv", ".parquet"):
         raise DataError(f"a log ends in .csv or .parquet; got {output.name}.")
     followed, known = _target(target, ball), read_cameras(cameras)

@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from cli_support import PROGRAM, CommandLine
+from cli_support import PROGRAM, CommandLine, assert_refused
 
 import gpcorrect as package
 import gpcorrect_studies
@@ -118,3 +118,42 @@ def test_ctrl_c_while_libraries_are_read_is_no_traceback(library: str, words: tu
     command = [sys.executable, "-c", INTERRUPTED, library, *words]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (130, "stopped\n")
+
+
+def options() -> dict[str, dict[str, set[tuple[str, ...]]]]:
+    """By name of an option: the commands that show it, by what they say of it."""
+    found: dict[str, dict[str, set[tuple[str, ...]]]] = {}
+    for path in PROGRAM.walk():
+        for parameter in PROGRAM.command(*path).params:
+            for name in () if getattr(parameter, "hidden", True) else parameter.opts:
+                found.setdefault(name, {}).setdefault(parameter.help or "", set()).add(path)
+    return found
+
+
+def test_an_option_means_one_thing_in_every_command() -> None:
+    """What a name stands for is the same everywhere; names that had it elsewhere are shown nowhere."""
+    found = options()
+    assert not {"--connect", "--page"} & set(found)
+    assert len(found["--namespace"]) == len(found["--report"]) == 1
+    assert all("arm" in text.lower() for text in found["--arm"])
+    assert len(found["--arm"]) == 2  # on the network, and in a recording
+    assert all("machine" in text.lower() for text in found["--machine"])
+    assert all("address" in text.lower() for text in found["--endpoint"])
+
+
+@pytest.mark.parametrize(
+    ("words", "instead"),
+    [
+        (("fit", "x.bag", "--output", "m.gpc", "--namespace", "PSM1"), "--arm"),
+        (("simulate", "reaches", "--arm", "dvrk_psm"), "--machine"),
+        (("zigzag", "--output", "z.csv", "--arm", "none"), "--machine"),
+        (("monitor", "--connect", "tcp/127.0.0.1:1"), "--endpoint"),
+        (("debride", "--connect", "tcp/127.0.0.1:1"), "--endpoint"),
+        (("vision", "calibrate", "rig.toml", "--page", "x.html"), "--report"),
+    ],
+)
+def test_an_options_old_name_is_refused_with_the_new_one(
+    gpcorrect: CommandLine, words: tuple[str, ...], instead: str
+) -> None:
+    """Before any work, with status 2."""
+    assert_refused(gpcorrect(*words), f"{instead} instead of")

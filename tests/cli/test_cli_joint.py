@@ -94,7 +94,9 @@ def test_bad_recordings_are_refused_by_name(gpcorrect: CommandLine, tmp_path: Pa
         assert_refused(outcome, words, "try:")
     assert_refused(gpcorrect("zigzag", "--limits", "20:60,55:110,330:600", "--output", tmp_path / "z.csv"), "joint 3")
     assert (
-        gpcorrect("zigzag", "--limits", "20:60,55:110,330:600", "--arm", "none", "--output", tmp_path / "z.csv").code
+        gpcorrect(
+            "zigzag", "--limits", "20:60,55:110,330:600", "--machine", "none", "--output", tmp_path / "z.csv"
+        ).code
         == 0
     )
 

@@ -68,7 +68,7 @@ def test_a_recording_is_not_overwritten(gpcorrect, arm, tmp_path):
     assert_refused(gpcorrect(*words, tmp_path / "run.txt"), ".csv or .parquet")
     assert there.read_text() == "precious"
     (tmp_path / "zigzags.csv").write_text("precious")
-    assert_refused(gpcorrect("collect", "zigzag", "-o", tmp_path, "--connect", arm), "not overwritten")
+    assert_refused(gpcorrect("collect", "zigzag", "-o", tmp_path, "--endpoint", arm), "not overwritten")
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ def monitor(*endpoints: str) -> Iterator[str]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    words = [word for endpoint in endpoints for word in ("--connect", endpoint)]
+    words = [word for endpoint in endpoints for word in ("--endpoint", endpoint)]
     process = subprocess.Popen([sys.executable, "-m", "gpcorrect", "monitor", "--port", str(port), *words])
     try:
         yield f"http://127.0.0.1:{port}/"

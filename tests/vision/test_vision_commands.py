@@ -81,7 +81,7 @@ def _track(recorded: _Recorded, output: Path, *more: object) -> list[object]:
 def test_a_recording_becomes_a_log(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
     """Within a fifth of a millimetre, with the status of every row, an annotated video and a page."""
     output, video, page = tmp_path / "log.parquet", tmp_path / "look.avi", tmp_path / "page.html"
-    outcome = vision(*_track(recorded, output, "--annotated", video, "--page", page, "--fps", 30, "--json"))
+    outcome = vision(*_track(recorded, output, "--annotated", video, "--report", page, "--fps", 30, "--json"))
     assert outcome.code == 0, outcome.err
     assert json.loads(outcome.out)["measured_share"] == 1.0
     log = read_log(output)
@@ -300,7 +300,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_pictures_become_a_calibration(vision: _Shell, rig: Path, tmp_path: Path) -> None:
     """Boards, one board at its rough place and dots at known points place both cameras to a millimetre, with a page."""
     output, page = tmp_path / "cameras.json", tmp_path / "page.html"
-    outcome = vision("calibrate", rig, "--output", output, "--page", page, "--json")
+    outcome = vision("calibrate", rig, "--output", output, "--report", page, "--json")
     assert outcome.code == 0, outcome.err
     for k, (camera, row) in enumerate(zip(read_cameras(output), json.loads(outcome.out)["cameras"], strict=True)):
         true = se3.invert(np.loadtxt(rig.parent / f"truth{k}.txt"))[:3, 3]

@@ -17,7 +17,7 @@ from rich.table import Table
 from gpcorrect.atomic import atomic_path, make_folder, require_folder, write_file
 from gpcorrect.calibration import FitSettings, fit_corrector, save
 from gpcorrect.cli.console import err, out, print_json, progress_bar
-from gpcorrect.cli.options import Json, one_of
+from gpcorrect.cli.options import Json, OldConnect, Report, one_of, report_page
 from gpcorrect.cli.processes import free_endpoint, running
 from gpcorrect.errors import DataError
 from gpcorrect.planning import Margins, Mode
@@ -55,20 +55,21 @@ def debride(
         Path | None,
         typer.Option(help="Folder that keeps the models; those that are there are taken.", show_default=False),
     ] = None,
-    connect: Annotated[
+    endpoint: Annotated[
         list[str] | None,
         typer.Option(help="Address of a running service, one an arm or one for all; none is started then."),
     ] = None,
     picture: Annotated[Path | None, typer.Option(help="Picture of the paths to write (PNG).")] = None,
     animation: Annotated[Path | None, typer.Option(help="Animation of the task to write (GIF).")] = None,
-    report: Annotated[Path | None, typer.Option(help="Page to write (HTML), with both.")] = None,
+    report: Report = None,
     seed: Annotated[int, typer.Option(help="Seed of fragments, rehearsals and noise.", min=0)] = 0,
+    old_connect: OldConnect = None,
     json: Json = False,
 ) -> None:
     """Remove fragments with simulated arms: looking often at 1 cm/s, or corrected and in open loop at 6 cm/s.
 
     Each arm rehearses the task under a tracker and is fitted; its correction is then served over zenoh by another
-    process, and the planner asks it for every path. Without --connect these services are started here.
+    process, and the planner asks it for every path. Without --endpoint these services are started here.
 
     For example:
 
@@ -76,9 +77,10 @@ def debride(
 
     gpcorrect debride --arms 1 --models demo/ --report task.html
     """
-    for path in (picture, animation, report):
+    for path in (picture, animation):
         if path is not None:
             require_folder(path)
+    page = None if report is None else report_page(report)
     chosen: Mode = one_of(mode, get_args(Mode), "the mode")
     scene, places = stations(arms)
     with ExitStack() as stack:
@@ -90,7 +92,7 @@ def debride(
             delayed(_learn)(scene, place, folder, rehearsals, speed / 100, seed) for place in places
         )
         progress.step("rehearsal and fit", 1.0)
-        clients = stack.enter_context(_clients(places, folder, connect or []))
+        clients = stack.enter_context(_clients(places, folder, endpoint or []))
         lying = scene.fragments(fragments, np.random.default_rng([seed, 3]))
         conditions = compare(
             Mission(scene, places, lying, start=max(ends) + AFTER_REHEARSAL),
@@ -104,7 +106,7 @@ def debride(
         )
         served = [client.model() for client in clients]
     facts = _facts(conditions, [f"{m.id} {m.hash[:12]} by {m.replica}" for m in served], chosen)
-    _draw(scene, places, conditions, facts, picture, animation, report)
+    _draw(scene, places, conditions, facts, picture, animation, page)
     if json:
         print_json(facts)
     else:
