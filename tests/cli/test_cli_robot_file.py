@@ -106,7 +106,7 @@ def joints_and_tracker(robot: Path, folder: Path) -> Path:
 
 
 def test_a_robot_file_lets_poses_and_joints_be_learned_from_joints_and_a_tracker(gpcorrect, tmp_path):
-    """`validate` and `joint fit` take what they refuse without --machine, poses are computed; the joint's zero is found."""
+    """Poses and outside joints are computed by the machine's kinematics, and a joint's zero is found."""
     robot = write_urdf(tmp_path)
     log, joints = joints_and_tracker(robot, tmp_path), tmp_path / "joints.gpc"
     assert_refused(gpcorrect("fit", log, "--output", tmp_path / "m.gpc"), "setpoint_cp", "--machine")
