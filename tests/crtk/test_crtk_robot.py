@@ -3,11 +3,12 @@
 import threading
 
 import numpy as np
+import pytest
 
 from gpcorrect_service.crtk import BusSettings, JointState
 from gpcorrect_service.crtk import robot as robot_module
 from gpcorrect_service.crtk.messages import OperatingState
-from gpcorrect_service.crtk.robot import Robot
+from gpcorrect_service.crtk.robot import Robot, RobotError
 
 RATE_HZ = 30.0
 SPEED = 0.08  # rad/s
@@ -32,6 +33,9 @@ class HeldUpBus:
             self.thread.start()
 
     def publish(self, name, message):
+        if name == "move_jp" and message.position[0] > 1.0:  # begins, and stops where it was; shorter moves are lost
+            self.inboxes["operating_state"](OperatingState(self.stamp, "ENABLED", True, True))
+            self.inboxes["operating_state"](OperatingState(self.stamp, "ENABLED", True, False))
         if name == "servo_jp":
             self.commanded = message.position[0]
             self.leads.append(abs(self.commanded - self.setpoint))
@@ -57,3 +61,14 @@ def test_old_states_that_come_all_at_once_make_no_jump(monkeypatch):
         robot.follow(times, SPEED * times[:, None])
         assert max(robot.bus.leads) < 0.3 * SPEED
         assert robot.bus.commanded == SPEED * times[-1]
+
+
+@pytest.mark.parametrize("goal", [0.5, 2.0])
+def test_a_move_that_is_lost_or_stops_elsewhere_is_not_waited_for(monkeypatch, goal):
+    """A command that never came, and an arm that stops on the way, end in words after the tool's patience."""
+    monkeypatch.setattr(robot_module, "Bus", HeldUpBus)
+    with (
+        Robot(BusSettings("tcp/127.0.0.1:1"), patience=0.2) as robot,
+        pytest.raises(RobotError, match="does not go to"),
+    ):
+        robot.move_jp(np.array([goal]))

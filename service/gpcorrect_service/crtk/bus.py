@@ -177,16 +177,19 @@ class Bus:
         self._stack.enter_context(self._session.declare_subscriber(key, callback))
 
     def _sender(self, what: Topic) -> _Sender:
-        native = self._publisher(self.key(what.name))
+        native = self._publisher(self.key(what.name), what)
         if self._node is None or not what.ros_type:
             return _Sender(native, what)
         key, token = self._declare_ros(what, "MP")
-        ros = self._latched(key) if what.latched else self._publisher(key)
+        ros = self._latched(key) if what.latched else self._publisher(key, what)
         return _Sender(native, what, ros, gid_of(token))
 
-    def _publisher(self, key: str) -> zenoh.Publisher:
+    def _publisher(self, key: str, what: Topic) -> zenoh.Publisher:
+        priority = zenoh.Priority.INTERACTIVE_HIGH if what.urgent else zenoh.Priority.DATA
         return self._stack.enter_context(
-            self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
+            self._session.declare_publisher(
+                key, congestion_control=zenoh.CongestionControl.DROP, priority=priority, express=True
+            )
         )
 
     def _latched(self, key: str) -> AdvancedPublisher:

@@ -121,6 +121,8 @@ class Topic:
         Empty where ROS users have no such topic.
     latched : bool
         Whether a ROS node that comes late hears the last message, as CRTK has it of states ("transient local").
+    urgent : bool
+        Whether messages overtake those of other topics, which are dropped where a listener cannot keep up.
     """
 
     name: str
@@ -128,6 +130,7 @@ class Topic:
     kind: str
     ros_type: str = ""
     latched: bool = False
+    urgent: bool = False
 
 
 TOPICS: dict[str, Topic] = {
@@ -142,7 +145,7 @@ TOPICS: dict[str, Topic] = {
             for name in ("measured_cp", "setpoint_cp", "tracker_cp", "servo_cp", "move_cp")
         ),
         *(Topic(f"corrected/{name}", Pose, "pose", POSE_STAMPED) for name in ("servo_cp", "move_cp")),
-        *(Topic(name, Text, "text", STRING_STAMPED) for name in ("state_command", "error", "warning")),
+        *(Topic(name, Text, "text", STRING_STAMPED, urgent=True) for name in ("state_command", "error", "warning")),
         Topic("operating_state", OperatingState, "operating_state", OPERATING_STATE, latched=True),
         Topic("heartbeat", Heartbeat, "heartbeat"),
         Topic("event", Event, "event"),

@@ -181,8 +181,16 @@ class Robot:
             It says why it cannot, or it stops elsewhere.
         """
         self._errors.clear()
+        what = f"go to {np.round(q, 4).tolist()}"
+
+        def _is_there() -> bool:
+            return bool(np.abs(self.setpoint - q).max() < NEAR)
+
         self._bus.publish("move_jp", JointState(self.time, tuple(q.tolist())))
-        self._until(lambda: bool(np.abs(self.setpoint - q).max() < NEAR), None, f"go to {np.round(q, 4).tolist()}")
+        # A lost command, a lost complaint and a stop elsewhere all look like a robot at rest: none is waited for long.
+        self._until(lambda: _is_there() or self.state.is_busy or bool(self._errors), self._patience, what)
+        self._until(lambda: _is_there() or not (self.state.is_busy or self._errors), None, what)
+        self._until(_is_there, self._patience, what)
 
     def rest(self) -> None:
         """Wait until the move that was sent last is over; one that is not begun within the patience was none.
@@ -236,7 +244,8 @@ class Robot:
         for moment in self._paced(times, _is_near):
             self.servo_jp(_joints(moment))
         # The last sample is streamed once more, to be there before the mark that ends the trajectory.
-        self._until(lambda: bool(np.abs(self.setpoint - q[-1]).max() < NEAR), None, "reach the end of the path")
+        there = self._patience
+        self._until(lambda: bool(np.abs(self.setpoint - q[-1]).max() < NEAR), there, "reach the end of the path")
         self._mark(NO_TRAJECTORY)
 
     def follow_poses(self, times: FloatArray, poses: FloatArray, frame: str) -> None:
