@@ -16,7 +16,7 @@ from gpcorrect.sim import machine_of, preset
 from gpcorrect.sim.live_robot import LiveRobot
 from gpcorrect.types import FloatArray
 from gpcorrect_service.crtk import ArmServer, ArmServerSettings, Bus, BusSettings
-from gpcorrect_service.crtk.ros import RosDistro
+from gpcorrect_service.protocol.settings import RosDistro
 from gpcorrect_service.server.models import Model
 
 PATIENT = 30.0  # s: only a test that fails waits this long

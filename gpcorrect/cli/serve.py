@@ -57,6 +57,8 @@ def serve(
             show_default=False,
         ),
     ] = None,
+    ros_domain: RosDomain = None,
+    ros_distro: RosName = None,
     allow_remote: Remote = False,
     config: Config = None,
 ) -> None:
@@ -69,6 +71,7 @@ def serve(
     from gpcorrect_service.protocol.bounds import CorrectionBound
     from gpcorrect_service.server.service import serve as serve_model
 
+    distro = ros_distro_of(ros_distro, ros_domain)
     settings = ServerSettings(
         endpoint=endpoint,
         arm=arm,
@@ -82,6 +85,8 @@ def serve(
         strict=strict,
         frame=frame,
         metrics_port=metrics_port,
+        ros_domain=ros_domain,
+        ros_distro=distro,
     )
 
     def ready(_: Server) -> None:

@@ -30,7 +30,7 @@ from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
     from gpcorrect.sim import Effect, Model
-    from gpcorrect_service.crtk.ros import RosDistro
+    from gpcorrect_service.protocol.settings import RosDistro
 
 __all__ = ["RosDomain", "RosName", "ros_distro_of", "sim_app", "simulate"]
 
@@ -65,7 +65,7 @@ def ros_distro_of(chosen: str | None, domain: int | None) -> RosDistro:
     DataError
         There is none of this name, or no domain to speak it in.
     """
-    from gpcorrect_service.crtk.ros import RosDistro
+    from gpcorrect_service.protocol.settings import RosDistro
 
     if chosen is not None and domain is None:
         raise DataError("--ros-distro says how to speak with ROS, and nothing says where.", hint="Add --ros-domain 0")

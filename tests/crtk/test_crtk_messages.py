@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 
 from gpcorrect_service.crtk.bus import read_message
 from gpcorrect_service.crtk.messages import TOPICS, JointState, OperatingState, Pose, Text
-from gpcorrect_service.crtk.ros import RmwNode, attachment, from_cdr, gid_of, rmw_key, to_cdr, to_ros
+from gpcorrect_service.crtk.ros import from_cdr, to_cdr, to_ros
 from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import checked_stamp
+from gpcorrect_service.protocol.rmw import RmwNode, attachment, gid_of, rmw_key
 
 MESSAGES = [
     ("measured_js", JointState(1.5, (0.1, -0.2), (1.0, 2.0), (3.0, 4.0))),

@@ -14,10 +14,12 @@ from gpcorrect_service.crtk import Bus, BusSettings, JointState, OperatingState,
 from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter, PrefilterSettings
 from gpcorrect_service.crtk.recorder import Recorder, write_mcap
 from gpcorrect_service.crtk.robot import Robot, RobotError
-from gpcorrect_service.crtk.ros import RosDistro, from_cdr, rmw_key, to_cdr
+from gpcorrect_service.crtk.ros import from_cdr, to_cdr
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import EndpointError
+from gpcorrect_service.protocol.rmw import rmw_key
+from gpcorrect_service.protocol.settings import RosDistro
 
 
 def test_a_robot_is_driven_and_recorded(tmp_path):
@@ -101,13 +103,24 @@ def test_ros_users_are_understood_both_ways(distro: RosDistro):
         config.insert_json5("connect/endpoints", json.dumps([settings.endpoint]))
         samples: list[zenoh.Sample] = []
         key = rmw_key(5, "arm1/measured_js", "sensor_msgs/msg/JointState", distro)
-        with zenoh.open(config) as ros, ros.declare_subscriber(key, samples.append):
+        frames: list[zenoh.Sample] = []
+        tf = rmw_key(5, "tf", "tf2_msgs/msg/TFMessage", distro)
+        with (
+            zenoh.open(config) as ros,
+            ros.declare_subscriber(key, samples.append),
+            ros.declare_subscriber(tf, frames.append),
+        ):
             tokens = [str(reply.ok.key_expr) for reply in ros.liveliness().get("@ros2_lv/**") if reply.ok]
             goal = robot.setpoint + np.array([0.01, 0, 0, 0, 0, 0])
             command = to_cdr(JointState(robot.time, tuple(goal.tolist())))
             ros.put(rmw_key(5, "arm1/move_jp", "sensor_msgs/msg/JointState", distro), command)
             wait_for(lambda: bool(np.abs(arm.setpoint - goal).max() < 1e-9))
-            wait_for(lambda: len(samples) > 3)
+            wait_for(lambda: len(samples) > 3 and len(frames) > 0)
+        (frame,) = ros_types().deserialize_cdr(frames[-1].payload.to_bytes(), "tf2_msgs/msg/TFMessage").transforms
+        assert frame.child_frame_id == "arm1_tool"
+        assert frame.header.frame_id
+        moved = frame.transform.translation
+        assert np.linalg.norm([moved.x, moved.y, moved.z] - arm.poses_of(arm.setpoint[None])[0, :3, 3]) < 0.02
         message = from_cdr(samples[-1].payload.to_bytes(), "sensor_msgs/msg/JointState")
         raw = ros_types().deserialize_cdr(samples[-1].payload.to_bytes(), "sensor_msgs/msg/JointState")
         assert isinstance(message, JointState)

@@ -12,17 +12,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
-from service_support import POSE, SHIFT, ShiftCorrector
+from service_support import POSE, SHIFT, ShiftCorrector, ask_bare, server_process, stranger
 
 from gpcorrect.correction import Reason
 from gpcorrect_service import ServiceError
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import OPENMETRICS, Counters
+from gpcorrect_service.protocol import cdr
 from gpcorrect_service.protocol.answer import PathAnswer
 from gpcorrect_service.protocol.bounds import CorrectionBound
-from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, read_pose, write_pose
+from gpcorrect_service.protocol.cdr import CDR_ENCODING, CORRECT, StampedPose, read_pose, ros_types, write_pose
 from gpcorrect_service.protocol.codec import JSON
 from gpcorrect_service.protocol.messages import CorrectPathRequest, ErrorAnswer, RequestMeta
+from gpcorrect_service.protocol.rmw import attachment, rmw_key
 from gpcorrect_service.server.admin import Health
 from gpcorrect_service.server.corrections import Corrections
 from gpcorrect_service.server.models import Active, Model
@@ -157,3 +159,46 @@ def test_metrics_are_openmetrics_and_count_what_was_answered() -> None:
     assert samples["gpcorrect_out_of_domain_total", ("key", "correct_path")] == 7
     assert samples["gpcorrect_state", ("state", "ENABLED")] == 1
     assert samples["gpcorrect_state", ("state", "FAULT")] == 0
+
+
+def test_a_services_hash_is_that_of_ros() -> None:
+    """RIHS01 of example_interfaces/srv/AddTwoInts is what the design document of rmw_zenoh shows for it."""
+    store = ros_types()
+    cdr._register_service(store, "example_interfaces/srv/AddTwoInts", "int64 a\nint64 b\n---\nint64 sum\n")
+    published = "RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a"
+    assert store.hash_rihs01("example_interfaces/srv/AddTwoInts") == published
+
+
+def called(twist: tuple[float, ...] | None = None, **changes: Any) -> bytes:
+    """Return a question of the service in CDR, as a ROS node writes it."""
+    store, asked = ros_types(), replace(ASKED, **changes)
+    vector = store.types["geometry_msgs/msg/Vector3"]
+    v = twist or (0.0,) * 6
+    moving = store.types["geometry_msgs/msg/Twist"](vector(*v[:3]), vector(*v[3:]))
+    posed = cdr.ros_pose(asked.pose, asked.sec, asked.nanosec, asked.frame_id)
+    kind = f"{CORRECT}_Request"
+    return bytes(store.serialize_cdr(store.types[kind](posed, moving, twist is not None), kind))
+
+
+def test_a_ros_node_of_humble_is_answered_over_the_network() -> None:
+    """Its question comes back corrected with the number and sender that it came with; refusals are answers too."""
+    with server_process(ros_domain=3, ros_distro="humble") as server, stranger(server.endpoint) as session:
+        key = rmw_key(3, "arm1/correct", CORRECT, "humble")
+        answers = []
+        for payload in (called(), called(sec=0, nanosec=0), b"nonsense"):
+            (reply,) = ask_bare(session, key, payload, attachment=attachment(7, 1, b"g" * 16))
+            assert reply.ok.attachment.to_bytes()[:8] == (7).to_bytes(8, "little")
+            assert reply.ok.attachment.to_bytes()[-16:] == b"g" * 16
+            answers.append(cdr.decode_cdr(reply.ok.payload.to_bytes(), f"{CORRECT}_Response"))
+        tokens = [str(reply.ok.key_expr) for reply in session.liveliness().get("@ros2_lv/3/**")]
+    good, stampless, nonsense = answers
+    p = good.command.pose.position
+    np.testing.assert_allclose([p.x, p.y, p.z], POSE[:3] + SHIFT, atol=1e-15)
+    assert (good.success, good.status, good.in_domain, good.std[0]) == (True, "OK", True, 1e-3)
+    assert (good.command.header.stamp.sec, good.command.header.frame_id) == (12, "base")
+    assert good.model_hash == b"shift".hex()
+    for refused in (stampless, nonsense):
+        assert (refused.success, refused.status) == (False, "BAD_INPUT")
+        assert np.isnan(refused.command.pose.position.x)
+    assert "stamp" in stampless.message
+    assert sum("/NN/" in token for token in tokens) == sum("/SS/" in token for token in tokens) == 1

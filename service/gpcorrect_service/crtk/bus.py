@@ -15,23 +15,14 @@ import zenoh
 from zenoh.ext import AdvancedPublisher, CacheConfig, declare_advanced_publisher
 
 from gpcorrect.errors import DataError
-from gpcorrect_service.crtk.messages import TOPICS, Message, Topic
-from gpcorrect_service.crtk.ros import (
-    DEFAULT_QOS,
-    LATCHED_QOS,
-    RmwNode,
-    RosDistro,
-    attachment,
-    from_cdr,
-    gid_of,
-    rmw_key,
-    to_cdr,
-)
+from gpcorrect_service.crtk.messages import TF, TOPICS, Message, Topic
+from gpcorrect_service.crtk.ros import from_cdr, tf_cdr, to_cdr
 from gpcorrect_service.protocol.codec import JSON, MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError, bad_input
 from gpcorrect_service.protocol.process import open_zenoh
+from gpcorrect_service.protocol.rmw import DEFAULT_QOS, LATCHED_QOS, RmwNode, attachment, gid_of, rmw_key
 from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_config, read_config
-from gpcorrect_service.protocol.settings import check_loopback
+from gpcorrect_service.protocol.settings import RosDistro, check_loopback
 
 __all__ = ["Bus", "BusSettings", "Inbox", "in_namespace", "open_session", "read_message"]
 
@@ -181,8 +172,16 @@ class Bus:
         if self._node is None or not what.ros_type:
             return _Sender(native, what)
         key, token = self._declare_ros(what, "MP")
-        ros = self._latched(key) if what.latched else self._publisher(key, what)
-        return _Sender(native, what, ros, gid_of(token))
+        ros = [_RosSender(self._latched(key) if what.latched else self._publisher(key, what), gid_of(token), to_cdr)]
+        if what.child:
+            arm = self.settings.arm
+            key, token = self._declare_ros(TF, "MP", "tf")
+            ros.append(
+                _RosSender(
+                    self._publisher(key, TF), gid_of(token), lambda m: tf_cdr(m, f"{arm}_base", f"{arm}_{what.child}")
+                )
+            )
+        return _Sender(native, what, *ros)
 
     def _publisher(self, key: str, what: Topic) -> zenoh.Publisher:
         priority = zenoh.Priority.INTERACTIVE_HIGH if what.urgent else zenoh.Priority.DATA
@@ -204,29 +203,37 @@ class Bus:
             )
         )
 
-    def _declare_ros(self, what: Topic, kind: str) -> tuple[str, str]:
-        """Show a topic in the ROS graph; return its key and its liveliness token."""
+    def _declare_ros(self, what: Topic, kind: str, name: str = "") -> tuple[str, str]:
+        """Show a topic in the ROS graph, under the arm's name or its own; return its key and its liveliness token."""
         assert self._node is not None
-        name = f"{self.settings.arm}/{what.name}"
+        name = name or f"{self.settings.arm}/{what.name}"
         qos = LATCHED_QOS if what.latched and kind == "MP" else DEFAULT_QOS
         token = self._node.topic_token(next(self._numbers), kind, name, what.ros_type, qos)
         self._stack.enter_context(self._session.liveliness().declare_token(token))
         return rmw_key(self._node.domain, name, what.ros_type, self._node.distro), token
 
 
+@dataclass
+class _RosSender:
+    """A publisher on a ROS key, what it is called there, and how a message is written."""
+
+    publisher: zenoh.Publisher | AdvancedPublisher
+    gid: bytes
+    encode: Callable[[Any], bytes]
+    count: int = 0
+
+    def send(self, message: Message) -> None:
+        self.count += 1
+        beside = attachment(self.count, round(message.stamp * 1e9), self.gid)
+        self.publisher.put(self.encode(message), attachment=beside)
+
+
 class _Sender:
     """One topic's publishers."""
 
-    def __init__(
-        self,
-        native: zenoh.Publisher,
-        what: Topic,
-        ros: zenoh.Publisher | AdvancedPublisher | None = None,
-        gid: bytes = b"",
-    ) -> None:
-        self._native, self._ros, self._gid = native, ros, gid
+    def __init__(self, native: zenoh.Publisher, what: Topic, *ros: _RosSender) -> None:
+        self._native, self._ros = native, ros
         self._encoding = f"{MSGPACK.media_type};gpcorrect.{what.kind}/1"
-        self._count = 0
 
     def send(self, message: Message) -> None:
         """Publish on every key.
@@ -236,10 +243,8 @@ class _Sender:
         message : Struct
         """
         self._native.put(MSGPACK.encode(message), encoding=self._encoding)
-        if self._ros is not None:
-            self._count += 1
-            beside = attachment(self._count, round(message.stamp * 1e9), self._gid)
-            self._ros.put(to_cdr(message), attachment=beside)
+        for ros in self._ros:
+            ros.send(message)
 
 
 def read_message(payload: bytes, encoding: str, what: Topic) -> msgspec.Struct:

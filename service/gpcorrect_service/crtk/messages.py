@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import msgspec
 
-from gpcorrect_service.protocol.cdr import OPERATING_STATE, POSE_STAMPED, STRING_STAMPED
+from gpcorrect_service.protocol.cdr import OPERATING_STATE, POSE_STAMPED, STRING_STAMPED, TF_MESSAGE
 from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.protocol.messages import JointState, Numbers, Row, State
 
@@ -123,6 +123,8 @@ class Topic:
         Whether a ROS node that comes late hears the last message, as CRTK has it of states ("transient local").
     urgent : bool
         Whether messages overtake those of other topics, which are dropped where a listener cannot keep up.
+    child : str
+        Behind the arm's name, the frame whose pose it is: ROS nodes find it on `/tf` too. Empty for none.
     """
 
     name: str
@@ -131,8 +133,11 @@ class Topic:
     ros_type: str = ""
     latched: bool = False
     urgent: bool = False
+    child: str = ""
 
 
+TF = Topic("tf", Pose, "pose", TF_MESSAGE)
+"""Where ROS nodes look for frames; of no arm."""
 TOPICS: dict[str, Topic] = {
     topic.name: topic
     for topic in (
@@ -140,11 +145,12 @@ TOPICS: dict[str, Topic] = {
             Topic(name, JointState, "joint_state", JOINT_STATE)
             for name in ("measured_js", "setpoint_js", "external_js", "servo_jp", "move_jp")
         ),
+        *(Topic(name, Pose, "pose", POSE_STAMPED) for name in ("setpoint_cp", "tracker_cp", "servo_cp", "move_cp")),
+        Topic("measured_cp", Pose, "pose", POSE_STAMPED, child="tool"),
         *(
-            Topic(name, Pose, "pose", POSE_STAMPED)
-            for name in ("measured_cp", "setpoint_cp", "tracker_cp", "servo_cp", "move_cp")
+            Topic(f"corrected/{name}", Pose, "pose", POSE_STAMPED, child="corrected_tool")
+            for name in ("servo_cp", "move_cp")
         ),
-        *(Topic(f"corrected/{name}", Pose, "pose", POSE_STAMPED) for name in ("servo_cp", "move_cp")),
         *(Topic(name, Text, "text", STRING_STAMPED, urgent=True) for name in ("state_command", "error", "warning")),
         Topic("operating_state", OperatingState, "operating_state", OPERATING_STATE, latched=True),
         Topic("heartbeat", Heartbeat, "heartbeat"),

@@ -1,27 +1,38 @@
-"""CDR for ROS users, through rosbags' types; and the question of `correct` as `geometry_msgs/msg/PoseStamped`."""
+"""CDR for ROS users, through rosbags' types; and `correct` as PoseStamped for PoseStamped, and as a ROS service."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.resources import files
 from importlib.util import find_spec
 from typing import Any
 
-from gpcorrect.errors import MissingExtraError
-from gpcorrect_service.protocol.errors import bad_input
+import numpy as np
 
-__all__ = ["CDR_ENCODING", "OPERATING_STATE", "POSE_STAMPED", "STRING_STAMPED", "StampedPose"]
-__all__ += ["decode_cdr", "read_pose", "ros_pose", "ros_types", "write_pose"]
+from gpcorrect.errors import MissingExtraError
+from gpcorrect_service.protocol.answer import PoseAnswer
+from gpcorrect_service.protocol.errors import bad_input
+from gpcorrect_service.protocol.messages import Numbers
+
+__all__ = ["CALL_ENCODING", "CDR_ENCODING", "CORRECT", "OPERATING_STATE", "POSE_STAMPED", "STRING_STAMPED"]
+__all__ += ["TF_MESSAGE", "StampedPose", "decode_cdr", "read_call", "read_pose", "ros_pose", "ros_types"]
+__all__ += ["write_answer", "write_pose", "write_refusal"]
 
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"  # name of the ROS type
 OPERATING_STATE = "crtk_msgs/msg/OperatingState"  # name of the ROS type
 STRING_STAMPED = "crtk_msgs/msg/StringStamped"  # name of the ROS type
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"  # name of the ROS type
+CORRECT = "gpcorrect_msgs/srv/Correct"  # name of the ROS service type, whose definition is in the folder `ros`
 CDR_ENCODING = f"application/cdr;{POSE_STAMPED}"
+CALL_ENCODING = f"application/cdr;{CORRECT}"
 # https://github.com/collaborative-robotics/crtk_msgs, ROS 2
 CRTK_DEFINITIONS = {
     OPERATING_STATE: "std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n",
     STRING_STAMPED: "std_msgs/Header header\nstring string\n",
 }
+# https://github.com/ros2/rcl_interfaces, service_msgs; its constants are not part of a type's hash
+EVENT_INFO = "uint8 event_type\nbuiltin_interfaces/Time stamp\nuint8[16] client_gid\nint64 sequence_number\n"
 
 
 @dataclass(frozen=True)
@@ -50,7 +61,40 @@ def ros_types() -> Any:
     store = get_typestore(Stores.ROS2_HUMBLE)
     for name, text in CRTK_DEFINITIONS.items():
         store.register(get_types_from_msg(text, name))
+    text = files("gpcorrect_service").joinpath("ros", *f"{CORRECT}.srv".split("/")).read_text(encoding="utf-8")
+    _register_service(store, CORRECT, text)
     return store
+
+
+def _register_service(store: Any, name: str, text: str) -> None:
+    """Register a service's question and answer, and the type that its hash is of: both, and the event that logs them.
+
+    Parameters
+    ----------
+    store : Typestore
+    name : str
+        As `gpcorrect_msgs/srv/Correct`.
+    text : str
+        Of its .srv file.
+    """
+    from rosbags.interfaces import Nodetype
+    from rosbags.typesys import get_types_from_msg
+
+    event_info = "service_msgs/msg/ServiceEventInfo"
+    store.register(get_types_from_msg(EVENT_INFO, event_info))
+    asked, answered = (f"{name}_{part}" for part in ("Request", "Response"))
+    for part, definition in zip((asked, answered), text.split("---\n"), strict=True):
+        (described,) = get_types_from_msg(definition, part).values()
+        store.register({part: described})
+
+    def one(kind: str) -> Any:
+        return (Nodetype.NAME, kind)
+
+    event = f"{name}_Event"
+    lists = [(role, (Nodetype.SEQUENCE, (one(kind), 1))) for role, kind in (("request", asked), ("response", answered))]
+    store.register({event: ([], [("info", one(event_info)), *lists])})
+    members = (("request_message", asked), ("response_message", answered), ("event_message", event))
+    store.register({name: ([], [(role, one(kind)) for role, kind in members])})
 
 
 def decode_cdr(data: bytes, ros_type: str) -> Any:
@@ -117,7 +161,10 @@ def read_pose(data: bytes) -> StampedPose:
     ServiceError
         BAD_INPUT: as :func:`decode_cdr`, or its stamp is 0.
     """
-    message = decode_cdr(data, POSE_STAMPED)
+    return _stamped(decode_cdr(data, POSE_STAMPED))
+
+
+def _stamped(message: Any) -> StampedPose:
     stamp = message.header.stamp
     if stamp.sec == 0 and stamp.nanosec == 0:
         raise bad_input("the stamp of the message is 0.", "Set header.stamp: nothing else says when.")
@@ -134,3 +181,56 @@ def write_pose(stamped: StampedPose) -> bytes:
     """
     message = ros_pose(stamped.pose, stamped.sec, stamped.nanosec, stamped.frame_id)
     return bytes(ros_types().serialize_cdr(message, POSE_STAMPED))
+
+
+def read_call(data: bytes) -> tuple[StampedPose, Numbers | None]:
+    """Read the question of the ROS service: the desired pose, and its twist where that is known.
+
+    Parameters
+    ----------
+    data : bytes
+        A Correct_Request in CDR.
+
+    Raises
+    ------
+    ServiceError
+        BAD_INPUT: as :func:`read_pose`.
+    """
+    message = decode_cdr(data, f"{CORRECT}_Request")
+    v, w = message.twist.linear, message.twist.angular
+    twist = (v.x, v.y, v.z, w.x, w.y, w.z) if message.with_twist else None
+    return _stamped(message.desired), twist
+
+
+def write_answer(command: StampedPose, answer: PoseAnswer, model_hash: str) -> bytes:
+    """Write the answer of the ROS service.
+
+    Parameters
+    ----------
+    command : StampedPose
+        What to send to the robot.
+    answer : PoseAnswer
+        How sure that is.
+    model_hash : str
+        Which model says so.
+    """
+    std, interval = (np.array(row, dtype=np.float64) for row in (answer.std, answer.interval95))
+    posed = ros_pose(command.pose, command.sec, command.nanosec, command.frame_id)
+    return _response(True, answer.status, answer.reason, posed, std, interval, answer.in_domain, model_hash)
+
+
+def write_refusal(status: str, message: str) -> bytes:
+    """Write a refusal of the ROS service: ROS nodes are told nothing of zenoh's own error replies.
+
+    Parameters
+    ----------
+    status, message : str
+        Why there is no command, and what to do.
+    """
+    unknown = np.full(6, np.nan)
+    return _response(False, status, message, ros_pose((np.nan,) * 7, 0, 0, ""), unknown, unknown, False, "")
+
+
+def _response(*fields: Any) -> bytes:
+    kind = f"{CORRECT}_Response"
+    return bytes(ros_types().serialize_cdr(ros_types().types[kind](*fields), kind))

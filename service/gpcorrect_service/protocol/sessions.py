@@ -16,6 +16,7 @@ from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES, ClientSetting
 __all__ = [
     "client_config",
     "first_sentence",
+    "listen_endpoints",
     "make_config",
     "open_client",
     "open_server",
@@ -60,7 +61,7 @@ def open_server(settings: ServerSettings) -> zenoh.Session:
     try:
         return open_zenoh(config)
     except zenoh.ZError as error:
-        where = ", ".join(_listen_endpoints(config)) or settings.endpoint
+        where = ", ".join(listen_endpoints(config)) or settings.endpoint
         raise EndpointError(
             where,
             f"cannot listen here ({first_sentence(error)}).",
@@ -85,7 +86,7 @@ def server_config(settings: ServerSettings) -> zenoh.Config:
     else:
         config = read_config(settings.config_file)
     _default_namespace(config, settings.namespace)
-    for endpoint in _listen_endpoints(config):
+    for endpoint in listen_endpoints(config):
         check_loopback(endpoint, allow_remote=settings.allow_remote)
     return config
 
@@ -176,8 +177,13 @@ def _default_namespace(config: zenoh.Config, namespace: str) -> None:
         config.insert_json5("namespace", json.dumps(namespace))
 
 
-def _listen_endpoints(config: zenoh.Config) -> list[str]:
-    """Addresses that this configuration listens on: a list, or one list a mode."""
+def listen_endpoints(config: zenoh.Config) -> list[str]:
+    """Return the addresses that a configuration listens on, which are a list, or one list a mode.
+
+    Parameters
+    ----------
+    config : zenoh.Config
+    """
     endpoints = json.loads(config.get_json("listen/endpoints"))
     if isinstance(endpoints, dict):
         mode = json.loads(config.get_json("mode")) or "peer"

@@ -19,6 +19,7 @@ __all__ = [
     "MAX_MESSAGE_BYTES",
     "ClientSettings",
     "OnFailure",
+    "RosDistro",
     "ServerSettings",
     "check_loopback",
 ]
@@ -27,6 +28,8 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7449"  # on this machine only; 7447 is that of
 MAX_MESSAGE_BYTES = 4 * 1024 * 1024  # holds the longest path in JSON; what is larger is no query of ours
 
 OnFailure = Literal["raise", "identity"]
+RosDistro = Literal["humble", "jazzy", "rolling"]
+"""Who listens: Humble has no type hashes, and its keys end otherwise than those of Jazzy, Kilted and Rolling."""
 
 # zenoh gives a meaning to * $ # ? and hides chunks that begin with @ from wildcards.
 CHUNK = re.compile(r"[A-Za-z0-9_.-]+")
@@ -76,6 +79,10 @@ class ServerSettings:
         Name of the frame that ROS poses come in; empty for the model's own name of it.
     metrics_port : int or None
         Port of 127.0.0.1 where Prometheus finds `/metrics`; None for none.
+    ros_domain : int or None
+        ROS_DOMAIN_ID in which `correct` is a ROS 2 service too, on rmw_zenoh's keys; None for no ROS.
+    ros_distro : str
+        ROS distribution of the nodes there.
     """
 
     endpoint: str = DEFAULT_ENDPOINT
@@ -95,6 +102,8 @@ class ServerSettings:
     strict: bool = False
     frame: str = ""
     metrics_port: int | None = None
+    ros_domain: int | None = None
+    ros_distro: RosDistro = "jazzy"
 
     def __post_init__(self) -> None:
         _check_names(self.arm, self.namespace)

@@ -13,7 +13,15 @@ from gpcorrect.correction import Correction, Reason
 from gpcorrect.types import FloatArray
 from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, pack
 from gpcorrect_service.protocol.bounds import CorrectionBound
-from gpcorrect_service.protocol.cdr import CDR_ENCODING, read_pose, write_pose
+from gpcorrect_service.protocol.cdr import (
+    CALL_ENCODING,
+    CDR_ENCODING,
+    StampedPose,
+    read_call,
+    read_pose,
+    write_answer,
+    write_pose,
+)
 from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.protocol.limits import (
     LIMITS,
@@ -82,6 +90,8 @@ class Corrections:
         request, codec = parsed.request, parsed.codec
         if request.encoding.startswith(CDR_ENCODING):
             return self._correct_cdr(parsed)
+        if request.encoding.startswith(CALL_ENCODING):
+            return self._correct_call(parsed)
         asked = codec.decode(CorrectRequest, request.payload)
         model = self._active.pose_model()
         message = self._corrected(model, asked.pose, asked.twist)
@@ -94,18 +104,32 @@ class Corrections:
         )
 
     def _correct_cdr(self, parsed: Parsed) -> Response:
-        asked = read_pose(parsed.request.payload)
         model = self._active.pose_model()
-        taken, given = model.frames
-        check_frame(asked.frame_id, self._frame or taken)
-        message = self._corrected(model, asked.pose, None)
-        quaternion: Any = message.quaternion or asked.pose[3:]
-        payload = write_pose(replace(asked, pose=(*message.position, *quaternion), frame_id=given or asked.frame_id))  # type: ignore[misc]  # a pose's
+        command, message = self._stamped(model, read_pose(parsed.request.payload), None)
         # What a PoseStamped cannot carry travels beside it.
         beside = {**asdict(self._parser.meta(parsed, model)), **{name: getattr(message, name) for name in BESIDE_CDR}}
         return Response(
-            payload, CDR_ENCODING, parsed.codec.encode(beside), message.status, outside=not message.in_domain
+            write_pose(command),
+            CDR_ENCODING,
+            parsed.codec.encode(beside),
+            message.status,
+            outside=not message.in_domain,
         )
+
+    def _correct_call(self, parsed: Parsed) -> Response:
+        asked, twist = read_call(parsed.request.payload)
+        model = self._active.pose_model()
+        command, message = self._stamped(model, asked, twist)
+        payload = write_answer(command, message, model.hash)
+        return Response(payload, CALL_ENCODING, b"", message.status, outside=not message.in_domain)
+
+    def _stamped(self, model: Model, asked: StampedPose, twist: Numbers | None) -> tuple[StampedPose, PoseAnswer]:
+        """Correct a pose of ROS, in whose frame it must be; the command has the same stamp."""
+        taken, given = model.frames
+        check_frame(asked.frame_id, self._frame or taken)
+        message = self._corrected(model, asked.pose, twist)
+        quaternion: Any = message.quaternion or asked.pose[3:]
+        return replace(asked, pose=(*message.position, *quaternion), frame_id=given or asked.frame_id), message  # type: ignore[misc]  # a pose's
 
     def _correct_path(self, parsed: Parsed) -> Response:
         """Answer a timed path."""

@@ -128,12 +128,14 @@ class WorkerQueue(Generic[T]):
 
 
 class Job(msgspec.Struct, frozen=True, eq=False):
-    """A query on its way through a queue: on which key, what answers it, when it arrived (s, monotonic)."""
+    """A query on its way through a queue: what answers or refuses it and on which key; arrived at s, monotonic."""
 
     query: zenoh.Query
     kind: Kind
+    key: str
     handler: Handler
     arrived: float
+    refuse: Callable[[Request, ServiceError, str], Response] = refusal
 
 
 class Dispatcher:
@@ -182,7 +184,7 @@ class Dispatcher:
             hint="Ask again later, or add a replica.",
         )
         with job.query as query:
-            self._send(query, job, refusal(_request(query, job.arrived), busy, self._settings.replica))
+            self._send(query, job, job.refuse(_request(query, job.arrived), busy, self._settings.replica))
 
     def drop(self, job: Job) -> None:
         """Let the query go without an answer, so that its client does not wait for one.
@@ -203,8 +205,7 @@ class Dispatcher:
                 query.reply_err(response.payload, encoding=response.encoding)
             else:
                 # A queryable answers on its own concrete key.
-                key = f"{self._settings.arm}/{job.kind}"
-                query.reply(key, response.payload, encoding=response.encoding, attachment=response.attachment)
+                query.reply(job.key, response.payload, encoding=response.encoding, attachment=response.attachment)
         except zenoh.ZError as error:
             self._logger.warning("reply not sent", kind=job.kind, status=response.status, cause=str(error))
 

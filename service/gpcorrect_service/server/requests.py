@@ -10,7 +10,7 @@ import msgspec
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger
-from gpcorrect_service.protocol.cdr import CDR_ENCODING
+from gpcorrect_service.protocol.cdr import CALL_ENCODING, CDR_ENCODING
 from gpcorrect_service.protocol.codec import JSON, MSGPACK, Codec, codec_of
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.messages import SCHEMA_VERSION, ErrorAnswer, Kind, ReplyMeta, RequestMeta
@@ -112,7 +112,7 @@ class RequestParser:
         codec, meta = JSON, RequestMeta()
         try:
             # What travels beside CDR is JSON.
-            cdr = kind == "correct" and request.encoding.startswith(CDR_ENCODING)
+            cdr = kind == "correct" and request.encoding.startswith((CDR_ENCODING, CALL_ENCODING))
             codec = JSON if cdr else codec_of(request.encoding, kind)
             meta = _read_meta(codec, request.attachment)
             age = started - request.arrived

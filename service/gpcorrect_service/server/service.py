@@ -26,6 +26,7 @@ from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.ops.metrics_http import metrics_over_http
 from gpcorrect_service.protocol.bounds import Throttle
+from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.live import live_key
 from gpcorrect_service.protocol.messages import Kind
 from gpcorrect_service.protocol.sessions import open_server
@@ -34,7 +35,8 @@ from gpcorrect_service.server.admin import Admin, Health, load_entry
 from gpcorrect_service.server.corrections import Corrections
 from gpcorrect_service.server.models import Active, Corrector, JointModel, Model, load_joint_model, load_model
 from gpcorrect_service.server.queues import Dispatcher, Job, WorkerQueue
-from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, RequestParser
+from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, Request, RequestParser, Response, refusal
+from gpcorrect_service.server.ros_service import RosService, open_ros
 from gpcorrect_service.server.stream import stream_queue
 
 __all__ = ["Server", "run", "serve"]
@@ -122,11 +124,12 @@ class Server:
             session = stack.enter_context(open_server(self.settings))
             s, clock = self.settings, self._clock
             parser = RequestParser(self.active, arm=s.arm, replica=s.replica, logger=self._logger, clock=clock)
+            ros_session = None if s.ros_domain is None else stack.enter_context(open_ros(s))
             health = Health(parser, self._counters, self._queues, clock.monotonic)
             if s.metrics_port is not None:
                 stack.enter_context(metrics_over_http(s.metrics_port, health.metrics))
             stack.callback(self._drain)
-            self._declare(session, parser, health)
+            self._declare(session, ros_session, parser, health)
             self._stack = stack.pop_all()
         self._logger.info("serving", endpoint=self.settings.endpoint, **self._identity())
 
@@ -157,13 +160,20 @@ class Server:
         found = [(f"{what}_{part}", getattr(m, part)) for what, m in named if m for part in ("id", "hash")]
         return dict(found) or {"model_id": ""}
 
-    def _declare(self, session: zenoh.Session, parser: RequestParser, health: Health) -> None:
+    def _declare(
+        self, session: zenoh.Session, ros_session: zenoh.Session | None, parser: RequestParser, health: Health
+    ) -> None:
         """Declare the keys, the operator's and the monitor's last: who sees them finds the rest answering."""
         self._refusals.start()
         if self._store is not None or self.active.now.joints is not None:
             self._declare_stream(session)
-        for kind, handler in self._handlers(session, parser, health).items():
+        handlers = self._handlers(session, parser, health)
+        for kind, handler in handlers.items():
             self._declare_key(session, kind, handler)
+        if ros_session is not None:
+            ros = RosService(self.settings, handlers["correct"], self._clock)
+            receive = self._receiver("correct", ros.key, ros.answer, ros.refuse)
+            ros.declare(ros_session, receive, self._queryables, self._logger)
         self._announce(session)
         self._queryables.callback(self._conceal)
 
@@ -199,16 +209,24 @@ class Server:
         )
         queue.start()
         self._queues[kind] = queue  # only now: a worker that does not run is a fault
-        monotonic, throttled = self._clock.monotonic, kind in CORRECTIONS and math.isfinite(s.max_rate)
+        key = f"{s.arm}/{kind}"
+        # A direct callback runs on zenoh's thread: it only queues, and saves a change of threads.
+        callback = zenoh.handlers.Callback(self._receiver(kind, key, handler, refusal), indirect=False)
+        self._queryables.enter_context(session.declare_queryable(key, callback, complete=True))
+
+    def _receiver(
+        self, kind: Kind, key: str, handler: Handler, refuse: Callable[[Request, ServiceError, str], Response]
+    ) -> Callable[[zenoh.Query], None]:
+        """Return what puts the queries of a key into its queue."""
+        queue, monotonic = self._queues[kind], self._clock.monotonic
+        throttled = kind in CORRECTIONS and math.isfinite(self.settings.max_rate)
 
         def _receive(query: zenoh.Query) -> None:
-            job = Job(query, kind, handler, monotonic())
+            job = Job(query, kind, key, handler, monotonic(), refuse)
             refused = throttled and not self._throttle.passes(job.arrived)
             (self._refusals if refused else queue).offer(job)
 
-        # A direct callback runs on zenoh's thread: it only queues, and saves a change of threads.
-        callback = zenoh.handlers.Callback(_receive, indirect=False)
-        self._queryables.enter_context(session.declare_queryable(f"{s.arm}/{kind}", callback, complete=True))
+        return _receive
 
     def _declare_stream(self, session: zenoh.Session) -> None:
         """Listen to the robot's joints, and publish estimates."""

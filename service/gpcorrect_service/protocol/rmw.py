@@ -1,0 +1,128 @@
+"""Keys, attachments and liveliness tokens of rmw_zenoh, by which ROS 2 nodes find topics and services.
+
+After the design document and the released sources of rmw_zenoh_cpp (0.2.4 in Jazzy and newer; Humble, Kilted, Rolling).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from dataclasses import dataclass
+
+from gpcorrect_service.protocol.cdr import ros_types
+from gpcorrect_service.protocol.settings import RosDistro
+
+__all__ = ["DEFAULT_QOS", "LATCHED_QOS", "RmwNode", "attachment", "gid_of", "reply_attachment", "rmw_key"]
+
+GID_BYTES = 16  # length of a sender's name
+ATTACHMENT = struct.Struct("<qqB16s")
+DEFAULT_QOS = "::,10:,:,:,,"  # reliable, volatile, keep last 10
+LATCHED_QOS = ":1:,1:,:,:,,"  # reliable, transient local, keep last 1: who comes late hears the last one
+NO_HASH = "TypeHashNotSupported"  # rmw_zenoh, branch humble (pull request 388): stands where a hash would
+
+
+def rmw_key(domain: int, topic: str, ros_type: str, distro: RosDistro) -> str:
+    """Return the zenoh key of a ROS topic or service: `domain/topic/type/hash`.
+
+    Parameters
+    ----------
+    domain : int
+        ROS_DOMAIN_ID.
+    topic, ros_type : str
+        As `arm1/servo_cp` and `geometry_msgs/msg/PoseStamped`, or a service's name and type.
+    distro : str
+        ROS distribution of the nodes that use it.
+    """
+    return f"{domain}/{topic.strip('/')}/{_type_and_hash(ros_type, distro)}"
+
+
+def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
+    """Return what rmw_zenoh expects beside every message.
+
+    Parameters
+    ----------
+    sequence : int
+        Its number, from 1.
+    stamp_ns : int
+        Its time, ns since 1970.
+    gid : 16 bytes
+        Its sender.
+    """
+    return ATTACHMENT.pack(sequence, stamp_ns, GID_BYTES, gid)
+
+
+def reply_attachment(asked: bytes, stamp_ns: int) -> bytes:
+    """Return what belongs beside the answer of a service: the question's number and sender; empty without one.
+
+    Parameters
+    ----------
+    asked : bytes
+        What came beside the question.
+    stamp_ns : int
+        Time of the answer, ns since 1970.
+    """
+    if len(asked) != ATTACHMENT.size:
+        return b""
+    sequence, _, _, gid = ATTACHMENT.unpack(asked)
+    return attachment(sequence, stamp_ns, gid)
+
+
+@dataclass(frozen=True)
+class RmwNode:
+    """A node as the ROS graph shows it.
+
+    Parameters
+    ----------
+    domain : int
+        ROS_DOMAIN_ID.
+    zid : str
+        Of the zenoh session.
+    name : str
+        Of the node.
+    distro : str
+        ROS distribution of the nodes that see it.
+    """
+
+    domain: int
+    zid: str
+    name: str
+    distro: RosDistro
+
+    def node_token(self) -> str:
+        """Return the liveliness key that shows the node."""
+        return f"@ros2_lv/{self.domain}/{self.zid}/0/0/NN/%/%/{self.name}"
+
+    def topic_token(self, number: int, kind: str, topic: str, ros_type: str, qos: str = DEFAULT_QOS) -> str:
+        """Return the liveliness key of a publisher, a subscription or a service.
+
+        Parameters
+        ----------
+        number : int
+            Which one of the node.
+        kind : str
+            "MP" for a publisher, "MS" for a subscription, "SS" for a service's server.
+        topic, ros_type : str
+            As for :func:`rmw_key`.
+        qos : str
+            Quality of service in rmw_zenoh's short form.
+        """
+        mangled = "%" + topic.strip("/").replace("/", "%")
+        described = f"{mangled}/{_type_and_hash(ros_type, self.distro)}/{qos}"
+        return f"@ros2_lv/{self.domain}/{self.zid}/0/{number}/{kind}/%/%/{self.name}/{described}"
+
+
+def gid_of(token: str) -> bytes:
+    """Return a sender's 16 bytes: only that they differ from others' matters.
+
+    Parameters
+    ----------
+    token : str
+        Its liveliness key.
+    """
+    return hashlib.blake2b(token.encode(), digest_size=GID_BYTES).digest()
+
+
+def _type_and_hash(ros_type: str, distro: RosDistro) -> str:
+    package, kind, name = ros_type.split("/")
+    hashed = NO_HASH if distro == "humble" else ros_types().hash_rihs01(ros_type)
+    return f"{package}::{kind}::dds_::{name}_/{hashed}"
