@@ -67,7 +67,7 @@ class Format:
 ENDS = (b"\r", b"\n", b",", b";", b"\t", b'"')  # of a title that stands alone in its line, or in its first cell
 VICON = tuple(title.encode() + end for title in vicon.TITLES for end in ENDS)
 AXES = re.compile(rb'^"?Frame"?[,;\t]"?Sub ?Frame', re.MULTILINE)  # of Vicon's exports without a title
-ROS = ("rosbags.highlevel",)
+ROS = ("rosbags.highlevel", "rosbags.typesys.stores.latest")  # the types take longer to load than a bag to read
 FORMATS = (
     Format("Parquet", (".parquet", ".pq"), (b"PAR1",), parquet_file.read, libraries=("pandas", "pyarrow.compute")),
     Format("NumPy", (".npy",), (b"\x93NUMPY",), npy_file.read),

@@ -11,6 +11,8 @@ import threading
 import time
 from multiprocessing.synchronize import Event
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,8 +34,12 @@ from service_support import (
 )
 
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, ServiceError
+from gpcorrect_service.client.connection import Querier
+from gpcorrect_service.client.pinned import PinnedModels
+from gpcorrect_service.client.requests import RequestBuilder
 from gpcorrect_service.ops.doctor import examine
 from gpcorrect_service.ops.router import route
+from gpcorrect_service.protocol.messages import HealthAnswer
 
 ROUTED = Path(__file__).resolve().parents[2] / "service" / "deploy" / "router"
 
@@ -328,6 +334,43 @@ def test_a_client_that_another_thread_closes_says_so(monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(client, "_attempt", _closing)
         with pytest.raises(ServiceError, match="NO_SERVICE"):
             client.correct(POSE)
+
+
+class HeldQuerier:
+    """A querier as zenoh refuses it while another thread holds it: what is asked of it raises, closing it twice."""
+
+    def __init__(self) -> None:
+        self.refusals = 2
+
+    @property
+    def matching_status(self) -> None:
+        """Refuse."""
+        raise RuntimeError("Already mutably borrowed")
+
+    def get(self, *_: object, **__: object) -> None:
+        """Refuse."""
+        raise RuntimeError("Already mutably borrowed")
+
+    def undeclare(self) -> None:
+        """Refuse, or be gone."""
+        if self.refusals:
+            self.refusals -= 1
+            raise RuntimeError("Already borrowed")
+
+
+def test_a_querier_in_another_threads_hands_is_closed_all_the_same() -> None:
+    """Closing waits for who sends a question by it; who asks what is just being closed hears NO_SERVICE."""
+    held = [HeldQuerier(), HeldQuerier()]
+    declared = iter(held)
+    session: Any = SimpleNamespace(declare_querier=lambda *_, **__: next(declared))
+    settings = ClientSettings()
+    querier = Querier(session, "arm1/health", settings, 1.0)
+    question = RequestBuilder(settings, "msgpack", "raise", PinnedModels("", hold=True)).plain("health", HealthAnswer)
+    assert not querier.matched
+    with pytest.raises(ServiceError, match="NO_SERVICE"):
+        querier.ask(querier.first, None, question)
+    querier.close()
+    assert [one.refusals for one in held] == [0, 0]
 
 
 def test_a_closed_client_says_so() -> None:

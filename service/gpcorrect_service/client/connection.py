@@ -37,6 +37,15 @@ def matched(querier: zenoh.Querier) -> bool:
     return bool(status.matching)
 
 
+def _undeclared(querier: zenoh.Querier) -> bool:
+    """Undeclare a querier, unless another thread sends a question with it just now: then zenoh has it "borrowed"."""
+    try:
+        querier.undeclare()  # type: ignore[no-untyped-call]
+    except RuntimeError:
+        return False
+    return True
+
+
 class Querier:
     """Two ways to ask one key: the nearest server, then every server.
 
@@ -111,7 +120,7 @@ class Querier:
             return querier.get(
                 handler, payload=question.payload, encoding=question.encoding, attachment=question.attachment
             )
-        except zenoh.ZError as error:
+        except (zenoh.ZError, RuntimeError) as error:  # as in `matched`
             raise self.silence() from error
 
     def close(self) -> None:
@@ -122,7 +131,8 @@ class Querier:
         """
         for one in (self._nearest, self._everyone):
             with suppress(zenoh.ZError):
-                one.undeclare()  # type: ignore[no-untyped-call]
+                while not _undeclared(one):
+                    time.sleep(POLL_SECONDS)
 
     def silence(self) -> ServiceError:
         """Return the error of a query that nobody answered."""
@@ -216,9 +226,10 @@ class ClientBase:
             return
         with self._lock:
             self._closed = True
-            for querier in self._queriers.values():
+            queriers = list(self._queriers.values())
+            self._queriers.clear()  # first: threads that go on asking find none
+            for querier in queriers:
                 querier.close()
-            self._queriers.clear()
             self._session = None
             # A server that hangs does not say goodbye: zenoh gives up on it after its own while, and so is it closed.
             with suppress(zenoh.ZError):
