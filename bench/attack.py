@@ -18,7 +18,7 @@ from attacks import GROUPS
 from attacks.lab import Lab, Scenario, Seen
 from support import print_table, save_results
 
-HEAD = ("scenario", "must not happen", "promised", "seen", "of", "s")
+HEAD = ("scenario", "must not happen", "promised", "seen", "of", "s", "of a processor")
 
 
 def main() -> None:
@@ -35,16 +35,24 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         lab = Lab(Path(folder), given.model)
         for _, scenario in chosen:
-            began = time.monotonic()
+            began, worked = time.monotonic(), _worked()
             seen = _tried(lab, scenario)
-            seconds = time.monotonic() - began
-            rows.append([scenario.name, scenario.promised, "0", str(seen.broken), str(seen.tried), f"{seconds:.0f}"])
+            seconds = f"{time.monotonic() - began:.0f}", f"{_worked() - worked:.0f}"
+            rows.append([scenario.name, scenario.promised, "0", str(int(seen.broken)), str(seen.tried), *seconds])
             notes.append(f"{scenario.name}: {seen.note}")
             print(f"{'ok    ' if not _broken(seen) else 'BROKEN'} {notes[-1]}", flush=True)
     print(f"\nload of the machine (1 minute): {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
     print_table(HEAD, rows)
+    whole, busy = (sum(int(row[column]) for row in rows) / 60 for column in (-2, -1))
+    print(f"\n{len(rows)} scenarios in {whole:.1f} minutes, {busy:.1f} of them a processor's")
     save_results("attack", {"rows": rows, "notes": notes})
     sys.exit(any(row[3] != "0" or row[4] == "0" for row in rows))
+
+
+def _worked() -> float:
+    """Seconds that processors worked for this process and those that it waited for."""
+    used = os.times()
+    return used.user + used.system + used.children_user + used.children_system
 
 
 def _scenarios() -> list[tuple[str, Scenario]]:

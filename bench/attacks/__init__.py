@@ -12,6 +12,8 @@ GROUPS = (
     "watching",
     "operators",
     "recordings",
+    "files",
+    "laboratory",
     "sites",
     "metrics",
     "histories",

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from service_bench import PATIENT, free_endpoint
+from service_bench import free_endpoint
 
 from attacks.lab import Lab, Scenario, Seen
+from attacks.programs import ran
 from attacks.recordings import write
 from gpcorrect.calibration.model_file import read_parts, seal_of
 from gpcorrect.calibration.model_store import ModelStore
@@ -68,10 +67,8 @@ def histories(lab: Lab) -> Seen:
 
 def _in_words(words: tuple[str, ...]) -> bool:
     """Whether a command ends well or refuses, without a traceback and without steering the terminal."""
-    command = [sys.executable, "-m", "gpcorrect", *words]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENT, check=False)
-    said = done.stdout + done.stderr
-    return done.returncode in (0, 2) and "Traceback" not in said and not set("\x1b\x07\u202e") & set(said)
+    status, said = ran(words)
+    return status in (0, 2) and "Traceback" not in said and not set("\x1b\x07\u202e") & set(said)
 
 
 def _measured(lab: Lab) -> Path:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 from service_bench import free_endpoint
 
@@ -37,7 +38,8 @@ def interrupts(lab: Lab) -> Seen:
     """Press Ctrl-C in the first seconds of commands."""
     end = ("--endpoint", free_endpoint())
     tried = [("serve", str(lab.model), *end), ("sim", "serve", *end), ("robot", "state", *end), ("doctor", *end)]
-    wrong = sum(_interrupted(words, moment) for words in tried for moment in MOMENTS)
+    with ThreadPoolExecutor(2) as pool:
+        wrong = sum(pool.map(_interrupted, tried * len(MOMENTS), sorted(MOMENTS * len(tried))))
     return Seen(len(tried) * len(MOMENTS), wrong)
 
 

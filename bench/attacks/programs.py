@@ -17,7 +17,7 @@ from typing import Any, Self
 
 from service_bench import PATIENT
 
-__all__ = ["ENDS", "Program", "SettableClock", "accepted", "held", "refused", "waited"]
+__all__ = ["ENDS", "Program", "SettableClock", "accepted", "held", "ran", "refused", "waited"]
 
 ENDS = 30.0  # s that a command has to end by itself
 FAREWELL = 10.0  # s that a program has to end when it is asked to
@@ -181,15 +181,32 @@ class Program:
         self.stop()
 
 
-def refused(words: Sequence[str]) -> bool:
+def ran(words: Sequence[str], begin: Callable[[], object] | None = None) -> tuple[int, str]:
+    """Run `gpcorrect WORDS` to its end; return its exit status and all that it wrote.
+
+    Parameters
+    ----------
+    words : sequence of str
+    begin : callable, optional
+        What the process does before the program begins.
+
+    Raises
+    ------
+    subprocess.TimeoutExpired
+        It did not end.
+    """
+    command = [sys.executable, "-m", "gpcorrect", *words]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENT, check=False, preexec_fn=begin)
+    return done.returncode, done.stdout + done.stderr
+
+
+def refused(words: Sequence[str], begin: Callable[[], object] | None = None) -> bool:
     """Whether `gpcorrect WORDS` ends by itself, with status 2, saying what to do."""
     try:
-        done = subprocess.run(
-            [sys.executable, "-m", "gpcorrect", *words], capture_output=True, text=True, timeout=ENDS, check=False
-        )
+        status, text = ran(words, begin)
     except subprocess.TimeoutExpired:
         return False
-    return done.returncode == 2 and "Traceback" not in done.stderr and "try:" in done.stderr
+    return status == 2 and "Traceback" not in text and "try:" in text
 
 
 def accepted(commands: Sequence[Sequence[str]]) -> int:

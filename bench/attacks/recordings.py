@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -79,7 +80,7 @@ def few_motions(_: Lab) -> Seen:
     log, wrong, covered = debridement_log(3, reaches=40, faults=False), 0, []
     others, counts = log.select(log.trajectory >= 20), (1, 2, 3, 4, 6, 8)
     for count in counts:
-        result = fit_model(log.select(log.trajectory < count), FitSettings(inducing=60))
+        result = fit_model(log.select(log.trajectory < count), FitSettings(inducing=60, marker="none"))
         measured = result.corrector.measure(others, np.ones(len(others), dtype=bool))
         covered.append(float((np.abs(measured.corrected) <= measured.interval95).mean()))
         wrong += covered[-1] < 0.9 or not any("widened" in remark for remark in result.remarks)
@@ -114,8 +115,9 @@ def copies(lab: Lab) -> Seen:
 def forgeries(lab: Lab) -> Seen:
     """Change the structure of a model file under a fresh seal: anything but a refusal or the same answers."""
     rng, file, wrong = np.random.default_rng(0), lab.folder / "forged.gpc", 0
+    whole, arrays = read_parts(lab.model)
     for _ in range(FORGED):
-        header, arrays = read_parts(lab.model)
+        header = deepcopy(whole)
         spots = list(_places(header["model"]))
         node, key = spots[rng.integers(len(spots))]
         node[key] = VALUES[rng.integers(len(VALUES))]

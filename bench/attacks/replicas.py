@@ -11,6 +11,8 @@ import numpy as np
 from service_bench import PATIENT
 
 from attacks.lab import Lab, Scenario, Seen
+from attacks.programs import ran, waited
+from attacks.watching import page
 from gpcorrect.calibration import load
 from gpcorrect.types import PoseSignal
 from gpcorrect_service import CorrectionClient, ServiceError
@@ -51,6 +53,15 @@ def mixed_stream(lab: Lab) -> Seen:
     return Seen(len(hashes), switches, f"commands up to {apart:.1f} mm apart, {refused} refused")
 
 
+def announced(lab: Lab) -> Seen:
+    """Ask doctor and monitor about two servers with different models: whether they say so."""
+    with lab.server(lab.model) as (one, _), lab.server(lab.other_model) as (other, _):
+        _, text = ran(["doctor", "--endpoint", one, "--endpoint", other])
+        with page(lab, one, other) as ask:
+            arm = waited(lambda: next((arm for arm in ask()["arms"] if len(arm["replicas"]) == 2), None))
+    return Seen(2, ("different models" not in text) + (not arm["models_differ"]))
+
+
 def lost_server(lab: Lab) -> Seen:
     """Kill the only server of planners that chose the fallback, one of which was answered before."""
     poses = load(lab.model).check_queries[:, :7]
@@ -76,6 +87,7 @@ def _off(client: CorrectionClient, pose: np.ndarray, registered: np.ndarray) -> 
 
 
 SCENARIOS = (
+    Scenario("two models announced", "doctor or monitor that do not say so", announced),
     Scenario("two replicas, two models, one hangs", "changes of model in a stream", mixed_stream),
     Scenario("fallback of a planner without a server", "commands off the registered pose", lost_server),
 )

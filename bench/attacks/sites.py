@@ -6,8 +6,6 @@ import datetime
 import json
 import os
 import socket
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
@@ -15,6 +13,7 @@ from pathlib import Path
 from service_bench import PATIENT, free_endpoint
 
 from attacks.lab import Lab, Scenario, Seen
+from attacks.programs import ran
 from gpcorrect_service import ClientSettings, CorrectionClient, ServiceError
 from gpcorrect_service.client.operator import Operator
 from gpcorrect_service.ops.access import ROLES
@@ -30,7 +29,7 @@ def strangers(lab: Lab) -> Seen:
     port = json.loads((folder / "planner.json5").read_text())["connect"]["endpoints"][0].rsplit(":", 1)[1]
     wrong = tried = 0
     with (
-        lab.program("router", router, ready="routing"),
+        lab.program("router", router, ready="routing") as routing,
         lab.program("serve", str(lab.model), "--config", server, "--allow-remote", ready="serving"),
         ExitStack() as silent,
     ):
@@ -38,9 +37,10 @@ def strangers(lab: Lab) -> Seen:
             silent.enter_context(socket.create_connection(("127.0.0.1", int(port)), PATIENT))
         for certificate in ROLES:
             for password in ROLES:
-                tried += 1
+                tried += 2
                 file = _mixed(folder, certificate, password)
-                wrong += _obeyed(file) != (certificate == password == "operator")
+                allowed = certificate == password == "operator"
+                wrong += (_obeyed(file) != allowed) + (_logged(routing.log, certificate, password) == allowed)
         with CorrectionClient(config_file=folder / "planner.json5", timeout=4.0, connect_timeout=10.0) as client:
             try:
                 wrong += client.health().state == "FAULT"
@@ -58,15 +58,15 @@ def expired(lab: Lab) -> Seen:
         ("prefilter", str(lab.model), "--config", str(folder / "prefilter.json5")),
         ("doctor", "--config", str(folder / "planner.json5")),
         ("robot", "state", "--config", str(folder / "operator.json5")),
+        ("monitor", "--config", str(folder / "monitor.json5"), "--port", free_endpoint().rsplit(":", 1)[1]),
     ]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return Seen(len(tried), sum(not said for said in pool.map(_says_expired, tried)))
 
 
 def _says_expired(words: tuple[str, ...]) -> bool:
-    command = [sys.executable, "-m", "gpcorrect", *words]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENT, check=False)
-    return "expired" in done.stdout + done.stderr and done.returncode != 0 and "Traceback" not in done.stderr
+    status, text = ran(words)
+    return "expired" in text and status != 0 and "Traceback" not in text
 
 
 def _site(lab: Lab, name: str, days: int) -> Path:
@@ -92,7 +92,16 @@ def _obeyed(file: Path) -> bool:
             return False
 
 
+def _logged(log: str, certificate: str, user: str) -> bool:
+    """Whether a router's log says that who came with a certificate and a password was denied to change the state."""
+    told = {"event": "denied", "certificate": certificate, "user": user, "key": "gpcorrect/arm1/admin/state"}
+    lines = [json.loads(line) for line in log.splitlines() if line.startswith("{")]
+    return any(told.items() <= line.items() for line in lines)
+
+
 SCENARIOS = (
-    Scenario("certificates and passwords of others", "states changed by strangers, clients kept out", strangers),
+    Scenario(
+        "certificates and passwords of others", "states changed by strangers, not logged, clients kept out", strangers
+    ),
     Scenario("a site that expired", "programs that do not say so", expired),
 )

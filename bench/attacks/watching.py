@@ -28,7 +28,7 @@ def nonsense(lab: Lab) -> Seen:
     with (
         lab.arm("--arm", "arm1") as (one, _),
         lab.arm("--arm", "arm2") as (two, _),
-        _page(lab, one, two) as ask,
+        page(lab, one, two) as ask,
         Bus(BusSettings(one, "arm1")) as bus,
     ):
         waited(lambda: len(ask()["arms"]) == 2)
@@ -55,7 +55,7 @@ def silence(lab: Lab) -> Seen:
     pose = load(lab.model).check_queries[0, :7]
     with (
         lab.arm("--corrected") as (end, _),
-        _page(lab, end) as ask,
+        page(lab, end) as ask,
         Robot(BusSettings(end), patience=60.0) as robot,
     ):
         with lab.program("prefilter", str(lab.model), "--endpoint", end, ready="corrects"):
@@ -72,8 +72,15 @@ def silence(lab: Lab) -> Seen:
 
 
 @contextmanager
-def _page(lab: Lab, *endpoints: str) -> Iterator[Callable[[], Any]]:
-    """Run a monitor of some addresses; give what asks for its snapshot."""
+def page(lab: Lab, *endpoints: str) -> Iterator[Callable[[], Any]]:
+    """Run a monitor of some addresses; give what asks for its snapshot.
+
+    Parameters
+    ----------
+    lab : Lab
+    *endpoints : str
+        Of robots, servers or routers.
+    """
     address = free_endpoint().removeprefix("tcp/")
     words = [word for end in endpoints for word in ("--endpoint", end)]
 

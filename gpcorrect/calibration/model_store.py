@@ -262,7 +262,10 @@ class ModelStore:
             raise DataError(f"{path} cannot be read ({error}).", hint="Name the folder of a model store.") from error
         try:
             if stored["schema"] > SCHEMA:
-                raise DataError(f"{path} has schema {stored['schema']}; this version reads up to {SCHEMA}.")
+                raise DataError(
+                    f"{path} has schema {stored['schema']}; this version reads up to {SCHEMA}.",
+                    hint="It was written by a newer gpcorrect: upgrade.",
+                )
             models = tuple(Entry(**entry) for entry in stored["models"])
             state = _State(models, {kind: tuple(hashes) for kind, hashes in stored["history"].items()})
             _check_state(state)
@@ -270,7 +273,8 @@ class ModelStore:
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             if isinstance(error, DataError):
                 raise
-            raise DataError(f"{path} is not the state of a model store ({error}).") from error
+            hint = "Copy it again from where it was saved, or add the models to a new folder: gpcorrect models add."
+            raise DataError(f"{path} is not the state of a model store ({error}).", hint=hint) from error
 
     def _write(self, state: _State) -> None:
         stored = {"schema": SCHEMA, "models": [asdict(entry) for entry in state.models], "history": state.history}

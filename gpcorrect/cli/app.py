@@ -225,3 +225,12 @@ def main() -> None:
         from gpcorrect.cli.console import bad_input
 
         sys.exit(bad_input(error))
+    except OSError as error:
+        from gpcorrect.atomic import NO_ROOM
+        from gpcorrect.cli.console import bad_input
+
+        if error.errno not in NO_ROOM:
+            raise
+        # Not only outputs are written: what numba compiled as well, in the cache of the first run.
+        full = GpCorrectError(f"cannot write {error.filename or 'a file'}: {error.strerror}.", hint="Make room.")
+        sys.exit(bad_input(full))

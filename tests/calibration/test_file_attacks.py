@@ -20,6 +20,8 @@ from gpcorrect.atomic import atomic_path
 from gpcorrect.calibration import CommandCorrector, FitSettings, JointCorrector, ModelStore, fit_model, save
 from gpcorrect.calibration.coupled_play import CoupledPlay
 from gpcorrect.calibration.domain import Domain
+from gpcorrect.calibration.learners.polynomial import PolynomialMap
+from gpcorrect.calibration.learners.ukf import CableModel
 from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError, LogError
 from gpcorrect.gpr.features import FeatureMap
@@ -249,6 +251,10 @@ def test_parts_of_other_sizes_never_reach_compiled_code(small_corrector: Command
             replace(whole, **parts)
     with pytest.raises(DataError, match="stiffness"):
         CoupledPlay(np.eye(3), np.ones(2))
+    motor = PolynomialMap.fit(np.eye(2), np.eye(2), 1)
+    for numbers in ([[0.0, 0.0]] * 4 + [[0.1]], [[-0.1, 0.0]] * 5, [[np.nan, 0.0]] * 5):
+        with pytest.raises(DataError, match="cable"):
+            CableModel(motor, *map(np.array, numbers))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from cli_support import PROGRAM, CommandLine, assert_refused
 
 import gpcorrect as package
 import gpcorrect_studies
-from gpcorrect.cli.app import COMMANDS
+from gpcorrect.cli.app import COMMANDS, main
 
 LINES = {name: line for name, (_, line) in {**COMMANDS, **gpcorrect_studies.COMMANDS}.items()}
 HEAVY = {
@@ -52,6 +53,21 @@ except SystemExit:
     clean = {name: value for name, value in os.environ.items() if not name.endswith("_THREADS")}
     done = subprocess.run([sys.executable, "-c", code], env=clean | given, check=True, capture_output=True, text=True)
     assert done.stdout.splitlines()[-1] == expected
+
+
+def test_a_full_disk_beneath_any_file_is_said(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not only outputs are written: numba's cache on a full disk ended a first run with a traceback."""
+
+    def _full() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("gpcorrect.cli.app.app", _full)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert "No space left" in capsys.readouterr().err
 
 
 def test_importing_the_package_loads_no_library() -> None:

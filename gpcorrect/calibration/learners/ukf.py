@@ -59,6 +59,13 @@ class CableModel:
     process: FloatArray
     measurement: FloatArray
 
+    def __post_init__(self) -> None:
+        law, noises = (self.gap, self.stretch_per_effort, self.stretch_at_rest), (self.process, self.measurement)
+        if {part.shape for part in (*law, *noises)} != {self.motor.std.shape}:
+            raise DataError("the stored cable model is damaged: its numbers are not one a joint.")
+        if not (np.isfinite(law).all() and (self.gap >= 0).all() and np.greater_equal(noises, 0).all()):
+            raise DataError("the stored cable model is damaged: no cable has its numbers.")
+
     def errors(self, samples: Samples) -> tuple[FloatArray, FloatArray]:
         """Return what is to be added to the joints of a path `(n, d)`, and its standard deviation.
 
