@@ -6,8 +6,11 @@ import datetime
 import json
 import os
 import socket
+import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from itertools import product
 from pathlib import Path
 
 from service_bench import PATIENT, free_endpoint
@@ -18,8 +21,11 @@ from gpcorrect_service import ClientSettings, CorrectionClient, ServiceError
 from gpcorrect_service.client.operator import Operator
 from gpcorrect_service.ops.access import ROLES
 from gpcorrect_service.ops.secure import Site, secure_site
+from gpcorrect_service.protocol.sessions import open_client
 
 SILENT = 500
+MAY = ("operator", "operator")  # certificate and password of who may change the state
+ASKED, WAIT = 50, 0.1  # times and s for an answer, until a denial must be written
 
 
 def strangers(lab: Lab) -> Seen:
@@ -35,12 +41,14 @@ def strangers(lab: Lab) -> Seen:
     ):
         for _ in range(SILENT):
             silent.enter_context(socket.create_connection(("127.0.0.1", int(port)), PATIENT))
-        for certificate in ROLES:
-            for password in ROLES:
-                tried += 2
-                file = _mixed(folder, certificate, password)
-                allowed = certificate == password == "operator"
-                wrong += (_obeyed(file) != allowed) + (_logged(routing.log, certificate, password) == allowed)
+        for pair in product(ROLES, ROLES):
+            tried += 2
+            file = _mixed(folder, *pair)
+            wrong += _obeyed(file) != (pair == MAY)
+            if pair != MAY and not _logged(routing.log, *pair):  # nobody was to be seen, and nothing sent
+                wrong += not _denied_outright(file, lambda pair=pair: _logged(routing.log, *pair))
+            else:
+                wrong += pair == MAY and _logged(routing.log, *pair)
         with CorrectionClient(config_file=folder / "planner.json5", timeout=4.0, connect_timeout=10.0) as client:
             try:
                 wrong += client.health().state == "FAULT"
@@ -90,6 +98,18 @@ def _obeyed(file: Path) -> bool:
             return operator.set_state("ENABLED")[0].state == "ENABLED"
         except ServiceError:
             return False
+
+
+def _denied_outright(file: Path, logged: Callable[[], bool]) -> bool:
+    """Whether a question that is sent though nobody is to be seen is denied, and logged."""
+    with open_client(ClientSettings(config_file=file)) as session:
+        for _ in range(ASKED):
+            if list(session.get("arm1/admin/state", timeout=WAIT)):
+                return False
+            if logged():
+                return True
+            time.sleep(WAIT)
+    return False
 
 
 def _logged(log: str, certificate: str, user: str) -> bool:

@@ -262,7 +262,7 @@ def test_the_doctor_knows_a_foreign_certificate(site: Path, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("days", [-400, 400])
 def test_an_expired_site_is_called_expired(tmp_path: Path, days: int) -> None:
-    """Doctor, router, client and pre-filter say that certificates expired, or are not valid yet."""
+    """Doctor, router, client, pre-filter and monitor say that certificates expired, or are not valid yet."""
     folder = tmp_path / "site"
     secure_site(folder, Site(port=free_port()), NOW + datetime.timedelta(days=days))
     file = folder / "planner.json5"
@@ -276,6 +276,11 @@ def test_an_expired_site_is_called_expired(tmp_path: Path, days: int) -> None:
         client.health()
     with pytest.raises(DataError, match=word):
         Bus(BusSettings(config_file=folder / "prefilter.json5"))
+    with (
+        pytest.raises(DataError, match=word),
+        Watcher(Board("gpcorrect"), [BusSettings(config_file=folder / "monitor.json5")]),
+    ):
+        pass
 
 
 def test_the_doctor_knows_a_denied_key(site: Path) -> None:

@@ -19,12 +19,12 @@ from gpcorrect_service.crtk.messages import TF, TOPICS, Message, Topic
 from gpcorrect_service.crtk.ros import from_cdr, tf_cdr, to_cdr
 from gpcorrect_service.protocol.codec import JSON, MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError, bad_input
-from gpcorrect_service.protocol.process import open_zenoh
+from gpcorrect_service.protocol.process import open_zenoh, require_valid
 from gpcorrect_service.protocol.rmw import DEFAULT_QOS, LATCHED_QOS, RmwNode, attachment, gid_of, rmw_key
 from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_config, read_config
 from gpcorrect_service.protocol.settings import RosDistro, check_loopback
 
-__all__ = ["Bus", "BusSettings", "Inbox", "in_namespace", "open_session", "read_message"]
+__all__ = ["Bus", "BusSettings", "Inbox", "check_place", "in_namespace", "open_session", "read_message"]
 
 RETRY = {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 2}
 
@@ -288,19 +288,7 @@ def open_session(settings: BusSettings) -> zenoh.Session:
     hub = settings.role == "hub"
     if hub:
         check_loopback(settings.endpoint, allow_remote=settings.allow_remote)
-    config = (
-        _file_config(settings.config_file)
-        if settings.config_file is not None
-        else make_config(
-            {
-                **COMMON,
-                "mode": "router" if hub else "client",
-                "listen/endpoints": [settings.endpoint] if hub else [],
-                "connect/endpoints": [] if hub else [settings.endpoint],
-                "connect/retry": RETRY,
-            }
-        )
-    )
+    config = _config(settings)
     config.insert_json5("connect/timeout_ms", json.dumps(round(1000 * settings.patience)))
     try:
         return open_zenoh(config)
@@ -310,6 +298,37 @@ def open_session(settings: BusSettings) -> zenoh.Session:
         if settings.config_file is not None:
             hint = f"Why: gpcorrect doctor --config {settings.config_file}"
         raise EndpointError(settings.where, f"{what} ({first_sentence(error)}).", hint=hint) from error
+
+
+def check_place(settings: BusSettings) -> None:
+    """Raise what :func:`open_session` would raise however often it is tried.
+
+    Parameters
+    ----------
+    settings : BusSettings
+        Of a client.
+
+    Raises
+    ------
+    DataError
+        The configuration file cannot be read, or is not a client's; or a certificate is not valid now.
+    """
+    require_valid(_config(settings))
+
+
+def _config(settings: BusSettings) -> zenoh.Config:
+    if settings.config_file is not None:
+        return _file_config(settings.config_file)
+    hub = settings.role == "hub"
+    return make_config(
+        {
+            **COMMON,
+            "mode": "router" if hub else "client",
+            "listen/endpoints": [settings.endpoint] if hub else [],
+            "connect/endpoints": [] if hub else [settings.endpoint],
+            "connect/retry": RETRY,
+        }
+    )
 
 
 def in_namespace(settings: BusSettings) -> BusSettings:

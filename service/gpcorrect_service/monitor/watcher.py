@@ -11,7 +11,8 @@ from typing import Self
 
 import zenoh
 
-from gpcorrect_service.crtk.bus import BusSettings, open_session, read_message
+from gpcorrect.errors import DataError
+from gpcorrect_service.crtk.bus import BusSettings, check_place, open_session, read_message
 from gpcorrect_service.crtk.messages import TOPICS, Topic
 from gpcorrect_service.monitor.board import Board
 from gpcorrect_service.protocol.codec import MSGPACK
@@ -38,14 +39,21 @@ class Watcher:
     board : Board
     places : sequence of BusSettings
         Addresses or configurations of robots and of servers, in the board's namespace.
+
+    Raises
+    ------
+    DataError
+        On entering: a configuration file cannot be read or is not a client's, or a certificate is not valid.
     """
 
     def __init__(self, board: Board, places: Sequence[BusSettings]) -> None:
-        self._board = board
+        self._board, self._places = board, places
         self._stop = threading.Event()
         self._threads = [threading.Thread(target=self._watch, args=(place,), daemon=True) for place in places]
 
     def __enter__(self) -> Self:
+        for place in self._places:
+            check_place(place)
         for thread in self._threads:
             thread.start()
         return self
@@ -60,7 +68,7 @@ class Watcher:
         while not self._stop.is_set():
             try:
                 session = open_session(settings)
-            except EndpointError:
+            except (EndpointError, DataError):  # nobody is there yet, or certificates expired meanwhile
                 self._stop.wait(CONNECT_AGAIN)
                 continue
             with ExitStack() as stack:

@@ -12,7 +12,7 @@ import zenoh
 
 from gpcorrect_service.protocol.errors import ServiceError
 
-__all__ = ["immortal_in_children", "is_forked", "open_zenoh", "require_own_process"]
+__all__ = ["immortal_in_children", "is_forked", "open_zenoh", "require_own_process", "require_valid"]
 
 
 class _Process:
@@ -82,9 +82,24 @@ def open_zenoh(config: zenoh.Config) -> zenoh.Session:
         It cannot be opened.
     """
     require_own_process()
+    require_valid(config)
+    _PROCESS.opened = True
+    return zenoh.open(config)
+
+
+def require_valid(config: zenoh.Config) -> None:
+    """Raise unless every certificate of a configuration is valid now.
+
+    Parameters
+    ----------
+    config : zenoh.Config
+
+    Raises
+    ------
+    ExpiredError
+        One is not.
+    """
     if json.loads(config.get_json("transport/link/tls")):
         from gpcorrect_service.protocol.certificates import check_certificates  # slow to import, and seldom needed
 
         check_certificates(config, datetime.datetime.now(datetime.UTC))
-    _PROCESS.opened = True
-    return zenoh.open(config)
