@@ -252,7 +252,7 @@ def joint_layout(features: JointFeatures, targets: int, *, owned: bool, inducing
         penalties=law_penalties(features, targets, owned),
         slack=np.zeros(len(features.used)),
         inducing=inducing,
-        fading=np.flatnonzero(features.origins[0] == "velocity"),
+        fading=np.flatnonzero(np.isin(features.origins[0], ("velocity", "acceleration"))),
     )
 
 

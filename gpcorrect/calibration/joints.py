@@ -319,8 +319,8 @@ def _default_features(log: CalibrationLog, settings: FitSettings) -> tuple[str, 
         return ("position",)
     effort = log.measured_jf if settings.direction == "estimate" else None
     logged = () if effort is None or not np.isfinite(effort).any() else ("effort",)
-    past = ("velocity", "memory", "lags") if settings.method in ("gp", "trees", "auto") and not log.static else ()
-    return ("position", *logged, *past)
+    past = ("velocity", "acceleration", "memory", "lags")
+    return ("position", *logged, *(past if settings.method in ("gp", "trees", "auto") and not log.static else ()))
 
 
 def _complete(

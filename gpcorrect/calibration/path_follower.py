@@ -44,7 +44,7 @@ class PathFollower:
         """Forget the path."""
         self._past: deque[tuple[float, FloatArray]] = deque(maxlen=MOST_PAST)
         self._memory: tuple[FloatArray, FloatArray, FloatArray] | None = None  # path, joints and plays so far
-        self._lags: tuple[FloatArray, FloatArray] | None = None  # signals where last known, and lags behind them
+        self._followed: dict[str, tuple[FloatArray, FloatArray]] = {}  # signals where last known, and lags behind them
 
     @property
     def new(self) -> bool:
@@ -109,10 +109,14 @@ class PathFollower:
                 return features.scaled(q)
             case "velocity":
                 return self._velocity(time, q) / features.half
+            case "acceleration":
+                changes = self._behind(kind, time, self._velocity(time, q) / features.half, features.rates)
+                return (changes / features.rates[:, None]).ravel()
             case "memory":
                 return self._remember(features, features.scaled(q))
             case "lags":
-                return self._behind(time, features.lagged_signals(features.scaled(q), effort))
+                signals = features.lagged_signals(features.scaled(q), effort)
+                return self._behind(kind, time, signals, features.lags).ravel()
         given = effort if kind == "effort" else state
         size = len(features.centre) if kind == "effort" else features.n_state
         return np.full(size, np.nan) if given is None else given
@@ -138,13 +142,12 @@ class PathFollower:
         self._memory = path, joints, lags
         return np.concatenate([path - joints, (lags / features.ladder).ravel()])
 
-    def _behind(self, time: float, signals: FloatArray) -> FloatArray:
-        """Return by how much the lags are behind their signals `(s,)` now."""
-        constants = self._features.lags
-        if self._lags is None:
-            self._lags = signals, np.zeros((len(constants), len(signals)))
+    def _behind(self, kind: str, time: float, signals: FloatArray, constants: FloatArray) -> FloatArray:
+        """Return by how much lags `(t, s)` are behind their signals `(s,)` now."""
+        if kind not in self._followed:
+            self._followed[kind] = signals, np.zeros((len(constants), len(signals)))
         else:
-            last, behind = self._lags
+            last, behind = self._followed[kind]
             behind = lag_step(behind, signals - last, time - self._past[-1][0], constants)
-            self._lags = np.where(np.isfinite(signals), signals, last), behind
-        return self._lags[1].ravel()
+            self._followed[kind] = np.where(np.isfinite(signals), signals, last), behind
+        return self._followed[kind][1]

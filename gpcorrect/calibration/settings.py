@@ -30,8 +30,8 @@ class FitSettings:
     features : tuple of str
         What the learner sees; empty for the task's own choice. Poses: "pose" (or "euler": the angles of Mahler et al.
         2014), "velocity", "memory" or "joints" (which have a memory of their own; their own choice takes them where
-        that helps). Joints and tool position: "position", "velocity", "effort", "memory", "lags",
-        "state".
+        that helps). Joints and tool position: "position", "velocity", "acceleration", "effort",
+        "memory", "lags", "state".
     clean : bool
         Reject faulty samples first.
     cleaning : CleaningSettings

@@ -37,7 +37,8 @@ Method = Annotated[str, typer.Option(help="One of offset, linear, quadratic, net
 Features = Annotated[
     str | None,
     typer.Option(
-        help="position, velocity, effort, memory, lags, state; the method's own when absent.", show_default=False
+        help="position, velocity, acceleration, effort, memory, lags, state; the method's own when absent.",
+        show_default=False,
     ),
 ]
 Input = Annotated[

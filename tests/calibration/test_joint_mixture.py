@@ -109,3 +109,23 @@ def test_lags_are_learned_where_joints_creep_and_nowhere_else() -> None:
     np.testing.assert_allclose(live, path[:200], atol=1e-9)
     _, plain = held_out_rmse(replace(joint_log(3, trajectories=8), measured_jf=None))
     assert "lags" not in plain.view.features.origins[0]
+
+
+def test_accelerations_are_learned_where_joints_spring_and_nowhere_else() -> None:
+    """Links that give way under their inertia need them, stiff ones have none. A stream follows as the path does."""
+    log, rng, kinds = joint_log(3, trajectories=8), np.random.default_rng(0), ("position", "velocity", "acceleration")
+    assert log.measured_jp is not None
+    stiff = replace(log, measured_jf=None, external_jp=log.measured_jp + 1e-4 * rng.standard_normal((len(log), 3)))
+    pull = np.gradient(np.gradient(log.measured_jp, log.time, axis=0), log.time, axis=0)
+    assert stiff.external_jp is not None
+    springing = replace(stiff, external_jp=stiff.external_jp - 0.02 * pull)
+    without, _ = held_out_rmse(springing, features=kinds[:2])
+    knowing, model = held_out_rmse(springing, features=kinds)
+    assert (knowing[:2] < 0.7 * without[:2]).all()
+    assert "acceleration" in model.view.features.origins[0]
+    path, stream = model.correct_log(springing).joints, JointStream(model)
+    assert path is not None
+    live = [stream.correct(float(t), q).joints for t, q in zip(log.time[:200], log.measured_jp, strict=False)]
+    np.testing.assert_allclose(live, path[:200], atol=1e-9)
+    _, plain = held_out_rmse(stiff, features=kinds)
+    assert "acceleration" not in plain.view.features.origins[0]

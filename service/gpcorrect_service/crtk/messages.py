@@ -122,7 +122,8 @@ class Topic:
     latched : bool
         Whether a ROS node that comes late hears the last message, as CRTK has it of states ("transient local").
     urgent : bool
-        Whether messages overtake those of other topics, which are dropped where a listener cannot keep up.
+        Whether messages overtake those of other topics and have a queue of their own: of streams that a loaded machine
+        sends, what finds the queue full is dropped, and with them went one first complaint in twenty.
     child : str
         Behind the arm's name, the frame whose pose it is: ROS nodes find it on `/tf` too. Empty for none.
     """
@@ -154,7 +155,7 @@ TOPICS: dict[str, Topic] = {
         *(Topic(name, Text, "text", STRING_STAMPED, urgent=True) for name in ("state_command", "error", "warning")),
         Topic("operating_state", OperatingState, "operating_state", OPERATING_STATE, latched=True),
         Topic("heartbeat", Heartbeat, "heartbeat"),
-        Topic("event", Event, "event"),
+        Topic("event", Event, "event", urgent=True),
         Topic("corrected/report", Report, "report"),
     )
 }
