@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -113,7 +114,7 @@ def copies(lab: Lab) -> Seen:
 
 
 def forgeries(lab: Lab) -> Seen:
-    """Change the structure of a model file under a fresh seal: anything but a refusal or the same answers."""
+    """Change the structure of a model file under a fresh seal, and arrays into none: anything but a refusal."""
     rng, file, wrong = np.random.default_rng(0), lab.folder / "forged.gpc", 0
     whole, arrays = read_parts(lab.model)
     for _ in range(FORGED):
@@ -122,13 +123,23 @@ def forgeries(lab: Lab) -> Seen:
         node, key = spots[rng.integers(len(spots))]
         node[key] = VALUES[rng.integers(len(VALUES))]
         write(file, {**header, "seal": seal_of(header)}, arrays)
-        try:
-            load_any(file)
-        except ArtifactError:
-            continue
-        except Exception:  # noqa: BLE001  # what must not come through
-            wrong += 1
-    return Seen(FORGED, wrong)
+        wrong += _raises_raw(file)
+    for name in arrays:
+        with zipfile.ZipFile(lab.model) as sound, zipfile.ZipFile(file, "w") as out:
+            for part in sound.namelist():
+                out.writestr(part, b"no array" if part == f"{name}.npy" else sound.read(part))
+        wrong += _raises_raw(file)
+    return Seen(FORGED + len(arrays), wrong)
+
+
+def _raises_raw(file: Path) -> bool:
+    try:
+        load_any(file)
+    except ArtifactError:
+        pass
+    except Exception:  # noqa: BLE001  # what must not come through
+        return True
+    return False
 
 
 def misfits(lab: Lab) -> Seen:

@@ -273,7 +273,10 @@ def _read_archive(path: str | Path, only: str | None = None) -> dict[str, Any]:
         if unpacked > Path(path).stat().st_size + SLACK_BYTES:
             raise refused(path, f"it would unpack to {unpacked / 1e6:.0f} MB, more than it is long")
         with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files if only in (None, name)}
+            contents = {name: archive[name] for name in archive.files if only in (None, name)}
+        if not all(isinstance(part, np.ndarray) for part in contents.values()):  # NumPy hands out other bytes as such
+            raise refused(path, "it is truncated or altered")
+        return contents
     except ArtifactError:
         raise
     except Exception as error:  # whatever damaged bytes make the readers of archives and arrays raise

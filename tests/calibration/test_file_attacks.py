@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import suppress
@@ -139,6 +140,15 @@ def test_no_entry_of_a_header_is_believed_to_be_what_it_should(model: Path, tmp_
             np.savez(out, header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays)
         with suppress(ArtifactError):
             load_any(tmp_path / "forged.gpc")
+
+
+@pytest.mark.parametrize("name", ["header.npy", "more.npy"])
+def test_a_part_that_is_no_array_is_refused(tmp_path: Path, name: str) -> None:
+    """What does not begin as an array NumPy hands out as bytes; a file of them ended its loading in a traceback."""
+    with zipfile.ZipFile(tmp_path / "forged.gpc", "w") as out:
+        out.writestr(name, b"no array")
+    with pytest.raises(ArtifactError, match="truncated or altered"):
+        load_any(tmp_path / "forged.gpc")
 
 
 @pytest.mark.parametrize(
