@@ -25,6 +25,7 @@ from gpcorrect_service.protocol.sessions import open_client
 
 SILENT = 500
 MAY = ("operator", "operator")  # certificate and password of who may change the state
+AT_ONCE = 4  # strangers
 ASKED, WAIT = 50, 0.1  # times and s for an answer, until a denial must be written
 
 
@@ -33,7 +34,6 @@ def strangers(lab: Lab) -> Seen:
     folder = _site(lab, "site", 0)
     router, server = str(folder / "router.json5"), str(folder / "server.json5")
     port = json.loads((folder / "planner.json5").read_text())["connect"]["endpoints"][0].rsplit(":", 1)[1]
-    wrong = tried = 0
     with (
         lab.program("router", router, ready="routing") as routing,
         lab.program("serve", str(lab.model), "--config", server, "--allow-remote", ready="serving"),
@@ -41,20 +41,23 @@ def strangers(lab: Lab) -> Seen:
     ):
         for _ in range(SILENT):
             silent.enter_context(socket.create_connection(("127.0.0.1", int(port)), PATIENT))
-        for pair in product(ROLES, ROLES):
-            tried += 2
+
+        def _wrong(pair: tuple[str, str]) -> int:
             file = _mixed(folder, *pair)
-            wrong += _obeyed(file) != (pair == MAY)
-            if pair != MAY and not _logged(routing.log, *pair):  # nobody was to be seen, and nothing sent
-                wrong += not _denied_outright(file, lambda pair=pair: _logged(routing.log, *pair))
-            else:
-                wrong += pair == MAY and _logged(routing.log, *pair)
+            if pair == MAY:
+                return (not _obeyed(file)) + _logged(routing.log, *pair)
+            obeyed, logged = _obeyed(file), _logged(routing.log, *pair)  # not where nobody was to be seen and asked
+            return obeyed + (not (logged or _denied_outright(file, lambda: _logged(routing.log, *pair))))
+
+        pairs = list(product(ROLES, ROLES))
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            wrong = sum(pool.map(_wrong, pairs))
         with CorrectionClient(config_file=folder / "planner.json5", timeout=4.0, connect_timeout=10.0) as client:
             try:
                 wrong += client.health().state == "FAULT"
             except ServiceError:
                 wrong += 1
-    return Seen(tried + 1, wrong, f"{SILENT} silent connections meanwhile")
+    return Seen(2 * len(pairs) + 1, wrong, f"{SILENT} silent connections meanwhile")
 
 
 def expired(lab: Lab) -> Seen:
@@ -87,7 +90,7 @@ def _site(lab: Lab, name: str, days: int) -> Path:
 def _mixed(folder: Path, certificate: str, password: str) -> Path:
     config, other = (json.loads((folder / f"{role}.json5").read_text()) for role in (certificate, password))
     config["transport"]["auth"] = other["transport"]["auth"]
-    file = folder / "mixed.json5"
+    file = folder / f"{certificate}_{password}.json5"
     file.write_text(json.dumps(config))
     return file
 
