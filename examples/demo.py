@@ -29,7 +29,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder for everything the demo makes")
     parser.add_argument("--reaches", type=int, default=60, help="simulated debridement reaches (the paper has 303)")
-    parser.add_argument("--fragments", type=int, default=8, help="fragments that the arms remove at the end")
+    parser.add_argument("--fragments", type=int, default=4, help="fragments of each of the five sets at the end")
     arguments = parser.parse_args()
     demo(arguments.output, arguments.reaches, arguments.fragments)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import numpy as np
 import typer
-from joblib import Parallel, delayed
+from joblib import Parallel, cpu_count, delayed
 from rich.table import Table
 
 from gpcorrect.atomic import atomic_path, make_folder, require_folder, write_file
@@ -38,13 +38,16 @@ if TYPE_CHECKING:
 __all__ = ["debride"]
 
 # Chosen by hand.
-INDUCING = 400  # of the models: enough for one task in a box of a few centimetres
+INDUCING = 150  # of the models: enough for one task in a box of a few centimetres
+SEARCH = 200  # samples that hyperparameters are searched among: a miss of 2 mm stays one, in a third of the time
+FEATURES = ("pose", "velocity")  # joints do not help on this machine, and finding that out takes as long as the fit
 AFTER_REHEARSAL = 60.0  # s between the end of the rehearsals and the task
 CONNECT = 120.0  # s for a service to load its model, on a busy machine
 
 
 def debride(
-    fragments: Annotated[int, typer.Option(help="Fragments to remove, over all arms.", min=1)] = 12,
+    fragments: Annotated[int, typer.Option(help="Fragments of a set, over all arms.", min=1)] = 4,
+    sets: Annotated[int, typer.Option(help="Sets of fragments to remove; figures are their means.", min=1)] = 5,
     arms: Annotated[int, typer.Option(help="One arm or two.", min=1, max=2)] = 2,
     speed: Annotated[float, typer.Option(help="Speed in open loop, cm/s.", min=0.5, max=20)] = 6.0,
     slow: Annotated[float, typer.Option(help="Speed without correction, cm/s.", min=0.1, max=20)] = 1.0,
@@ -73,7 +76,7 @@ def debride(
 
     For example:
 
-    gpcorrect debride --fragments 20 --picture paths.png --animation task.gif
+    gpcorrect debride --fragments 8 --picture paths.png --animation task.gif
 
     gpcorrect debride --arms 1 --models demo/ --report task.html
     """
@@ -92,19 +95,22 @@ def debride(
             delayed(_learn)(scene, place, folder, rehearsals, speed / 100, seed) for place in places
         )
         progress.step("rehearsal and fit", 1.0)
-        clients = stack.enter_context(_clients(places, folder, endpoint or []))
-        lying = scene.fragments(fragments, np.random.default_rng([seed, 3]))
-        conditions = compare(
-            Mission(scene, places, lying, start=max(ends) + AFTER_REHEARSAL),
-            clients,
-            seed,
-            fast=speed / 100,
-            slow=slow / 100,
-            margins=Margins(position=margin / 1e3),
-            mode=chosen,
-            progress=progress,
-        )
-        served = [client.model() for client in clients]
+        start = max(ends) + AFTER_REHEARSAL
+        endpoints = stack.enter_context(_services(places, folder, endpoint or []))
+        with _clients(places, endpoints) as clients:
+            served = [client.model() for client in clients]
+        ways = {"fast": speed / 100, "slow": slow / 100, "margins": Margins(position=margin / 1e3), "mode": chosen}
+        missions = [
+            Mission(scene, places, scene.fragments(fragments, np.random.default_rng([seed, 3, number])), start=start)
+            for number in range(sets)
+        ]
+        done: list[tuple[Condition, ...]] = []
+        for found in Parallel(n_jobs=min(sets, cpu_count()), return_as="generator")(
+            delayed(_done)(mission, endpoints, seed + number, ways) for number, mission in enumerate(missions)
+        ):
+            done.append(found)
+            progress.step("sets of fragments", len(done) / sets)
+        conditions = Condition.joined(done)
     facts = _facts(conditions, [f"{m.id} {m.hash[:12]} by {m.replica}" for m in served], chosen)
     _draw(scene, places, conditions, facts, picture, animation, page)
     if json:
@@ -119,19 +125,27 @@ def _learn(scene: Scene, place: Station, folder: Path, rehearsals: int, speed: f
     rng = np.random.default_rng([seed, salt])
     log = rehearsal_log(scene, place, rehearsals, speed, rng, 1000 * seed + 10 * salt)
     model, note = folder / f"{place.name}.gpc", folder / f"{place.name}.rehearsal"
-    made_from = repr((rehearsals, speed, seed, log.signals)).encode() + np.asarray(log.setpoint_jp).tobytes()
+    made_from = (
+        repr((rehearsals, speed, seed, log.signals, INDUCING, SEARCH, FEATURES)).encode()
+        + np.asarray(log.setpoint_jp).tobytes()
+    )
     digest = hashlib.sha256(made_from).hexdigest()
     if not (model.exists() and note.exists() and note.read_text() == digest):
-        save(fit_corrector(log, FitSettings(inducing=INDUCING, marker="none", seed=seed)), model)
+        settings = FitSettings(inducing=INDUCING, search_samples=SEARCH, features=FEATURES, marker="none", seed=seed)
+        save(fit_corrector(log, settings), model)
         write_file(note, digest)
     return float(log.time[-1])
 
 
-@contextmanager
-def _clients(places: Sequence[Station], folder: Path, given: Sequence[str]) -> Iterator[list[CorrectionClient]]:
-    """Give a client an arm, of services that run already or are started here, a process an arm."""
-    from gpcorrect_service import CorrectionClient  # zenoh is an extra; other commands work without it
+def _done(mission: Mission, endpoints: Sequence[str], seed: int, ways: Mapping[str, Any]) -> tuple[Condition, ...]:
+    """Do the task of one set in every way, in a process that asks the services by itself."""
+    with _clients(mission.stations, endpoints) as clients:
+        return compare(mission, clients, seed, **ways)
 
+
+@contextmanager
+def _services(places: Sequence[Station], folder: Path, given: Sequence[str]) -> Iterator[list[str]]:
+    """Give the address of a service for each arm: one that runs already, or a process that is started here."""
     if given and len(given) not in (1, len(places)):
         raise DataError(f"give one address, or one an arm ({len(places)}); got {len(given)}.")
     endpoints = list(given) * (len(places) if len(given) == 1 else 1) or [free_endpoint() for _ in places]
@@ -140,19 +154,28 @@ def _clients(places: Sequence[Station], folder: Path, given: Sequence[str]) -> I
             for place, endpoint in zip(places, endpoints, strict=True):
                 model = str(folder / f"{place.name}.gpc")
                 stack.enter_context(running("serve", model, "--endpoint", endpoint, "--arm", place.name))
-        clients = [
+        yield endpoints
+
+
+@contextmanager
+def _clients(places: Sequence[Station], endpoints: Sequence[str]) -> Iterator[list[CorrectionClient]]:
+    """Give a client of each arm's service."""
+    from gpcorrect_service import CorrectionClient  # zenoh is an extra; other commands work without it
+
+    with ExitStack() as stack:
+        yield [
             stack.enter_context(CorrectionClient(endpoint, place.name, timeout=5.0, connect_timeout=CONNECT))
             for place, endpoint in zip(places, endpoints, strict=True)
         ]
-        yield clients
 
 
 def _facts(conditions: Sequence[Condition], served: list[str], mode: Mode) -> dict[str, Any]:
-    looking, knowing = (condition.outcome for condition in conditions[:2])
+    looking, knowing, *_ = found = [condition.to_dict() for condition in conditions]
     return {
-        "conditions": [condition.to_dict() for condition in conditions],
-        "times_faster": looking.seconds_per_fragment / knowing.seconds_per_fragment,
-        "success_rate_difference": knowing.success_rate - looking.success_rate,
+        "conditions": found,
+        "sets": len(conditions[0].outcomes),
+        "times_faster": looking["seconds_per_fragment"] / knowing["seconds_per_fragment"],
+        "success_rate_difference": knowing["success_rate"] - looking["success_rate"],
         "paper": PAPER,
         "mode": mode,
         "served": served,
@@ -160,7 +183,8 @@ def _facts(conditions: Sequence[Condition], served: list[str], mode: Mode) -> di
 
 
 def _show(conditions: Sequence[Condition], facts: dict[str, Any]) -> None:
-    table = Table(title="Debridement, simulated", title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    title = f"Debridement, simulated: means of {facts['sets']} sets of fragments; retries, re-plans and looks in all"
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("", no_wrap=True)
     for column in ["cm/s", "done", "at\nonce", "retries", "re-\nplans", "looks", "miss\nmm", "s\neach", "s in\nall"]:
         table.add_column(column, justify="right", no_wrap=True)

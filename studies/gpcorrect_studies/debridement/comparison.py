@@ -23,23 +23,51 @@ PAPER = {"seconds_per_fragment": 15.8, "times_faster": 3.8}  # Mahler 2014, with
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """One way to do the task, and what came of it.
+    """One way to do the task, and what came of it in each set of fragments.
 
     Parameters
     ----------
     name : str
     speed : float
         m/s.
-    outcome : Outcome
+    outcomes : tuple of Outcome
+        One a set; pictures show the first.
     """
 
     name: str
     speed: float
-    outcome: Outcome
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def outcome(self) -> Outcome:
+        """Of the first set."""
+        return self.outcomes[0]
+
+    @classmethod
+    def joined(cls, sets: Sequence[Sequence[Condition]]) -> tuple[Condition, ...]:
+        """Return the ways to do the task over several sets.
+
+        Parameters
+        ----------
+        sets : sequence
+            From :func:`compare`, one a set.
+        """
+        return tuple(
+            cls(ways[0].name, ways[0].speed, tuple(outcome for way in ways for outcome in way.outcomes))
+            for ways in zip(*sets, strict=True)
+        )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures, plain."""
-        return {"name": self.name, "speed_cm_s": 100 * self.speed, **self.outcome.to_dict()}
+        """Return the figures, plain: means over the sets, and what is counted in all of them; and each set's own."""
+        each = [outcome.to_dict() for outcome in self.outcomes]
+        whole = {
+            name: sum(one[name] for one in each)
+            if isinstance(value, int)
+            else float(np.mean([one[name] for one in each]))
+            for name, value in each[0].items()
+        }
+        whole["miss_mm_max"] = max(one["miss_mm_max"] for one in each)
+        return {"name": self.name, "speed_cm_s": 100 * self.speed, **whole, "sets": each}
 
     def to_words(self) -> list[str]:
         """Return name, cm/s, removed, at once, retries, replanned, looks, miss (mm), seconds a fragment and in all."""
@@ -115,7 +143,7 @@ def compare(
         ),
     ]
     return tuple(
-        Condition(name, speed, debride(mission, strategies, np.random.default_rng(seed), progress, name))
+        Condition(name, speed, (debride(mission, strategies, np.random.default_rng(seed), progress, name),))
         for name, speed, strategies in ways
     )
 

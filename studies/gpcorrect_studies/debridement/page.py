@@ -25,6 +25,7 @@ __all__ = ["debridement_gif", "debridement_paths", "write_debride_page"]
 HEAD = ("", "cm/s", "removed", "at once", "retries", "replanned", "looks", "miss [mm]", "s a fragment", "s in all")
 ARM_COLOURS = (COLOURS["corrected"], COLOURS["rigid"])
 CAUGHT, LOST, WAITING = "#009e73", COLOURS["raw"], COLOURS["quiet"]
+FAILED: dict[str, Any] = {"fill": False, "hatch": "//", "edgecolor": LOST}
 LABEL_WIDTH = 14  # characters of a bar's name on one line; chosen by hand
 FRAMES, FRAMES_A_SECOND, GIF_DPI = 60, 8, 70  # chosen by hand: eight seconds in about a megabyte
 
@@ -43,15 +44,15 @@ def write_debride_page(
     path : Path
         HTML file.
     """
-    knowing = conditions[1].outcome
+    knowing = facts["conditions"][1]
     with TemporaryDirectory() as folder:
         debridement_gif(scene, stations, conditions[:2], Path(folder) / "film.gif")
         film = (Path(folder) / "film.gif").read_bytes()
     page = Page(
         title="gpcorrect debride: fragments removed by simulated arms",
         verdict=(
-            f"{facts['times_faster']:.1f} times faster with correction: {knowing.seconds_per_fragment:.1f} s a "
-            f"fragment, {100 * knowing.success_rate:.0f} % removed"
+            f"{facts['times_faster']:.1f} times faster with correction: {knowing['seconds_per_fragment']:.1f} s a "
+            f"fragment, {100 * knowing['success_rate']:.0f} % removed, means of {facts['sets']} sets"
         ),
         facts=[
             ("paper", f"{facts['paper']['times_faster']} times, {facts['paper']['seconds_per_fragment']} s a fragment"),
@@ -60,7 +61,7 @@ def write_debride_page(
         ],
         sections=[
             Section(
-                "The same fragments, once for each way",
+                f"The same fragments, once for each way: means of {facts['sets']} sets; the first one drawn",
                 tables=[TableData(HEAD, [c.to_words() for c in conditions])],
                 figures=[
                     FigureImage(
@@ -103,15 +104,17 @@ def debridement_paths(scene: Scene, stations: Sequence[Station], conditions: Seq
             ax.plot(place[:, 0], place[:, 1], color=colour, linewidth=0.7, alpha=0.8, label=f"tool of {arm.name}")
         _fragments(ax, scene, condition, np.inf)
     axes[0].legend(frameon=False, fontsize=7, loc="lower left")
-    bars, seconds = axes[-1], [condition.outcome.seconds_per_fragment for condition in conditions]
-    for i, condition in enumerate(conditions):
-        removed = condition.outcome.success_rate
-        height = seconds[i] if removed > 0 else 0.0  # a run that removes nothing is not a fast one
-        bars.bar(i, height, color=COLOURS["quiet"], width=0.6)
-        text = f"{height:.1f} s\n{100 * removed:.0f} %" if removed > 0 else "nothing\nremoved"
+    rows = [condition.to_dict() for condition in conditions]
+    bars, seconds = axes[-1], [row["seconds_per_fragment"] for row in rows]
+    for i, row in enumerate(rows):
+        removed = row["success_rate"]
+        # What removes nothing never ends: as tall as the tallest, and empty.
+        height, how = (seconds[i], {"color": COLOURS["quiet"]}) if removed > 0 else (max(seconds), FAILED)
+        bars.bar(i, height, width=0.6, **how)
+        text = f"{height:.1f} s\n{100 * removed:.0f} %" if removed > 0 else "never done:\nnothing removed"
         bars.annotate(text, (i, height), (0, 3), textcoords="offset points", ha="center", fontsize=8)
     bars.set_xticks(range(len(seconds)), [fill(c.name, LABEL_WIDTH) for c in conditions], fontsize=7)
-    bars.set_ylabel("seconds a fragment; fraction removed above")
+    bars.set_ylabel(f"s a fragment, mean of {len(conditions[0].outcomes)}")
     bars.margins(y=0.18)
     return figure
 

@@ -17,6 +17,8 @@ from gpcorrect_studies.debridement.scene import Station
 __all__ = ["SimulatedRobot"]
 
 BLOCK = 20  # servo steps between two samples of the tool's true pose: paths are recorded at 50 Hz
+STILL = 4  # blocks that are one, where no joint moves further in them than in one block at 6 cm/s
+MOVED = {"R": 12e-3, "P": 1.2e-3}  # rad and m: that far
 JOINING = Pace(speed=0.03, turn_rate=0.5)  # to where a path begins, a millimetre away as a rule; chosen by hand
 CONTINUOUS = 0.5  # rad or m; a larger step between samples is another branch, not motion
 
@@ -38,7 +40,8 @@ class SimulatedRobot:
         self.station = station
         self._arm = station.arm
         self._q = working_posture(self._arm)
-        self._live = LiveArm(station.machine, self._q, start=start, block=BLOCK)
+        self._live = LiveArm(station.machine, self._q, start=start, block=STILL * BLOCK)
+        self._little = np.array([MOVED[kind] for kind in self._arm.joint_types])
         self._sensors = Sensors(station.machine, rng)
         self._start = start
         self._seen: list[FloatArray] = []
@@ -62,7 +65,7 @@ class SimulatedRobot:
 
     @property
     def trace(self) -> FloatArray:
-        """(n, 4) task time and true tool position, tracker frame, at 50 Hz."""
+        """(n, 4) task time and true tool position, tracker frame, at 50 Hz, or less where it hardly moves."""
         return np.array(self._seen).reshape(-1, 4)
 
     def follow(self, times: FloatArray, T: FloatArray) -> None:
@@ -105,9 +108,12 @@ class SimulatedRobot:
         return seen
 
     def _drive(self, desired: FloatArray) -> None:
-        for first in range(0, len(desired), BLOCK):
-            self._live.advance(desired[first : first + BLOCK])
+        while len(desired):
+            still = (np.ptp(desired[: STILL * BLOCK], axis=0) <= self._little).all()
+            block = STILL * BLOCK if still else BLOCK
+            self._live.advance(desired[:block])
             self._seen.append(np.array([self.clock, *self.tool_pose[:3, 3]]))
+            desired = desired[block:]
 
     def _joints(self, T: FloatArray) -> FloatArray:
         """Joint path of tool poses on the branch that the arm is on."""
