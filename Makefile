@@ -1,4 +1,4 @@
-# make demo   set up, then the whole loop on simulated robots, two to three minutes: logs, fit, serve, plan, remove fragments, pages
+# make demo   set up, then the whole loop on simulated robots, one to two minutes: logs, fit, serve, plan, remove fragments, pages
 # make test   set up, then the tests
 # make check  what .ci/run runs: format, lint, types, import contracts, docs, tests
 # make docs   set up, then the manual and the API reference as pages in build/site

@@ -8,7 +8,6 @@ Run it with `make demo`, or: python examples/demo.py --output demo_output
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import shlex
 import socket
@@ -29,7 +28,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder for everything the demo makes")
     parser.add_argument("--reaches", type=int, default=60, help="simulated debridement reaches (the paper has 303)")
-    parser.add_argument("--fragments", type=int, default=4, help="fragments of each of the five sets at the end")
+    parser.add_argument("--fragments", type=int, default=2, help="fragments of each of the five sets at the end")
     arguments = parser.parse_args()
     demo(arguments.output, arguments.reaches, arguments.fragments)
 
@@ -60,7 +59,6 @@ def show(page: Path) -> None:
 
 
 def ask(model: Path) -> None:
-    info = json.loads(run("correct", model, *example_pose(model), "--json", quiet=True))
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with service(model, endpoint):
         answer = run(
@@ -73,7 +71,6 @@ def ask(model: Path) -> None:
             *["0.05", "0", "0", "0", "0", "0"],
         )
     assert answer
-    print(f"(without a service and at rest the same model file says {[round(v, 6) for v in info['position']]})")
 
 
 def example_pose(model: Path) -> list[str]:
@@ -108,13 +105,11 @@ def wait_for_service(process: subprocess.Popen[bytes], said: TextIO, patience: f
         time.sleep(0.1)
 
 
-def run(*words: object, quiet: bool = False) -> str:
+def run(*words: object) -> str:
     command = [str(word) for word in words]
-    if not quiet:
-        print("$ " + shlex.join(["gpcorrect", *command]), flush=True)
+    print("$ " + shlex.join(["gpcorrect", *command]), flush=True)
     done = subprocess.run([*GPCORRECT, *command], check=True, stdout=subprocess.PIPE, text=True)
-    if not quiet:
-        print(done.stdout, flush=True)
+    print(done.stdout, flush=True)
     return done.stdout
 
 
