@@ -103,7 +103,7 @@ def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
     """The correction that another process serves makes the open loop work, which without it removes nothing."""
     monkeypatch.setattr(command, "INDUCING", 100)
     done = gpcorrect(
-        "debride", "--arms", 1, "--fragments", 2, "--sets", 2, "--rehearsals", 12, "--margin", 0.01,
+        "debride", "--arms", 1, "--fragments", 2, "--sets", 1, "--rehearsals", 12, "--margin", 0.01,
         "--models", tmp_path, "--picture", tmp_path / "p.png", "--json",
     )  # fmt: skip
     assert done.code == 0, done.err

@@ -8,8 +8,17 @@ from planning_support import Moves, ideal
 from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.planning import Margins
-from gpcorrect_studies.debridement import LookAndMove, Mission, OpenLoop, debride, rehearsal_log, stations
-from gpcorrect_studies.debridement.mission import MIDDLE
+from gpcorrect_studies.debridement import (
+    Condition,
+    LookAndMove,
+    Mission,
+    OpenLoop,
+    Outcome,
+    debride,
+    rehearsal_log,
+    stations,
+)
+from gpcorrect_studies.debridement.mission import MIDDLE, ArmRecord, Fetched
 from gpcorrect_studies.debridement.scene import Gripper
 
 
@@ -115,3 +124,17 @@ def test_a_rehearsal_covers_the_fragments():
 def test_three_arms_are_refused():
     with pytest.raises(DataError, match="one or two arms"):
         stations(3)
+
+
+def test_figures_are_means_over_the_sets_and_counts_are_of_all() -> None:
+    """Two sets of one fragment: seconds and successes are averaged, looks are added, the worst miss is the worst."""
+
+    def done(seconds: float, looks: int, removed: bool, miss: float) -> Condition:
+        fetched = Fetched("arm1", np.zeros(3), removed, 1, seconds, seconds, (miss,), looks, 0, False)
+        return Condition("way", 0.06, (Outcome((fetched,), (ArmRecord("arm1", np.zeros((1, 4)), seconds, 0.0),)),))
+
+    (way,) = Condition.joined([[done(4.0, 2, True, 1.0)], [done(8.0, 3, False, 5.0)]])
+    row = way.to_dict()
+    assert (row["seconds_per_fragment"], row["success_rate"], row["miss_mm_mean"]) == (6.0, 0.5, 3.0)
+    assert (row["fragments"], row["looks"], row["miss_mm_max"]) == (2, 5, 5.0)
+    assert [one["seconds_per_fragment"] for one in row["sets"]] == [4.0, 8.0]
