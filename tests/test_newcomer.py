@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import socket
@@ -13,6 +14,8 @@ from pathlib import Path
 import pytest
 from shown import PATIENCE, run_shown, section
 from support import ROOT
+
+from gpcorrect.sim import read_model
 
 pytestmark = [
     pytest.mark.slow,
@@ -78,6 +81,9 @@ def test_a_public_arm_from_download_to_a_named_effect(tmp_path: Path) -> None:
     assert promised is not None
     assert promised[1].rstrip(".") in " ".join(named.printed.split())
     assert 'frictionloss="6"' in (tmp_path / "study" / "model.xml").read_text()
+    assert not read_model(tmp_path / "study" / "model.toml").effects
+    (effect,) = json.loads((tmp_path / "study" / "report.json").read_text())["verdict"]["effects"]
+    assert (effect["name"], effect["joint"]) == ("coulomb_friction", 2)
 
 
 def test_the_demo_is_what_the_example_is() -> None:

