@@ -230,22 +230,30 @@ class JointFeatures:
     def _earned(self, path: JointPath, errors: FloatArray, rows: IntArray, used: IntArray) -> IntArray:
         """Return the columns `used` without what does not pay: lags of efforts, those of positions, accelerations.
 
-        They pay where some joint's errors in left-out parts are clearly better predicted with them.
+        They pay where some joint's errors in left-out parts are clearly better predicted with them, under the law's own
+        penalties: what a lag says of an acceleration, for one, the law will not use.
         """
         dof, doubted = len(self.centre), []
         for kind, size in self._sizes:
             turn = self.n_lagged - np.arange(size) // dof % self.n_lagged  # 2 or 1 of positions, 1 of efforts
             doubted.append(turn if kind == "lags" else np.full(size, 3 if kind == "acceleration" else 0))
         group: IntArray = np.concatenate(doubted)[used]
-        X = replace(self, used=used).transform(path)
+        candidate = replace(self, used=used)
+        X = candidate.transform(path)
         known = rows[np.isfinite(X[rows]).all(axis=1) & np.isfinite(errors[rows]).all(axis=1)]
         paid: BoolArray = group == 0
         if len(known) < LIMITS.fewest_samples:
             return used[paid]
         folds = np.arange(len(known)) * LIMITS.folds // len(known)
-        squares = left_out_squares(X[known][:, paid], errors[known], folds)
+        penalties = np.where(candidate.origins[0] == "lags", SLOW, PLAIN)
+        unit = (X[known] - X[known].mean(axis=0)) / np.maximum(X[known].std(axis=0), np.finfo(float).tiny)
+
+        def squared(columns: BoolArray) -> FloatArray:
+            return left_out_squares(unit[:, columns], errors[known], folds, penalties[columns])
+
+        squares = squared(paid)
         for number in np.unique(group[~paid]):
-            more = left_out_squares(X[known][:, paid | (group == number)], errors[known], folds)
+            more = squared(paid | (group == number))
             if (more < CLEARLY * squares).any():
                 paid, squares = paid | (group == number), more
         return used[paid]

@@ -211,7 +211,7 @@ def steps(poses: PoseSignal) -> FloatArray:
     return np.hstack([linear, se3.rotvec_from_matrix(np.swapaxes(before, -1, -2) @ rotations)])
 
 
-def left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray) -> FloatArray:
+def left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray, penalties: FloatArray | None = None) -> FloatArray:
     """Return the mean square `(m,)` of targets in left-out folds after a linear function of features.
 
     Parameters
@@ -220,12 +220,15 @@ def left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray) -> FloatArra
         Features and targets.
     folds : (n,) int array
         What is left out together.
+    penalties : (d,) array, optional
+        On squared weights, in units of the samples; the offset is free then.
     """
     A, total = np.hstack([F, np.ones((len(F), 1))]), np.zeros(Y.shape[1])
+    ridge = np.full(A.shape[1], RIDGE) if penalties is None else np.append(penalties, 0.0)
     for fold in np.unique(folds):
         out: BoolArray = folds == fold
         inside = A[~out]
-        normal = inside.T @ inside + RIDGE * len(inside) * np.eye(A.shape[1])
+        normal = inside.T @ inside + len(inside) * np.diag(ridge)
         total += ((Y[out] - A[out] @ np.linalg.solve(normal, inside.T @ Y[~out])) ** 2).sum(axis=0)
     return total / len(Y)
 

@@ -99,7 +99,7 @@ def test_lags_are_learned_where_joints_creep_and_nowhere_else() -> None:
     """With creep of 2 s the lags make errors smaller; without, none is used. A stream follows them as the path does."""
     log = creeping(joint_log(3, trajectories=8), constant=2.0, share=0.1)
     without, _ = held_out_rmse(log, features=("position", "velocity", "memory"))
-    with_lags, model = held_out_rmse(log)
+    with_lags, model = held_out_rmse(log, features=("position", "velocity", "memory", "lags"))
     assert (with_lags < 0.95 * without).all()
     assert "lags" in model.view.features.origins[0]
     path, stream = model.correct_log(log).joints, JointStream(model)
