@@ -216,5 +216,5 @@ def test_a_folder_that_cannot_be_made_is_refused_before_the_work(gpcorrect: Comm
 def test_help_tells_files_and_resuming(gpcorrect: CommandLine) -> None:
     """The help names the files, the exit status, how a killed run goes on, and an example."""
     said = " ".join(gpcorrect("discrepancy", "run", "--help").out.split())
-    for words in ("report.json", "model.toml", "status 0", "killed", "gpcorrect discrepancy run --model"):
+    for words in ("report.json", "model.toml", "status 0", "killed", "gpcorrect discrepancy run --machine"):
         assert words in said
