@@ -35,8 +35,10 @@ chosen by hand."""
 RATES = (2.0, 5.0)
 """Usual steps over which accelerations are taken. On a simulated stretched cable, of which .0158 deg is noise, a ridge
 regression left .0267 deg without them, .0170 with these, .0178 with the first alone, .0198 with the second alone."""
-CLEARLY = 0.95
-"""Fraction of a joint's squared error without lags or accelerations that it must come under with them; by hand."""
+CLEARLY = 0.9
+"""Fraction of a joint's squared error without lags or accelerations that it must come under with them. On six machines
+of bench/joint_foreign.py and three real ones they come under .85 where they act. At .95 another one had lags, and 1.6
+times the error, and joints 4 and 6 of the real pick-and-place had 3 and 4 % less."""
 SLACK = 0.05
 """Half ranges that a joint must turn back by to show its slack; chosen by hand."""
 FEWEST_TURNS = 8
