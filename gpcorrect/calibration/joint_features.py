@@ -85,7 +85,8 @@ class JointFeatures:
     def __post_init__(self) -> None:
         alike = {len(self.centre), len(self.half), len(self.centre if self.play is None else self.play.gap)}
         unknown = "memory" in self.kinds and self.play is None and self.used.size
-        if len(alike) > 1 or np.ndim(self.lags) != 1 or np.ndim(self.rates) != 1 or unknown:
+        twice = len(set(self.kinds)) < len(self.kinds)
+        if len(alike) > 1 or np.ndim(self.lags) != 1 or np.ndim(self.rates) != 1 or unknown or twice:
             raise DataError(f"features of {len(self.centre)} joints do not fit together.")
 
     @classmethod

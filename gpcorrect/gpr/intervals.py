@@ -37,7 +37,7 @@ class IntervalCalibration:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "factor", frozen_array(self.factor))
-        if not ((self.factor >= 0) & np.isfinite(self.factor)).all():
+        if self.factor.ndim != 1 or not ((self.factor >= 0) & np.isfinite(self.factor)).all():
             raise DataError(f"intervals of {self.factor} standard deviations cannot be.")
 
     @classmethod

@@ -21,6 +21,7 @@ from gpcorrect.atomic import atomic_path
 from gpcorrect.calibration import CommandCorrector, FitSettings, JointCorrector, ModelStore, fit_model, save
 from gpcorrect.calibration.coupled_play import CoupledPlay
 from gpcorrect.calibration.domain import Domain
+from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.learners.ukf import CableModel
 from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
@@ -272,6 +273,12 @@ def test_parts_of_other_sizes_never_reach_compiled_code(small_corrector: Command
     [
         (IntervalCalibration(np.ones(2)), {"factor": np.array([1.0, np.nan])}),
         (IntervalCalibration(np.ones(2)), {"factor": np.array([1.0, -1e300])}),
+        (IntervalCalibration(np.ones(2)), {"factor": np.ones((1, 2))}),
+        (PolynomialMap.fit(np.eye(2), np.eye(2), 1), {"weights": np.ones((1, 3, 2))}),
+        (
+            JointFeatures(("position",), np.ones(2), np.ones(2), None, np.ones(1), 0, np.arange(2)),
+            {"kinds": 2 * ("lags",)},
+        ),
         (Domain(-np.ones(2), np.ones(2), 1.0, np.ones(3)), {"low": np.array([0.0, np.nan])}),
         (Domain(-np.ones(2), np.ones(2), 1.0, np.ones(3)), {"high": np.array([1.0, -2.0])}),
         (Domain(-np.ones(2), np.ones(2), 1.0, np.ones(3)), {"spread": np.array([1.0, 1.0, -1.0])}),
@@ -282,5 +289,5 @@ def test_parts_of_other_sizes_never_reach_compiled_code(small_corrector: Command
 )
 def test_numbers_that_cannot_be_make_no_part_of_a_model(part: Any, forged: dict[str, Any]) -> None:
     """Widths that are negative, regions that end before they begin, and features without a spread are refused."""
-    with pytest.raises(DataError, match=r"cannot be|no region|to fade|no features"):
+    with pytest.raises(DataError, match=r"cannot be|no region|to fade|no features|do not fit"):
         replace(part, **forged)

@@ -10,6 +10,7 @@ import numpy as np
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.learners.learner import Fitted, cross_predicted
 from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, Progress
 
 __all__ = ["Polynomial", "PolynomialMap", "Scaler"]
@@ -69,6 +70,10 @@ class PolynomialMap:
     scaler: Scaler
     weights: FloatArray
     std: FloatArray
+
+    def __post_init__(self) -> None:
+        if self.weights.ndim != 2 or self.std.shape != self.weights.shape[1:]:
+            raise DataError(f"weights {self.weights.shape} of a law do not fit deviations {self.std.shape}.")
 
     @classmethod
     def fit(cls, X: FloatArray, Y: FloatArray, degree: int, penalties: FloatArray | None = None) -> Self:
