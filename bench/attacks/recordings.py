@@ -19,7 +19,7 @@ from attacks.lab import Lab, Scenario, Seen
 from attacks.programs import accepted
 from gpcorrect.calibration import FitSettings, evaluate_model, fit_model, load
 from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
-from gpcorrect.cli.options import read_logs
+from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import ArtifactError, GpCorrectError
 from gpcorrect.logs import match_clocks, validate_log, write_log
 from gpcorrect.sim import debridement_log, random_reaches_log

@@ -55,7 +55,8 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
     moving = np.zeros((len(rows), 6)) if twist is None else np.array(twist, dtype=np.float64)
     if moving.shape != (len(rows), 6) or not np.isfinite(moving).all():
         raise DataError(
-            f"twists must be finite and of shape ({len(rows)}, 6), got shape {moving.shape}.",
+            f"twists must be finite and of shape ({len(rows)}, 6), got shape {moving.shape}"
+            f" and {np.count_nonzero(~np.isfinite(moving))} numbers that are not finite.",
             hint="vx vy vz in m/s and wx wy wz in rad/s of every command.",
         )
     target = PoseSignal(rows[:, :3], rows[:, 3:] if rows.shape[1] > 3 else None)

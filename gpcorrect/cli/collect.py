@@ -12,8 +12,9 @@ import typer
 
 from gpcorrect.atomic import make_folder, require_folder, require_new, write_file
 from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
-from gpcorrect.cli.options import ArmName, Json, KeyRoot, OldArm, OldConnect, chain_of, numbers
+from gpcorrect.cli.options import ArmName, Json, KeyRoot, OldArm, OldConnect, numbers
 from gpcorrect.cli.processes import free_endpoint, running
+from gpcorrect.cli.reading import chain_of
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ import typer
 
 from gpcorrect.atomic import make_folder, write_file
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, styled
-from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler, model_named, read_logs
+from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler
+from gpcorrect.cli.reading import model_named, read_logs
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -18,13 +18,13 @@ from gpcorrect.cli.options import (
     Logs,
     ModelFile,
     ModelOutput,
-    Reading,
     Report,
     Seed,
     one_of,
     report_page,
     takes_groups,
 )
+from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:

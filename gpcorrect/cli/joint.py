@@ -10,18 +10,8 @@ import typer
 
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names, styled
-from gpcorrect.cli.options import (
-    Clean,
-    Holdout,
-    HoldOutBy,
-    Json,
-    Logs,
-    ModelOutput,
-    Reading,
-    Seed,
-    one_of,
-    takes_groups,
-)
+from gpcorrect.cli.options import Clean, Holdout, HoldOutBy, Json, Logs, ModelOutput, Seed, one_of, takes_groups
+from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:

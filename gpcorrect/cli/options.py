@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
 from gpcorrect.atomic import make_folder, require_folder
-from gpcorrect.cli.console import note
-from gpcorrect.errors import DataError, LogError
-from gpcorrect.types import CalibrationLog
-
-if TYPE_CHECKING:
-    from gpcorrect.arms import Chain
-    from gpcorrect.sim import Model
+from gpcorrect.errors import DataError
 
 __all__ = [
     "ROBOT",
@@ -48,7 +42,6 @@ __all__ = [
     "OldConnect",
     "OldNamespace",
     "OldPage",
-    "Reading",
     "Remote",
     "Report",
     "RobotPlace",
@@ -57,15 +50,10 @@ __all__ = [
     "ServicePlace",
     "Tracker",
     "TrackerLog",
-    "arm_chosen",
-    "chain_of",
-    "model_named",
     "numbers",
     "one_of",
-    "read_logs",
     "renamed",
     "report_page",
-    "seconds_ahead",
     "takes_groups",
 ]
 
@@ -185,51 +173,6 @@ Remote = Annotated[bool, typer.Option("--allow-remote", help="Listen on an addre
 
 
 @dataclass(frozen=True)
-class Reading:
-    """How the recordings of a command are read; its fields become options of the command."""
-
-    columns: Columns = None
-    time_offset: Clock = "auto"
-    arm: Arm = None
-    tracker_topic: Tracker = None
-    tracker_log: TrackerLog = None
-    machine: MachineName = None
-    as_is: AsIs = False
-    drop_disordered: Disordered = False
-    old_namespace: OldNamespace = None
-
-    def log(self, paths: list[Path]) -> CalibrationLog:
-        """Read the recordings as :func:`read_logs` does; the machine's kinematics adds poses that they lack."""
-        from gpcorrect.calibration import with_poses
-
-        return self._read(paths, ("setpoint_cp", "tracker_cp"), with_poses)
-
-    def joint_log(self, paths: list[Path]) -> CalibrationLog:
-        """Read recordings of joints; the machine's kinematics adds the true joints that a tracker's poses stand for."""
-        from gpcorrect.calibration import with_outside_joints
-
-        learned = ("setpoint_jp", "measured_jp", "external_jp", *(() if self.machine is None else ("tracker_cp",)))
-        return self._read(paths, learned, with_outside_joints)
-
-    def _read(
-        self, paths: list[Path], learned: Collection[str], completed: Callable[[CalibrationLog, Chain], CalibrationLog]
-    ) -> CalibrationLog:
-        given = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("machine", "old_namespace")}
-        log = read_logs(paths, **given, learned=learned)
-        if self.machine is None:
-            return log
-        whole = completed(log, chain_of(self.machine))
-        added = [name for name in whole.signals if name not in log.signals]
-        note(f"{' and '.join(added)} computed by the kinematics of {self.machine}" if added else NOTHING_ADDED)
-        return whole
-
-    @property
-    def clock_left(self) -> str:
-        """What is left to do about the tracker's clock after a tracker's recording was put beside the robot's."""
-        return self.time_offset if self.tracker_log is None or self.time_offset == "auto" else "none"
-
-
-@dataclass(frozen=True)
 class RobotPlace:
     """Where a robot is on the network; its fields become options of the command."""
 
@@ -244,57 +187,6 @@ class ServicePlace(RobotPlace):
     """Where a service is on the network."""
 
     endpoint: Endpoint = SERVICE
-
-
-NOTHING_ADDED = "--machine changes nothing: the recording holds all that its kinematics could add"
-
-
-def model_named(machine: str) -> Model:
-    """Return the packaged machine of a name, or that of a file.
-
-    Parameters
-    ----------
-    machine : str
-        As `--machine` takes it.
-
-    Raises
-    ------
-    DataError
-        There is neither.
-    """
-    from gpcorrect.sim import preset, preset_names, read_model
-
-    if machine in preset_names():
-        return preset(machine)
-    if not Path(machine).exists():
-        known = f"Packaged machines: {', '.join(preset_names())}."
-        raise DataError(f"there is no machine {machine}, packaged or as a file.", hint=known)
-    return read_model(machine)
-
-
-def chain_of(machine: str) -> Chain:
-    """Return the kinematics of a machine, from the joints that a recording has of it.
-
-    Parameters
-    ----------
-    machine : str
-        As `--machine` takes it.
-
-    Raises
-    ------
-    DataError
-        There is no such machine, or it has none.
-    """
-    from gpcorrect.sim import machine_of
-
-    body = machine_of(model_named(machine)).body.compact()
-    if body.chain is None or body.chain.dof != len(body.joints):
-        raise DataError(
-            f"the moving joints of {machine} do not give its poses: "
-            + ("it has bare joints." if body.chain is None else "others before or between them are held."),
-            hint="Name a machine whose first joints move, as the recording has them.",
-        )
-    return body.chain
 
 
 def report_page(report: Path) -> Path:
@@ -347,93 +239,6 @@ def takes_groups(command: Callable[..., None]) -> Callable[..., None]:
     keywords = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in keywords]
     wrapped.__signature__ = inspect.Signature(keywords)  # type: ignore[attr-defined]  # what inspect looks for
     return wrapped
-
-
-def read_logs(
-    paths: list[Path],
-    columns: Path | None = None,
-    *,
-    as_is: bool | None = None,
-    drop_disordered: bool = False,
-    tracker_topic: str | None = None,
-    arm: str | None = None,
-    tracker_log: Path | None = None,
-    time_offset: str = "auto",
-    learned: Collection[str] = ("setpoint_cp", "tracker_cp"),
-) -> CalibrationLog:
-    """Read the recordings and join them into one log; put the tracker of another recording beside the only one.
-
-    Parameters
-    ----------
-    paths : list of Path
-        Recordings.
-    columns : Path, optional
-        Mapping file.
-    as_is, drop_disordered : bool
-        Take what looks misread (None where the command has no such option); leave out samples whose time does not
-        increase.
-    tracker_topic, arm : str, optional
-        Which tracker and arm of a recording.
-    tracker_log : Path, optional
-        The tracker's own recording.
-    time_offset : str
-        "auto", "none", or the seconds that its clock runs ahead.
-    learned : collection of str
-        Signals that the command learns from or measures.
-
-    Returns
-    -------
-    CalibrationLog
-        All of them, one session a recording.
-
-    Raises
-    ------
-    LogError
-        One of them cannot be read, or cannot be in the units and frames it is taken for, unless taken `as_is`; or the
-        tracker's recording does not go with the robot's; or one was given twice.
-    """
-    from gpcorrect.logs import join_logs, read_log, refuse_misread, with_tracker
-
-    disorder = "drop" if drop_disordered else "refuse"
-    chosen: dict[str, Any] = {"tracker_topic": tracker_topic, "disorder": disorder, **arm_chosen(arm)}
-    logs = [read_log(path, columns=columns, **chosen) for path in paths]
-    if tracker_log is not None:
-        if len(logs) > 1:
-            raise LogError("--tracker-log goes with one recording of the robot.", hint="Give them one at a time.")
-        logs = [with_tracker(logs[0], read_log(tracker_log, columns=columns), seconds_ahead(time_offset))]
-    for log in logs:
-        try:
-            for found in refuse_misread(log, learned, as_is=bool(as_is)):
-                note(f"{log.name}: {f'{found.signal}: ' if found.signal else ''}{found.message}")
-        except LogError as error:  # name the way past the refusal too
-            past = "" if as_is is None else " If you know better: --as-is"
-            hint = f"{error.hint} More: gpcorrect validate LOG.{past}"
-            raise LogError(error.message, hint=hint) from error
-    return logs[0] if len(logs) == 1 else join_logs(logs)
-
-
-def arm_chosen(arm: str | None) -> dict[str, Any]:
-    """Return the arguments of :func:`gpcorrect.logs.read_log` that choose an arm.
-
-    Parameters
-    ----------
-    arm : str or None
-        Namespace of its topics; left and right are also the two arms of a RAVEN-II's state, and of JIGSAWS.
-    """
-    return {"namespace": arm, "arm": arm if arm in ("left", "right") else None}
-
-
-def seconds_ahead(time_offset: str) -> float | None:
-    """Return the seconds that the tracker's clock runs ahead; None when the motion is to tell.
-
-    Parameters
-    ----------
-    time_offset : str
-        "auto", "none", or seconds.
-    """
-    from gpcorrect.logs.sync import seconds_of
-
-    return {"auto": None, "none": 0.0}[time_offset] if time_offset in ("auto", "none") else seconds_of(time_offset)
 
 
 def numbers(text: str, separator: str, count: int, what: str) -> list[float]:

@@ -12,20 +12,9 @@ import typer
 
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import err, print_result
-from gpcorrect.cli.options import (
-    ROBOT,
-    ArmName,
-    Config,
-    Json,
-    KeyRoot,
-    LogOutput,
-    Machine,
-    OldArm,
-    Remote,
-    model_named,
-    one_of,
-)
+from gpcorrect.cli.options import ROBOT, ArmName, Config, Json, KeyRoot, LogOutput, Machine, OldArm, Remote, one_of
 from gpcorrect.cli.processes import stop_signal
+from gpcorrect.cli.reading import model_named
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ import typer
 
 from gpcorrect.atomic import require_folder, write_file
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, styled
-from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Reading, takes_groups
+from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, takes_groups
+from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:

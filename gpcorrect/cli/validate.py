@@ -16,15 +16,12 @@ from gpcorrect.cli.options import (
     Json,
     MachineName,
     OldNamespace,
-    Reading,
     Tracker,
     TrackerLog,
-    arm_chosen,
-    chain_of,
     one_of,
-    seconds_ahead,
     takes_groups,
 )
+from gpcorrect.cli.reading import Reading, arm_chosen, chain_of, seconds_ahead
 
 if TYPE_CHECKING:
     from gpcorrect.calibration import Use

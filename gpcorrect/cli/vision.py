@@ -11,7 +11,8 @@ import typer
 
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names
-from gpcorrect.cli.options import Columns, Json, Logs, OldPage, Report, read_logs, report_page
+from gpcorrect.cli.options import Columns, Json, Logs, OldPage, Report, report_page
+from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are imported when a command needs them

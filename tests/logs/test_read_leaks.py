@@ -10,7 +10,7 @@ import pytest
 from validate_support import clean_log
 
 from gpcorrect.calibration import FitSettings, JointCorrector, evaluate_model, fit_model, run_experiment
-from gpcorrect.cli.options import read_logs
+from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import LogError
 from gpcorrect.logs import write_log
 from gpcorrect.types import PoseSignal

@@ -244,8 +244,8 @@ class Robot:
         for moment in self._paced(times, _is_near):
             self.servo_jp(_joints(moment))
         # The last sample is streamed once more, to be there before the mark that ends the trajectory.
-        there = self._patience
-        self._until(lambda: bool(np.abs(self.setpoint - q[-1]).max() < NEAR), there, "reach the end of the path")
+        end = q[-1]
+        self._until(lambda: bool(np.abs(self.setpoint - end).max() < NEAR), self._patience, "reach the path's end")
         self._mark(NO_TRAJECTORY)
 
     def follow_poses(self, times: FloatArray, poses: FloatArray, frame: str) -> None:
