@@ -18,7 +18,7 @@ from pathlib import Path
 from PIL import Image
 
 ROOT = Path(__file__).parents[1]
-sys.path.append(str(ROOT / "tests" / "monitor"))
+sys.path.append(str(ROOT / "tests"))
 from chromium import Page, browser  # noqa: E402 - of the tests
 
 SIZES = {1280: 1500, 390: 1500}  # px: widths, and how much of a page's height is shown

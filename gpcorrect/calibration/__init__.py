@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         Evaluation,
         Experiment,
         evaluate_model,
+        part_errors,
         position_reductions,
         run_experiment,
     )
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.explore import Proposal, propose
     from gpcorrect.calibration.fit import FitResult, fit_corrector, fit_model
     from gpcorrect.calibration.forward import reached
-    from gpcorrect.calibration.history import HeldOut, Step, last_measured
+    from gpcorrect.calibration.history import HeldOut, PartErrors, Step, command_line, last_measured, now, versions
     from gpcorrect.calibration.joint_view import InputSignal
     from gpcorrect.calibration.joints import JointCorrector
     from gpcorrect.calibration.learners import LEARNERS, learner_named
@@ -49,12 +50,13 @@ __getattr__ = imported_on_demand(
         "cartesian": "CommandCorrector",
         "comparison": "compare",
         "drift": "Ageing Detection detect estimate_ageing",
-        "evaluate": "COMPONENTS METHODS Evaluation Experiment evaluate_model position_reductions run_experiment",
+        "evaluate": "COMPONENTS METHODS Evaluation Experiment evaluate_model part_errors position_reductions "
+        "run_experiment",
         "excitation": "random_sinusoids random_sweeps",
         "explore": "Proposal propose",
         "fit": "FitResult fit_corrector fit_model",
         "forward": "reached",
-        "history": "HeldOut Step last_measured",
+        "history": "HeldOut PartErrors Step command_line last_measured now versions",
         "joint_view": "InputSignal",
         "joints": "JointCorrector",
         "learners": "LEARNERS learner_named",
@@ -98,6 +100,7 @@ __all__ = [
     "JointStream",
     "Measured",
     "ModelStore",
+    "PartErrors",
     "PoseStream",
     "PositionEstimator",
     "Proposal",
@@ -107,6 +110,7 @@ __all__ = [
     "ToolStream",
     "Update",
     "Use",
+    "command_line",
     "compare",
     "detect",
     "direction_named",
@@ -123,6 +127,8 @@ __all__ = [
     "load",
     "load_any",
     "model_hash",
+    "now",
+    "part_errors",
     "position_reductions",
     "propose",
     "random_sinusoids",
@@ -133,6 +139,7 @@ __all__ = [
     "spread",
     "timed",
     "update_model",
+    "versions",
     "with_outside_joints",
     "with_poses",
     "with_uses",

@@ -29,6 +29,7 @@ __all__ = [
     "Evaluation",
     "Experiment",
     "evaluate_model",
+    "part_errors",
     "position_reductions",
     "run_experiment",
 ]
@@ -91,19 +92,8 @@ class Evaluation:
     def held_out(self) -> HeldOut:
         """Return what the model file remembers of this measurement."""
         clean = self.clean
-        rows = [
-            PartErrors(
-                method,
-                part.name,
-                part.unit,
-                **spread(part.scale * np.linalg.norm(clean.of(method)[:, part.columns], axis=1)),
-            )
-            for method in self.corrector.METHODS
-            for part in self.corrector.parts(clean.raw.shape[1])
-            if np.isfinite(clean.raw[:, part.columns]).any()
-        ]
-        count = len(np.unique(clean.trajectory))
-        return HeldOut(len(clean.rows), count, tuple(rows), self.coverage95, float(clean.in_domain.mean()))
+        count, inside = len(np.unique(clean.trajectory)), float(clean.in_domain.mean())
+        return HeldOut(len(clean.rows), count, part_errors(self.corrector, clean), self.coverage95, inside)
 
     def to_dict(self) -> dict[str, Any]:
         """Return `errors` (samples that pass cleaning), `errors_dirty` (all) and the coverage of the 95 % intervals."""
@@ -265,6 +255,24 @@ def evaluate_model(
     clean, dirty = (corrector.measure(log, keep) for keep in (passed, held))
     clean, dirty = (replace(measured, rows=place[measured.rows]) for measured in (clean, dirty))
     return Evaluation(corrector, clean, dirty, cleaning, seen)
+
+
+def part_errors(corrector: Corrector, measured: Measured) -> tuple[PartErrors, ...]:
+    """Return the errors of each method on each part that was measured, the corrected method's last.
+
+    Parameters
+    ----------
+    corrector : Corrector
+        That was measured.
+    measured : Measured
+        Its errors.
+    """
+    return tuple(
+        PartErrors(method, part.name, part.unit, **spread(part.sizes(measured.of(method))))
+        for method in corrector.METHODS
+        for part in corrector.parts(measured.raw.shape[1])
+        if np.isfinite(measured.raw[:, part.columns]).any()
+    )
 
 
 def position_reductions(evaluation: Evaluation | None) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["HeldOut", "PartErrors", "Step", "last_measured", "step_now"]
+__all__ = ["HeldOut", "PartErrors", "Step", "command_line", "last_measured", "now", "step_now", "versions"]
 
 PACKAGES = ("gpcorrect", "numpy", "scipy", "scikit-learn", "numba")
 """Whose versions can change a model's numbers."""
@@ -100,14 +100,23 @@ def step_now(what: str, log: CalibrationLog) -> Step:
     log : CalibrationLog
         What it learns from.
     """
-    versions = {"python": platform.python_version()}
+    return Step(what, now(), command_line(), versions(), log.name, log.digest)
+
+
+def now() -> str:
+    """Return the time of day: UTC, ISO 8601, to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions, by name, of Python and of the packages that can change a model's numbers."""
+    found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
-            versions[package] = version(package)
+            found[package] = version(package)
         except PackageNotFoundError:  # run from a source tree, or without an extra
             continue
-    date = datetime.now(UTC).isoformat(timespec="seconds")
-    return Step(what, date, _command_line(), versions, log.name, log.digest)
+    return found
 
 
 def last_measured(history: tuple[Step, ...]) -> HeldOut | None:
@@ -121,7 +130,8 @@ def last_measured(history: tuple[Step, ...]) -> HeldOut | None:
     return next((step.held_out for step in reversed(history) if step.held_out is not None), None)
 
 
-def _command_line() -> str:
+def command_line() -> str:
+    """Return the command line of this process, as a shell would take it."""
     program = Path(sys.argv[0])
     name = program.parent.name if program.name == "__main__.py" else program.name
     return shlex.join([name, *sys.argv[1:]])

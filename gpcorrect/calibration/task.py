@@ -37,6 +37,17 @@ class Part(NamedTuple):
     columns: tuple[int, ...]
     scale: float
 
+    def sizes(self, errors: FloatArray) -> FloatArray:
+        """Return the lengths `(n,)` of this part of errors, in its unit.
+
+        Parameters
+        ----------
+        errors : (n, m) array
+            m or rad.
+        """
+        sizes: FloatArray = self.scale * np.linalg.norm(errors[:, self.columns], axis=1)
+        return sizes
+
 
 @dataclass(frozen=True, eq=False)
 class Outcome:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from gpcorrect.atomic import atomic_path, require_folder
+from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, split_names, styled
 from gpcorrect.cli.options import (
     Clean,
@@ -24,6 +23,7 @@ from gpcorrect.cli.options import (
     report_page,
     takes_groups,
 )
+from gpcorrect.cli.pages import write_evaluation_page, write_fit_page
 from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 
@@ -106,7 +106,7 @@ def fit(
     save(experiment.corrector, output)
     result = experiment.to_dict()
     if page is not None:
-        _write_report(experiment, page)
+        write_fit_page(experiment, page)
     if json:
         print_json(result)
     else:
@@ -114,17 +114,20 @@ def fit(
 
 
 @takes_groups
-def evaluate(model: ModelFile, logs: Logs, reading: Reading, json: Json = False) -> None:
+def evaluate(model: ModelFile, logs: Logs, reading: Reading, report: Report = None, json: Json = False) -> None:
     """Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.
 
-    Example: gpcorrect evaluate model.gpc tuesday.csv wednesday.bag
+    Example: gpcorrect evaluate model.gpc tuesday.csv wednesday.bag --report tuesday.html
     """
     from gpcorrect.calibration import evaluate_model, load
 
+    page = None if report is None else report_page(report)
     corrector = load(model)
     log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
     measured = evaluate_model(corrector, log)
     result = {"n_test": len(measured.clean.rows), "dropped": dict(measured.cleaning.counts), **measured.to_dict()}
+    if page is not None:
+        write_evaluation_page(measured, log, model, clocks.notes, page)
     if json:
         print_json(result)
         return
@@ -134,6 +137,8 @@ def evaluate(model: ModelFile, logs: Logs, reading: Reading, json: Json = False)
     show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
     show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])
     out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} %; {100 * result['in_domain']:.1f} % in domain")
+    if page is not None:
+        out.print(f"report: {page}")
 
 
 def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
@@ -150,21 +155,6 @@ def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
                 hint="For example: --drop 3:12.5:14.0",
             ) from error
     return tuple(segments)
-
-
-def _write_report(experiment: Experiment, page: Path) -> None:
-    """Write the page, and beside it the list of dropped samples."""
-    from gpcorrect.report import write_fit_report  # the report's libraries are an extra
-
-    write_fit_report(experiment, page)
-    reports = [("train", experiment.fit.cleaning)]
-    if experiment.evaluation is not None:
-        reports.append(("held out", experiment.evaluation.cleaning))
-    rows: list[dict[str, Any]] = [{"set": name, **row} for name, r in reports for row in r.to_table()]
-    with atomic_path(page.with_name("cleaning.csv")) as path, path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]) if rows else ["set"])
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def _caution(sentences: tuple[str, ...]) -> None:

@@ -10,7 +10,20 @@ import typer
 
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names, styled
-from gpcorrect.cli.options import Clean, Holdout, HoldOutBy, Json, Logs, ModelOutput, Seed, one_of, takes_groups
+from gpcorrect.cli.options import (
+    Clean,
+    Holdout,
+    HoldOutBy,
+    Json,
+    Logs,
+    ModelOutput,
+    Report,
+    Seed,
+    one_of,
+    report_page,
+    takes_groups,
+)
+from gpcorrect.cli.pages import write_evaluation_page, write_fit_page
 from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 
@@ -55,6 +68,7 @@ def fit(
     end_to_end: Annotated[bool, typer.Option("--end-to-end", help="Learn the true positions, not the error.")] = False,
     layers: Annotated[str, typer.Option(help="Widths of the network, as 600,500,400.")] = "100,100",
     seed: Seed = 0,
+    report: Report = None,
     json: Json = False,
 ) -> None:
     """Learn joint errors from recordings with outside encoders, and measure on trajectories that were held out.
@@ -63,7 +77,7 @@ def fit(
 
     For example:
 
-    gpcorrect joint fit zigzags.csv --method gp --output joints.gpc
+    gpcorrect joint fit zigzags.csv --method gp --output joints.gpc --report joints.html
 
     gpcorrect joint fit monday.csv --method network --features position,effort --output net.gpc --json
 
@@ -72,6 +86,7 @@ def fit(
     from gpcorrect.calibration import HoldOut, JointCorrector, learner_named, run_experiment, save
 
     require_folder(output)
+    page = None if report is None else report_page(report)
     learner_named(method)
     by = HoldOut(one_of(hold_out_by, tuple(HoldOut), "what is held out"))
     widths = split_names(layers)
@@ -89,6 +104,8 @@ def fit(
         experiment = run_experiment(log, settings, task=JointCorrector, holdout=holdout, by=by, progress=progress)
     save(experiment.corrector, output)
     result = experiment.to_dict()
+    if page is not None:
+        write_fit_page(experiment, page)
     for remark in experiment.fit.remarks:
         note(remark)
     if json:
@@ -103,13 +120,14 @@ def fit(
 
 @joint_app.command()
 @takes_groups
-def evaluate(model: Model, logs: Logs, reading: Reading, json: Json = False) -> None:
+def evaluate(model: Model, logs: Logs, reading: Reading, report: Report = None, json: Json = False) -> None:
     """Measure a joint model on recordings it has not seen.
 
     Example: gpcorrect joint evaluate joints.gpc tuesday.csv
     """
     from gpcorrect.calibration import JointCorrector, evaluate_model, load
 
+    page = None if report is None else report_page(report)
     corrector = load(model, JointCorrector)
     log, clocks = corrector.on_one_clock(reading.joint_log(logs), reading.clock_left)
     evaluation = evaluate_model(corrector, log)
@@ -119,6 +137,8 @@ def evaluate(model: Model, logs: Logs, reading: Reading, json: Json = False) -> 
         **evaluation.to_dict(),
         "zeros": corrector.zeros(log, evaluation.clean),
     }
+    if page is not None:
+        write_evaluation_page(evaluation, log, model, clocks.notes, page)
     for sentence in (*clocks.notes, *evaluation.cautions):
         note(sentence)
     if json:

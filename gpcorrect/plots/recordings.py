@@ -1,4 +1,4 @@
-"""Recordings before and after a fit: clocks, samples that cleaning dropped, joint paths, and a model's history."""
+"""Recordings: joint paths, and a model's history over many of them."""
 
 from __future__ import annotations
 
@@ -6,53 +6,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gpcorrect.calibration import Ageing, Detection
-from gpcorrect.cleaning import CleaningReport
-from gpcorrect.logs import TimeOffset
 from gpcorrect.plots.style import COLOURS, new_figure
-from gpcorrect.types import CalibrationLog, FloatArray, IntArray
+from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["drift_history", "dropped_samples", "joint_trajectory", "offset_curve"]
-
-
-def offset_curve(offset: TimeOffset) -> Figure:
-    """Correlation of the speeds of tracker and command against the time offset, with the estimate and its interval.
-
-    Parameters
-    ----------
-    offset : TimeOffset
-    """
-    figure, (ax,) = new_figure(5.6, 3.0)
-    ax.plot(offset.lags, offset.correlation, color=COLOURS["ink"], linewidth=1.3)
-    if offset.observable and np.isfinite(offset.ci95).all():
-        ax.axvspan(*offset.ci95, color=COLOURS["corrected"], alpha=0.25, linewidth=0)
-        ax.axvline(offset.offset, color=COLOURS["corrected"], linewidth=1.4)
-    ax.set(xlabel="time offset of the tracker [s]", ylabel="correlation of speeds")
-    return figure
-
-
-def dropped_samples(log: CalibrationLog, report: CleaningReport) -> Figure:
-    """Observed positions over the samples of a log, those dropped marked by the reason on a line of their own.
-
-    Parameters
-    ----------
-    log : CalibrationLog
-    report : CleaningReport
-        Of that log.
-    """
-    reasons = [reason for reason, count in report.counts.items() if count]
-    figure, (path, marks) = new_figure(9.0, 2.6 + 0.25 * len(reasons), 2, 1, share_x=True)
-    assert log.tracker_cp is not None
-    sample = np.arange(len(log))
-    for i, axis in enumerate("xyz"):
-        path.plot(sample, 100 * log.tracker_cp.position[:, i], linewidth=0.6, label=axis)
-    path.set_ylabel("observed [cm]")
-    path.legend(frameon=False, fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
-    for line, reason in enumerate(reasons):
-        rows = sample[np.asarray(report.reason) == reason]
-        marks.plot(rows, np.full(rows.size, line), "|", color=COLOURS["dropped"], markersize=8)
-    marks.set_yticks(range(len(reasons)), [f"{r} ({report.counts[r]})" for r in reasons])
-    marks.set(xlabel="sample", ylim=(-0.7, max(len(reasons), 1) - 0.3))
-    return figure
+__all__ = ["drift_history", "joint_trajectory"]
 
 
 def joint_trajectory(time: FloatArray, q: FloatArray, title: str) -> Figure:

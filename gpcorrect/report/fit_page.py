@@ -1,28 +1,30 @@
-"""The page of `gpcorrect fit --report`: what was learned, how well it holds, what was dropped."""
+"""The pages of a fit and of an evaluation, of any task: how well the model holds, where, and what was dropped."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gpcorrect import plots
 from gpcorrect.atomic import atomic_path
-from gpcorrect.calibration import COMPONENTS, METHODS, ErrorTable, Evaluation, Experiment, Measured
-from gpcorrect.cleaning import CleaningReport
-from gpcorrect.plots.style import LABELS, png
-from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
+from gpcorrect.calibration import CommandCorrector, Evaluation, Experiment, part_errors
+from gpcorrect.plots.style import png
+from gpcorrect.report.aggregates import coverage_chart, errors_section, intervals_section, map_chart
+from gpcorrect.report.page import Page, Section, write_page
+from gpcorrect.report.recordings import clocks_section, dropped_section, registration_sections
+from gpcorrect.report.tasks import method_words
+from gpcorrect.report.trajectories import Shown, trajectories_section
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["write_fit_report"]
+__all__ = ["model_sources", "write_evaluation_report", "write_fit_report"]
 
-UNITS = {"position_mm": "mm", "rotation_deg": "deg"}
-LEAVES = {"mean": "mean", "sd": "SD", "rmse": "rmse", "p95": "p95", "max": "max"}
+MOST_PARTS = 3
+"""That the first sentence names; chosen by hand."""
 
 
 def write_fit_report(experiment: Experiment, path: Path) -> None:
-    """Write the self-contained page of an experiment, and its first picture beside it as `overview.png`.
+    """Write the self-contained page of an experiment; of poses, its first picture beside it as `overview.png`.
 
     Parameters
     ----------
@@ -35,162 +37,128 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
     GpCorrectError
         The folder cannot be written.
     """
-    sections = [_registration(experiment), _clocks(experiment)]
-    evaluation, test = experiment.evaluation, experiment.test
-    if evaluation is None or test is None:
-        verdict = "Fitted; nothing was held out, so nothing is known of its error on new trajectories."
-        overview = held_out = None
-    else:
-        verdict = _verdict(evaluation)
-        overview = png(plots.overview(evaluation.clean, test))
-        held_out = (
-            f"{len(evaluation.clean.rows)} samples that pass cleaning, {len(test.trajectory_ids)} whole trajectories"
-        )
-        caption = (
-            "The held-out trajectory with the median error, and the errors of all held-out samples that pass cleaning."
-        )
-        sections = [
-            Section("In one picture", (), (), (FigureImage(overview, caption),)),
-            _errors(evaluation),
-            _trajectory(evaluation.clean, test),
-            _workspace(experiment, evaluation.clean, test),
-            _intervals(evaluation.clean),
-            *sections,
-            _dropped("Dropped from the held-out recording", test, evaluation.cleaning),
-        ]
-    sections.append(_dropped("Dropped from the training recording", experiment.fit.log, experiment.fit.cleaning))
+    fit, evaluation, test = experiment.fit, experiment.evaluation, experiment.test
+    sections: list[Section] = []
+    verdict = "Fitted; nothing was held out, so nothing is known of its error on new trajectories."
+    held_out, chosen = "nothing", ""
+    if evaluation is not None and test is not None:
+        verdict = f"Mean error on held-out trajectories: {_verdict(evaluation)}."
+        held_out = f"{experiment.n_test} samples that pass cleaning, {len(test.trajectory_ids)} whole trajectories"
+        chosen = "" if test.static else str(plots.typical_trajectory(evaluation.clean))
+        sections = [*_measured(evaluation, test, (fit.log, fit.cleaning))]
+    sections += [*registration_sections(fit), clocks_section(fit.clocks)]
+    if evaluation is not None and test is not None:
+        sections.append(dropped_section("Dropped from the held-out recording", test, evaluation.cleaning))
+    sections.append(dropped_section("Dropped from the training recording", fit.log, fit.cleaning))
     summary: Any = experiment.corrector.summary
-    data, fit = summary["data"], summary["fit"]
     facts = [
-        ("recording", f"{data['source']} (SHA-256 {data['sha256'][:16] or 'not a file'})"),
-        ("trained on", f"{experiment.fit.n_train} samples of {fit['n_trajectories']} trajectories"),
-        ("held out", held_out or "nothing"),
+        ("recording", summary["data"]["source"]),
+        ("trained on", f"{fit.n_train} samples of {summary['fit']['n_trajectories']} trajectories"),
+        ("held out", held_out),
         ("features", ", ".join(summary["features"])),
-        ("time", f"{experiment.seconds:.1f} s, seed {fit['seed']}"),
-        *(("note", remark) for remark in experiment.fit.remarks),
+        ("time", f"{experiment.seconds:.1f} s, seed {summary['fit']['seed']}"),
+        *(("note", remark) for remark in fit.remarks),
         *(("caution", caution) for caution in (evaluation.cautions if evaluation else ())),
     ]
-    write_page(Page("gpcorrect fit", verdict, facts, sections), path)
-    if overview is not None:
+    sources = model_sources("model", experiment.corrector)
+    write_page(Page(_title("fit", experiment.corrector), verdict, facts, sections, sources, chosen), path)
+    if evaluation is not None and test is not None and isinstance(experiment.corrector, CommandCorrector):
         with atomic_path(path.with_name("overview.png")) as picture:
-            picture.write_bytes(overview)
+            picture.write_bytes(png(plots.overview(evaluation.clean, test)))
+
+
+def write_evaluation_report(
+    evaluation: Evaluation, log: CalibrationLog, path: Path, notes: Sequence[str] = (), name: str = "model"
+) -> None:
+    """Write the self-contained page of a model measured on recordings.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    log : CalibrationLog
+        That was measured.
+    path : Path
+        HTML file.
+    notes : sequence of str
+        What the command noticed.
+    name : str
+        Of the model.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
+    """
+    corrector, clean = evaluation.corrector, evaluation.clean
+    facts = [
+        ("model", name),
+        ("recording", log.name),
+        ("measured on", f"{len(clean.rows)} samples that pass cleaning, of {len(log)}"),
+        *(("note", note) for note in notes),
+        *(("caution", caution) for caution in evaluation.cautions),
+    ]
+    sections = [*_measured(evaluation, log, None), dropped_section("Rejected samples", log, evaluation.cleaning)]
+    sources = [*model_sources(name, corrector), *recording_sources(log)]
+    chosen = "" if log.static else str(plots.typical_trajectory(clean))
+    verdict = f"Mean error: {_verdict(evaluation)}."
+    write_page(Page(_title("evaluate", corrector), verdict, facts, sections, sources, chosen), path)
+
+
+def _measured(evaluation: Evaluation, log: CalibrationLog, training: Any) -> list[Section]:
+    """Return what was measured; `training` is the training's log and cleaning, where they are known."""
+    measured, corrector = evaluation.clean, evaluation.corrector
+    shown = Shown(corrector, measured, evaluation.cleaning, log)
+    sections = [trajectories_section(shown), errors_section(shown, evaluation.dirty), intervals_section(shown)]
+    if log.tracker_cp is not None and measured.raw.shape[1] in (3, 6) and corrector.TASK != "joints":
+        position = log.tracker_cp.position[measured.rows]
+        charts = [map_chart(shown, position)]
+        if training is not None:
+            train, cleaning = training
+            charts.append(coverage_chart(train.tracker_cp.position[cleaning.keep], position, measured.in_domain))
+        sections.insert(2, Section("Where in the workspace", (), (), charts))
+    return sections
+
+
+def _title(what: str, corrector: Any) -> str:
+    room = {"pose": "", "joints": "joint ", "tool_position": "vision "}[corrector.TASK]
+    return f"gpcorrect {room}{what}"
 
 
 def _verdict(evaluation: Evaluation) -> str:
-    errors = evaluation.clean_errors
-    parts = []
-    for name, key, unit in (("position", "position_mm", "mm"), ("rotation", "rotation_deg", "deg")):
-        if key in errors["corrected"]:
-            before, after = (errors[method][key]["norm"]["mean"] for method in ("raw", "corrected"))
-            parts.append(f"{name} {before:.2f} {unit} before, {after:.2f} {unit} corrected")
-    return f"Mean error on held-out trajectories: {'; '.join(parts)}."
-
-
-def _errors(evaluation: Evaluation) -> Section:
-    clean, dirty = evaluation.clean_errors, evaluation.dirty_errors
-    axes = ("x", "y", "z", "norm")
-
-    def lengths(errors: dict[str, ErrorTable], part: str, note: str) -> TableData:
-        rows = [[LABELS[m], *(f"{errors[m][part]['norm'][leaf]:.3f}" for leaf in LEAVES)] for m in METHODS]
-        return TableData(["", *LEAVES.values()], rows, f"{note} [{UNITS[part]}].")
-
-    def by_axis(part: str) -> TableData:
-        rows = [
-            [LABELS[m], *(f"{clean[m][part][a]['mean']:.3f} ± {clean[m][part][a]['sd']:.3f}" for a in axes)]
-            for m in METHODS
-        ]
-        note = f"Per axis of the base frame, mean absolute error and SD [{UNITS[part]}]."
-        return TableData(["", *axes], rows, note)
-
-    tables = [
-        *(lengths(clean, part, "Samples that pass cleaning: length of the error") for part in clean["raw"]),
-        *(lengths(dirty, part, "All samples, the tracker's faults included") for part in clean["raw"]),
-        *(by_axis(part) for part in clean["raw"]),
-    ]
-    figures = [
-        FigureImage(
-            png(plots.error_distribution(evaluation.clean)),
-            "Fraction of held-out samples with an error below the value on the axis.",
-        ),
-        FigureImage(
-            png(plots.error_by_speed(evaluation.clean)),
-            "Error by the speed of the observed pose: median, and the band up to the 90th percentile.",
-        ),
-    ]
+    first, *_, last = evaluation.corrector.METHODS
+    rows = {(row.part, row.method): row for row in part_errors(evaluation.corrector, evaluation.clean)}
+    parts = list(dict.fromkeys(part for part, _ in rows))
     words = [
-        "Errors are commands that would have been given for the observed poses, minus the commands that were given."
+        f"{part} {rows[part, first].mean:.3g} {rows[part, first].unit} {method_words(first)}, "
+        f"{rows[part, last].mean:.3g} {rows[part, last].unit} {method_words(last)}"
+        for part in parts[:MOST_PARTS]
     ]
-    return Section("Error on held-out trajectories", words, tables, figures)
+    return "; ".join(words) + (f"; {len(parts) - MOST_PARTS} more below" if len(parts) > MOST_PARTS else "")
 
 
-def _trajectory(measured: Measured, test: CalibrationLog) -> Section:
-    number = plots.typical_trajectory(measured, test)
-    figures = [
-        FigureImage(
-            png(plots.trajectory_paths(measured, test, number)),
-            "What each method would have commanded, and what was commanded.",
-        ),
-        FigureImage(
-            png(plots.trajectory_errors(measured, test, number)),
-            "Error of the corrected command inside its 95 % interval.",
-        ),
+def model_sources(name: str, corrector: Any) -> list[tuple[str, str]]:
+    """Return what a model remembers of its making, for the foot of a page.
+
+    Parameters
+    ----------
+    name : str
+        Of the model.
+    corrector : Corrector
+    """
+    return [
+        (
+            f"{name}, {step.what}",
+            f"{step.date}, {step.source}, SHA-256 {step.sha256 or 'none: not a file'}: {step.command}",
+        )
+        for step in corrector.history
     ]
-    return Section(f"A typical held-out trajectory (number {number}: median error)", (), (), figures)
 
 
-def _workspace(experiment: Experiment, measured: Measured, test: CalibrationLog) -> Section:
-    assert test.tracker_cp is not None
-    assert experiment.fit.log.tracker_cp is not None
-    position = test.tracker_cp.position[measured.rows]
-    train = experiment.fit.log.tracker_cp.position[experiment.fit.cleaning.keep]
-    figures = [
-        FigureImage(png(plots.residual_maps(measured, position)), "Length of the position error where the tool was."),
-        FigureImage(
-            png(plots.workspace_coverage(train, position, measured.in_domain)),
-            "Where the training was, and the held-out samples near it and outside.",
-        ),
-    ]
-    near = f"{100 * float(measured.in_domain.mean()):.1f} % of the held-out samples lie near training data."
-    return Section("Where in the workspace", [near], (), figures)
+def recording_sources(log: CalibrationLog) -> list[tuple[str, str]]:
+    """Return the digests of a recording's files, for the foot of a page.
 
-
-def _intervals(measured: Measured) -> Section:
-    covered = [f"{100 * part:.1f} %" if np.isfinite(part) else "-" for part in measured.coverage95]
-    caption = "Observed against nominal coverage; on the diagonal the intervals are honest."
-    figure = FigureImage(png(plots.reliability(measured)), caption)
-    table = TableData(["95 % interval", *COMPONENTS], [["observed", *covered]])
-    return Section("Are the intervals honest?", (), (table,), (figure,))
-
-
-def _registration(experiment: Experiment) -> Section:
-    chosen = experiment.fit.registration
-    rows = []
-    for c in chosen.candidates:
-        note = c.refused or ("chosen" if c.kind == chosen.model.kind else "")
-        rows.append([c.kind, f"{c.position_mm:.3f}", f"{c.rotation_deg:.3f}", note])
-    note = "Median errors on left-out training trajectories."
-    table = TableData(["model", "position [mm]", "rotation [deg]", ""], rows, note)
-    words = [f"{chosen.reason[:1].upper()}{chosen.reason[1:]}."]
-    return Section("Registration of the frames", words, (table,) if rows else ())
-
-
-def _clocks(experiment: Experiment) -> Section:
-    clocks = experiment.fit.clocks
-    offset, words = clocks.offset, [f"{clocks.remark[:1].upper()}{clocks.remark[1:].rstrip('.')}."]
-    if offset is None or offset.lags.size == 0:
-        return Section("Clocks", words)
-    caption = "Agreement of the speeds of tracker and command over time offsets."
-    return Section("Clocks", words, (), (FigureImage(png(plots.offset_curve(offset)), caption),))
-
-
-def _dropped(title: str, log: CalibrationLog, report: CleaningReport) -> Section:
-    passed = int(report.keep.sum())
-    words = [
-        f"{passed} of {len(log)} samples passed cleaning. "
-        "Every dropped sample stands in cleaning.csv with the value and the limit that it broke."
-    ]
-    if passed == len(log):
-        return Section(title, words)
-    return Section(
-        title, words, (), (FigureImage(png(plots.dropped_samples(log, report)), "Dropped samples by reason."),)
-    )
+    Parameters
+    ----------
+    log : CalibrationLog
+    """
+    return [("recording", f"{log.name}, SHA-256 {digest}") for digest in log.recordings or (log.digest,) if digest]

@@ -1,17 +1,22 @@
-"""A self-contained HTML page of sections with sentences, tables and figures."""
+"""A self-contained HTML page of sections with sentences, tables, charts and figures, and of how it was made."""
 
 from __future__ import annotations
 
 import base64
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gpcorrect.atomic import write_file
+from gpcorrect.calibration import command_line, now, versions
 from gpcorrect.errors import MissingExtraError
+from gpcorrect.plain import json_ready
+from gpcorrect.report.charts import Chart, charts_data
 
 try:
     from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
 except ImportError as error:
     raise MissingExtraError("jinja2", extra="report", purpose="Writing a report page") from error
 
@@ -20,12 +25,16 @@ __all__ = ["FigureImage", "Page", "Section", "TableData", "write_page"]
 
 @dataclass(frozen=True)
 class TableData:
-    """A table of ready text; the first column names the rows, the others but those in `text` are numbers."""
+    """A table of ready text; the first column names the rows, the others but those in `text` are numbers.
+
+    Rows with `keys` choose what the charts with choices show.
+    """
 
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
     note: str = ""
     text: Sequence[int] = ()
+    keys: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -49,21 +58,38 @@ class Section:
     title: str
     words: Sequence[str] = ()
     tables: Sequence[TableData] = ()
-    figures: Sequence[FigureImage] = ()
+    figures: Sequence[FigureImage | Chart] = ()
 
 
 @dataclass(frozen=True)
 class Page:
-    """A report: its verdict in one sentence first."""
+    """A report: its verdict in one sentence first.
+
+    Parameters
+    ----------
+    title, verdict : str
+    facts : sequence of (str, str)
+        Name and value, above all sections.
+    sections : sequence of Section
+    sources : sequence of (str, str)
+        For the foot of the page: data and models with their whole digests.
+    chosen : str
+        Key of the row that charts with choices show first.
+    chooses : str
+        What a row with a key is, in the legend of these charts.
+    """
 
     title: str
     verdict: str
     facts: Sequence[tuple[str, str]]
     sections: Sequence[Section] = field(default_factory=tuple)
+    sources: Sequence[tuple[str, str]] = ()
+    chosen: str = ""
+    chooses: str = "trajectory"
 
 
 def write_page(page: Page, path: Path) -> None:
-    """Write the page atomically.
+    """Write the page atomically, with the date, the command line and the versions of this process at its foot.
 
     Parameters
     ----------
@@ -76,6 +102,18 @@ def write_page(page: Page, path: Path) -> None:
     GpCorrectError
         The folder cannot be written.
     """
+    charts = [figure for section in page.sections for figure in section.figures if isinstance(figure, Chart)]
+    data = json.dumps({**json_ready(charts_data(charts)), "chosen": page.chosen, "chooses": page.chooses})
+    made = [
+        ("written", now()),
+        ("command", command_line()),
+        ("versions", ", ".join(f"{name} {number}" for name, number in versions().items())),
+    ]
     environment = Environment(loader=PackageLoader("gpcorrect.report"), autoescape=True, undefined=StrictUndefined)
-    html = environment.get_template("page.html").render(page=page)
+    html = environment.get_template("page.html").render(
+        page=page,
+        charts=charts,
+        data=Markup(data.replace("<", "\\u003c")),  # no tag can begin in it
+        provenance=[*made, *page.sources],
+    )
     write_file(path, html)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from gpcorrect.plots import trajectory_errors, trajectory_paths, typical_trajectory
 from gpcorrect.plots.style import COLOURS, new_figure, png
 from gpcorrect.report.page import FigureImage, Section, TableData
+from gpcorrect.report.trajectories import Shown, trajectories_section
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.claims_page import paired, write_study_page
 from gpcorrect_studies.mahler2014.regressions import TrainingSize
@@ -131,18 +132,8 @@ def _fig4(result: Mahler2014) -> Section:
     full = result.table1.full
     assert full.evaluation is not None
     assert full.test is not None
-    measured = full.evaluation.clean
-    number = typical_trajectory(measured, full.test)
-    captions = (
-        "What each method would have commanded on the held-out reach with the median error, and what was commanded.",
-        "Error of the fully corrected command on the same reach, and its 95 % interval.",
-    )
-    drawn = (trajectory_paths, trajectory_errors)
-    figures = [
-        FigureImage(png(draw(measured, full.test, number)), caption)
-        for draw, caption in zip(drawn, captions, strict=True)
-    ]
-    return Section("Fig. 4: a held-out reach", (), (), figures)
+    shown = Shown(full.corrector, full.evaluation.clean, full.evaluation.cleaning, full.test)
+    return replace(trajectories_section(shown), title="Fig. 4: held-out reaches")
 
 
 def _fig5(result: Mahler2014) -> Section:
