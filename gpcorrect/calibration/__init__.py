@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.model_store import Entry, ModelStore
     from gpcorrect.calibration.outside_joints import with_outside_joints, with_poses
     from gpcorrect.calibration.settings import FitSettings
+    from gpcorrect.calibration.side_by_side import Difference, SideBySide, measure_both, refuse_unlike
     from gpcorrect.calibration.split import HoldOut, folds_of
     from gpcorrect.calibration.stream import JointStream, PoseStream, RobotState, ToolStream
     from gpcorrect.calibration.task import Corrector, Measured
@@ -65,6 +66,7 @@ __getattr__ = imported_on_demand(
         "model_store": "Entry ModelStore",
         "outside_joints": "with_outside_joints with_poses",
         "settings": "FitSettings",
+        "side_by_side": "Difference SideBySide measure_both refuse_unlike",
         "split": "HoldOut folds_of",
         "stream": "JointStream PoseStream RobotState ToolStream",
         "task": "Corrector Measured",
@@ -85,6 +87,7 @@ __all__ = [
     "CommandCorrector",
     "Corrector",
     "Detection",
+    "Difference",
     "Direction",
     "Entry",
     "ErrorTable",
@@ -105,6 +108,7 @@ __all__ = [
     "PositionEstimator",
     "Proposal",
     "RobotState",
+    "SideBySide",
     "Step",
     "TimedPath",
     "ToolStream",
@@ -126,6 +130,7 @@ __all__ = [
     "learner_named",
     "load",
     "load_any",
+    "measure_both",
     "model_hash",
     "now",
     "part_errors",
@@ -134,6 +139,7 @@ __all__ = [
     "random_sinusoids",
     "random_sweeps",
     "reached",
+    "refuse_unlike",
     "run_experiment",
     "save",
     "spread",

@@ -40,6 +40,10 @@ COMMANDS = {
         "gpcorrect.cli.fit:evaluate",
         "Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.",
     ),
+    "compare": (
+        "gpcorrect.cli.compare:compare",
+        "Measure two models of one task on the same samples of recordings: errors, intervals, domain, side by side.",
+    ),
     "info": (
         "gpcorrect.cli.info:info",
         "Print what a model file remembers: task, data, each step of its making with command, versions, held-out "

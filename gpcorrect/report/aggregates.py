@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.stats import norm
@@ -10,12 +10,13 @@ from scipy.stats import norm
 from gpcorrect.calibration import Corrector, Measured, PartErrors, part_errors
 from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
 from gpcorrect.report.page import Section, TableData
+from gpcorrect.report.paths import Shown
 from gpcorrect.report.tasks import METHOD_ROLES, method_words
-from gpcorrect.report.trajectories import Shown
+from gpcorrect.report.trajectories import measured_parts
 from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["coverage_chart", "errors_section", "intervals_section", "map_chart"]
+__all__ = ["coverage_chart", "distribution_chart", "errors_section", "intervals_section", "map_chart"]
 
 LEAVES = {"mean": "mean", "sd": "SD", "rmse": "rmse", "p95": "p95", "max": "max"}
 SPEED_BINS = 8  # that hold equally many samples; chosen by hand
@@ -41,7 +42,7 @@ def errors_section(shown: Shown, dirty: Measured) -> Section:
         _table(part_errors(corrector, dirty), "All samples, the faults of the outside sensor included."),
         *_by_axis(shown),
     ]
-    charts = [_distribution(corrector, measured), *_by_speed(corrector, measured)]
+    charts = [distribution_chart(_sizes(corrector, measured), METHOD_ROLES), *_by_speed(corrector, measured)]
     return Section("How large the errors are", (), tables, charts)
 
 
@@ -77,21 +78,28 @@ def _mean_sd(errors: FloatArray) -> str:
 def _sizes(corrector: Corrector, measured: Measured) -> list[tuple[str, dict[str, FloatArray]]]:
     """Return label of each measured part, and by method the sizes of its errors (n,)."""
     return [
-        (f"{part.name} error [{part.unit}]", {m: part.sizes(measured.of(m)) for m in corrector.METHODS})
-        for part in corrector.parts(measured.raw.shape[1])
-        if np.isfinite(measured.corrected[:, part.columns]).any()
+        (f"{part.name} error [{part.unit}]", {method_words(m): part.sizes(measured.of(m)) for m in corrector.METHODS})
+        for part in measured_parts(corrector, measured)
     ]
 
 
-def _distribution(corrector: Corrector, measured: Measured) -> Chart:
+def distribution_chart(errors: Sequence[tuple[str, Mapping[str, FloatArray]]], roles: Sequence[Role]) -> Chart:
+    """Return the fraction of samples below an error, a panel a part.
+
+    Parameters
+    ----------
+    errors : sequence of (str, mapping)
+        Label of a part, and the sizes (n,) of its errors by the name of a line.
+    roles : sequence of Role
+        Of the lines.
+    """
     panels = []
-    for label, sizes in _sizes(corrector, measured):
+    for label, sizes in errors:
         series = []
-        for (method, size), role in zip(sizes.items(), METHOD_ROLES, strict=True):
+        for (name, size), role in zip(sizes.items(), roles, strict=True):
             known = np.sort(size[np.isfinite(size)])
             place = np.unique(np.linspace(0, len(known) - 1, min(LEVELS, len(known))).astype(int))
-            below = 100 * (place + 1) / len(known)
-            series.append(Series(method_words(method), Mark.LINE, role, known[place], below))
+            series.append(Series(name, Mark.LINE, role, known[place], 100 * (place + 1) / len(known)))
         panels.append(Panel(label, "samples below [%]", series, log_x=True, y_range=(0, 100), height=220))
     return Chart("Fraction of samples with an error below the value on the axis.", panels, columns=2)
 
@@ -107,9 +115,8 @@ def _by_speed(corrector: Corrector, measured: Measured) -> list[Chart]:
     panels = []
     for label, sizes in _sizes(corrector, measured):
         series = []
-        for (method, size), role in zip(sizes.items(), METHOD_ROLES, strict=True):
+        for (name, size), role in zip(sizes.items(), METHOD_ROLES, strict=True):
             half, most = np.array([np.nanpercentile(size[rows], (50, 90)) for rows in bins]).T
-            name = method_words(method)
             series.append(Series(name, Mark.BAND, role, middle, half, y2=most))
             series.append(Series(name, Mark.LINE, role, middle, half))
         panels.append(Panel("speed [cm/s]", label, series, height=220))

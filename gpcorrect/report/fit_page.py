@@ -12,9 +12,10 @@ from gpcorrect.calibration import CommandCorrector, Evaluation, Experiment, part
 from gpcorrect.plots.style import png
 from gpcorrect.report.aggregates import coverage_chart, errors_section, intervals_section, map_chart
 from gpcorrect.report.page import Page, Section, write_page
+from gpcorrect.report.paths import Shown
 from gpcorrect.report.recordings import clocks_section, dropped_section, registration_sections
 from gpcorrect.report.tasks import method_words
-from gpcorrect.report.trajectories import Shown, trajectories_section
+from gpcorrect.report.trajectories import trajectories_section
 from gpcorrect.types import CalibrationLog
 
 __all__ = ["model_sources", "write_evaluation_report", "write_fit_report"]

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 
 from gpcorrect.plots.style import COLOURS, new_figure, png
 from gpcorrect.report.page import FigureImage, Section, TableData
-from gpcorrect.report.trajectories import Shown, trajectories_section
+from gpcorrect.report.paths import Shown
+from gpcorrect.report.trajectories import trajectories_section
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.claims_page import paired, write_study_page
 from gpcorrect_studies.mahler2014.regressions import TrainingSize

@@ -1,0 +1,201 @@
+"""Two models of one task measured on the same samples of a recording."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.calibration.evaluate import Evaluation, evaluate_model, part_errors
+from gpcorrect.calibration.joints import JointCorrector
+from gpcorrect.calibration.task import Corrector, Measured, Part
+from gpcorrect.errors import DataError, LogError
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray
+
+__all__ = ["Difference", "SideBySide", "measure_both", "refuse_unlike"]
+
+DRAWS = 2000
+"""Of whole trajectories, for the interval of a difference: its ends are known to a hundredth of it or so."""
+FEWEST = 4
+"""Trajectories from which an interval is drawn; fewer say nothing of others. Chosen by hand."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """By how much the second model's mean error is above the first's, and its 95 % interval where it is known."""
+
+    part: str
+    unit: str
+    mean: float
+    interval95: tuple[float, float] | None
+
+    def sentence(self, names: tuple[str, str]) -> str:
+        """Return which model errs less, by how much, and how sure that is.
+
+        Parameters
+        ----------
+        names : (str, str)
+            Of the models.
+        """
+        less, apart = (
+            f"{names[int(self.mean < 0)]} errs less",
+            f"{names[1]} - {names[0]} = {self.mean:+.3g} {self.unit}",
+        )
+        if self.interval95 is None:
+            return f"{self.part}: {less}, {apart} (too few trajectories to say how sure that is)"
+        low, high = self.interval95
+        found = "no certain difference" if low <= 0 <= high else less
+        return f"{self.part}: {found}, {apart} (95 % {low:+.3g} to {high:+.3g})"
+
+
+@dataclass(frozen=True, eq=False)
+class SideBySide:
+    """Two models on the samples that both could be measured on.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+    evaluations : (Evaluation, Evaluation)
+        Each model by itself.
+    measured : (Measured, Measured)
+        The same n samples of each.
+    """
+
+    log: CalibrationLog
+    evaluations: tuple[Evaluation, Evaluation]
+    measured: tuple[Measured, Measured]
+
+    @property
+    def parts(self) -> list[Part]:
+        """Parts of errors that were measured of both."""
+        one, other = self.measured
+        parts = self.evaluations[0].corrector.parts(min(one.raw.shape[1], other.raw.shape[1]))
+        return [p for p in parts if all(np.isfinite(m.corrected[:, p.columns]).any() for m in self.measured)]
+
+    def trajectories(self) -> dict[int, IntArray]:
+        """Return the samples of each trajectory, in recorded order."""
+        numbers = self.measured[0].trajectory
+        return {n: np.flatnonzero(numbers == n) for n in dict.fromkeys(numbers.tolist())}
+
+    def differences(self) -> list[Difference]:
+        """Return the difference of the mean errors of each part; its interval by drawing whole trajectories."""
+        groups, found = list(self.trajectories().values()), []
+        for part in self.parts:
+            one, other = (part.sizes(m.corrected) for m in self.measured)
+            sums = np.array([[np.nansum(other[g] - one[g]), np.isfinite(other[g] - one[g]).sum()] for g in groups])
+            total = sums.sum(axis=0)
+            found.append(Difference(part.name, part.unit, float(total[0] / total[1]), _interval(sums)))
+        return found
+
+    def to_dict(self, names: tuple[str, str]) -> dict[str, Any]:
+        """Return all figures, JSON-able.
+
+        Parameters
+        ----------
+        names : (str, str)
+            Of the models.
+        """
+        groups = self.trajectories()
+        models = [
+            {
+                "name": name,
+                "errors": [asdict(row) for row in part_errors(e.corrector, m)],
+                "coverage95": replace(e, clean=m).coverage95,
+                "in_domain": float(m.in_domain.mean()),
+                "rejected": dict(e.cleaning.counts),
+                "cautions": list(e.cautions),
+            }
+            for name, e, m in zip(names, self.evaluations, self.measured, strict=True)
+        ]
+        rows = [
+            {
+                "trajectory": number,
+                "samples": len(index),
+                "mean": {p.name: [_mean(p.sizes(m.corrected[index])) for m in self.measured] for p in self.parts},
+                "in_domain": [float(m.in_domain[index].mean()) for m in self.measured],
+            }
+            for number, index in groups.items()
+        ]
+        return {
+            "samples": len(self.measured[0].rows),
+            "models": models,
+            "differences": [asdict(d) for d in self.differences()],
+            "trajectories": rows,
+        }
+
+
+def refuse_unlike(one: Corrector, other: Corrector, names: tuple[str, str]) -> None:
+    """Refuse two models whose errors cannot stand beside each other.
+
+    Parameters
+    ----------
+    one, other : Corrector
+    names : (str, str)
+        Of the models, for the message.
+
+    Raises
+    ------
+    DataError
+        They are of different tasks, directions, joints or arms.
+    """
+    pairs: list[tuple[str, Any, Any]] = [("corrects", one.TASK.replace("_", " "), other.TASK.replace("_", " "))]
+    if isinstance(one, JointCorrector) and isinstance(other, JointCorrector):
+        pairs.append(("answers in the direction", one.view.direction, other.view.direction))
+        pairs.append(("has joints of the types", one.types, other.types))
+    for word in ("robot", "arm"):
+        first, second = one.summary.get(word), other.summary.get(word)
+        if first and second:
+            pairs.append((f"is of the {word}", first, second))
+    for words, first, second in pairs:
+        if first != second:
+            raise DataError(
+                f"{names[0]} {words} {first}, {names[1]} {second}: their errors cannot be compared.",
+                hint="Give two models of one task, made for the same arm; what models are: gpcorrect info MODEL",
+            )
+
+
+def measure_both(one: Corrector, other: Corrector, log: CalibrationLog) -> SideBySide:
+    """Measure two models on the samples of a recording that pass both models' cleaning.
+
+    Parameters
+    ----------
+    one, other : Corrector
+        Of one task, as :func:`refuse_unlike` asks.
+    log : CalibrationLog
+        On one clock.
+
+    Raises
+    ------
+    LogError
+        A signal is missing, or no sample can be measured with both.
+    """
+    first, second = evaluate_model(one, log), evaluate_model(other, log)
+    rows = np.intersect1d(first.clean.rows, second.clean.rows)
+    if rows.size == 0:
+        raise LogError(
+            "no sample passes the cleaning of both models.",
+            hint="Measure each by itself and see what is rejected: gpcorrect evaluate MODEL LOG --report page.html",
+            path=log.name,
+        )
+    return SideBySide(log, (first, second), (_at(first.clean, rows), _at(second.clean, rows)))
+
+
+def _at(measured: Measured, rows: IntArray) -> Measured:
+    """Return what was measured at these rows of the log."""
+    chosen = np.isin(measured.rows, rows)
+    return Measured(**{f.name: getattr(measured, f.name)[chosen] for f in fields(measured)})
+
+
+def _interval(sums: FloatArray) -> tuple[float, float] | None:
+    """Return the central 95 % of means, of sums and counts `(k, 2)` of trajectories drawn with replacement."""
+    if len(sums) < FEWEST:
+        return None
+    drawn = sums[np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1)
+    low, high = np.percentile(drawn[:, 0] / drawn[:, 1], [2.5, 97.5])
+    return float(low), float(high)
+
+
+def _mean(sizes: FloatArray) -> float:
+    known = sizes[np.isfinite(sizes)]
+    return float(known.mean()) if known.size else float("nan")

@@ -1,0 +1,221 @@
+"""Charts of measured trajectories: paths in space and over time, and errors, with gaps where samples are missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gpcorrect.calibration import COMPONENTS, Corrector, JointCorrector, Measured, joint_units
+from gpcorrect.cleaning import CleaningReport, Reason
+from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
+from gpcorrect.report.tasks import reference, words_of
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray
+
+__all__ = ["Axis", "Line", "Shown", "path_charts"]
+
+MOST_SAMPLES = 8000
+"""Drawn on a page, so that it stays near two megabytes; chosen by hand."""
+MOST_TRAJECTORIES = 300
+"""In the table and the charts; the page names how many there are. Chosen by hand."""
+DEGREES = float(np.rad2deg(1.0))
+ABOVE = 3
+"""Panels that are drawn above each other; more are drawn in two columns."""
+
+
+class Axis(NamedTuple):
+    """A component of errors: its column, name and unit, and what one m or rad is in it."""
+
+    column: int
+    name: str
+    unit: str
+    scale: float
+
+    @property
+    def label(self) -> str:
+        """Name and unit."""
+        return f"{self.name} [{self.unit}]"
+
+
+class Line(NamedTuple):
+    """Errors `(n, m)` of one method, m or rad, how they are drawn, and the half widths of their 95 % intervals."""
+
+    name: str
+    mark: Mark
+    role: Role
+    errors: FloatArray
+    interval95: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A measured recording as its page shows it.
+
+    Parameters
+    ----------
+    corrector : Corrector
+    measured : Measured
+        Samples that pass cleaning.
+    cleaning : CleaningReport
+        Why the others do not.
+    log : CalibrationLog
+        All of them.
+    """
+
+    corrector: Corrector
+    measured: Measured
+    cleaning: CleaningReport
+    log: CalibrationLog
+
+    @property
+    def axes(self) -> list[Axis]:
+        """Components of errors that were measured."""
+        if isinstance(self.corrector, JointCorrector):
+            names, factors = joint_units(self.corrector.types)
+            axes = [Axis(j, f"joint {j + 1}", names[j], float(factors[j])) for j in range(len(names))]
+        else:
+            axes = [Axis(i, n, *(("mm", 1e3) if i < 3 else ("deg", DEGREES))) for i, n in enumerate(COMPONENTS)]
+        corrected = self.measured.corrected
+        return [a for a in axes if a.column < corrected.shape[1] and np.isfinite(corrected[:, a.column]).any()]
+
+    def groups(self) -> dict[str, IntArray]:
+        """Return the measured samples of each trajectory, by its number; of static poses all together."""
+        if self.log.static:
+            return {"": np.arange(len(self.measured.rows))}
+        numbers = self.measured.trajectory
+        measured = set(numbers.tolist())
+        ids = [number for number in self.log.trajectory_ids.tolist() if number in measured]
+        return {str(number): np.flatnonzero(numbers == number) for number in ids[:MOST_TRAJECTORIES]}
+
+
+def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> list[Chart]:
+    """Return paths in space, paths over time, and errors over time, of the trajectory that is chosen.
+
+    Parameters
+    ----------
+    shown : Shown
+        n measured samples.
+    paths : sequence of Line
+        Whose errors, taken off the reference, are drawn as paths beside it.
+    errors : sequence of Line
+        That are drawn as errors.
+    """
+    groups, target = shown.groups(), reference(shown.corrector, shown.log, shown.measured)
+    step = -(-sum(map(len, groups.values())) // MOST_SAMPLES)
+    drawn = {
+        key: _panels(
+            shown, _Chosen.of(shown, key, _thinned(shown.measured.rows[rows], rows, step)), target, paths, errors
+        )
+        for key, rows in groups.items()
+    }
+    thin = f" Every {step}th sample is drawn." if step > 1 else ""
+    gaps = " Shaded: samples that cleaning rejected; lines have gaps there." if not shown.cleaning.keep.all() else ""
+    names = [words_of(shown.corrector).reference, *(path.name for path in paths)]
+    band = " and the 95 % interval around no error" if any(line.interval95 is not None for line in errors) else ""
+    captions = (
+        f"Paths in space: {', '.join(names)}. Drag to turn; dots mark the start.",
+        f"The same over time.{gaps}{thin} Drag to zoom, double-click to go back.",
+        f"Errors{band}.{gaps}",
+    )
+    return [
+        _chart(caption, {key: found[i] for key, found in drawn.items()}, space=i == 0)
+        for i, caption in enumerate(captions)
+        if all(found[i] for found in drawn.values())
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Chosen:
+    """Samples of one trajectory: indices into the measured ones (-1 leaves a gap), times (s), what was rejected."""
+
+    index: IntArray
+    time: FloatArray
+    spans: list[tuple[float, float, str]]
+
+    @classmethod
+    def of(cls, shown: Shown, key: str, index: IntArray) -> _Chosen:
+        log = shown.log
+        here = np.arange(len(log)) if key == "" else np.flatnonzero(log.trajectory == int(key))
+        time = log.time[here] - log.time[here[0]]
+        return cls(index, _taken(shown.measured.time - log.time[here[0]], index), _rejected(shown.cleaning, here, time))
+
+
+def _panels(
+    shown: Shown, chosen: _Chosen, target: FloatArray, paths: Sequence[Line], errors: Sequence[Line]
+) -> tuple[list[Panel], list[Panel], list[Panel]]:
+    axes = [axis for axis in shown.axes if axis.column < target.shape[1]]
+    zero = Line(words_of(shown.corrector).reference, Mark.DASH, Role.INK, np.zeros(shown.measured.raw.shape))
+    time, drawn = chosen.time, []
+    for line in (zero, *paths):
+        columns = [a.scale * (target[:, a.column] - line.errors[:, a.column]) for a in axes]
+        drawn.append((line, [_taken(column, chosen.index) for column in columns]))
+    over_time = [
+        Panel(
+            "time [s]",
+            axis.label,
+            [Series(line.name, line.mark, line.role, time, columns[i]) for line, columns in drawn],
+            spans=chosen.spans,
+        )
+        for i, axis in enumerate(axes)
+    ]
+    space = []
+    if len(axes) >= 3:  # the coordinates, or the first three joints
+        x, y, z = axes[:3]
+        series = [Series(n.name, n.mark, n.role, c[0], c[1], z=c[2], value=time) for n, c in drawn]
+        space = [Panel(x.label, y.label, series, z_label=z.label, equal=x.name == "x")]
+    return space, over_time, _errors(shown.axes, chosen, errors)
+
+
+def _errors(axes: Sequence[Axis], chosen: _Chosen, lines: Sequence[Line]) -> list[Panel]:
+    panels = []
+    for i, name, unit, scale in axes:
+        series = []
+        for line in lines:
+            if line.interval95 is not None:
+                half, called = _taken(scale * line.interval95[:, i], chosen.index), f"95 % interval, {line.name}"
+                series.append(Series(called, Mark.BAND, line.role, chosen.time, -half, y2=half))
+        for line in lines:
+            error = _taken(scale * line.errors[:, i], chosen.index)
+            series.append(Series(line.name, line.mark, line.role, chosen.time, error))
+        panels.append(Panel("time [s]", f"{name} error [{unit}]", series, spans=chosen.spans, height=160))
+    return panels
+
+
+def _chart(caption: str, choices: Mapping[str, list[Panel]], *, space: bool) -> Chart:
+    columns = 2 if len(next(iter(choices.values()))) > ABOVE else 1
+    if "" in choices:
+        return Chart(caption, panels=choices[""], columns=columns, space=space, shared=True)
+    return Chart(caption, choices=choices, columns=columns, space=space, shared=True)
+
+
+def _rejected(cleaning: CleaningReport, here: IntArray, time: FloatArray) -> list[tuple[float, float, str]]:
+    """Return from when to when samples `here` (n,) were rejected, s, and why."""
+    reason = np.asarray(cleaning.reason)[here]
+    half = float(np.median(np.diff(time))) / 2 if len(time) > 1 else 0.0
+    return [
+        (float(time[run[0]] - half), float(time[run[-1]] + half), f"rejected: {Reason(str(reason[run[0]])).sentence}")
+        for run in _runs(reason)
+        if reason[run[0]]
+    ]
+
+
+def _runs(labels: np.ndarray) -> Iterator[IntArray]:
+    """Yield the places of each unbroken run of one label."""
+    yield from np.split(np.arange(len(labels)), np.flatnonzero(labels[1:] != labels[:-1]) + 1)
+
+
+def _thinned(rows: IntArray, index: IntArray, step: int) -> IntArray:
+    """Return one in `step` of the samples `index`, with -1 where their `rows` of the log do not touch."""
+    gap, pieces = np.array([-1]), []
+    for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1):
+        pieces += [index[run[::step]], index[run[-1:]] if step > 1 else index[:0], gap]
+    return np.concatenate(pieces[:-1]).astype(np.int64)
+
+
+def _taken(values: FloatArray, index: IntArray) -> FloatArray:
+    """Return the rows of an array; NaN for -1."""
+    taken = np.array(values[index], dtype=np.float64)
+    taken[index < 0] = np.nan
+    return taken
