@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,28 @@ if TYPE_CHECKING:
     from gpcorrect.cleaning import CleaningReport
     from gpcorrect.types import CalibrationLog
 
-__all__ = ["write_evaluation_page", "write_fit_page"]
+__all__ = ["digests", "write_evaluation_page", "write_fit_page"]
+
+
+def digests(*paths: Path) -> list[tuple[str, str]]:
+    """Return names and SHA-256 of files, for the foot of a page; of a folder, that of its files' digests.
+
+    Parameters
+    ----------
+    *paths : Path
+        Files, or folders of pictures.
+    """
+    found = []
+    for path in paths:
+        files = [file for file in sorted(path.iterdir()) if file.is_file()] if path.is_dir() else [path]
+        whole = hashlib.sha256()
+        for file in files:
+            with file.open("rb") as opened:
+                one = hashlib.file_digest(opened, "sha256")
+            whole.update(one.digest())
+        digest = one if len(files) == 1 and not path.is_dir() else whole
+        found.append(("file", f"{path}, SHA-256 {digest.hexdigest()}"))
+    return found
 
 
 def write_fit_page(experiment: Experiment, page: Path) -> None:

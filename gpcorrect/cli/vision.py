@@ -12,6 +12,7 @@ import typer
 from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names
 from gpcorrect.cli.options import Columns, Json, Logs, OldPage, Report, report_page
+from gpcorrect.cli.pages import digests, write_evaluation_page, write_fit_page
 from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import DataError
 
@@ -56,7 +57,7 @@ def calibrate(
     if page is not None:
         from gpcorrect.report import write_calibration_page  # the report's libraries are an extra
 
-        write_calibration_page(result, page)
+        write_calibration_page(result, page, digests(rig))
     figures = result.to_dict()
     if json:
         print_json(figures)
@@ -129,7 +130,7 @@ def track(
     if page is not None:
         from gpcorrect.report import write_tracking_page
 
-        write_tracking_page(result, known, followed, page)
+        write_tracking_page(result, known, followed, page, digests(cameras, *videos))
     figures = result.to_dict()
     if json:
         print_json(figures)
@@ -153,6 +154,7 @@ def fit(
     ] = None,
     columns: Columns = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    report: Report = None,
     json: Json = False,
 ) -> None:
     """Learn where the tool really is from the robot's own state, with tracker_cp as labels: no sensor needed after.
@@ -169,6 +171,7 @@ def fit(
     )
 
     require_folder(output)
+    page = None if report is None else report_page(report)
     learner_named(method)
     settings = FitSettings(
         method=method, layers=PAPER_LAYERS, epochs=PAPER_EPOCHS, extra=split_names(extra or ""), seed=seed
@@ -177,6 +180,8 @@ def fit(
     with progress_bar(quiet=json) as progress:
         experiment = run_experiment(log, settings, task=PositionEstimator, holdout=holdout, progress=progress)
     save(experiment.corrector, output)
+    if page is not None:
+        write_fit_page(experiment, page)
     for remark in experiment.fit.remarks:
         note(remark)
     figures = {**experiment.to_dict(), "method": method, **position_reductions(experiment.evaluation)}
@@ -192,6 +197,7 @@ def evaluate(
     model: Annotated[Path, typer.Argument(help="Model file of `gpcorrect vision fit`.", show_default=False)],
     logs: Logs,
     columns: Columns = None,
+    report: Report = None,
     json: Json = False,
 ) -> None:
     """Measure a position estimator on recordings it has not seen.
@@ -200,7 +206,11 @@ def evaluate(
     """
     from gpcorrect.calibration import PositionEstimator, evaluate_model, load, position_reductions
 
-    evaluation = evaluate_model(load(model, PositionEstimator), read_logs(logs, columns, learned=STATE))
+    page = None if report is None else report_page(report)
+    log = read_logs(logs, columns, learned=STATE)
+    evaluation = evaluate_model(load(model, PositionEstimator), log)
+    if page is not None:
+        write_evaluation_page(evaluation, log, model, (), page)
     for caution in evaluation.cautions:
         note(caution)
     figures = {"n_test": len(evaluation.clean.rows), **evaluation.to_dict(), **position_reductions(evaluation)}

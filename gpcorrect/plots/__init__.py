@@ -5,22 +5,17 @@ from gpcorrect.plots.discrepancy_residuals import loop_plots, residual_over_join
 from gpcorrect.plots.held_out import overview, typical_trajectory
 from gpcorrect.plots.recordings import drift_history, joint_trajectory
 from gpcorrect.plots.style import png
-from gpcorrect.plots.vision import marker_residuals, tracked_path, tracking_quality, view_states
 
 __all__ = [
     "drift_history",
     "gap_chart",
     "joint_trajectory",
     "loop_plots",
-    "marker_residuals",
     "nats_waterfall",
     "overview",
     "png",
     "posterior_bars",
     "residual_over_joints",
     "signature_correlation",
-    "tracked_path",
-    "tracking_quality",
     "typical_trajectory",
-    "view_states",
 ]

@@ -54,7 +54,7 @@ def _table(errors: Sequence[PartErrors], note: str) -> TableData:
         for row in errors
         if row.part == part
     ]
-    return TableData(["", *LEAVES.values(), "unit"], rows, note, text=(len(LEAVES) + 1,))
+    return TableData(["", *LEAVES.values(), "unit"], rows, note)
 
 
 def _by_axis(shown: Shown) -> list[TableData]:

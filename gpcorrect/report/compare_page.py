@@ -78,7 +78,7 @@ def _overall(both: SideBySide, names: tuple[str, str]) -> Section:
             more = certain if r.method == last else ("", "")
             rows.append([name, f"{r.part}, {method_words(r.method)}", *leaves, r.unit, *more])
     head = ["model", "error", "mean", "SD", "rmse", "p95", "max", "unit", "inside 95 %", "in domain"]
-    table = TableData(head, rows, "On the samples that pass the cleaning of both models.", text=(1, 7))
+    table = TableData(head, rows, "On the samples that pass the cleaning of both models.", text=(1,))
     sizes = [
         (f"{p.name} error [{p.unit}]", {n: p.sizes(m.corrected) for n, m in zip(names, both.measured, strict=True)})
         for p in both.parts
@@ -90,7 +90,7 @@ def _trajectories(both: SideBySide, names: tuple[str, str], shown: Shown) -> Sec
     words = words_of(shown.corrector)
     roles = list(zip(names, ROLES, both.measured, strict=True))
     paths = [Line(name, Mark.LINE, role, m.corrected) for name, role, m in roles]
-    errors = [Line(name, Mark.LINE, role, m.corrected, m.interval95) for name, role, m in roles]
+    errors = [Line(name, Mark.LINE, role, m.corrected, m.interval95, folded=True) for name, role, m in roles]
     charts = path_charts(shown, paths, errors)
     if both.log.static:
         return Section("Static poses", (words.errors,), (), charts)

@@ -40,13 +40,17 @@ class Axis(NamedTuple):
 
 
 class Line(NamedTuple):
-    """Errors `(n, m)` of one method, m or rad, how they are drawn, and the half widths of their 95 % intervals."""
+    """Errors `(n, m)` of one method, m or rad, how they are drawn, and the half widths of their 95 % intervals.
+
+    The intervals are `folded` where they are shown on a click only.
+    """
 
     name: str
     mark: Mark
     role: Role
     errors: FloatArray
     interval95: FloatArray | None = None
+    folded: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +179,7 @@ def _errors(axes: Sequence[Axis], chosen: _Chosen, lines: Sequence[Line]) -> lis
         for line in lines:
             if line.interval95 is not None:
                 half, called = _taken(scale * line.interval95[:, i], chosen.index), f"95 % interval, {line.name}"
-                series.append(Series(called, Mark.BAND, line.role, chosen.time, -half, y2=half))
+                series.append(Series(called, Mark.BAND, line.role, chosen.time, -half, y2=half, hidden=line.folded))
         for line in lines:
             error = _taken(scale * line.errors[:, i], chosen.index)
             series.append(Series(line.name, line.mark, line.role, chosen.time, error))

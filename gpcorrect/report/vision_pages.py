@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gpcorrect import plots
-from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
+from gpcorrect.report.page import Page, Section, TableData, write_page
+from gpcorrect.report.vision_charts import marker_chart, path_charts, quality_chart, views_chart
 
 if TYPE_CHECKING:  # OpenCV is an extra of its own: reports of other things must not ask for it
     from gpcorrect.vision import CalibrationReport, Camera, Target, TrackResult
@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # OpenCV is an extra of its own: reports of other things must
 __all__ = ["write_calibration_page", "write_tracking_page"]
 
 
-def write_calibration_page(report: CalibrationReport, path: Path) -> None:
+def write_calibration_page(report: CalibrationReport, path: Path, sources: Sequence[tuple[str, str]] = ()) -> None:
     """Write the page of a calibration.
 
     Parameters
@@ -26,6 +26,8 @@ def write_calibration_page(report: CalibrationReport, path: Path) -> None:
         The calibration.
     path : Path
         HTML file to write.
+    sources : sequence of (str, str)
+        Files that it was made from, and their digests.
 
     Raises
     ------
@@ -54,13 +56,7 @@ def write_calibration_page(report: CalibrationReport, path: Path) -> None:
     placed = [camera for camera in report.cameras if camera.marker_residuals]
     sections = [Section("Cameras", (), (TableData(head, rows, note, text=(4,)),))]
     if placed:
-        residuals = {c.camera.name: np.array(list(c.marker_residuals.values())) for c in placed}
-        used = {c.camera.name: np.array([n not in c.outliers for n in c.marker_residuals]) for c in placed}
-        figure = FigureImage(
-            plots.png(plots.marker_residuals(residuals, used)),
-            "Where each marker is seen, less where it should be, px. Crosses contradict the others and were left out.",
-        )
-        sections.append(Section("What is left", (), (), (figure,)))
+        sections.append(Section("What is left", (), (), (marker_chart(placed),)))
     stds = [row["position_std_mm"] for row in figures if row["position_std_mm"] is not None]
     verdict = (
         f"{len(figures)} cameras placed to ± {max(stds):.2f} mm or better."
@@ -69,10 +65,12 @@ def write_calibration_page(report: CalibrationReport, path: Path) -> None:
     )
     board = report.board
     facts = [("chessboard", f"{board.columns} x {board.rows} inner corners, {1e3 * board.square:g} mm squares")]
-    write_page(Page("gpcorrect vision calibrate", verdict, facts, sections), path)
+    write_page(Page("gpcorrect vision calibrate", verdict, facts, sections, sources), path)
 
 
-def write_tracking_page(result: TrackResult, cameras: Sequence[Camera], target: Target, path: Path) -> None:
+def write_tracking_page(
+    result: TrackResult, cameras: Sequence[Camera], target: Target, path: Path, sources: Sequence[tuple[str, str]] = ()
+) -> None:
     """Write the page of a tracked recording.
 
     Parameters
@@ -85,6 +83,8 @@ def write_tracking_page(result: TrackResult, cameras: Sequence[Camera], target: 
         What was tracked.
     path : Path
         HTML file to write.
+    sources : sequence of (str, str)
+        Files that it was made from, and their digests.
 
     Raises
     ------
@@ -107,26 +107,12 @@ def write_tracking_page(result: TrackResult, cameras: Sequence[Camera], target: 
         _path(result),
         _trust(result, cameras, target),
     ]
-    write_page(Page("gpcorrect vision track", verdict, facts, sections), path)
+    write_page(Page("gpcorrect vision track", verdict, facts, sections, sources), path)
 
 
 def _path(result: TrackResult) -> Section:
-    track = result.track
-    path = plots.tracked_path(track.time, track.T_tracker_tool[:, :3, 3], track.std, track.status)
-    quality = plots.tracking_quality(track.time, track.std, track.reprojection_px)
-    return Section(
-        "Position and its uncertainty",
-        (),
-        (),
-        (
-            FigureImage(
-                plots.png(path),
-                "Position about its mean, with three standard deviations. Coasting poses are predicted from the frames "
-                "before; lost ones are not in the log.",
-            ),
-            FigureImage(plots.png(quality), "Standard deviation of the position, and how well the sightings agree."),
-        ),
-    )
+    charts = (*path_charts(result.track), quality_chart(result.track))
+    return Section("Position and its uncertainty", (), (), charts)
 
 
 def _trust(result: TrackResult, cameras: Sequence[Camera], target: Target) -> Section:
@@ -148,8 +134,8 @@ def _trust(result: TrackResult, cameras: Sequence[Camera], target: Target) -> Se
         text=(len(target.names) + 1,),
     )
     names = [camera.name for camera in cameras]
-    figure = plots.view_states(result.track.time, views, names, target.names, REASONS)
-    return Section("Which camera saw what", (), (table,), (FigureImage(plots.png(figure), "Trust, frame by frame."),))
+    chart = views_chart(result.track, names, target.names, REASONS)
+    return Section("Which camera saw what", (), (table,), (chart,))
 
 
 def _number(value: float | None, digits: int) -> str:

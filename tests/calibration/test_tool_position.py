@@ -21,6 +21,7 @@ from gpcorrect.calibration import (
 )
 from gpcorrect.calibration.joint_path import state_columns
 from gpcorrect.errors import ArtifactError, DataError, LogError
+from gpcorrect.report import write_fit_report
 from gpcorrect.sim import preset, random_reaches_log
 from gpcorrect.types import CalibrationLog
 
@@ -154,3 +155,12 @@ def test_what_cannot_be_learned_from_is_refused(log: CalibrationLog, fitted: Exp
     stream.correct(_sample(log, 5))
     with pytest.raises(DataError, match="advance"):
         stream.correct(_sample(log, 4))
+
+
+def test_an_estimator_has_the_page_of_every_task(fitted: Experiment, tmp_path: Path) -> None:
+    """The page lists every held-out reach and draws true, reported and estimated positions."""
+    write_fit_report(fitted, tmp_path / "page.html")
+    assert fitted.test is not None
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("data-key=") == len(fitted.test.trajectory_ids)
+    assert "Paths in space: true, reported, estimated." in page

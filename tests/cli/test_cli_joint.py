@@ -22,14 +22,18 @@ def joints(tmp_path: Path) -> Path:
 def test_fit_and_evaluate_say_what_other_programs_rely_on(gpcorrect: CommandLine, joints: Path, tmp_path: Path) -> None:
     """The JSON fields are there, in millimetres where the joint slides, and a saved model can be measured again."""
     words = ("joint", "fit", joints, "--method", "linear", "--input", "measured_jp", "--output", tmp_path / "m.gpc")
-    result = gpcorrect(*words, "--json").json
+    result = gpcorrect(*words, "--report", tmp_path / "fit.html", "--json").json
     assert {"n_train", "n_test", "seconds", "errors"} <= set(result)
     assert set(result["errors"]) == {"raw", "fixed_offset", "corrected"}
     row = result["errors"]["corrected"][2]
     assert {"joint", "unit", "rmse", "mean", "sd", "p95", "max"} <= set(row)
     assert [r["unit"] for r in result["errors"]["raw"]] == ["deg", "deg", "mm"]
-    again = gpcorrect("joint", "evaluate", tmp_path / "m.gpc", joints, "--json").json
+    page = tmp_path / "again.html"
+    again = gpcorrect("joint", "evaluate", tmp_path / "m.gpc", joints, "--report", page, "--json").json
     assert again["errors"]["corrected"][1]["rmse"] < 0.2 * again["errors"]["raw"][1]["rmse"]
+    assert "1 whole trajectories" in (tmp_path / "fit.html").read_text()
+    assert page.read_text().count("data-key=") == 6
+    assert "the model was made from this recording" in page.read_text()
 
 
 def test_compare_has_a_row_for_every_method(gpcorrect: CommandLine, tmp_path: Path) -> None:
