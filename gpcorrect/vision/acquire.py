@@ -16,7 +16,7 @@ from gpcorrect.vision.settings import DEFAULT, AgreementSettings
 from gpcorrect.vision.space import common_perpendicular, triangulate
 from gpcorrect.vision.target import Target
 
-__all__ = ["Hypothesis", "acquire", "hypotheses"]
+__all__ = ["Hypothesis", "LoneBall", "acquire", "hypotheses"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +122,54 @@ def _miss(camera: Camera, found: Outline, point: FloatArray) -> float:
     """Undistorted distance (px) between an outline's centre and a point; infinite for a point behind the camera."""
     x, y, z = camera.local(point)[0]
     return float(camera.intrinsics.focal * np.hypot(x / z - found.ray[0], y / z - found.ray[1])) if z > 0 else np.inf
+
+
+class LoneBall:
+    """Finds a target of one ball again, which has no shape by which it could be told from a thing like it.
+
+    Where it was expected, it is the ball. Elsewhere, or where several places are possible from the start, it is
+    believed when it moves: what lies still is not on the tool.
+
+    Parameters
+    ----------
+    settings : AgreementSettings
+        How far is still.
+    """
+
+    def __init__(self, settings: AgreementSettings = DEFAULT.agreement) -> None:
+        self.settings = settings
+        self._earlier: list[Hypothesis] = []
+        self._time = -np.inf
+        self._tracked = False
+
+    def choose(self, options: Sequence[Hypothesis], time: float, expected: FloatArray | None) -> Hypothesis | None:
+        """Return the ball among places that several cameras agree on, or None while that is open.
+
+        Parameters
+        ----------
+        options : sequence of Hypothesis
+            The best first.
+        time : float
+            s.
+        expected : (3,) array or None
+            Where the ball should be, m; None when it is not known.
+        """
+        settings = self.settings
+        seen = [h for h in options if len(h.views) >= min(3, len(options[0].views))]
+        earlier, self._earlier, since, self._time = self._earlier, seen, time - self._time, time
+        if expected is not None:
+            near = [h for h in options if float(np.linalg.norm(h.position - expected)) < settings.near]
+            if near:
+                return near[0]
+        if not self._tracked and len(seen) == 1:
+            self._tracked = True
+            return seen[0]
+        for h in seen:
+            moved = min((float(np.linalg.norm(h.position - e.position)) for e in earlier), default=np.inf)
+            if settings.still < moved < settings.fastest * since:
+                self._tracked = True
+                return h
+        return None
 
 
 def acquire(

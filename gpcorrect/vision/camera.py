@@ -105,6 +105,10 @@ class Camera:
         not known.
     rms_px : float or None
         Reprojection error of the calibration.
+    delay : float or None
+        By how much later than the first camera's its pictures are taken, s; None when not known: the tracker learns it.
+    readout : float
+        From the first row of a picture to the last, s: of a rolling shutter; 0 when all rows are taken at once.
     """
 
     name: str
@@ -112,6 +116,8 @@ class Camera:
     T_camera_tracker: FloatArray
     covariance: FloatArray | None = None
     rms_px: float | None = None
+    delay: float | None = None
+    readout: float = 0.0
 
     def __post_init__(self) -> None:
         T = np.asarray(self.T_camera_tracker, dtype=np.float64)

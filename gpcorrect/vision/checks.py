@@ -79,8 +79,12 @@ def check_fit(
     given = _agreement(candidates, cameras, target, settings)
     if given.fraction >= check.enough:
         return
+    # Of what size the balls are and how far apart is left open here: a wrong target file says nothing of the cameras.
+    placed = _agreement(candidates, cameras, target, settings, sizes=False)
+    if placed.fraction >= check.enough:
+        _check_sizes(candidates, cameras, target, settings)
     order, best = _best_order(candidates, cameras, target, settings)
-    if best.agreeing > check.better * given.agreeing + 2 and best.fraction >= check.some:
+    if best.agreeing > check.better * placed.agreeing + 2 and best.fraction >= check.some:
         moved = [f"{names[i]} shows what camera {cameras[k].name} sees" for i, k in enumerate(order) if i != k]
         right = " ".join(names[order.index(k)] for k in range(len(order)))
         raise LogError(
@@ -125,10 +129,21 @@ def _frequent_hues(frames: Sequence[Pictures]) -> list[str]:
 
 
 def _agreement(
-    candidates: Sequence[Candidates], cameras: Sequence[Camera], target: Target, settings: VisionSettings
+    candidates: Sequence[Candidates],
+    cameras: Sequence[Camera],
+    target: Target,
+    settings: VisionSettings,
+    *,
+    sizes: bool = True,
 ) -> _Agreement:
-    found = [acquire(cameras, target, frame, settings.agreement) for frame in candidates]
-    agreeing = sum(len(h.views) for frame in found for h in frame if h is not None)
+    """Count the views that agree; on places in space alone without `sizes`."""
+    if sizes:
+        found = [acquire(cameras, target, frame, settings.agreement) for frame in candidates]
+        agreeing = sum(len(h.views) for frame in found for h in frame if h is not None)
+    else:
+        balls = [[camera[b] for camera in frame] for frame in candidates for b in range(len(target.balls))]
+        places = [hypotheses(cameras, ball, None, settings.agreement) for ball in balls]
+        agreeing = sum(len(options[0].views) for options in places if options)
     return _Agreement(agreeing, sum(bool(ball) for frame in candidates for balls in frame for ball in balls))
 
 
@@ -156,7 +171,7 @@ def _best_order(
             ]
             for frame in frames
         ]
-        return _agreement(again, taken, target, settings)
+        return _agreement(again, taken, target, settings, sizes=False)
 
     best = max(orders, key=lambda order: agreement(order, candidates[: settings.check.order_frames]).agreeing)
     return best, agreement(best, candidates)
@@ -180,10 +195,10 @@ def _check_sizes(
             found[b].append(best[0])
     if not all(found):
         return
-    check = settings.check
+    limits = settings.agreement
     for ball, seen in zip(target.balls, found, strict=True):
         measured = float(np.median([h.radius for h in seen]))
-        if ball.radius is not None and abs(measured - ball.radius) > check.radius * ball.radius:
+        if ball.radius is not None and abs(measured - ball.radius) > settings.check.radius * ball.radius:
             raise LogError(
                 f"ball {ball.name} has a radius of {1e3 * measured:.1f} mm in the pictures, {1e3 * ball.radius:.1f} mm "
                 "in the target file.",
@@ -193,7 +208,7 @@ def _check_sizes(
         pairs = zip(found[i], found[j], strict=False)
         measured = float(np.median([np.linalg.norm(p.position - q.position) for p, q in pairs]))
         known = float(np.linalg.norm(np.subtract(first.place, second.place)))
-        if abs(measured - known) > check.distance * known + check.distance_floor:
+        if abs(measured - known) > limits.shape + limits.shape_fraction * known:
             raise LogError(
                 f"balls {first.name} and {second.name} are {1e3 * measured:.1f} mm apart in the pictures, "
                 f"{1e3 * known:.1f} mm in the target file.",

@@ -59,6 +59,8 @@ class _Camera(_Lens):
     tvec: Row3 | None = None
     covariance: tuple[tuple[float, ...], ...] | None = None
     rms_px: float | None = None
+    delay: Annotated[float, Field(gt=-1, lt=1)] | None = None
+    readout: Annotated[float, Field(ge=0, lt=0.2)] = 0.0
 
     @model_validator(mode="after")
     def _placed_once(self) -> _Camera:
@@ -73,7 +75,7 @@ class _Camera(_Lens):
         else:
             T = np.array(self.T_camera_tracker)
         covariance = None if self.covariance is None else np.array(self.covariance)
-        return Camera(self.name, self.intrinsics(), T, covariance, self.rms_px)
+        return Camera(self.name, self.intrinsics(), T, covariance, self.rms_px, self.delay, self.readout)
 
 
 class _CameraFile(_Strict):
@@ -204,6 +206,8 @@ def write_cameras(cameras: Sequence[Camera], path: str | Path) -> None:
             "T_camera_tracker": c.T_camera_tracker.tolist(),
             **({} if c.covariance is None else {"covariance": c.covariance.tolist()}),
             **({} if c.rms_px is None else {"rms_px": c.rms_px}),
+            **({} if c.delay is None else {"delay": c.delay}),
+            **({"readout": c.readout} if c.readout else {}),
         }
         for c in cameras
     ]

@@ -12,13 +12,13 @@ from filterpy.kalman import KalmanFilter
 from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
+from gpcorrect.vision.pose import POSE, Motion
 from gpcorrect.vision.settings import DEFAULT, MotionSettings
 
 __all__ = ["STATUSES", "Filtered", "PoseFilter", "Status"]
 
 UNKNOWN = np.array([1.0] * 3 + [np.pi] * 3)  # m and rad: the standard deviation of a pose of which nothing is known
 USUAL_STD = np.array([1e-4] * 3 + [3e-3] * 3)  # m and rad: of a pose without covariance, as a good frame has it
-POSE = 6  # numbers of the state that are a pose; the other six are its velocity
 
 
 class Status(StrEnum):
@@ -69,6 +69,7 @@ class PoseFilter:
         self._time = -np.inf
         self._seen = -np.inf
         self._refused = 0
+        self._taken = 0  # measurements since the filter began
 
     def predicted(self, time: float) -> FloatArray | None:
         """Return the pose expected at a later time; the filter stays as it is.
@@ -88,6 +89,21 @@ class PoseFilter:
         x = np.ravel(self._kalman.x)
         moved = x[:POSE] + max(time - self._time, 0.0) * x[POSE:]
         return se3.pose(se3.matrix_from_rotvec(moved[3:]) @ self._R, moved[:3])
+
+    def motion(self, time: float) -> Motion | None:
+        """Return the velocity expected at a later time; None until a few frames have shown it.
+
+        Parameters
+        ----------
+        time : float
+            s.
+        """
+        settings = self.settings
+        if self._kalman is None or self._taken < settings.shows_speed:
+            return None
+        change = np.array([settings.usual_acceleration] * 3 + [settings.usual_angular_acceleration] * 3)
+        grown = np.diag((max(time - self._seen, 0.0) * change) ** 2)
+        return Motion(np.ravel(self._kalman.x)[POSE:].copy(), grown)
 
     def step(
         self,
@@ -153,6 +169,7 @@ class PoseFilter:
             self._start(T, noise)
             return True
         self._refused = 0
+        self._taken += 1
         self._kalman.update(z[:, None], R=noise)
         self._kalman.P = 0.5 * (self._kalman.P + self._kalman.P.T)
         self._fold(self._kalman)
@@ -166,7 +183,7 @@ class PoseFilter:
         kalman.P = np.zeros((2 * POSE, 2 * POSE))
         kalman.P[:POSE, :POSE] = noise
         kalman.P[POSE:, POSE:] = np.diag([self.settings.start_speed**2] * 3 + [self.settings.start_turn**2] * 3)
-        self._kalman, self._R, self._refused = kalman, np.array(T[:3, :3]), 0
+        self._kalman, self._R, self._refused, self._taken = kalman, np.array(T[:3, :3]), 0, 1
 
     def _fold(self, kalman: KalmanFilter) -> None:
         """Move the rotation part of the state into the reference, so that it stays small."""

@@ -203,7 +203,10 @@ def _outline(d: FloatArray, m: FloatArray, off: FloatArray, lens: Intrinsics, se
         return None
     half = float(np.arccos(1.0 / length))
     rms = float(np.sqrt(np.mean(off**2)))
-    noise = max(rms, 0.05) / lens.focal
+    # Neighbours on the rim err alike (compression, blur, what is behind): means of some of them tell how much.
+    blocks = off[: len(off) // settings.block * settings.block].reshape(-1, settings.block).mean(axis=1)
+    alike = np.sqrt(settings.block * float(blocks @ blocks) / (len(blocks) - 3)) if len(blocks) > 3 else 0.0
+    noise = max(rms, alike, 0.05) / lens.focal
     # d . m = 1: a rim point that is off by an angle e misses by e |m| sin(half).
     covariance_m = (noise * length * np.sin(half)) ** 2 * np.linalg.inv(d.T @ d)
     J = np.array([[1.0, 0.0, -m[0] / m[2]], [0.0, 1.0, -m[1] / m[2]]]) / m[2]

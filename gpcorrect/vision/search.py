@@ -152,8 +152,9 @@ def detect_everywhere(
     least, most = settings.balls.sizes
     bounds = (max(least * height, settings.balls.least_search_px), most * height)
     outlines: list[Outline] = []
-    for window, patch in _colour_regions(image, ball.colour, bounds, settings):
-        for found in _in_region(image, camera, ball, window, patch, bounds, settings):
+    for i, (window, patch) in enumerate(_colour_regions(image, ball.colour, bounds, settings)):
+        whole = i >= settings.balls.regions
+        for found in _in_region(image, camera, ball, window, patch, bounds, settings, whole_only=whole):
             apart = [float(np.linalg.norm(found.pixel - o.pixel)) / min(found.radius, o.radius) for o in outlines]
             if min(apart, default=np.inf) >= 0.5:
                 outlines.append(found)
@@ -168,6 +169,8 @@ def _in_region(
     patch: FloatArray,
     bounds: tuple[float, float],
     settings: VisionSettings,
+    *,
+    whole_only: bool = False,
 ) -> list[Outline]:
     """Find what a patch of colour may hold: itself when it is a ball, else the circles in it."""
     balls = settings.balls
@@ -181,6 +184,8 @@ def _in_region(
     alone = ball_at(patch)
     if alone is not None and alone.arc > balls.sure_arc:
         return [alone]
+    if whole_only:
+        return []
     size = float(patch[2])  # its own size, and half of it when it may be merged with another
     own = (max(0.75 * size, bounds[0]), min(1.5 * size + 2.0, bounds[1]))
     smaller = (max(0.4 * size, bounds[0]), 0.8 * size)
@@ -336,7 +341,7 @@ def _colour_regions(
             ):
                 found.append(region)
     found.sort(key=lambda region: -region[0])
-    return [(window, circle) for _, window, circle in found[: settings.balls.regions]]
+    return [(window, circle) for _, window, circle in found[: settings.balls.patches]]
 
 
 def _regions(mask: Image, radii: tuple[float, float]) -> list[tuple[float, Window, FloatArray]]:

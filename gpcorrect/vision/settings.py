@@ -18,6 +18,7 @@ __all__ = [
     "BallSettings",
     "CalibrationSettings",
     "CheckSettings",
+    "ClockSettings",
     "MotionSettings",
     "ViewSettings",
     "VisionSettings",
@@ -39,6 +40,7 @@ class BallSettings:
     inlier_px: float = 0.35  # three times this from the cone, a rim point is another object's
     clean_px: float = 0.8  # no rim point farther off: nothing has to be left out
     converged_px: float = 0.6  # a start that was this good needs no second pass
+    block: int = 4  # neighbouring rays that err alike: 10 px of a rim of 25 px radius, a block of JPEG has 8
     floor_px: float = 0.03  # standard deviation that systematic errors leave of any centre (docs/vision.md, measured)
 
     # Circles: Peng et al. 2020, Sec. III-A: Canny edges in the enlarged colour mask, bisected Hough threshold.
@@ -57,7 +59,8 @@ class BallSettings:
     sure_colour: float = 0.5  # and this much of the colour is taken without a search
     sizes: tuple[float, float] = (0.006, 0.25)  # radii of unknown balls, of the picture's height
     least_search_px: float = 3.0  # least radius of an unknown ball
-    regions: int = 6  # patches of colour that are looked into
+    patches: int = 30  # of colour, the roundest ones, that may be a ball themselves
+    regions: int = 6  # of those, how many may hold one beside other things: each takes as long as a tracked frame
     saturations: tuple[float, ...] = (0.0, 0.15, 0.3, 0.42)  # added to the least one: backgrounds of the ball's own hue
 
 
@@ -69,8 +72,11 @@ class AgreementSettings:
     size: float = 0.3  # by which two cameras' radii of one ball may differ, as a fraction
     distinct: float = 0.003  # m between two places that are two: a third of the smallest ball's diameter
     places: int = 4  # places a ball that are combined with the other balls'
-    shape: float = 0.004  # m by which distances between balls may miss,
-    shape_fraction: float = 0.05  # and as a fraction of them: fixtures are printed or glued
+    shape: float = 0.0015  # m by which distances between balls may miss: what outlines of a first search leave,
+    shape_fraction: float = 0.04  # and as a fraction of them: fixtures are printed or glued
+    still: float = 0.001  # m: a ball that moved less between two searches lies still; ten times what noise moves it
+    near: float = 0.015  # m from where it is expected, it is the ball without having moved: less than its size
+    fastest: float = 0.5  # m/s: what is farther apart in two searches is not one ball
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,7 @@ class ViewSettings:
     widen: float = 1.5  # factor a frame on the tolerance while fewer than two cameras see a ball (the paper widens too)
     widest: float = 6.0  # its limit: about 100 px of motion
     patience: int = 5  # frames between two searches of whole pictures, which take ten times as long as a tracked frame
+    spread_memory: float = 15.0  # frames over which the scatter of views about their poses is averaged: half a second
     size_memory: int = 60  # frames over which the radius of a ball of unknown size is the median: two seconds
 
 
@@ -93,11 +100,27 @@ class MotionSettings:
 
     acceleration: float = 1.5  # m/s^2, standard deviation; large, so that measured poses are hardly smoothed
     angular_acceleration: float = 20.0  # rad/s^2
+    usual_acceleration: float = 0.5  # m/s^2, standard deviation; of the velocity with which late views are moved back
+    usual_angular_acceleration: float = 5.0  # rad/s^2
+    shows_speed: int = 3  # measured frames after which the velocity is known
     coast: float = 0.5  # s without measurement after which the tool is lost
     gate: float = 60.0  # squared Mahalanobis distance: chance of a true pose (chi^2, 6) beyond it is 5e-11
     stubborn: int = 3  # frames in a row after which a pose beyond the gate is believed
     start_speed: float = 0.5  # m/s, standard deviation of a velocity about which nothing is known
     start_turn: float = 5.0  # rad/s
+
+
+@dataclass(frozen=True)
+class ClockSettings:
+    """What is known of when each camera looks."""
+
+    unknown: float = 0.015  # s, standard deviation: half a frame of webcams that run freely at 30 a second
+    start_speed: float = 0.1  # m/s: of a tool whose velocity has not shown yet; views may disagree by that
+    known: float = 1e-4  # s: of a delay that the calibration file states, and of the first camera
+    shown: float = 4.0  # standard deviations from none: most cameras are triggered together, and then none is right
+    memory: float = 90.0  # frames: what was learned from a first, wrong velocity fades in three seconds
+    least_speed: float = 0.01  # m/s: below, errors of the velocity would be taken for knowledge of the delays
+    arm: float = 0.04  # m at which an angular velocity is counted as one: about that of the fixture's balls
 
 
 @dataclass(frozen=True)
@@ -112,8 +135,6 @@ class CheckSettings:
     most_ordered: int = 5  # cameras of which all orders (120) are tried; of more, only swaps of two
     order_frames: int = 3  # frames with which orders are compared
     radius: float = 0.25  # fraction by which a ball's radius may differ from the target file's
-    distance: float = 0.1  # the same of distances between balls,
-    distance_floor: float = 0.002  # m, added
     often: float = 0.3  # of the frames in which a camera contradicts the others: it is named
 
 
@@ -147,12 +168,13 @@ class CalibrationSettings:
 
 @dataclass(frozen=True)
 class VisionSettings:
-    """All of them: single pictures, several cameras, views over time, motion, checks and calibration."""
+    """All of them: single pictures, several cameras, views over time, motion, clocks, checks and calibration."""
 
     balls: BallSettings = field(default_factory=BallSettings)
     agreement: AgreementSettings = field(default_factory=AgreementSettings)
     views: ViewSettings = field(default_factory=ViewSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
+    clocks: ClockSettings = field(default_factory=ClockSettings)
     check: CheckSettings = field(default_factory=CheckSettings)
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
 

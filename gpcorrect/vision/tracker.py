@@ -16,64 +16,31 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
-from gpcorrect.types import FloatArray
-from gpcorrect.vision.acquire import acquire
+from gpcorrect.types import FloatArray, IntArray
+from gpcorrect.vision.acquire import LoneBall, acquire, hypotheses
 from gpcorrect.vision.camera import Camera
+from gpcorrect.vision.clocks import Clocks
 from gpcorrect.vision.filtering import Filtered, PoseFilter, Status
 from gpcorrect.vision.opencv import Image
-from gpcorrect.vision.rim import Outline
-from gpcorrect.vision.search import Found, Reason, detect_everywhere, detect_near
-from gpcorrect.vision.settings import DEFAULT, VisionSettings
-from gpcorrect.vision.space import (
-    Located,
+from gpcorrect.vision.pose import (
+    FIXED_TURN,
+    Motion,
     Observations,
     PoseFit,
     pose_closed_form,
     pose_from_observations,
-    triangulate,
 )
+from gpcorrect.vision.rim import Outline
+from gpcorrect.vision.search import Found, Reason, detect_everywhere, detect_near
+from gpcorrect.vision.settings import DEFAULT, VisionSettings
+from gpcorrect.vision.space import Located
 from gpcorrect.vision.target import Target
+from gpcorrect.vision.trust import View, agree, limit_px
 
 __all__ = ["Frame", "Tracker", "View"]
 
-FIXED_TURN = 1e-6  # rad^2: variance of the rotation of a target without orientation, which never turns
+HELD = 1e-12  # (m/s)^2 and (rad/s)^2: variance of a velocity that is not solved for
 Result = TypeVar("Result")
-
-
-@dataclass
-class View:
-    """One ball in one camera.
-
-    Parameters
-    ----------
-    effective : bool
-        Whether it is trusted; otherwise it is suspended.
-    reason : Reason
-        Why it is suspended.
-    outline : Outline or None
-        What was found in this frame.
-    good : int
-        Frames in which a suspended view agreed with the others.
-    """
-
-    effective: bool = False
-    reason: Reason = Reason.NOT_FOUND
-    outline: Outline | None = None
-    good: int = 0
-
-    def suspend(self, reason: Reason) -> None:
-        """Trust this view no more, until it has been good for long enough.
-
-        Parameters
-        ----------
-        reason : Reason
-            Why.
-        """
-        self.effective, self.reason, self.good = False, reason, 0
-
-    def admit(self) -> None:
-        """Trust this view."""
-        self.effective, self.reason = True, Reason.NONE
 
 
 @dataclass
@@ -141,6 +108,9 @@ class Tracker:
         self._filter = PoseFilter(settings.motion)
         self._views = [[View() for _ in target.balls] for _ in cameras]
         self._memory = [_BallMemory(ball.radius) for ball in target.balls]
+        self._clocks = Clocks(cameras, settings.clocks)
+        self._lone = LoneBall(settings.agreement)
+        self._spread = 1.0  # running mean of chi squared a degree of freedom, at least 1
         self._wait = 0  # frames until whole pictures are searched again
         self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
 
@@ -171,18 +141,21 @@ class Tracker:
             The number of pictures is not that of the cameras, or a picture has another size than its calibration.
         """
         self._check(images)
-        predicted = self._filter.predicted(time)
-        located: list[Located | None] = [None] * len(self.target.balls)
-        fit = None
+        predicted, motion = self._filter.predicted(time), self._filter.motion(time)
+        fit, before = None, self._copied()
+        balls: list[Located | None] = []
         if predicted is not None:
-            self._follow(images, predicted)
-            located = self._agree(settled=True)
-            fit = self._fitted(located, predicted)
+            self._follow(images, time)
+            balls = self._agree(motion, predicted, settled=True)
+            fit = self._fitted(balls, predicted, motion)
         anew = fit is None and self._wait == 0
         if anew:
-            self._acquire(images)
-            located = self._agree(settled=False)
-            fit = self._fitted(located, predicted)
+            followed = self._copied()
+            self._acquire(images, time, predicted)
+            balls = self._agree(motion, predicted, settled=False)
+            fit = self._fitted(balls, predicted, motion)
+            if fit is None:  # what was found is not the tool
+                self._views = followed if predicted is not None else before
         self._wait = 0 if fit is not None else (self._wait or self.settings.views.patience) - 1
         trusted = [sum(views[b].effective for views in self._views) for b in range(len(self.target.balls))]
         # A jump that three cameras agree on for every ball is one.
@@ -193,14 +166,32 @@ class Tracker:
             factor = views.widen if seeing < 2 else 1.0 / views.widen
             memory.tolerance = float(np.clip(memory.tolerance * factor, 1.0, views.widest))
         none = np.full(3, np.nan)
+        if fit is None or pose.status != Status.MEASURED:  # a ball is reported as part of the tool, or not at all
+            fit, balls = None, [None] * len(self.target.balls)
+        elif motion is not None:
+            self._learn(fit, motion)
         return Frame(
             time,
             pose,
-            fit if pose.status == Status.MEASURED else None,
-            np.array([none if p is None else p.position for p in located]),
-            tuple(tuple(replace(view) for view in views) for views in self._views),
+            fit,
+            np.array([none if p is None else p.position for p in balls]),
+            tuple(tuple(replace(view) for view in row) for row in self._views),
             float("nan") if fit is None else fit.rms,
         )
+
+    def _copied(self) -> list[list[View]]:
+        """Return the views as they are, none of them seen in this frame yet."""
+        return [[replace(view, outline=None) for view in row] for row in self._views]
+
+    @property
+    def delays(self) -> FloatArray:
+        """By how much later than the first camera each one looks, as far as the motion has shown: `(c,)`, s."""
+        return self._clocks.delays
+
+    @property
+    def delay_stds(self) -> FloatArray:
+        """Standard deviations `(c,)` of `delays`, s."""
+        return np.asarray(np.sqrt(np.diag(self._clocks.covariance)), dtype=np.float64)
 
     def _check(self, images: Sequence[Image | None]) -> None:
         if len(images) != len(self.cameras):
@@ -219,14 +210,16 @@ class Tracker:
         cameras = range(len(self.cameras))
         return list(map(job, cameras) if self._pool is None else self._pool.map(job, cameras))
 
-    def _follow(self, images: Sequence[Image | None], T: FloatArray) -> None:
-        """Find every ball where a predicted pose puts it."""
-        points = self.target.places @ T[:3, :3].T + T[:3, 3]
+    def _follow(self, images: Sequence[Image | None], time: float) -> None:
+        """Find every ball where a camera should see it by the time of its own picture."""
+        delays = self._clocks.delays
+        poses = [self._filter.predicted(time + delay) for delay in delays]
 
         def camera_job(k: int) -> list[Found]:
-            found = []
-            for ball, memory, point in zip(self.target.balls, self._memory, points, strict=True):
-                expected = None if images[k] is None else _expected(self.cameras[k], memory, point)
+            found, T = [], poses[k]
+            for ball, memory in zip(self.target.balls, self._memory, strict=True):
+                point = None if T is None else T[:3, :3] @ np.array(ball.place) + T[:3, 3]
+                expected = None if images[k] is None or point is None else _expected(self.cameras[k], memory, point)
                 found.append(
                     Found(None, Reason.NOT_FOUND)
                     if expected is None
@@ -240,7 +233,7 @@ class Tracker:
                 if result.outline is None:
                     view.suspend(result.reason)
 
-    def _acquire(self, images: Sequence[Image | None]) -> None:
+    def _acquire(self, images: Sequence[Image | None], time: float, predicted: FloatArray | None) -> None:
         """Find every ball anywhere; what several cameras agree on is trusted at once."""
 
         def camera_job(k: int) -> list[list[Outline]]:
@@ -248,7 +241,14 @@ class Tracker:
                 return [[] for _ in self.target.balls]
             return [detect_everywhere(images[k], self.cameras[k], ball, self.settings) for ball in self.target.balls]
 
-        found = acquire(self.cameras, self.target, self._map(camera_job), self.settings.agreement)
+        candidates = self._map(camera_job)
+        if len(self.target.balls) == 1:
+            options = hypotheses(
+                self.cameras, [c[0] for c in candidates], self._memory[0].radius, self.settings.agreement
+            )
+            found = [self._lone.choose(options, time, None if predicted is None else predicted[:3, 3])]
+        else:
+            found = acquire(self.cameras, self.target, candidates, self.settings.agreement)
         for b, hypothesis in enumerate(found):
             for k, views in enumerate(self._views):
                 views[b].outline = None if hypothesis is None else hypothesis.views.get(k)
@@ -257,109 +257,95 @@ class Tracker:
                 else:
                     views[b].admit()
 
-    def _agree(self, *, settled: bool) -> list[Located | None]:
-        """Locate every ball from its trusted views; suspend those against the others, and count good frames.
-
-        Where fewer than two views of a tracked ball are trusted, all that see it are taken.
-        """
-        located = []
-        for b in range(len(self.target.balls)):
-            seen = [(k, views[b]) for k, views in enumerate(self._views) if views[b].outline is not None]
-            trusted = [(k, view) for k, view in seen if view.effective]
-            trusted = self._consensus(seen if len(trusted) < 2 and settled else trusted)
-            point = self._located(trusted)
+    def _agree(self, motion: Motion | None, predicted: FloatArray | None, *, settled: bool) -> list[Located | None]:
+        """Locate every ball at the frame's time; `settled`: where too few views are trusted, try all."""
+        located, views = [], self.settings.views
+        for b, (place, memory) in enumerate(zip(self.target.places, self._memory, strict=True)):
+            row = [views[b] for views in self._views]
+            if predicted is not None:
+                self._shift(row, place, predicted, motion)
+            point, sizes = agree(row, self.cameras, views, settled=settled)
             located.append(point)
-            if point is not None:
-                self._classify(b, seen, [k for k, _ in trusted], point)
+            if sizes and self.target.balls[b].radius is None:
+                memory.sizes = [*memory.sizes[-views.size_memory :], float(np.mean(sizes))]
+                memory.radius = float(np.median(memory.sizes))
         return located
 
-    def _consensus(self, seen: list[tuple[int, View]]) -> list[tuple[int, View]]:
-        """Leave out the worst view until the others agree; of two that disagree neither is trusted."""
-        while len(seen) >= 2:
-            point = self._located(seen)
-            if point is None:
-                return []
-            off = np.linalg.norm(point.residuals, axis=1)
-            if float(off.max()) <= self.settings.views.reprojection_px:
-                return seen
-            if len(seen) == 2:
-                for _, view in seen:
-                    view.suspend(Reason.AGAINST_OTHERS)
-                return []
-            rests = [seen[:i] + seen[i + 1 :] for i in range(len(seen))]  # without the worst the others agree best
-            left = [
-                np.inf if p is None else np.linalg.norm(p.residuals, axis=1).max() for p in map(self._located, rests)
-            ]
-            seen = rests[int(np.argmin(left)) if np.isfinite(left).any() else int(np.argmax(off))]
-        return []
+    def _shift(self, row: list[View], place: FloatArray, T: FloatArray, motion: Motion | None) -> None:
+        """Say of a ball's views by how much later than the frame they were taken, and what it moved by then."""
+        arm, stds, start = T[:3, :3] @ place, self.delay_stds, self.settings.clocks.start_speed
+        speed = np.zeros(3) if motion is None else motion.twist[:3] + np.cross(motion.twist[3:], arm)
+        unsure = 0.0 if motion is None else float(np.sqrt(np.trace(motion.covariance[:3, :3])))
+        for k, view in enumerate(row):
+            if view.outline is not None:
+                camera, rows = self.cameras[k], view.outline.pixel[1:]
+                view.delay = 0.0 if motion is None else float(self._clocks.of_views(np.array([k]), rows)[0])
+                before, after = camera.local(np.stack([arm + T[:3, 3], arm + T[:3, 3] + view.delay * speed]))
+                view.shift = after[:2] / after[2] - before[:2] / before[2]
+                lag = (start if motion is None else np.linalg.norm(speed)) * stds[k] + unsure * abs(view.delay)
+                view.slack_px = camera.intrinsics.focal * float(lag / max(before[2], 1e-9))
 
-    def _located(self, seen: list[tuple[int, View]]) -> Located | None:
-        outlines = [view.outline for _, view in seen if view.outline is not None]
-        if len(outlines) < 2:
-            return None
-        try:
-            return triangulate(
-                [self.cameras[k] for k, _ in seen],
-                np.array([o.ray for o in outlines]),
-                np.array([o.covariance for o in outlines]),
-            )
-        except DegenerateError:
-            return None
-
-    def _classify(self, ball: int, seen: list[tuple[int, View]], trusted: list[int], point: Located) -> None:
-        """Admit, count or suspend every view that found something, by where the trusted ones put the ball."""
-        sizes, settings = [], self.settings.views
-        for k, view in seen:
-            assert view.outline is not None
-            camera = self.cameras[k]
-            if k in trusted:
-                view.admit()
-                sizes.append(float(np.linalg.norm(point.position - camera.position) * np.sin(view.outline.half_angle)))
-            elif np.linalg.norm(camera.project(point.position)[0] - view.outline.pixel) > settings.reprojection_px:
-                view.suspend(Reason.AGAINST_OTHERS)
-            else:
-                view.good, view.reason = view.good + 1, Reason.COMING_BACK
-                if view.good >= settings.good_frames:
-                    view.admit()
-        if sizes and self.target.balls[ball].radius is None:
-            memory = self._memory[ball]
-            memory.sizes = [*memory.sizes[-settings.size_memory :], float(np.mean(sizes))]
-            memory.radius = float(np.median(memory.sizes))
-
-    def _fitted(self, located: list[Located | None], predicted: FloatArray | None) -> PoseFit | None:
+    def _fitted(
+        self, located: list[Located | None], predicted: FloatArray | None, motion: Motion | None
+    ) -> PoseFit | None:
         """Fit the tool's pose to everything that is trusted in this frame; None when that is too little."""
-        if not self.target.has_pose:
-            return _mean_position(located)
         known = [b for b, point in enumerate(located) if point is not None]
+        if len(self.target.balls) == 2:
+            return _mean_position(located)
         observations = self._observations()
         try:
             if len(known) >= 3:
                 points = np.array([point.position for point in located if point is not None])
                 start = pose_closed_form(points, self.target.places[known]).T_tracker_tool
-            elif known and predicted is not None:
+            elif located[0] is not None and not self.target.has_pose:
+                start = se3.pose(np.eye(3), located[0].position)
+            elif known and predicted is not None and self.target.has_pose:
                 start = predicted
             else:
                 return None
             if observations is None:
                 return None
-            fit = pose_from_observations(self.cameras, self.target.places, observations, start)
+            fit = pose_from_observations(self.cameras, self.target.places, observations, start, motion)
         except (DegenerateError, np.linalg.LinAlgError):
             return None
-        return fit if fit.rms < 2.0 * self.settings.views.reprojection_px else None
+        seen = [view for row in self._views for view in row if view.effective and view.outline is not None]
+        limit = float(np.mean([limit_px(view, self.settings.views) for view in seen]))
+        return self._judged(fit, observations.camera) if fit.rms < limit else None
+
+    def _judged(self, fit: PoseFit, cameras: IntArray) -> PoseFit:
+        """Fit with what the covariances of single views do not hold: what all leave together, and the clocks."""
+        assert fit.linearised is not None
+        now, memory = fit.linearised.chi_squared, self.settings.views.spread_memory
+        self._spread = max(1.0, self._spread + (now - self._spread) / memory)
+        covariance = fit.covariance * max(now, self._spread)
+        return replace(fit, covariance=covariance + self._clocks.spread(fit.linearised, cameras))
+
+    def _learn(self, fit: PoseFit, motion: Motion) -> None:
+        """Learn the delays from a fit with the velocity of the frames before."""
+        held = replace(motion, covariance=HELD * np.eye(6))
+        observations = self._observations()
+        if observations is not None:
+            try:
+                again = pose_from_observations(self.cameras, self.target.places, observations, fit.T_tracker_tool, held)
+            except (DegenerateError, np.linalg.LinAlgError):
+                return
+            assert again.linearised is not None
+            self._clocks.learn(again.linearised, observations.camera)
 
     def _observations(self) -> Observations | None:
-        """Trusted views of this frame; None unless three balls are seen, and by two cameras."""
+        """Trusted views of this frame; None when they are too few for all that is to be found."""
         rows = [
-            (k, b, view.outline)
+            (k, b, view.outline, view.delay)
             for k, views in enumerate(self._views)
             for b, view in enumerate(views)
             if view.effective and view.outline is not None
         ]
-        if len({b for _, b, _ in rows}) < 3 or len({k for k, _, _ in rows}) < 2 or len(rows) < 4:
+        least = 3 if self.target.has_pose else 1
+        if len({b for _, b, *_ in rows}) < least or len({k for k, *_ in rows}) < 2 or len(rows) <= least:
             return None
-        cameras, balls, outlines = zip(*rows, strict=True)
+        cameras, balls, outlines, delays = zip(*rows, strict=True)
         rays, covariances = np.array([o.ray for o in outlines]), np.array([o.covariance for o in outlines])
-        return Observations(np.array(cameras), np.array(balls), rays, covariances)
+        return Observations(np.array(cameras), np.array(balls), rays, covariances, np.array(delays))
 
 
 def _expected(camera: Camera, memory: _BallMemory, point: FloatArray) -> FloatArray | None:

@@ -127,14 +127,16 @@ def test_another_rig_s_calibration_is_named(vision: _Shell, recorded: _Recorded,
 
 
 def test_wrong_colours_and_wrong_sizes_are_named(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
-    """A colour that is nowhere (with those that are there), balls twice as large, and balls twice as far apart."""
+    """A colour that is nowhere (with those that are there), balls of other sizes or distances: no camera is blamed."""
     target = tmp_path / "target.toml"
     target.write_text('[[ball]]\nname = "violet"\nhue = 285.0\nhue_tolerance = 8.0\n')
     vision.refused(
         *_track(recorded, tmp_path / "l.csv", "--target", target), saying=["ball violet cannot be found", "red (hue"]
     )
     rows = {"green": (0, -0.038, 0), "yellow": (0.038, 0, 0), "red": (0, 0.038, 0)}
-    for scale, radius, word in ((1.0, 0.019, "has a radius of"), (2.0, 0.0095, "apart in the pictures")):
+    wrong = [(1.0, r, "has a radius of") for r in (0.004, 0.006, 0.014, 0.019)]
+    wrong += [(k, 0.0095, "apart in the pictures") for k in (0.5, 0.85, 1.15, 2.0)]
+    for scale, radius, word in wrong:
         balls = [{"name": n, "place": [scale * v for v in p], "radius": radius} for n, p in rows.items()]
         (tmp_path / "target.json").write_text(json.dumps({"ball": balls}))
         vision.refused(

@@ -1,0 +1,308 @@
+"""The tool's pose from its balls: the paper's estimate, the closed form, and least squares on pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from gpcorrect import se3
+from gpcorrect.errors import DataError, DegenerateError
+from gpcorrect.types import FloatArray, IntArray
+from gpcorrect.vision.camera import Camera
+from gpcorrect.vision.space import normal_equations, reprojection
+
+__all__ = [
+    "Linearised",
+    "Motion",
+    "Observations",
+    "PoseFit",
+    "pose_closed_form",
+    "pose_from_observations",
+    "pose_nelder_mead",
+]
+
+POSE = 6  # numbers of a pose: position, rotation vector
+STEPS, CONVERGED = 10, 1e-9  # steps of Gauss-Newton, which takes three or four, and its last step (m and rad)
+FIXED_TURN = 1e-6  # rad^2: variance of the rotation of a target without orientation, which never turns
+THIN = 1e-3  # height of a triangle over its spread, below which three balls are on a line
+WORST_CONDITION = 1e14  # of an information matrix in m and rad: beyond it, rounding decides
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Balls as cameras see them, a row each time that a camera sees a ball.
+
+    Parameters
+    ----------
+    camera, ball : (k,) int arrays
+        Which camera sees which ball.
+    rays : (k, 2) array
+        Undistorted places on the plane one unit before the lens.
+    covariances : (k, 2, 2) array
+        Of `rays`.
+    delays : (k,) array, optional
+        When each was seen, after the frame's own time, s; zeros when absent.
+    """
+
+    camera: IntArray
+    ball: IntArray
+    rays: FloatArray
+    covariances: FloatArray
+    delays: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How the tool moves, as far as that is known before a frame.
+
+    Parameters
+    ----------
+    twist : (6,) array
+        Velocity (m/s) and angular velocity (rad/s), tracker axes.
+    covariance : (6, 6) array
+        Of `twist`.
+    """
+
+    twist: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """The last step of a least-squares fit: what an error of a view, a clock or a camera does to the pose.
+
+    Parameters
+    ----------
+    J : (k, 2, n) array
+        Of the projections, in the pose and, where views have delays, the velocity.
+    weights : (k, 2, 2) array
+        Inverse covariances of the views.
+    information : (n, n) array
+    residual : (k, 2) array
+        Seen minus projected, on the plane one unit before the lens.
+    twist : (6,) array
+        Velocity of the tool, as solved for.
+    free : int
+        Six numbers of a pose, or three of a position.
+    """
+
+    J: FloatArray
+    weights: FloatArray
+    information: FloatArray
+    residual: FloatArray
+    twist: FloatArray
+    free: int
+
+    @property
+    def velocity(self) -> FloatArray:
+        """How fast each view moves `(k, 2)`, on the plane one unit before the lens, 1/s."""
+        speed: FloatArray = self.J[:, :, : self.free] @ self.twist[: self.free]
+        return speed
+
+    @property
+    def chi_squared(self) -> float:
+        """Squared residuals over their variances, a degree of freedom: 1 where the covariances are right."""
+        total = float(np.einsum("ki,kij,kj->", self.residual, self.weights, self.residual))
+        return total / max(self.residual.size - self.free, 1)
+
+    def projected(self, effects: FloatArray) -> FloatArray:
+        """Return the normal equations' right side `(n, m)` of what m errors do to the views.
+
+        Parameters
+        ----------
+        effects : (k, 2, m) array
+            On the plane one unit before the lens.
+        """
+        right: FloatArray = np.einsum("kij,kil,klm->jm", self.J, self.weights, effects)
+        return right
+
+    def gain(self, effects: FloatArray) -> FloatArray:
+        """Return by how much m errors of views move the pose `(6, m)`.
+
+        Parameters
+        ----------
+        effects : (k, 2, m) array
+        """
+        moved = np.zeros((POSE, effects.shape[2]))
+        moved[: self.free] = np.linalg.solve(self.information, self.projected(effects))[: self.free]
+        return moved
+
+
+@dataclass(frozen=True, eq=False)
+class PoseFit:
+    """A pose of the tool.
+
+    Parameters
+    ----------
+    T_tracker_tool : (4, 4) array
+        m.
+    covariance : (6, 6) array
+        Position (m), then rotation vector (rad), tracker axes.
+    residuals : (k, 2) or (b, 3) array
+        Seen minus reprojected in px for observations; observed minus fitted ball centres in m otherwise.
+    linearised : Linearised or None
+        Of a fit to observations.
+    """
+
+    T_tracker_tool: FloatArray
+    covariance: FloatArray
+    residuals: FloatArray
+    linearised: Linearised | None = None
+
+    @property
+    def rms(self) -> float:
+        """RMS length of the residuals, px or m."""
+        return float(np.sqrt(np.mean((self.residuals**2).sum(axis=1))))
+
+
+def _triangle_frame(points: FloatArray) -> FloatArray:
+    """Pose `(4, 4)` of the frame that the first three points `(b, 3)` span: x towards the second, origin their mean."""
+    origin = points[:3].mean(axis=0)
+    x = points[1] - origin
+    z = np.cross(points[1] - points[0], points[2] - points[0])
+    length = np.linalg.norm(z)
+    if length <= THIN * float(((points[:3] - origin) ** 2).sum()):
+        raise DegenerateError("three balls lie on a line, which determines no pose.")
+    x, z = x / np.linalg.norm(x), z / length
+    return se3.pose(np.stack([x, np.cross(z, x), z], axis=1), origin)
+
+
+def pose_nelder_mead(points: FloatArray, places: FloatArray) -> PoseFit:
+    """Pose that minimises the sum of the distances between balls and where they should be (Peng et al. 2020, Eq. 7).
+
+    Nelder-Mead, as in the paper, from its initial guess: the frame that the three balls span as they are.
+
+    Parameters
+    ----------
+    points : (b, 3) array
+        Centres of the balls, tracker frame, m; at least three.
+    places : (b, 3) array
+        The same in the tool frame.
+
+    Raises
+    ------
+    DataError
+        A ball is missing; :class:`DegenerateError` when they lie on a line.
+    """
+    points, places = _checked(points, places)
+    start = se3.compose(_triangle_frame(points), se3.invert(_triangle_frame(places)))
+    reach = float(np.linalg.norm(places - places.mean(axis=0), axis=1).mean())
+
+    def moved(x: FloatArray) -> FloatArray:
+        """Pose shifted by fractions of the tool's size, and turned about its own origin."""
+        return se3.pose(se3.matrix_from_rotvec(x[3:]) @ start[:3, :3], start[:3, 3] + reach * x[:3])
+
+    def cost(x: FloatArray) -> float:
+        T = moved(x)
+        return float(np.linalg.norm(places @ T[:3, :3].T + T[:3, 3] - points, axis=1).sum() / reach)
+
+    simplex = np.vstack([np.zeros(6), 0.02 * np.eye(6)])
+    options: Any = {"initial_simplex": simplex, "xatol": 1e-8, "fatol": 1e-10, "maxiter": 4000, "maxfev": 4000}
+    best: Any = minimize(cost, np.zeros(6), method="Nelder-Mead", options=options)
+    return _point_fit(moved(best.x), points, places)
+
+
+def pose_closed_form(points: FloatArray, places: FloatArray) -> PoseFit:
+    """Pose with the least sum of squared distances (Arun et al. 1987), the closed form beside the paper's cost.
+
+    Parameters
+    ----------
+    points, places : (b, 3) arrays
+        As :func:`pose_nelder_mead`.
+
+    Raises
+    ------
+    DataError
+        As :func:`pose_nelder_mead`.
+    """
+    points, places = _checked(points, places)
+    mean_points, mean_places = points.mean(axis=0), places.mean(axis=0)
+    R = se3.nearest_rotation((points - mean_points).T @ (places - mean_places))
+    return _point_fit(se3.pose(R, mean_points - R @ mean_places), points, places)
+
+
+def _checked(points: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    points, places = np.asarray(points, dtype=np.float64), np.asarray(places, dtype=np.float64)
+    if points.shape != places.shape or points.ndim != 2 or points.shape[1:] != (3,) or len(points) < 3:
+        raise DataError(f"a pose needs three balls or more, seen and known; got {points.shape} and {places.shape}.")
+    if not np.isfinite(points).all():
+        raise DataError("a ball's place is missing (NaN): no pose follows from it.")
+    _triangle_frame(points)
+    return points, places
+
+
+def _point_fit(T: FloatArray, points: FloatArray, places: FloatArray) -> PoseFit:
+    """Pose with its covariance from what the fit leaves of the distances."""
+    arms = places @ T[:3, :3].T
+    residuals = points - arms - T[:3, 3]
+    variance = float((residuals**2).sum()) / max(residuals.size - 6, 1)
+    turns = np.cross(arms[:, None, :], np.eye(3))  # a turn w moves a ball by w x arm
+    J = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2).reshape(-1, 6)
+    return PoseFit(T, variance * np.linalg.inv(J.T @ J), residuals)
+
+
+def pose_from_observations(
+    cameras: Sequence[Camera],
+    places: FloatArray,
+    observations: Observations,
+    start: FloatArray,
+    motion: Motion | None = None,
+) -> PoseFit:
+    """Pose that reprojects best over all observations of all balls, each weighted by its own covariance.
+
+    A ball that only one camera sees counts too, which a ball-by-ball solution must leave out. Views with delays show
+    the tool where it was by then: its velocity is solved for with the pose.
+
+    Parameters
+    ----------
+    cameras : sequence of Camera
+    places : (b, 3) array
+        Balls in the tool frame, m. One ball determines a position: the tool then does not turn.
+    observations : Observations
+        What was seen.
+    start : (4, 4) array
+        A pose nearby: the closed form's, or a prediction.
+    motion : Motion, optional
+        What is known of the velocity; delays are left out of account without it.
+
+    Raises
+    ------
+    DegenerateError
+        The observations do not determine the pose.
+    """
+    stack = np.stack([camera.T_camera_tracker for camera in cameras])[observations.camera]
+    focal = np.array([camera.intrinsics.focal for camera in cameras])[observations.camera]
+    weights = np.asarray(np.linalg.inv(observations.covariances), dtype=np.float64)
+    free = POSE if len(places) > 1 else 3
+    delays, prior = np.zeros(len(stack)), None
+    if motion is not None and observations.delays is not None and observations.delays.any():
+        delays, prior = observations.delays, np.linalg.inv(motion.covariance[:free, :free])
+    T, twist = np.array(start), np.zeros(POSE) if motion is None else np.array(motion.twist)
+    twist[free:] = 0.0
+    for _ in range(STEPS):
+        arms = places[observations.ball] @ T[:3, :3].T
+        moved = arms + T[:3, 3] + delays[:, None] * (twist[:3] + np.cross(twist[3:], arms))
+        residual, to_point = reprojection(stack, moved, observations.rays)
+        # A turn w moves a ball by w x arm, so the row of the projection g gives g . (w x arm) = (arm x g) . w.
+        J = np.concatenate([to_point, np.cross(arms[:, None, :], to_point)], axis=2)[:, :, :free]
+        J = J if prior is None else np.concatenate([J, delays[:, None, None] * J], axis=2)
+        information, right = normal_equations(residual, J, weights)
+        if motion is not None and prior is not None:
+            information[free:, free:] += prior
+            right[free:] += prior @ (motion.twist - twist)[:free]
+        if np.linalg.cond(information) > WORST_CONDITION:
+            raise DegenerateError(f"{len(residual)} observations do not determine the tool's pose.")
+        step = np.linalg.solve(information, right)
+        twist[:free] += step[free:] if prior is not None else 0.0
+        turn = step[3:POSE] if free == POSE else np.zeros(3)
+        T = se3.pose(se3.matrix_from_rotvec(turn) @ T[:3, :3], T[:3, 3] + step[:3])
+        if float(np.abs(step[:free]).max()) < CONVERGED:
+            break
+    covariance = FIXED_TURN * np.eye(POSE)
+    covariance[:free, :free] = np.linalg.inv(information)[:free, :free]
+    last = Linearised(J, weights, information, residual, twist, free)
+    return PoseFit(T, covariance, residual * focal[:, None], last)
