@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import math
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -157,7 +158,8 @@ def collect_zigzag(
             words = ["--machine", MACHINE, "--arm", arm, "--namespace", namespace, "--endpoint", place]
             more = ["--rate", f"{RATE_HZ:g}", "--time-scale", f"{time_scale:g}", "--seed", str(seed)]
             stack.enter_context(running("sim", "serve", *words, *more))
-        robot = stack.enter_context(Robot(BusSettings(place, arm, namespace, patience=PATIENCE), PATIENCE))
+        at = BusSettings(place, arm, namespace)
+        robot = stack.enter_context(Robot(at if endpoint else replace(at, patience=PATIENCE)))
         robot.make_ready()
         gc.freeze()  # what was imported: a collection that goes through it would stop the commands for 0.15 s
         progress = stack.enter_context(progress_bar(quiet=json))

@@ -30,7 +30,6 @@ robot_app = typer.Typer(no_args_is_help=True, help="Drive and record a robot tha
 Sliding = Annotated[str, typer.Option(help="Numbers of the sliding joints.")]
 DEGREE = np.deg2rad(1.0)
 KEY_STEP = 0.5  # degrees, or millimetres for the insertion
-PATIENCE = 10.0  # chosen by hand: s for a robot's first state, on a machine that is busy with other things as well
 
 
 @robot_app.command()
@@ -282,7 +281,7 @@ def _robot(place: RobotPlace) -> Robot:
     from gpcorrect_service.crtk import BusSettings  # zenoh is an extra; other commands work without it
     from gpcorrect_service.crtk.robot import Robot
 
-    return Robot(BusSettings(place.endpoint, place.arm, place.namespace, config_file=place.config), PATIENCE)
+    return Robot(BusSettings(place.endpoint, place.arm, place.namespace, config_file=place.config))
 
 
 def _centre(model: Path | None, centre: tuple[float, ...] | None) -> FloatArray:

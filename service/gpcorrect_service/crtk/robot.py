@@ -27,6 +27,7 @@ OPERATIONS: dict[str, Callable[[OperatingState], bool]] = {
     "unhome": lambda state: not state.is_homed,
 }
 
+PATIENCE = 10.0  # chosen by hand: s for a robot to say or obey, on a machine that is busy with other things as well
 NO_TRAJECTORY = -1  # in events: between trajectories
 POLL = 0.002  # s, chosen by hand
 NEAR = 1e-6  # chosen by hand: rad or m from a goal that count as there
@@ -56,7 +57,7 @@ class Robot:
         No arm of that name publishes its state.
     """
 
-    def __init__(self, settings: BusSettings, patience: float = 5.0) -> None:
+    def __init__(self, settings: BusSettings, patience: float = PATIENCE) -> None:
         self._bus = Bus(settings, node="gpcorrect_tool")
         self._patience = patience
         self._latest: dict[str, Any] = {}
