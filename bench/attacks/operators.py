@@ -13,11 +13,10 @@ from contextlib import contextmanager
 
 from service_bench import free_endpoint
 
-from gpcorrect_service.crtk import Bus, BusSettings, JointState
-from gpcorrect_service.crtk.messages import OperatingState
-
 from attacks.lab import Lab, Scenario, Seen
 from attacks.programs import ENDS, accepted
+from gpcorrect_service.crtk import Bus, BusSettings, JointState
+from gpcorrect_service.crtk.messages import OperatingState
 
 DOF = 6
 MOMENTS = (0.2, 0.4, 0.7, 1.1, 1.6, 2.2)  # s after the start
