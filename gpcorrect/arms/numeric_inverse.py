@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
-from scipy.stats import qmc
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
@@ -75,6 +74,8 @@ def _starts(limits: FloatArray, seed: ArrayLike | None) -> Iterator[FloatArray]:
         if seeds.shape[-1] != dof or seeds.ndim != 2:
             raise DataError(f"a seed must have shape ({dof},) or (k, {dof}), got {np.shape(seed)}.")
         yield from np.clip(seeds, limits[:, 0], limits[:, 1])
+    from scipy.stats import qmc  # takes longer to import than a model to load, and few arms come here
+
     spread = qmc.Halton(dof, scramble=False).random(STARTS + 1)[1:]  # the first point is a corner
     yield from limits[:, 0] + (limits[:, 1] - limits[:, 0]) * spread
 

@@ -1,13 +1,36 @@
 """Gaussian-process regression of the residual: features, posteriors, the hot path, honest intervals."""
 
-from gpcorrect.gpr.exact import ExactGPR, conditioned
-from gpcorrect.gpr.features import FeatureMap
-from gpcorrect.gpr.inflation import INFLATIONS, LeftOut, learn_inflation
-from gpcorrect.gpr.intervals import IntervalCalibration, novelty_limit
-from gpcorrect.gpr.kernels import AdditiveMatern52, AdditiveRBF, Kernel, WithLinear
-from gpcorrect.gpr.predictor import Predictor, SharedPredictor
-from gpcorrect.gpr.sparse import SparseGPR
-from gpcorrect.gpr.statistics import Statistics
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from gpcorrect.lazy import imported_on_demand
+
+if TYPE_CHECKING:
+    from gpcorrect.gpr.exact import ExactGPR
+    from gpcorrect.gpr.features import FeatureMap
+    from gpcorrect.gpr.inflation import INFLATIONS, LeftOut, learn_inflation
+    from gpcorrect.gpr.intervals import IntervalCalibration, novelty_limit
+    from gpcorrect.gpr.kernels import AdditiveMatern52, AdditiveRBF, Kernel, WithLinear
+    from gpcorrect.gpr.linalg import conditioned
+    from gpcorrect.gpr.predictor import Predictor, SharedPredictor
+    from gpcorrect.gpr.sparse import SparseGPR
+    from gpcorrect.gpr.statistics import Statistics
+
+__getattr__ = imported_on_demand(
+    __name__,
+    {
+        "exact": "ExactGPR",
+        "features": "FeatureMap",
+        "inflation": "INFLATIONS LeftOut learn_inflation",
+        "intervals": "IntervalCalibration novelty_limit",
+        "kernels": "AdditiveMatern52 AdditiveRBF Kernel WithLinear",
+        "linalg": "conditioned",
+        "predictor": "Predictor SharedPredictor",
+        "sparse": "SparseGPR",
+        "statistics": "Statistics",
+    },
+)
 
 __all__ = [
     "INFLATIONS",

@@ -5,44 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
 
 from gpcorrect.gpr.estimator import GaussianProcess
-from gpcorrect.gpr.kernels import Kernel, WithLinear
 from gpcorrect.gpr.learning import KernelOption, Learned
-from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import SharedPredictor
 from gpcorrect.types import FloatArray, Progress
 
-__all__ = ["ExactGPR", "conditioned"]
-
-
-def conditioned(
-    kernel: Kernel | WithLinear, noise: float, X: FloatArray, Y: FloatArray, at: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean and standard deviation of noisy observations, given others (Rasmussen and Williams 2006, Eq. 2.23).
-
-    Parameters
-    ----------
-    kernel : Kernel or WithLinear
-        Prior covariance.
-    noise : float
-        Noise variance.
-    X, Y : (n, d) and (n, m) arrays
-        Observations of outputs with zero prior mean.
-    at : (q, d) array
-        Where to predict.
-
-    Returns
-    -------
-    mean : (q, m) array
-    std : (q,) array
-        The same for all outputs; noise included.
-    """
-    lower, _ = cholesky(kernel(X, X) + noise * np.eye(len(X)))
-    cross = kernel(at, X)
-    explained = (solve_triangular(lower, cross.T, lower=True) ** 2).sum(axis=0)
-    return cross @ cho_solve((lower, True), Y), np.sqrt(np.maximum(kernel.diagonal(at) - explained, 0.0) + noise)
+__all__ = ["ExactGPR"]
 
 
 class ExactGPR(GaussianProcess):

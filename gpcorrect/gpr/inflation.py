@@ -11,15 +11,18 @@ from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import reduce
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gpcorrect.errors import DataError
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import SharedPredictor
-from gpcorrect.gpr.sparse import SparseGPR
 from gpcorrect.gpr.statistics import Statistics
 from gpcorrect.types import FloatArray, IntArray, Progress
+
+if TYPE_CHECKING:
+    from gpcorrect.gpr.sparse import SparseGPR
 
 __all__ = ["INFLATIONS", "LeftOut", "learn_inflation"]
 

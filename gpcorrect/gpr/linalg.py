@@ -1,14 +1,15 @@
-"""Cholesky factors of covariance matrices that rounding may have made slightly indefinite."""
+"""Cholesky factors of covariances that rounding may have made slightly indefinite, and what follows from them."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import cho_solve, lapack, solve_triangular
 
 from gpcorrect.errors import DegenerateError
+from gpcorrect.gpr.kernels import Kernel, WithLinear
 from gpcorrect.types import FloatArray
 
-__all__ = ["cholesky", "inverse_and_log_determinant"]
+__all__ = ["cholesky", "conditioned", "inverse_and_log_determinant"]
 
 FIRST_JITTER, LAST_JITTER = 1e-12, 1e-4  # relative to the mean of the diagonal; each try ten times the one before
 
@@ -56,3 +57,31 @@ def inverse_and_log_determinant(matrix: FloatArray) -> tuple[FloatArray, float]:
     log_determinant = 2.0 * float(np.log(np.diagonal(factor)).sum())
     inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
     return inverse.T, log_determinant
+
+
+def conditioned(
+    kernel: Kernel | WithLinear, noise: float, X: FloatArray, Y: FloatArray, at: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation of noisy observations, given others (Rasmussen and Williams 2006, Eq. 2.23).
+
+    Parameters
+    ----------
+    kernel : Kernel or WithLinear
+        Prior covariance.
+    noise : float
+        Noise variance.
+    X, Y : (n, d) and (n, m) arrays
+        Observations of outputs with zero prior mean.
+    at : (q, d) array
+        Where to predict.
+
+    Returns
+    -------
+    mean : (q, m) array
+    std : (q,) array
+        The same for all outputs; noise included.
+    """
+    lower, _ = cholesky(kernel(X, X) + noise * np.eye(len(X)))
+    cross = kernel(at, X)
+    explained = (solve_triangular(lower, cross.T, lower=True) ** 2).sum(axis=0)
+    return cross @ cho_solve((lower, True), Y), np.sqrt(np.maximum(kernel.diagonal(at) - explained, 0.0) + noise)

@@ -7,6 +7,7 @@ coupling, friction and slack are linear in their features; the regression takes 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,8 +17,11 @@ from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.split import folds_of
 from gpcorrect.errors import DataError
-from gpcorrect.gpr import LeftOut, Predictor, SparseGPR, Statistics, learn_inflation
+from gpcorrect.gpr import LeftOut, Predictor, Statistics, learn_inflation
 from gpcorrect.types import FloatArray, IntArray, Progress
+
+if TYPE_CHECKING:
+    from gpcorrect.gpr import SparseGPR
 
 __all__ = ["GP", "GPMap", "LocalLevel", "local_level"]
 
@@ -100,6 +104,8 @@ class GP:
 
     def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
         """See :class:`Learner`."""
+        from gpcorrect.gpr import SparseGPR  # a scikit-learn estimator; answering needs no scikit-learn
+
         X, Y = samples.learnable()
         trajectory, time = samples.trajectory[samples.rows], samples.time[samples.rows]
         level, linear, groups = np.zeros(Y.shape), None, trajectory

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
-from scipy.stats import t as student_t
+from scipy.special import stdtrit  # scipy.stats has it too, and takes half a second to import
 
 from gpcorrect.logs.streams import default_max_gap
 from gpcorrect.logs.sync.blocks import MIN_BLOCKS, lost_freedom, sandwich
@@ -154,7 +154,7 @@ class Refinement:
 
     def half_width(self) -> FloatArray:
         """(p,) half widths of the 95 % confidence intervals."""
-        quantile = float(student_t.ppf(0.975, max(self.dof, 1)))
+        quantile = float(stdtrit(max(self.dof, 1), 0.975))
         return quantile * np.sqrt(np.diag(self.covariance))
 
 
