@@ -66,6 +66,8 @@ class Alternative:
         Class of the effect.
     extra : int
         How many numbers it has beyond the first.
+    paid : bool
+        Whether its nats are an evidence in which those have been paid for.
     probability : float
         Posterior among the alternatives.
     """
@@ -77,6 +79,7 @@ class Alternative:
     joint: int | str | None = None
     family: str = ""
     extra: int = 0
+    paid: bool = False
     probability: float = 0.0
 
     @classmethod
@@ -160,13 +163,13 @@ def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alter
         Alternative.of(candidate, weighed.nats - cost),
         Alternative(Explanation.NOTHING, 0.0, "nothing"),
         Alternative(Explanation.UNKNOWN, _unknown_nats(weighed, cost) - cost, "unknown"),
-        *(Alternative.of(r.candidate, r.nats - cost) for r in rivals),
+        *(replace(Alternative.of(r.candidate, r.nats - cost), paid=r.is_general) for r in rivals),
     ]
     own, between_effects = alternatives[0], _rival_overdispersion(weighed, cost)
     odds = np.array(
         [
             (a.nats - own.nats) / (between_effects if a.is_effect else weighed.overdispersion)
-            - SEARCH.complexity * (a.extra - own.extra)
+            - (0.0 if a.paid else SEARCH.complexity * (a.extra - own.extra))
             for a in alternatives
         ]
     )

@@ -168,7 +168,7 @@ def _better_rival(
         odds = {a.label: a.probability / max(named.probability, TINY) for a in named.alternatives}
         for rival in (r for r in weighed.rivals if r.candidate.key not in out):
             gain = (rival.nats - weighed.nats) / weighed.overdispersion
-            gain -= SEARCH.complexity * (rival.candidate.extra - fit.candidate.extra)
+            gain -= 0.0 if rival.is_general else SEARCH.complexity * (rival.candidate.extra - fit.candidate.extra)
             if weighed.nats - rival.nats < NAMING.shape_error**2 * weighed.nats:
                 gain = max(gain, float(np.log(odds.get(rival.candidate.label, 0.0) + TINY)))
             if gain > best:

@@ -1,0 +1,57 @@
+"""An effect that is a special case of another is not named with certainty where the data cannot tell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gpcorrect.discrepancy.naming.posterior import Named, name_effect
+from gpcorrect.discrepancy.naming.weigh import view_of
+from gpcorrect.discrepancy.search.candidates import all_candidates
+from gpcorrect.discrepancy.search.prepared import prepare_data
+from gpcorrect.discrepancy.search.state import start_search
+from gpcorrect.discrepancy.search.stepwise import search
+from gpcorrect.sim import machine_of, model_from_dict, simulate
+from gpcorrect.sim.effects import DhError
+from gpcorrect.sim.plan import Segment, plan_of
+
+MODEL = model_from_dict(
+    {
+        "arm": "raven2_left",
+        "joints": [1, 2, 3],
+        "log_rate_hz": 25,
+        "noise": {"tracker_white": 2e-4},
+        "T_tracker_base": {"translation": [0.1, -0.2, 0.3], "rotvec": [0.2, 0.1, -0.3]},
+    }
+)
+
+
+def named(size: float, seed: int = 1) -> Named:
+    """Return the first row of the table as it is named, where it is off by so many times half a millimetre and 2 mrad."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 5.0, 0.01)[:, None]
+    middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.7, 0.6, 0.05])
+    segments = []
+    for _ in range(10):
+        rate, phase = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 2 * np.pi, 3)
+        path = middle + swing * np.sin(rate * t + phase)
+        segments.append(Segment(path, np.zeros(len(path), dtype=np.int64), 0, 0.0, 0.2))
+    row = DhError(joint=1, a=5e-4 * size, alpha=2e-3 * size, d=-5e-4 * size, theta=2e-3 * size)
+    recording = simulate(machine_of(MODEL).with_effects(row), plan_of(segments, 100.0), seed=seed)
+    prepared = prepare_data(replace(recording, external_jp=None), MODEL, np.random.default_rng(0))
+    wanted = [
+        c for c in all_candidates(prepared.dataset.scene)
+        if (c.name, c.joint) in {("dh_error", 1), ("registration_error", "base")}
+    ]  # fmt: skip
+    state = search(start_search(prepared.dataset, wanted))
+    (fit,) = state.fitted
+    assert fit.candidate.name == "dh_error"
+    return name_effect(view_of(state, prepared.tests, prepared.inputs), fit)[0]
+
+
+@pytest.mark.parametrize(("size", "rivals"), [(0.16, {"registration_error"}), (1.0, set())])
+def test_a_registration_is_ruled_out_only_by_what_would_show_it(size: float, rivals: set[str]) -> None:
+    """A small error of the first row may be one of the registration; a large one would show its other numbers."""
+    assert {r.name for r in named(size).rivals} == rivals
