@@ -29,7 +29,7 @@ MODEL = model_from_dict(
 
 
 def named(size: float, seed: int = 1) -> Named:
-    """Return the first row of the table as it is named, where it is off by so many times half a millimetre and 2 mrad."""
+    """Return what the first row of the table is called where it is off by `size` times half a millimetre and 2 mrad."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 5.0, 0.01)[:, None]
     middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.7, 0.6, 0.05])
