@@ -1,4 +1,4 @@
-"""The worked example of docs/discrepancy.md, from simulated data alone: prints the verdict, and draws its pictures.
+"""The worked example of docs/discrepancy.md, from simulated data alone: prints the verdict, and pictures its page.
 
 python bench/discrepancy_example.py                    # into docs/images
 """
@@ -6,16 +6,22 @@ python bench/discrepancy_example.py                    # into docs/images
 from __future__ import annotations
 
 import argparse
-import json
+import sys
+import tempfile
 from pathlib import Path
 
-from gpcorrect import plots
 from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.report import write_discrepancy_report
-from gpcorrect.sim import Model, effect_from_dict, machine_of, model_from_dict
+from gpcorrect.sim import Model, effect_from_dict, model_from_dict
 from gpcorrect.sim.joint_motion import joint_motion_log
 
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT / "tests"))
+from chromium import browser  # noqa: E402 - of the tests
+
+CHARTS = {"loops": "Residual against position, by direction of travel", "bars": "What", "gap": "How much"}
+WIDTH = 1040  # px
 NOMINAL = {
     "arm": "raven2_left",
     "joints": [1, 2, 3],
@@ -38,28 +44,28 @@ def machine() -> tuple[Model, Model]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    images = Path(__file__).resolve().parents[1] / "docs" / "images"
-    parser.add_argument("--output", type=Path, default=images, help="folder for the pictures")
-    parser.add_argument("--page", type=Path, default=None, help="also write the page, and the report beside it")
+    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "images", help="folder for the pictures")
+    parser.add_argument("--page", type=Path, default=None, help="keep the page here")
     arguments = parser.parse_args()
     nominal, true = machine()
     log = joint_motion_log(true, TRAJECTORIES, SECONDS, SEED, payloads=PAYLOADS)
     found = find_discrepancy(nominal, log)
     print(verdict_sentence(found))
     print("next:", next_step(found))
-    shown = [(i, g.channel) for i, g in enumerate(found.gap) if g.channel.name in ("external_jp_2", "external_jp_3")]
-    bars = [(f"joint {e.joint}: {e.name.replace('_', ' ')}", e.alternatives) for e in found.effects]
-    figures = {
-        "discrepancy_loops": plots.loop_plots(found.evidence, shown, machine_of(nominal).body),
-        "discrepancy_gap": plots.gap_chart(found.gap),
-    }
-    if bars:
-        figures["discrepancy_bars"] = plots.posterior_bars(bars)
-    for name, figure in figures.items():
-        (arguments.output / f"{name}.png").write_bytes(plots.png(figure))
-    if arguments.page:
-        write_discrepancy_report(found, arguments.page)
-        arguments.page.with_suffix(".json").write_text(json.dumps(found.to_report(), indent=2))
+    with tempfile.TemporaryDirectory() as folder:
+        path = arguments.page or Path(folder) / "page.html"
+        write_discrepancy_report(found, path)
+        picture(path, arguments.output, Path(folder))
+
+
+def picture(path: Path, output: Path, folder: Path) -> None:
+    """Write pictures of some charts of the page."""
+    with browser(folder / "profile") as page:
+        page.open(path.resolve().as_uri(), WIDTH, 800)
+        page.wait_for("document.readyState == 'complete' && document.querySelectorAll('.chart svg').length > 3")
+        for name, title in CHARTS.items():
+            found = f"[...document.querySelectorAll('section')].find((s) => s.firstElementChild.innerText == '{title}')"
+            page.picture(output / f"discrepancy_{name}.png", f"{found}.querySelector('.chart')")
 
 
 if __name__ == "__main__":

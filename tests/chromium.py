@@ -65,9 +65,14 @@ class Page:
             assert time.monotonic() < until, f"never true: {script}"
             time.sleep(0.1)
 
-    def picture(self, path: Path) -> None:
-        """Write what the page looks like."""
-        data = self._call("Page.captureScreenshot", format="png", captureBeyondViewport=True)["data"]
+    def picture(self, path: Path, element: str = "") -> None:
+        """Write what the page looks like, or the element that an expression gives."""
+        clip: dict[str, Any] = {}
+        if element:
+            place = f"(({{x, y, width, height}}) => ({{x, y: y + scrollY, width, height}}))({element}"
+            box = self.run(f"{place}.getBoundingClientRect())")
+            clip = {"clip": {**box, "scale": 1}}
+        data = self._call("Page.captureScreenshot", format="png", captureBeyondViewport=True, **clip)["data"]
         path.write_bytes(base64.b64decode(data))
 
     def _call(self, method: str, **parameters: Any) -> Any:

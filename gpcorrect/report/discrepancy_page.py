@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gpcorrect import plots
 from gpcorrect.discrepancy.evidence.localise import Finding
 from gpcorrect.discrepancy.naming.posterior import Level
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect
@@ -25,7 +24,15 @@ from gpcorrect.discrepancy.outcome.words import (
 )
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.settings import ADVICE, TESTS
-from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
+from gpcorrect.report.discrepancy_charts import (
+    gap_chart,
+    likeness_chart,
+    loop_chart,
+    map_chart,
+    posterior_chart,
+    waterfall_chart,
+)
+from gpcorrect.report.page import Page, Section, TableData, write_page
 from gpcorrect.sim import machine_of
 
 __all__ = ["write_discrepancy_report"]
@@ -63,14 +70,18 @@ def write_discrepancy_report(result: DiscrepancyResult, path: Path) -> None:
         _assumed(result),
     ]
     page = Page(
-        "gpcorrect discrepancy", verdict_sentence(result), _facts(result), [s for s in sections if s is not None]
+        "gpcorrect discrepancy",
+        verdict_sentence(result),
+        _facts(result),
+        [section for section in sections if section is not None],
+        [("recording", f"{d.name}, SHA-256 {d.sha256 or 'none: not a file'}") for d in result.provenance.data],
     )
     write_page(page, path)
 
 
 def _facts(result: DiscrepancyResult) -> list[tuple[str, str]]:
     source = result.provenance
-    data = [f"{d.name}, {d.rows} samples (SHA-256 {(d.sha256 or 'not a file')[:16]})" for d in source.data]
+    data = [f"{d.name}, {d.rows} samples" for d in source.data]
     return [
         ("verdict", f"{result.level}: {MEANING[result.level]}"),
         ("next", next_step(result)),
@@ -120,13 +131,7 @@ def _where(result: DiscrepancyResult) -> Section:
     left = () if result.remainder is None else result.remainder.findings
     after = f"After the named effects, {_left(left)}." if left else "Nothing is left after the named effects."
     machine = machine_of(result.model).body
-    figures = [
-        FigureImage(
-            plots.png(plots.residual_over_joints(result.evidence, i, channel.unit, machine.joints, machine.types)),
-            f"Mean of measured minus simulated, {channel_words(channel)}, over the joints that spread it most.",
-        )
-        for i, channel in _worst(result)[:MOST_MAPS]
-    ]
+    figures = [map_chart(result.evidence, i, channel, machine) for i, channel in _worst(result)[:MOST_MAPS]]
     words += [after] if result.effects else []
     return Section("Where", words, (table,), figures)
 
@@ -178,10 +183,7 @@ def _what(result: DiscrepancyResult) -> Section | None:
         rows = [[u.label, str(u.level), f"{u.nats:.0f}", "; ".join(u.reasons) or "–"] for u in unnamed]
         tables.append(TableData(["helped in the search, but is not named", "level", "nats", "why"], rows, text=(1, 3)))
     bars = [(_title(e), e.alternatives) for e in effects]
-    figures = []
-    if bars:
-        caption = "What could stand in each effect's place. Grey: nothing, and anything outside the catalogue."
-        figures = [FigureImage(plots.png(plots.posterior_bars(bars)), caption)]
+    figures = [posterior_chart(bars)] if bars else []
     return Section("What", words, tables, figures)
 
 
@@ -229,8 +231,7 @@ def _how_much(result: DiscrepancyResult) -> Section:
             "Sizes that 95 % of the samples stay below, and the largest.",
         ),
     )
-    caption = "Root mean squares: the grey line is what the named effects close."
-    return Section("How much", words, tables, (FigureImage(plots.png(plots.gap_chart(result.gap)), caption),))
+    return Section("How much", words, tables, (gap_chart(result.gap),))
 
 
 def _gap_row(gap: ChannelGap) -> list[str]:
@@ -257,26 +258,18 @@ def _fraction(value: float) -> str:
 
 def _loops(result: DiscrepancyResult) -> Section:
     shown = _worst(result)[:MOST_CHANNELS]
-    figure = plots.loop_plots(result.evidence, shown, machine_of(result.model).body)
-    caption = (
-        "Test set. Two separate lines are a loop: play, friction or hysteresis; one bent line is geometry or load; "
-        "a line at zero is explained. Lines are running medians."
-    )
-    title = "Residual against position, by direction of travel"
-    return Section(title, (), (), (FigureImage(plots.png(figure), caption),))
+    chart = loop_chart(result.evidence, shown, machine_of(result.model).body)
+    return Section("Residual against position, by direction of travel", (), (), (chart,))
 
 
 def _search(result: DiscrepancyResult) -> Section | None:
     evidence = result.evidence
     if not evidence.waterfall:
         return None
-    caption = "Held-out log Bayes factor of every step of the search; orange steps took an effect out again."
-    figures = [FigureImage(plots.png(plots.nats_waterfall(evidence.waterfall)), caption)]
+    figures = [waterfall_chart(evidence.waterfall)]
     if len(evidence.labels) > 1:
         part = min(len(evidence.labels), MOST_LABELS)
-        matrix = plots.signature_correlation(evidence.correlation[:part, :part], evidence.labels[:part])
-        likeness = "Likeness of the whitened signatures; near 1 or -1 two effects look the same here."
-        figures.append(FigureImage(plots.png(matrix), likeness))
+        figures.append(likeness_chart(evidence.correlation[:part, :part], evidence.labels[:part]))
     return Section("How the search went", (), (), figures)
 
 

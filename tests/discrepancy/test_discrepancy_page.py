@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from discrepancy_support import estimate, finding, named, outside, result, rival
-from support import without_pictures
 
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
 from gpcorrect.discrepancy.outcome.sentences import verdict_sentence
@@ -99,9 +98,6 @@ def test_the_page_stands_alone_at_every_level(level: str, tmp_path: Path) -> Non
     write_discrepancy_report(result(level, *effects), tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     assert page.index('class="verdict"') < page.index("<h2>")
-    assert page.count("data:image/png;base64,") >= (5 if effects else 3)
-    assert "http" not in without_pictures(page).replace("http-equiv", "")
-    assert (
-        "nan"
-        not in page.split("<h2>", 1)[1].split("<footer>")[0].replace("data:image/png", "").lower().split("base64")[0]
-    )
+    assert page.count('class="chart"') >= (4 if effects else 2)
+    assert "http" not in page
+    assert "nan" not in page.split("<h2>", 1)[1].split("<footer>")[0].lower()

@@ -15,8 +15,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from gpcorrect.plots.style import COLOURS, new_figure, png, tidy
+from gpcorrect.plots.style import COLOURS, new_figure, tidy
 from gpcorrect.report.page import FigureImage, Page, Section, TableData, write_page
+from gpcorrect_studies.debridement.charts import path_charts, seconds_chart
 from gpcorrect_studies.debridement.comparison import Condition
 from gpcorrect_studies.debridement.scene import Gripper, Scene, Station
 
@@ -62,12 +63,11 @@ def write_debride_page(
         sections=[
             Section(
                 f"The same fragments, once for each way: means of {facts['sets']} sets; the first one drawn",
-                tables=[TableData(HEAD, [c.to_words() for c in conditions])],
+                words=["Choose a row to see its paths; column names sort."],
+                tables=[TableData(HEAD, [c.to_words() for c in conditions], keys=[c.name for c in conditions])],
                 figures=[
-                    FigureImage(
-                        png(debridement_paths(scene, stations, conditions)),
-                        "Paths of the tools from above: removed fragments are green dots, left ones are red crosses.",
-                    ),
+                    seconds_chart([c.to_dict() for c in conditions]),
+                    *path_charts(scene, conditions),
                     FigureImage(film, "Side by side on one clock.", "gif"),
                 ],
             ),
@@ -82,6 +82,8 @@ def write_debride_page(
                 ],
             ),
         ],
+        chosen=conditions[1].name,
+        chooses="way:",
     )
     write_page(page, path)
 
