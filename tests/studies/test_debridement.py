@@ -18,6 +18,7 @@ from gpcorrect_studies.debridement import (
     rehearsal_log,
     stations,
 )
+from gpcorrect_studies.debridement.charts import path_charts, seconds_chart
 from gpcorrect_studies.debridement.mission import MIDDLE, ArmRecord, Fetched
 from gpcorrect_studies.debridement.scene import Gripper
 
@@ -138,3 +139,22 @@ def test_figures_are_means_over_the_sets_and_counts_are_of_all() -> None:
     assert (row["seconds_per_fragment"], row["success_rate"], row["miss_mm_mean"]) == (6.0, 0.5, 3.0)
     assert (row["fragments"], row["looks"], row["miss_mm_max"]) == (2, 5, 5.0)
     assert [one["seconds_per_fragment"] for one in row["sets"]] == [4.0, 8.0]
+
+
+def test_charts_show_removed_and_left_fragments_of_every_way() -> None:
+    """Each way is a choice with its own fragments; a way that removes nothing has a bar of no length and says so."""
+    scene, _ = stations(1)
+    ways = []
+    for name, removed in (("good", True), ("bad", False)):
+        fetched = Fetched("arm1", scene.T_tracker_box[:3, 3], removed, 1, 4.0, 4.0, (1.0,), 0, 0, False)
+        trace = np.column_stack([np.arange(5000.0), np.zeros((5000, 3))])
+        ways.append(Condition(name, 0.06, (Outcome((fetched,), (ArmRecord("arm1", trace, 4.0, 0.0),)),)))
+    space, above = path_charts(scene, ways)
+    assert [{s.name for s in above.choices[way.name][0].series} - {"tool of arm1"} for way in ways] == [
+        {"removed"},
+        {"left"},
+    ]
+    assert len(np.asarray(space.choices["good"][0].series[0].x)) <= 1500
+    (bars,) = seconds_chart([way.to_dict() for way in ways]).panels[0].series
+    assert np.asarray(bars.x2).tolist() == [4.0, 0.0]
+    assert bars.labels[1] == "never done: nothing removed"
