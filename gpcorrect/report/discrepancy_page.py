@@ -118,8 +118,7 @@ def _where(result: DiscrepancyResult) -> Section:
         f"below {limit:.1f} nats in 99 of 100 recordings, the largest of all tests included."
     ]
     rows = [
-        [channel_words(f.channel), _depends(f), region_words(f.region), f"{f.nats:,.0f}".replace(",", " ")]
-        for f in found[:MOST_FINDINGS]
+        [channel_words(f.channel), _depends(f), region_words(f.region), _nats(f.nats)] for f in found[:MOST_FINDINGS]
     ]
     table = TableData(["channel", "depends on", "most at", "nats"], rows, text=(1, 2))
     if not found[0].counts:
@@ -151,6 +150,10 @@ def _left(left: Sequence[Finding]) -> str:
     return f"{count} noise, the strongest {where} ({left[0].nats:.0f} nats)"
 
 
+def _nats(value: float) -> str:
+    return f"{value:,.0f}".replace(",", " ")
+
+
 def _depends(finding: Finding) -> str:
     return " and ".join(map(variable_words, finding.variables))
 
@@ -180,7 +183,7 @@ def _what(result: DiscrepancyResult) -> Section | None:
     if minor:
         words.append(f"Minor, and not in the model: {', '.join(map(_title, minor))}.")
     if unnamed:
-        rows = [[u.label, str(u.level), f"{u.nats:.0f}", "; ".join(u.reasons) or "–"] for u in unnamed]
+        rows = [[u.label, str(u.level), _nats(u.nats), "; ".join(u.reasons) or "–"] for u in unnamed]
         tables.append(TableData(["helped in the search, but is not named", "level", "nats", "why"], rows, text=(1, 3)))
     bars = [(_title(e), e.alternatives) for e in effects]
     figures = [posterior_chart(bars)] if bars else []
@@ -200,8 +203,8 @@ def _effect_table(effects: Sequence[NamedEffect]) -> TableData:
             f"{e.probability:.3f}",
             ", ".join(f"{name} {estimate_words(p)}" for name, p in e.parameters.items()),
             ", ".join(f"{r.name.replace('_', ' ')} ({place(r.joint)})" for r in e.rivals) or "none",
-            f"{e.nats:.0f}",
-            f"{e.size:.2g}{', minor' if e.is_minor else ''}" if np.isfinite(e.size) else "–",
+            _nats(e.nats),
+            f"{number(e.size)}{', minor' if e.is_minor else ''}" if np.isfinite(e.size) else "–",
         ]
         for e in effects
     ]

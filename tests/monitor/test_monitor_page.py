@@ -88,6 +88,9 @@ def test_the_page_shows_two_living_arms(tmp_path):
         )
         page.wait_for(drawn)
         assert page.run("document.querySelectorAll('button, input, form, a').length") == 0
+        page.open(address, 390, 900)
+        page.wait_for("document.querySelectorAll('.poses td').length >= 24")
+        assert page.run("[...document.querySelectorAll('td, th')].every((c) => c.getBoundingClientRect().right <= 390)")
         page.picture(tmp_path / "monitor.png")
         assert (tmp_path / "monitor.png").stat().st_size > 20_000
         assert page.complaints == []

@@ -128,6 +128,13 @@ function drawHistory(canvas, past, now) {
     pen.beginPath(); pen.moveTo(30, y(v)); pen.lineTo(width - 8, y(v)); pen.stroke();
     pen.fillText(String(v), 6, y(v) + 4);
   }
+  pen.textAlign = "center";
+  for (let ago = 0; ago <= KEEP_SECONDS; ago += KEEP_SECONDS / 4) {
+    const at = x(now - ago);
+    pen.beginPath(); pen.moveTo(at, y(0)); pen.lineTo(at, y(top)); pen.stroke();
+    pen.fillText(ago ? `−${ago} s` : "now", Math.min(at, width - 14), height - 3);
+  }
+  pen.textAlign = "left";
   for (const [what, key] of [["interval", "wide"], ["tracked", "error"]]) {
     pen.strokeStyle = colour(what); pen.lineWidth = 1.4; pen.beginPath();
     let open = false;
