@@ -17,9 +17,8 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
-from gpcorrect import se3
-from gpcorrect.calibration.learners import gp, trees
-from gpcorrect.gpr import SparseGPR
+from gpcorrect import gpr, se3
+from gpcorrect.calibration.learners import trees
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 T = TypeVar("T")
@@ -91,7 +90,7 @@ def without_pictures(page: str) -> str:
 def short_search(samples: int = 150) -> Iterator[None]:
     """Learn hyperparameters from so many samples (usually 500): their search takes most of a fit."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gp, "SparseGPR", partial(SparseGPR, n_learn=samples))
+        patch.setattr(gpr, "SparseGPR", partial(gpr.SparseGPR, n_learn=samples))
         yield
 
 

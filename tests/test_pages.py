@@ -12,7 +12,7 @@ from joint_logs import joint_log
 from shown import run_shown, section
 from support import ROOT, small_log
 
-from gpcorrect.calibration import ModelStore
+from gpcorrect.calibration import FitSettings, ModelStore, fit_corrector, save
 from gpcorrect.logs import write_log
 
 pytestmark = [
@@ -50,9 +50,8 @@ def test_what_a_model_remembers(tmp_path: Path, small_model: Path) -> None:
 def test_models_that_change_while_serving(tmp_path: Path, small_model: Path, ports: None) -> None:
     """The block of docs/service.md, with a running server that is told to change its model."""
     models(tmp_path, small_model)
-    other = small_log(seed=5)
-    write_log(other, tmp_path / "log.csv")
-    run_shown("    gpcorrect fit log.csv --marker none --time-offset none --output model.gpc\n", tmp_path)
+    settings = FitSettings(marker="none", time_offset="none", search_samples=100)
+    save(fit_corrector(small_log(seed=5), settings), tmp_path / "model.gpc")
     *_, told, diff, listed, back = run_shown(section("docs/service.md", "Models that change"), tmp_path)
     assert "before" in told.printed
     assert "commands apart" in diff.printed

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from gpcorrect import se3
 from gpcorrect.calibration import queries
 from gpcorrect.calibration.cartesian import CommandCorrector
+from gpcorrect.calibration.poses import inverse_reference_twists
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
 from gpcorrect.rigid import RigidModel, apply_residual, pose_residual
@@ -63,7 +64,7 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
     rigid, poses = corrector.rigid, corrector.rigid.inverse(target)
     corrector.trained.refuse_far(poses.position)
     for _ in range(STEPS):
-        answer = corrector.correct_observed(poses, _observed_twists(rigid, poses, moving))
+        answer = corrector.correct_observed(poses, inverse_reference_twists(rigid, poses, moving))
         assert answer.position is not None
         missed = pose_residual(PoseSignal(answer.position, answer.quaternion), target)
         left = np.nanmax(np.abs(missed), axis=1)
@@ -97,11 +98,3 @@ def _observed_std(rigid: RigidModel, poses: PoseSignal, std: FloatArray) -> Floa
     rotation = variance[:, 3:] @ (rigid.R_left**2) if std.shape[1] > 3 else np.full((len(std), 3), np.nan)
     turned: FloatArray = np.sqrt(np.hstack([position, rotation]))
     return turned
-
-
-def _observed_twists(rigid: RigidModel, poses: PoseSignal, twist: FloatArray) -> FloatArray:
-    """Velocities `(n, 6)` of observed poses from those of their commands: the inverse of `reference_twists`."""
-    linear, angular = twist[:, :3] @ rigid.R_position, twist[:, 3:] @ rigid.R_left
-    if poses.quaternion is not None and rigid.needs_orientation:
-        linear = linear - np.cross(angular, se3.matrix_from_quaternion(poses.quaternion) @ rigid.offset)
-    return np.hstack([linear, angular])

@@ -11,7 +11,14 @@ from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
 from gpcorrect.velocity import segment_labels, twists
 
-__all__ = ["observed_twists", "pose_pair", "reference_twists", "rotations_of", "stencil_step"]
+__all__ = [
+    "inverse_reference_twists",
+    "observed_twists",
+    "pose_pair",
+    "reference_twists",
+    "rotations_of",
+    "stencil_step",
+]
 
 NOISE_FRACTION = 0.03  # of the typical speed that noise may add to a velocity; chosen by hand
 WIDEST = 0.06  # s: a wider stencil blurs reversals, where friction acts; chosen by hand
@@ -79,6 +86,24 @@ def reference_twists(rigid: RigidModel, rotations: FloatArray | None, twist: Flo
     if rotations is not None and rigid.needs_orientation:
         linear = linear + _cross(angular, rotations @ rigid.offset)
     return np.concatenate([linear @ rigid.R_position.T, angular @ rigid.R_left.T], axis=-1)
+
+
+def inverse_reference_twists(rigid: RigidModel, poses: PoseSignal, twist: FloatArray) -> FloatArray:
+    """Twists `(n, 6)` of observed poses, from those of their references: the inverse of :func:`reference_twists`.
+
+    Parameters
+    ----------
+    rigid : RigidModel
+        From the observer's frame to the command's.
+    poses : PoseSignal
+        n observed poses.
+    twist : (n, 6) array
+        Of the references, m/s and rad/s.
+    """
+    linear, angular = twist[:, :3] @ rigid.R_position, twist[:, 3:] @ rigid.R_left
+    if poses.quaternion is not None and rigid.needs_orientation:
+        linear = linear - _cross(angular, se3.matrix_from_quaternion(poses.quaternion) @ rigid.offset)
+    return np.hstack([linear, angular])
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
