@@ -1,8 +1,8 @@
-"""What calibration pictures show, chessboards and markers, and the lens that follows from the chessboards."""
+"""Chessboards in calibration pictures, and the lens that follows from them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from gpcorrect.vision.camera import Intrinsics
 from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
 
-__all__ = ["Chessboard", "LensCalibration", "calibrate_lens", "find_corners", "find_markers"]
+__all__ = ["Chessboard", "LensCalibration", "calibrate_lens", "find_corners"]
 
 
 @dataclass(frozen=True)
@@ -75,71 +75,6 @@ def find_corners(image: Image, board: Chessboard) -> FloatArray | None:
     flat = grid.reshape(-1, 1, 2).astype(np.float32)
     refined = cv2.cornerSubPix(grey, flat, (half, half), (-1, -1), criteria)
     return np.asarray(refined, dtype=np.float64).reshape(-1, 2)
-
-
-def find_markers(
-    image: Image, expected: Mapping[str, FloatArray], settings: CalibrationSettings = DEFAULT.calibration
-) -> dict[str, FloatArray]:
-    """Find markers, dots or small balls, near where they are expected.
-
-    Parameters
-    ----------
-    image : (height, width, 3) uint8 array
-    expected : mapping of marker to (2,) array
-        Where each should be, px, to within half the way to the next one; NaN when it is out of sight.
-    settings : CalibrationSettings
-        How far to search, and what a marker is.
-
-    Returns
-    -------
-    dict of marker to (2,) array
-        Middles, px; markers that were not found are left out.
-    """
-    names = [name for name, pixel in expected.items() if np.isfinite(pixel).all()]
-    places = np.array([expected[name] for name in names]).reshape(-1, 2)
-    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    found = {}
-    for i, name in enumerate(names):
-        apart = float(np.linalg.norm(np.delete(places, i, axis=0) - places[i], axis=1).min(initial=np.inf))
-        reach = min(settings.marker_reach_px, max(settings.marker_reach * apart, 6.0))
-        middle = _dot(grey, places[i], reach, settings)
-        if middle is not None:
-            found[name] = middle
-    return found
-
-
-def _dot(grey: FloatArray, place: FloatArray, reach: float, settings: CalibrationSettings) -> FloatArray | None:
-    """Middle of the most compact patch that stands out of its surroundings, weighted by how much it does."""
-    height, width = grey.shape
-    left, top = (int(max(c - reach, 0)) for c in place)
-    right, bottom = int(min(place[0] + reach + 1, width)), int(min(place[1] + reach + 1, height))
-    if right - left < 5 or bottom - top < 5:
-        return None
-    part, corner = grey[top:bottom, left:right], np.array([left, top])
-    ground = float(np.median(part))
-    best, best_score = None, 0.0
-    for signed in (part - ground, ground - part):
-        level = float(signed.max())
-        if level < settings.marker_contrast:
-            continue
-        count, labels, stats, middles = cv2.connectedComponentsWithStats((signed > 0.5 * level).astype(np.uint8))
-        for k in range(1, count):
-            x, y, wide, high, area = (int(v) for v in stats[k])
-            whole = x > 0 and y > 0 and x + wide < part.shape[1] and y + high < part.shape[0]
-            if not whole or not settings.marker_area_px <= area <= settings.marker_fraction * part.size:
-                continue
-            roundness = min(area / (np.pi / 4 * max(wide, high) ** 2), 1.0)
-            off = float(np.linalg.norm(middles[k] + corner - place)) / reach
-            score = level * roundness * np.exp(-(off**2))
-            if score > best_score:
-                best, best_score = (signed, labels == k), score
-    if best is None:
-        return None
-    signed, patch = best
-    around = cv2.dilate(patch.astype(np.uint8), np.ones((5, 5), np.uint8))  # with the dot's soft border
-    moments = cv2.moments(np.clip(signed, 0.0, signed[patch].mean()) * around)
-    middle: FloatArray = corner + np.array([moments["m10"], moments["m01"]]) / moments["m00"]
-    return middle
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,10 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError, GpCorrectError, LogError
 from gpcorrect.types import FloatArray, Progress
-from gpcorrect.vision.boards import Chessboard, LensCalibration, calibrate_lens, find_corners, find_markers
+from gpcorrect.vision.boards import Chessboard, LensCalibration, calibrate_lens, find_corners
 from gpcorrect.vision.camera import Camera, Intrinsics
 from gpcorrect.vision.files import Rig, RigCamera
+from gpcorrect.vision.markers import Blobs, find_blobs, match_blobs, refine_markers
 from gpcorrect.vision.opencv import Image
 from gpcorrect.vision.place import Placement, adjust, poses_from_board, poses_from_points, refine_pose
 from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
@@ -21,7 +22,7 @@ from gpcorrect.vision.sources import read_image
 
 __all__ = ["CalibrationReport", "CameraReport", "calibrate_rig"]
 
-ROUNDS = 3  # of finding markers and refining: the second finds those that the rough pose missed, the third changes none
+MARKER_NOISE_PX = 0.2  # what rims of dots leave: nothing is to be gained below
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +232,8 @@ def _markers(
             hint="Give board_at in the rig file.",
         )
     image = read_image(row.markers_in)
-    tried = [_found_from(image, rig, Camera(row.name, lens, T), settings) for T in rough]
+    blobs = find_blobs(image, settings)
+    tried = [_found_from(image, blobs, rig, Camera(row.name, lens, T), settings) for T in rough]
     found = sorted((one for one in tried if one), key=lambda one: (-int(one[0].used.sum()), one[0].rms_px))
     if not found:
         raise LogError(
@@ -253,21 +255,46 @@ def _markers(
 
 
 def _found_from(
-    image: Image, rig: Rig, camera: Camera, settings: CalibrationSettings
+    image: Image, blobs: Blobs, rig: Rig, camera: Camera, settings: CalibrationSettings
 ) -> tuple[Placement, dict[str, FloatArray]] | None:
-    """Find the markers and refine the pose in turns; None when too few agree."""
-    points = np.array(list(rig.markers.values()))
-    for _ in range(ROUNDS):
-        found = find_markers(image, dict(zip(rig.markers, camera.project(points), strict=True)), settings)
-        if len(found) < settings.fewest_points:
-            return None
-        known, pixels = np.array([rig.markers[name] for name in found]), np.array(list(found.values()))
-        try:
-            placed = refine_pose(known, pixels, camera.intrinsics, [camera.T_camera_tracker], settings)
-        except DegenerateError:
-            return None
-        camera = replace(camera, T_camera_tracker=placed.T_camera_tracker)
-    return placed, found
+    """Find the markers and refine the pose in turns, from every likely beginning; None when too few agree."""
+    first, *rounds = settings.marker_near_px
+    expected = dict(zip(rig.markers, camera.project(np.array(list(rig.markers.values()))), strict=True))
+    best: tuple[Placement, dict[str, FloatArray]] | None = None
+    for matched in match_blobs(blobs, expected, settings.marker_reach_px, first, settings):
+        found = _refined_from(image, blobs, matched, rig, camera, settings)
+        for near in rounds:
+            if found is not None:
+                placed = replace(camera, T_camera_tracker=found[0].T_camera_tracker)
+                expected_now = dict(zip(rig.markers, placed.project(np.array(list(rig.markers.values()))), strict=True))
+                again = match_blobs(blobs, expected_now, near, near, settings)
+                found = _refined_from(image, blobs, again[0], rig, placed, settings) if again else None
+        if found is not None and (best is None or _markers_agree(found[0]) > _markers_agree(best[0])):
+            best = found
+    return best if best is not None and best[0].rms_px < settings.marker_rms_px else None
+
+
+def _markers_agree(placed: Placement) -> float:
+    """How well markers agree on a place: how many do, over what they are off by; tops of posts agree too, but less."""
+    return float(placed.used.sum()) / (MARKER_NOISE_PX + placed.rms_px)
+
+
+def _refined_from(
+    image: Image,
+    blobs: Blobs,
+    matched: Mapping[str, int],
+    rig: Rig,
+    camera: Camera,
+    settings: CalibrationSettings,
+) -> tuple[Placement, dict[str, FloatArray]] | None:
+    found = refine_markers(image, blobs, matched, camera.intrinsics, settings)
+    if len(found) < settings.fewest_points:
+        return None
+    known, pixels = np.array([rig.markers[name] for name in found]), np.array(list(found.values()))
+    try:
+        return refine_pose(known, pixels, camera.intrinsics, [camera.T_camera_tracker], settings), found
+    except DegenerateError:
+        return None
 
 
 def _placed(

@@ -159,11 +159,18 @@ class CalibrationSettings:
     bad_rms_px: float = 5.0  # reprojection error at which the markers are not these markers
     same: float = 0.01  # m between two poses that are one
     # Markers in a picture.
-    marker_reach_px: float = 40.0  # how far from its expected pixel,
-    marker_reach: float = 0.45  # or this fraction of the way to the next marker: below one half, none is taken twice
-    marker_area_px: float = 4.0  # least area
-    marker_fraction: float = 0.4  # of the window at most: larger is background
-    marker_contrast: float = 25.0  # grey levels
+    marker_reach_px: float = 40.0  # how far from its expected pixel
+    marker_near_px: tuple[float, ...] = (12.0, 6.0, 3.0)  # and from the offset of all markers, round by round
+    marker_trials: int = 10  # offsets that are tried, the likeliest ones
+    marker_radii_px: tuple[float, ...] = (2.0, 2.8, 4.0, 5.6, 8.0, 11.0)  # of dots that are looked for
+    marker_answer: float = 3.0  # grey levels of a difference of Gaussians: a dot that stands out by ten has it
+    marker_strong: float = 12.0  # the same; a dot that stands out by forty counts fully
+    marker_blobs: int = 250  # of a kind, the strongest ones
+    marker_roundness: float = 0.15  # least curvature over greatest: a post is a ridge, with none along it
+    marker_rms_px: float = (
+        1.0  # of markers found in a picture, with a lens from boards: beyond it they are other things
+    )
+    marker_shift: float = 1.0  # of its radius: a rim whose middle is farther from its blob's is another's
 
 
 @dataclass(frozen=True)

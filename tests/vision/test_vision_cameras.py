@@ -23,8 +23,12 @@ from gpcorrect.vision import (
     refine_pose,
     write_cameras,
 )
+from gpcorrect.vision.calibrate import _found_from
+from gpcorrect.vision.files import Rig
+from gpcorrect.vision.markers import find_blobs
 from gpcorrect.vision.opencv import cv2
-from gpcorrect_studies.rendering import Stage, Studio, backdrop, board_picture, four_cameras, marker_points
+from gpcorrect.vision.settings import CalibrationSettings
+from gpcorrect_studies.rendering import Ball, Stage, Studio, backdrop, board_picture, four_cameras, marker_points
 
 SEED = 401
 BOARD = Chessboard(9, 6, 0.015)
@@ -84,6 +88,25 @@ def test_the_covariance_of_a_place_is_that_of_its_errors() -> None:
         error = np.concatenate([found[:3, 3] - true[:3, 3], se3.rotvec_from_matrix(found[:3, :3] @ true[:3, :3].T)])
         squares.append(error @ np.linalg.solve(placed.covariance, error))
     assert 4.5 < np.mean(squares) < 8.5
+
+
+def test_dots_on_posts_are_found() -> None:
+    """Red balls of 8 mm on grey posts before clutter, the rough place 13 mm and 1.5 degrees off: 14 of 16 to 0.3 px."""
+    rng, points = np.random.default_rng(SEED), marker_points()
+    lens = four_cameras(rng)[1]
+    ground = np.ascontiguousarray(backdrop(lens.size, rng, pieces=10))
+    for top in points[points[:, 2] > 0.21]:
+        foot, head = np.rint(16 * lens.pixels(np.array([[top[0], top[1], 0.02], top]))).astype(int)
+        cv2.line(ground, foot.tolist(), head.tolist(), (120.0, 122.0, 125.0), 3, cv2.LINE_AA, 4)
+    image = Studio(lens, ground, rng=rng).photograph([Ball(p, 0.004, (200.0, 30.0, 30.0), 0.1) for p in points])
+    T = se3.compose(se3.exp(np.array([0.006, -0.005, 0.01, 0.01, -0.015, 0.02])), place_of(lens))
+    rough = Camera("c", intrinsics_of(lens), T)
+    named = {f"m{k}": place for k, place in enumerate(points)}
+    found = _found_from(image, find_blobs(image), Rig(BOARD, (), named), rough, CalibrationSettings())
+    assert found is not None
+    off = [np.linalg.norm(found[1][name] - lens.pixels(place)) for name, place in named.items() if name in found[1]]
+    assert np.count_nonzero(np.array(off) < 0.3) >= 14
+    assert np.linalg.norm(se3.invert(found[0].T_camera_tracker)[:3, 3] - lens.position) < 0.5e-3
 
 
 def test_markers_resolve_a_board_turned_by_half() -> None:
