@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpcorrect.atomic import require_folder
+from gpcorrect.atomic import require_folder, write_file
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names
 from gpcorrect.cli.options import Columns, Json, Logs, OldPage, Report, report_page
 from gpcorrect.cli.pages import digests, write_evaluation_page, write_fit_page
@@ -29,6 +29,73 @@ vision_app = typer.Typer(
     no_args_is_help=True,
     help="Ground truth from ordinary cameras and coloured balls, and a position estimator from it.",
 )
+
+
+BoardColumns = Annotated[int, typer.Option(help="Inner corners along the board's long side.")]
+BoardRows = Annotated[int, typer.Option(help="Inner corners along its short side.")]
+Square = Annotated[float, typer.Option(help="Side of a square, mm, as measured on the print.")]
+
+
+@vision_app.command()
+def board(
+    output: Annotated[Path, typer.Option("--output", "-o", help="PDF to write.")] = Path("board.pdf"),
+    columns: BoardColumns = 9,
+    rows: BoardRows = 6,
+    square: Square = 20.0,
+    paper: Annotated[str, typer.Option(help="a4, a3 or letter.")] = "a4",
+) -> None:
+    """Write the chessboard for the calibration as a PDF: print it at 100 % and glue it onto something flat.
+
+    Example: gpcorrect vision board --square 20 --output board.pdf
+    """
+    from gpcorrect.plots.board import write_board
+
+    require_folder(output)
+    write_board(output, columns, rows, 1e-3 * square, paper)
+    out.print(f"board: {output} ({paper}; print at 100 % and measure the line of 100 mm)")
+
+
+@vision_app.command()
+def rig(
+    folders: Annotated[
+        list[Path], typer.Argument(help="One folder a camera: pictures of the board.", show_default=False)
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Rig file to write (TOML).")] = Path("rig.toml"),
+    columns: BoardColumns = 9,
+    rows: BoardRows = 6,
+    square: Square = 20.0,
+) -> None:
+    """Write the rig file for `calibrate` from pictures of the printed board.
+
+    The tracker frame is the board's own in the picture `place` of each folder (x along its long side): the board at
+    rest, seen by all cameras.
+
+    Example: gpcorrect vision rig front/ left/ back/ right/ --square 19.9 --output rig.toml
+    """
+    from gpcorrect.vision import Chessboard, rig_text
+
+    require_folder(output)
+    write_file(output, rig_text(folders, Chessboard(columns, rows, 1e-3 * square), output.parent))
+    out.print(f"rig: {output}   next: gpcorrect vision calibrate {output}")
+
+
+@vision_app.command()
+def record(
+    cameras: Annotated[
+        list[str], typer.Argument(help="Numbers of cameras (0 1 2 3), or video files instead.", show_default=False)
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("recording"),
+    seconds: Annotated[float, typer.Option(help="How long.", min=0.0)] = 60.0,
+    fps: Annotated[float, typer.Option(help="Frames a second to ask for.", min=1.0)] = 30.0,
+) -> None:
+    """Record cameras into a folder that `track` takes: a video each, and when every picture was taken.
+
+    Example: gpcorrect vision record 0 2 4 6 --seconds 30 --output monday
+    """
+    from gpcorrect.vision import record as record_cameras
+
+    frames = record_cameras(cameras, output, seconds, fps)
+    out.print(f"{frames} frames of {len(cameras)} cameras   next: gpcorrect vision track {output}")
 
 
 @vision_app.command()
@@ -70,7 +137,10 @@ def calibrate(
 def track(
     videos: Annotated[
         list[Path],
-        typer.Argument(help="One video or folder of images a camera, in the calibration's order.", show_default=False),
+        typer.Argument(
+            help="One video or folder of images a camera, in the calibration's order; or one folder of them.",
+            show_default=False,
+        ),
     ],
     cameras: Annotated[Path, typer.Option("--cameras", "-c", help="Calibration file.")] = Path("cameras.json"),
     output: Annotated[Path, typer.Option("--output", "-o", help="Log to write: .csv or .parquet.")] = Path(
@@ -79,7 +149,7 @@ def track(
     target: Annotated[
         Path | None,
         typer.Option(
-            help="Target file (TOML): balls, colours, places; green, yellow and red on a 33 mm cross without it."
+            help="Target file (TOML): balls, colours, places; green, yellow and red on a 38 mm cross without it."
         ),
     ] = None,
     ball: Annotated[
@@ -110,10 +180,12 @@ def track(
     --------
     gpcorrect vision track front.mp4 left.mp4 back.mp4 right.mp4 --cameras cameras.json --output log.parquet
 
+    gpcorrect vision track monday/ --target tool.toml
+
     gpcorrect vision track cam0/ cam1/ --ball red --fps 25 --annotated look.mp4 --report quality.html
     """
     from gpcorrect.logs import write_log
-    from gpcorrect.vision import TrackSettings, open_source, read_cameras
+    from gpcorrect.vision import TrackSettings, open_sources, read_cameras
     from gpcorrect.vision import track as track_sources
 
     for path in filter(None, (output, annotated)):
@@ -122,7 +194,7 @@ def track(
     if output.suffix not in (".csv", ".parquet"):
         raise DataError(f"a log ends in .csv or .parquet; got {output.name}.")
     followed, known = _target(target, ball), read_cameras(cameras)
-    sources = [open_source(path) for path in videos]
+    sources = open_sources(videos, [camera.name for camera in known])
     settings = TrackSettings(fps=fps, first_look=first_look, workers=workers)
     with progress_bar(quiet=json) as progress, _drawing(annotated, known, followed, fps, sources) as video:
         result = track_sources(sources, known, followed, settings, progress, None if video is None else video.add)

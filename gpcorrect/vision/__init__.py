@@ -14,10 +14,12 @@ from gpcorrect.vision.pose import (
     pose_from_observations,
     pose_nelder_mead,
 )
+from gpcorrect.vision.record import record
+from gpcorrect.vision.rigs import rig_text
 from gpcorrect.vision.rim import Outline, outline
 from gpcorrect.vision.search import REASONS, Reason
 from gpcorrect.vision.settings import VisionSettings
-from gpcorrect.vision.sources import Source, open_source
+from gpcorrect.vision.sources import Source, open_source, open_sources
 from gpcorrect.vision.space import common_perpendicular, mean_midpoint, triangulate
 from gpcorrect.vision.target import END_EFFECTOR, BallSpec, Colour, Target, colour_of, single_ball
 from gpcorrect.vision.track import Track, TrackResult, TrackSettings, track
@@ -57,6 +59,7 @@ __all__ = [
     "find_corners",
     "mean_midpoint",
     "open_source",
+    "open_sources",
     "outline",
     "pose_closed_form",
     "pose_from_observations",
@@ -65,7 +68,9 @@ __all__ = [
     "read_cameras",
     "read_rig",
     "read_target",
+    "record",
     "refine_pose",
+    "rig_text",
     "single_ball",
     "track",
     "triangulate",

@@ -40,6 +40,11 @@ class Chessboard:
             )
 
     @property
+    def turns_alike(self) -> bool:
+        """Whether the board looks the same turned by half."""
+        return (self.columns + self.rows) % 2 == 0
+
+    @property
     def points(self) -> FloatArray:
         """Corners `(n, 3)` on the board, m: x along the columns, y along the rows, z = x cross y."""
         j, i = np.mgrid[: self.rows, : self.columns]
@@ -58,7 +63,8 @@ def find_corners(image: Image, board: Chessboard) -> FloatArray | None:
     Returns
     -------
     (n, 2) array or None
-        px, in the order of `board.points` or from its other end, which looks the same; None when it is not there.
+        px, in the order of `board.points`, whose first square is dark; of a board that looks the same turned by half
+        maybe from its other end. None when it is not there.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
     size = (board.columns, board.rows)
@@ -72,9 +78,21 @@ def find_corners(image: Image, board: Chessboard) -> FloatArray | None:
     nearest = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min()) for axis in (0, 1))
     half = int(np.clip(0.35 * nearest, 2, 7))  # a window that holds no other corner
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
-    flat = grid.reshape(-1, 1, 2).astype(np.float32)
+    flat = _oriented(grey, grid).reshape(-1, 1, 2).astype(np.float32)
     refined = cv2.cornerSubPix(grey, flat, (half, half), (-1, -1), criteria)
     return np.asarray(refined, dtype=np.float64).reshape(-1, 2)
+
+
+def _oriented(grey: Image, grid: FloatArray) -> FloatArray:
+    """Corners `(rows, columns, 2)` seen from the front, such that the square after the first corner is dark."""
+    along, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
+    if along[0] * down[1] - along[1] * down[0] < 0:
+        grid = grid[:, ::-1]
+    middles = 0.25 * (grid[:-1, :-1] + grid[:-1, 1:] + grid[1:, :-1] + grid[1:, 1:])
+    u, v = np.moveaxis(np.rint(middles).astype(int), -1, 0)
+    levels = grey[np.clip(v, 0, grey.shape[0] - 1), np.clip(u, 0, grey.shape[1] - 1)].astype(np.float64)
+    even = np.indices(levels.shape).sum(axis=0) % 2 == 0
+    return grid if levels[even].mean() < levels[~even].mean() else grid[::-1, ::-1]
 
 
 @dataclass(frozen=True, eq=False)

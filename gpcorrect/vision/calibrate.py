@@ -164,23 +164,26 @@ def _calibrated(row: RigCamera, rig: Rig, settings: CalibrationSettings) -> Came
     given = 0 if row.lens is not None else len(row.boards)
     rough = _rough(row, rig.board, intrinsics)
     seen = _markers(row, rig, intrinsics, rough, settings)
-    if not seen:
-        if not rough:
-            raise LogError(
-                f"camera {row.name} has no place: neither a board at a known place nor markers.",
-                hint="Give board_at or markers in the rig file.",
-            )
-        camera = Camera(row.name, intrinsics, rough[0])
-        return CameraReport(camera, used, given, without, corner_rms, {}, (), None)
-    points, pixels = np.array([rig.markers[name] for name in seen]), np.array(list(seen.values()))
-    placement = _placed(points, pixels, intrinsics, rough, settings)
+    if not seen and not rough:
+        raise LogError(
+            f"camera {row.name} has no place: neither a board at a known place nor markers.",
+            hint="Give board_at or markers in the rig file.",
+        )
+    if not seen and rig.board.turns_alike:
+        return CameraReport(Camera(row.name, intrinsics, rough[0]), used, given, without, corner_rms, {}, (), None)
+    if seen:
+        points, pixels = np.array([rig.markers[name] for name in seen]), np.array(list(seen.values()))
+        placement = _placed(points, pixels, intrinsics, rough, settings)
+    else:  # the corners of the board at its place are known points
+        points, pixels = _board_points(row, rig.board), _place_corners(row, rig.board)
+        placement = refine_pose(points, pixels, intrinsics, rough[:1], settings)
     if row.lens is None:
         bundle = adjust(lens, rig.board, points, pixels, placement, settings)
         intrinsics, placement, corner_rms = bundle.intrinsics, bundle.placement, bundle.corner_rms_px
     camera = Camera(row.name, intrinsics, placement.T_camera_tracker, placement.covariance, placement.rms_px)
     moved = min((_apart(T, placement.T_camera_tracker)[0] for T in rough), default=None)
-    residuals = dict(zip(seen, placement.residuals, strict=True))
-    outliers = tuple(name for name, good in zip(seen, placement.used, strict=True) if not good)
+    residuals = dict(zip(seen, placement.residuals, strict=bool(seen)))
+    outliers = tuple(name for name, good in zip(seen, placement.used, strict=bool(seen)) if not good)
     return CameraReport(camera, used, given, without, corner_rms, residuals, outliers, moved)
 
 
@@ -209,6 +212,12 @@ def _rough(row: RigCamera, board: Chessboard, lens: Intrinsics) -> list[FloatArr
     """First phase: where the board at its known place says that the camera stands."""
     if row.board_at is None or row.T_tracker_board is None:
         return []
+    return poses_from_board(_place_corners(row, board), board, row.T_tracker_board, lens)
+
+
+def _place_corners(row: RigCamera, board: Chessboard) -> FloatArray:
+    """Corners of the board at its known place."""
+    assert row.board_at is not None
     corners = find_corners(read_image(row.board_at), board)
     if corners is None:
         raise LogError(
@@ -217,7 +226,14 @@ def _rough(row: RigCamera, board: Chessboard, lens: Intrinsics) -> list[FloatArr
             path=str(row.board_at),
             hint="Take it again: the whole board in the picture, nothing over it.",
         )
-    return poses_from_board(corners, board, row.T_tracker_board, lens)
+    return corners
+
+
+def _board_points(row: RigCamera, board: Chessboard) -> FloatArray:
+    """Where those corners are, tracker frame, m."""
+    assert row.T_tracker_board is not None
+    points: FloatArray = board.points @ row.T_tracker_board[:3, :3].T + row.T_tracker_board[:3, 3]
+    return points
 
 
 def _markers(

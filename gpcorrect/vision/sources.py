@@ -14,9 +14,11 @@ from gpcorrect.errors import LogError
 from gpcorrect.types import FloatArray
 from gpcorrect.vision.opencv import Image, cv2
 
-__all__ = ["IMAGES", "Source", "frame_times", "open_source", "read_image"]
+__all__ = ["IMAGES", "Source", "frame_times", "open_source", "open_sources", "read_image"]
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm"}
+VIDEOS = {".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm"}
+TIMES = "times.csv"  # beside videos: when each picture was taken, s; a column a camera
 STAMP = re.compile(r"\d+\.\d+")  # a file name that is a time in seconds, as recorders of ROS write them
 USUAL_FPS = 30.0  # frames a second where nothing says it: what webcams do
 
@@ -127,6 +129,41 @@ def open_source(path: str | Path) -> Source:
         )
     fps = float(video.get(cv2.CAP_PROP_FPS))
     return Source(path, count, fps if np.isfinite(fps) and fps > 0 else None, _video=video)
+
+
+def open_sources(paths: Sequence[str | Path], names: Sequence[str]) -> list[Source]:
+    """Open recordings, one a camera; a single folder of videos or of folders stands for what it holds.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        As :func:`open_source`.
+    names : sequence of str
+        Of the cameras: recordings in a folder that are named as they are put in their order, others in order of name.
+
+    Raises
+    ------
+    LogError
+        As :func:`open_source`.
+    """
+    folder = Path(paths[0])
+    if len(paths) > 1 or not folder.is_dir():
+        return [open_source(path) for path in paths]
+    found = sorted(file for file in folder.iterdir() if file.suffix.lower() in VIDEOS or _holds_images(file))
+    if not found:
+        return [open_source(folder)]
+    by_name = {file.stem: file for file in found}
+    sources = [open_source(file) for file in ([by_name[n] for n in names] if set(names) <= set(by_name) else found)]
+    if (folder / TIMES).is_file():
+        table = np.genfromtxt(folder / TIMES, delimiter=",", names=True, deletechars="", replace_space=" ")
+        for source in sources:
+            if source.path.stem in (table.dtype.names or ()):
+                source.times = np.atleast_1d(table[source.path.stem])[: source.count]
+    return sources
+
+
+def _holds_images(path: Path) -> bool:
+    return path.is_dir() and any(file.suffix.lower() in IMAGES for file in path.iterdir())
 
 
 def read_image(path: Path) -> Image:

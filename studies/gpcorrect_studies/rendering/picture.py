@@ -22,12 +22,17 @@ NOISE_MARGIN = 64  # px by which the stored noise field is larger than a picture
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """A ball: centre (m, world frame), radius (m), colour (red, green, blue; 0 to 255), gloss (0 to 1)."""
+    """A ball: centre (m, world frame), radius (m), colour (red, green, blue; 0 to 255), gloss (0 to 1).
+
+    A rolling shutter sees it elsewhere in every pixel row: `drift` (m a row) away from `centre`, where it is in `row`.
+    """
 
     centre: FloatArray
     radius: float
     colour: tuple[float, float, float]
     gloss: float = 0.3
+    drift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    row: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,9 +157,9 @@ def _seen(ball: Ball, lens: Lens, light: Light, u: FloatArray, v: FloatArray) ->
     """Colours `(h, w, 3)` of a ball along rays, and which rays meet it."""
     d = lens.directions(u, v)
     d = d / np.linalg.norm(d, axis=-1, keepdims=True)
-    to_centre = ball.centre - lens.position
-    along = d @ to_centre
-    depth2 = ball.radius**2 - (to_centre @ to_centre - along**2)
+    to_centre = ball.centre - lens.position + (v - ball.row)[..., None] * np.array(ball.drift)
+    along = (d * to_centre).sum(axis=-1)
+    depth2 = ball.radius**2 - ((to_centre**2).sum(axis=-1) - along**2)
     hit = depth2 > 0.0
     distance = along - np.sqrt(np.maximum(depth2, 0.0))
     normal = (distance[..., None] * d - to_centre) / ball.radius

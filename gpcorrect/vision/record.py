@@ -1,0 +1,103 @@
+"""Records cameras into one folder: a video each, and when every picture was taken."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.atomic import make_folder, write_file
+from gpcorrect.errors import GpCorrectError
+from gpcorrect.types import FloatArray
+from gpcorrect.vision.opencv import cv2
+from gpcorrect.vision.sources import TIMES, USUAL_FPS
+
+__all__ = ["record"]
+
+
+def record(
+    cameras: Sequence[str],
+    folder: str | Path,
+    seconds: float,
+    fps: float = USUAL_FPS,
+    clock: Callable[[], float] = time.monotonic,
+) -> int:
+    """Record until the time is over or a camera gives no more pictures; return the number of frames.
+
+    All cameras are told to keep their picture before the first is decoded: as near in time as they can be.
+
+    Parameters
+    ----------
+    cameras : sequence of str
+        Numbers of devices (0, 1, ...), or video files that stand for cameras.
+    folder : str or Path
+        Gets camera0.avi, camera1.avi, ... and times.csv; made when missing.
+    seconds : float
+        How long.
+    fps : float
+        Asked of the devices, and written into the videos.
+    clock : callable
+        Seconds.
+
+    Raises
+    ------
+    GpCorrectError
+        A camera cannot be opened or gives no picture, or a video cannot be written.
+    """
+    make_folder(folder)
+    opened = [_opened(camera, fps) for camera in cameras]
+    names = [f"camera{k}" for k in range(len(cameras))]
+    writers: list[Any] = []
+    times: list[list[float]] = []
+    try:
+        first = clock()
+        while not times or times[-1][-1] < seconds:
+            stamps = [(one.grab(), clock() - first) for one in opened]
+            pictures = [one.retrieve() for one in opened] if all(good for good, _ in stamps) else [(False, None)]
+            if not all(good for good, _ in pictures):
+                break
+            files = [Path(folder) / f"{name}.avi" for name in names]
+            writers = writers or [_writer(file, p, fps) for file, (_, p) in zip(files, pictures, strict=True)]
+            for writer, (_, picture) in zip(writers, pictures, strict=True):
+                writer.write(picture)
+            times.append([stamp for _, stamp in stamps])
+    finally:
+        for one in (*opened, *writers):
+            one.release()
+    if not times:
+        raise GpCorrectError(
+            "the cameras gave no picture.", hint="Close other programs that use them; try fewer at once."
+        )
+    _write_times(Path(folder) / TIMES, names, np.array(times))
+    return len(times)
+
+
+def _opened(camera: str, fps: float) -> Any:
+    """Open a device by its number, or a video file."""
+    device = camera.isdecimal() and not Path(camera).exists()
+    opened = cv2.VideoCapture(int(camera) if device else camera)
+    if not opened.isOpened():
+        raise GpCorrectError(
+            f"camera {camera} cannot be opened.",
+            hint="Give numbers of devices (on Linux 0 is /dev/video0) or video files; look who may read /dev/video*.",
+        )
+    if device:
+        opened.set(cv2.CAP_PROP_FPS, fps)
+        opened.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+    return opened
+
+
+def _writer(path: Path, picture: Any, fps: float) -> Any:
+    height, width = picture.shape[:2]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, (width, height))
+    if not writer.isOpened():
+        raise GpCorrectError(f"cannot write the video {path}.", hint="Name another folder, or make room.")
+    return writer
+
+
+def _write_times(path: Path, names: Sequence[str], times: FloatArray) -> None:
+    rows = [",".join(f"{value:.6f}" for value in row) for row in times]
+    write_file(path, "\n".join([",".join(names), *rows]) + "\n")
