@@ -56,7 +56,9 @@ def shoot(page: Page, url: str, width: int, height: int, scheme: str, path: Path
     page._call("Page.captureScreenshot", format="png")  # a first one loads what is drawn late
     page.picture(path)
     picture = Image.open(path).convert("RGB")
-    picture.crop((0, 0, width, min(height, picture.height))).quantize(COLOURS).save(path, optimize=True)
+    picture.crop((0, 0, width, min(height, picture.height))).quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(
+        path, optimize=True
+    )
     return wide
 
 

@@ -108,7 +108,7 @@ def browser(profile: Path) -> Iterator[Page]:
     theirs_out, ours_out = os.pipe()
     command = [
         program, "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-extensions",
-        "--remote-debugging-pipe", f"--user-data-dir={profile}", "about:blank",
+        "--hide-scrollbars", "--remote-debugging-pipe", f"--user-data-dir={profile}", "about:blank",
     ]  # fmt: skip
 
     # The browser reads orders from descriptor 3 and answers on 4; high numbers cannot be in the way of these.

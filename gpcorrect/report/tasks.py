@@ -18,8 +18,8 @@ METHOD_ROLES = (Role.RAW, Role.RIGID, Role.CORRECTED)
 """Of the three methods that are measured: before, after the simplest remedy, corrected."""
 METHOD_WORDS = {
     "raw": "before",
-    "rigid": "after rigid registration",
-    "fixed_offset": "after a fixed offset",
+    "rigid": "registered",
+    "fixed_offset": "fixed offset",
     "corrected": "corrected",
     "estimated": "estimated",
 }

@@ -120,7 +120,8 @@ const MARKS = {
     rows.forEach((row, i) => {
       const high = Math.abs(sy(1) - sy(0)) * (s.size || 0.62), left = Math.max(sx(from[i]), area.left), right = sx(to[i]);
       add(g, "rect", { x: Math.min(left, right), y: sy(row) - high / 2, width: Math.max(Math.abs(right - left), 1), height: high, fill: colour(s.role) });
-      if (s.labels) add(g, "text", { x: Math.max(left, right) + 5, y: sy(row) + 4 }, s.labels[i]);
+      const beside = s.labels ? Math.min(Math.max(left, right) + 5, area.right - 6.3 * s.labels[i].length) : 0;
+      if (s.labels) add(g, "text", { class: "label", x: Math.max(beside, area.left + 2), y: sy(row) + 4 }, s.labels[i]);
     });
   },
   cells: (g, s, { sx, sy }, panel) => {

@@ -60,8 +60,12 @@ function corners(svg, bounds, see, labels) {
     const score = ([a, b]) => (axis === 2 ? -(a[0] + b[0]) : a[1] + b[1]);
     const [a, b] = edges.sort((m, n) => score(n) - score(m))[0];
     if (Math.hypot(a[0] - b[0], a[1] - b[1]) < 40) continue; // seen along this axis
-    const way = axis === 2 ? { dx: -8, dy: 4, anchor: "end" } : { dx: 0, dy: 15, anchor: "middle" };
-    const write = ([x, y], text) => add(svg, "text", { x: Math.max(x + way.dx, 4), y: Math.min(y + way.dy, svg.viewBox.baseVal.height - 3), "text-anchor": x + way.dx < 60 && axis === 2 ? "start" : way.anchor }, text);
+    const write = ([x, y], text) => {
+      const low = Math.min(y + (axis === 2 ? 4 : 15), svg.viewBox.baseVal.height - 3);
+      if (axis !== 2) add(svg, "text", { x, y: low, "text-anchor": "middle" }, text);
+      else if (x > 6.5 * text.length + 10) add(svg, "text", { x: x - 8, y: low, "text-anchor": "end" }, text);
+      else add(svg, "text", { x: 2, y: low }, text);
+    };
     const along = (k) => [a[0] + k * (b[0] - a[0]), a[1] + k * (b[1] - a[1])]; // corners belong to several edges
     write(along(0.12), shown(+bounds[axis][0].toPrecision(3)));
     write(along(0.88), shown(+bounds[axis][1].toPrecision(3)));

@@ -63,12 +63,9 @@ def seconds_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:
     """
     done = [row["success_rate"] > 0 for row in rows]
     seconds = [row["seconds_per_fragment"] if ends else 0.0 for row, ends in zip(rows, done, strict=True)]
-    words = [
-        f"{s:.1f} s, {100 * row['success_rate']:.0f} % removed" if ends else "never done: nothing removed"
-        for s, row, ends in zip(seconds, rows, done, strict=True)
-    ]
+    words = [f"{s:.1f} s" if ends else "never done" for s, ends in zip(seconds, done, strict=True)]
     places = np.arange(len(rows))
     bars = Series("seconds", Mark.BARS, Role.CORRECTED, np.zeros(len(rows)), places, x2=seconds, labels=words)
-    limits = (0.0, 1.45 * max(*seconds, 1.0))
+    limits = (0.0, 1.25 * max(*seconds, 1.0))
     panel = Panel("seconds a fragment", "", [bars], rows=[row["name"] for row in rows], x_range=limits)
     return Chart("Seconds a fragment, means over the sets.", [panel])

@@ -132,7 +132,7 @@ function drawHistory(canvas, past, now) {
   for (let ago = 0; ago <= KEEP_SECONDS; ago += KEEP_SECONDS / 4) {
     const at = x(now - ago);
     pen.beginPath(); pen.moveTo(at, y(0)); pen.lineTo(at, y(top)); pen.stroke();
-    pen.fillText(ago ? `−${ago} s` : "now", Math.min(at, width - 14), height - 3);
+    pen.fillText(ago ? `−${ago} s` : "now", Math.max(Math.min(at, width - 14), 44), height - 3);
   }
   pen.textAlign = "left";
   for (const [what, key] of [["interval", "wide"], ["tracked", "error"]]) {
