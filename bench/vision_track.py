@@ -39,7 +39,7 @@ from gpcorrect.vision import (
 from gpcorrect.vision import single_ball as one_ball
 from gpcorrect.vision.opencv import cv2
 from gpcorrect_studies.peng2020 import calibrated_cameras
-from gpcorrect_studies.rendering import Ball, Card, Lens, Light, Stage, random_motion, single_ball
+from gpcorrect_studies.rendering import Ball, Card, Lens, Light, Stage, Studio, random_motion, single_ball
 
 RATE = 30.0
 COVER = Card((0, 0, 640, 480))
@@ -141,37 +141,36 @@ def accuracy(seeds: range, frames: int) -> dict[str, list[dict[str, Any]]]:
 
 def conditions(seeds: range, frames: int) -> dict[str, dict[str, float]]:
     """Median and 95th percentile of the errors, coverage of 95 % ellipsoids, and the fraction lost, seeds pooled."""
-    rows: dict[str, list[FloatArray]] = {}
-    speeds: dict[str, list[float]] = {}
-    for seed in seeds:
-        rng = np.random.default_rng([seed, 8])
-        path = random_motion(round((frames / RATE + 0.2) * FINE), FINE, rng)
-        late = (0.0, *rng.uniform(-0.5, 0.5, 3) * OUT_OF_STEP)
-        clean = Stage.standard(seed, radius=RADIUS)
-        half = Stage.standard(seed, radius=RADIUS, colours={n: tuple(0.5 * v for v in c) for n, c in COLOURS.items()})
-        for studio in half.studios:
-            studio.__init__(studio.lens, 0.5 * studio.background, studio.light, rng=studio.rng)  # type: ignore[misc]
-        cluttered = Stage.standard(seed, radius=RADIUS, colourful=1.0, pieces=50)
-        noisy = Stage.standard(seed, radius=RADIUS, noise=12.0)
-        in_step = (0.0,) * 4
-        cases = {
-            "as it should be": (clean, in_step, 0.0),
-            "clutter of all colours": (cluttered, in_step, 0.0),
-            "half light": (half, in_step, 0.0),
-            "noise 12": (noisy, in_step, 0.0),
-            "out of step by up to 30 ms": (clean, late, 0.0),
-            "rolling shutter 25 ms": (clean, in_step, READOUT),
-            "rolling shutter, out of step": (clean, late, READOUT),
-        }
-        for name, (stage, delays, readout) in cases.items():
-            found, spent = pictured(stage, path, frames, delays, readout)
-            rows.setdefault(name, []).append(found)
-            speeds.setdefault(name, []).append(spent)
-    return {name: summary(np.vstack(found), statistics.median(speeds[name])) for name, found in rows.items()}
+    scenes, rows = [conditions_of(seed, frames) for seed in seeds], {}
+    for name in scenes[0]:
+        runs = [pictured(*scene[name], frames) for scene in scenes]
+        rows[name] = summary(np.vstack([found for found, _ in runs]), statistics.median(rate for _, rate in runs))
+        print(f"# {name}", *(f"{key} {value:.3f}" for key, value in rows[name].items()), flush=True)
+    return rows
+
+
+def conditions_of(seed: int, frames: int) -> dict[str, tuple[Stage, FloatArray, Sequence[float], float]]:
+    """Stage, path (a pose a millisecond), delays of the cameras (s) and readout (s) of each condition."""
+    rng = np.random.default_rng([seed, 8])
+    path = random_motion(round((frames / RATE + 0.2) * FINE), FINE, rng)
+    late, in_step = (0.0, *(rng.uniform(-0.5, 0.5, 3) * OUT_OF_STEP)), (0.0,) * 4
+    clean = Stage.standard(seed, radius=RADIUS)
+    dark = {name: tuple(0.5 * v for v in shade) for name, shade in COLOURS.items()}
+    half = Stage.standard(seed, radius=RADIUS, colours=dark)
+    half = replace(half, studios=tuple(Studio(s.lens, 0.5 * s.background, s.light, rng=s.rng) for s in half.studios))
+    return {
+        "as it should be": (clean, path, in_step, 0.0),
+        "clutter of all colours": (Stage.standard(seed, radius=RADIUS, colourful=1.0, pieces=50), path, in_step, 0.0),
+        "half light": (half, path, in_step, 0.0),
+        "noise 12": (Stage.standard(seed, radius=RADIUS, noise=12.0), path, in_step, 0.0),
+        "out of step by up to 30 ms": (clean, path, late, 0.0),
+        "rolling shutter 25 ms": (clean, path, in_step, READOUT),
+        "rolling shutter, out of step": (clean, path, late, READOUT),
+    }
 
 
 def pictured(
-    stage: Stage, path: FloatArray, frames: int, delays: Sequence[float], readout: float
+    stage: Stage, path: FloatArray, delays: Sequence[float], readout: float, frames: int
 ) -> tuple[FloatArray, float]:
     """Track cameras that look at their own moments: error (mm, degrees) and squared normalised error of each frame."""
     cameras = [replace(camera, readout=readout) for camera in true_cameras(stage.lenses)]

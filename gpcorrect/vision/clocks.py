@@ -41,13 +41,18 @@ class Clocks:
     def delays(self) -> FloatArray:
         """Delay `(c,)` of each camera, s: none where it is not shown that there is one."""
         solved: FloatArray = np.linalg.solve(self._information, self._right)
-        shown = np.abs(solved) > self.settings.shown * np.sqrt(np.diag(self.covariance))
+        shown = np.abs(solved) > self.settings.shown * self.stds
         return np.where(shown | self._given, solved, 0.0)
 
     @property
     def covariance(self) -> FloatArray:
         """Covariance `(c, c)` of the delays, s^2."""
         return np.asarray(np.linalg.inv(self._information), dtype=np.float64)
+
+    @property
+    def stds(self) -> FloatArray:
+        """Standard deviations `(c,)` of the delays, s."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)), dtype=np.float64)
 
     def of_views(self, cameras: IntArray, rows: FloatArray) -> FloatArray:
         """Return by how much later than the frame's time each view was taken, s `(k,)`.

@@ -118,6 +118,7 @@ class ClockSettings:
     start_speed: float = 0.1  # m/s: of a tool whose velocity has not shown yet; views may disagree by that
     known: float = 1e-4  # s: of a delay that the calibration file states, and of the first camera
     shown: float = 4.0  # standard deviations from none: most cameras are triggered together, and then none is right
+    look: int = 45  # frames at the beginning of a recording that are tracked twice: the first time for the delays
     memory: float = 90.0  # frames: what was learned from a first, wrong velocity fades in three seconds
     least_speed: float = 0.01  # m/s: below, errors of the velocity would be taken for knowledge of the delays
     arm: float = 0.04  # m at which an angular velocity is counted as one: about that of the fixture's balls

@@ -15,11 +15,12 @@ from gpcorrect.errors import LogError
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal, Progress
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.checks import check_fit
+from gpcorrect.vision.clocks import Clocks
 from gpcorrect.vision.filtering import STATUSES, Status
 from gpcorrect.vision.opencv import Image
 from gpcorrect.vision.search import REASONS, Reason
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
-from gpcorrect.vision.sources import Source, frame_times
+from gpcorrect.vision.sources import Source, frame_times, open_source
 from gpcorrect.vision.target import Target
 from gpcorrect.vision.tracker import Frame, Tracker
 
@@ -212,7 +213,8 @@ def track(
         pictures = [[source.peek(int(i)) for source in sources] for i in some]
         check_fit(pictures, cameras, target, names, settings.vision)
     times, rows = frame_times(sources, settings.fps, count), []
-    with Tracker(cameras, target, settings.vision, settings.workers) as tracker, ThreadPoolExecutor(1) as reader:
+    tracker = Tracker(cameras, target, settings.vision, settings.workers, _clocks(sources, cameras, target, settings))
+    with tracker, ThreadPoolExecutor(1) as reader:
 
         def next_pictures() -> Future[list[Image | None]]:
             return reader.submit(lambda: [source.read() for source in sources])
@@ -231,6 +233,7 @@ def track(
     whole = Track(*(np.array(column) for column in zip(*rows, strict=True)))
     remarks = (
         *_interruptions(sources, len(whole.time)),
+        *_delays(cameras, tracker),
         *_doubts(whole, cameras, target, settings.vision.check.often),
     )
     if not (whole.status == 0).any():
@@ -240,6 +243,30 @@ def track(
         )
     log = whole.log(target, remarks, ", ".join(names))
     return TrackResult(whole, log, remarks, time.perf_counter() - begun)
+
+
+def _clocks(
+    sources: Sequence[Source], cameras: Sequence[Camera], target: Target, settings: TrackSettings
+) -> Clocks | None:
+    """Learn delays from the beginning of the recordings, so that the first frames have them too."""
+    look = settings.vision.clocks.look
+    if not settings.first_look or min(source.count for source in sources) < look:
+        return None
+    again = [open_source(source.path) for source in sources]
+    times = frame_times(sources, settings.fps, max(source.count for source in sources))
+    with Tracker(cameras, target, settings.vision, settings.workers) as tracker:
+        for time_ in times[:look]:
+            tracker.step([source.read() for source in again], float(time_))
+        return tracker.clocks
+
+
+def _delays(cameras: Sequence[Camera], tracker: Tracker) -> list[str]:
+    """Name the cameras that are out of step."""
+    found = zip(cameras, 1e3 * tracker.clocks.delays, 1e3 * tracker.clocks.stds, strict=True)
+    late = [
+        f"{c.name} {delay:+.1f} ms (±{std:.1f})" for c, delay, std in found if c.delay is None and abs(delay) > 0.05
+    ]
+    return [f"Cameras look later than {cameras[0].name}: {', '.join(late)}; taken into account."] if late else []
 
 
 def _row(frame: Frame) -> tuple[object, ...]:

@@ -92,6 +92,8 @@ class Tracker:
         When a ball is one, when a view is trusted, how the tool may move.
     workers : int
         Pictures that are searched at the same time.
+    clocks : Clocks, optional
+        What is known already of when each camera looks; learned further.
 
     Raises
     ------
@@ -100,7 +102,12 @@ class Tracker:
     """
 
     def __init__(
-        self, cameras: Sequence[Camera], target: Target, settings: VisionSettings = DEFAULT, workers: int = 2
+        self,
+        cameras: Sequence[Camera],
+        target: Target,
+        settings: VisionSettings = DEFAULT,
+        workers: int = 2,
+        clocks: Clocks | None = None,
     ) -> None:
         if len(cameras) < 2:
             raise DataError(f"tracking in space needs two cameras or more, got {len(cameras)}.")
@@ -108,7 +115,7 @@ class Tracker:
         self._filter = PoseFilter(settings.motion)
         self._views = [[View() for _ in target.balls] for _ in cameras]
         self._memory = [_BallMemory(ball.radius) for ball in target.balls]
-        self._clocks = Clocks(cameras, settings.clocks)
+        self.clocks = clocks or Clocks(cameras, settings.clocks)
         self._lone = LoneBall(settings.agreement)
         self._spread = 1.0  # running mean of chi squared a degree of freedom, at least 1
         self._wait = 0  # frames until whole pictures are searched again
@@ -183,16 +190,6 @@ class Tracker:
         """Return the views as they are, none of them seen in this frame yet."""
         return [[replace(view, outline=None) for view in row] for row in self._views]
 
-    @property
-    def delays(self) -> FloatArray:
-        """By how much later than the first camera each one looks, as far as the motion has shown: `(c,)`, s."""
-        return self._clocks.delays
-
-    @property
-    def delay_stds(self) -> FloatArray:
-        """Standard deviations `(c,)` of `delays`, s."""
-        return np.asarray(np.sqrt(np.diag(self._clocks.covariance)), dtype=np.float64)
-
     def _check(self, images: Sequence[Image | None]) -> None:
         if len(images) != len(self.cameras):
             raise DataError(f"{len(self.cameras)} cameras are calibrated, {len(images)} pictures came.")
@@ -212,7 +209,7 @@ class Tracker:
 
     def _follow(self, images: Sequence[Image | None], time: float) -> None:
         """Find every ball where a camera should see it by the time of its own picture."""
-        delays = self._clocks.delays
+        delays = self.clocks.delays
         poses = [self._filter.predicted(time + delay) for delay in delays]
 
         def camera_job(k: int) -> list[Found]:
@@ -273,13 +270,13 @@ class Tracker:
 
     def _shift(self, row: list[View], place: FloatArray, T: FloatArray, motion: Motion | None) -> None:
         """Say of a ball's views by how much later than the frame they were taken, and what it moved by then."""
-        arm, stds, start = T[:3, :3] @ place, self.delay_stds, self.settings.clocks.start_speed
+        arm, stds, start = T[:3, :3] @ place, self.clocks.stds, self.settings.clocks.start_speed
         speed = np.zeros(3) if motion is None else motion.twist[:3] + np.cross(motion.twist[3:], arm)
         unsure = 0.0 if motion is None else float(np.sqrt(np.trace(motion.covariance[:3, :3])))
         for k, view in enumerate(row):
             if view.outline is not None:
                 camera, rows = self.cameras[k], view.outline.pixel[1:]
-                view.delay = 0.0 if motion is None else float(self._clocks.of_views(np.array([k]), rows)[0])
+                view.delay = 0.0 if motion is None else float(self.clocks.of_views(np.array([k]), rows)[0])
                 before, after = camera.local(np.stack([arm + T[:3, 3], arm + T[:3, 3] + view.delay * speed]))
                 view.shift = after[:2] / after[2] - before[:2] / before[2]
                 lag = (start if motion is None else np.linalg.norm(speed)) * stds[k] + unsure * abs(view.delay)
@@ -318,7 +315,7 @@ class Tracker:
         now, memory = fit.linearised.chi_squared, self.settings.views.spread_memory
         self._spread = max(1.0, self._spread + (now - self._spread) / memory)
         covariance = fit.covariance * max(now, self._spread)
-        return replace(fit, covariance=covariance + self._clocks.spread(fit.linearised, cameras))
+        return replace(fit, covariance=covariance + self.clocks.spread(fit.linearised, cameras))
 
     def _learn(self, fit: PoseFit, motion: Motion) -> None:
         """Learn the delays from a fit with the velocity of the frames before."""
@@ -330,7 +327,7 @@ class Tracker:
             except (DegenerateError, np.linalg.LinAlgError):
                 return
             assert again.linearised is not None
-            self._clocks.learn(again.linearised, observations.camera)
+            self.clocks.learn(again.linearised, observations.camera)
 
     def _observations(self) -> Observations | None:
         """Trusted views of this frame; None when they are too few for all that is to be found."""
