@@ -16,8 +16,8 @@ from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
 __all__ = ["Axis", "Line", "Shown", "path_charts"]
 
-MOST_SAMPLES = 8000
-"""Drawn on a page, so that it stays near two megabytes; chosen by hand."""
+MOST_SAMPLES = 6000
+"""Drawn on a page: of seven joints and two models they take three megabytes; chosen by hand."""
 MOST_TRAJECTORIES = 300
 """In the table and the charts; the page names how many there are. Chosen by hand."""
 DEGREES = float(np.rad2deg(1.0))

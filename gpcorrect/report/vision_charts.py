@@ -16,8 +16,8 @@ if TYPE_CHECKING:  # OpenCV is an extra of its own: reports of other things must
 
 __all__ = ["marker_chart", "path_charts", "quality_chart", "views_chart"]
 
-MOST_FRAMES = 8000
-"""Drawn on a page, so that it stays near two megabytes; chosen by hand."""
+MOST_FRAMES = 6000
+"""Drawn on a page, so that it stays near a megabyte; chosen by hand."""
 COASTING, LOST = 1, 2
 STATE_ROLES = (Role.CORRECTED, Role.QUIET, Role.RIGID, Role.DROPPED, Role.RAW, Role.SKY, Role.GOOD, Role.INK)
 

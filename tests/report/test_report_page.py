@@ -144,6 +144,18 @@ def test_the_legend_hides_a_series(page: Page) -> None:
     assert page.run(count) == shown
 
 
+def test_print_is_light_and_keeps_the_legend(page: Page) -> None:
+    """On paper the page is white whatever the reader's setting, and names stay while buttons go."""
+    dark = [{"name": "prefers-color-scheme", "value": "dark"}]
+    back = "getComputedStyle(document.body).backgroundColor"
+    page._call("Emulation.setEmulatedMedia", features=dark)
+    assert page.run(back) != "rgb(255, 255, 255)"
+    page._call("Emulation.setEmulatedMedia", media="print", features=dark)
+    assert page.run(back) == "rgb(255, 255, 255)"
+    assert page.run("document.querySelector('.tools .swatch').offsetWidth") > 0
+    assert page.run("[...document.querySelectorAll('.do')].every((button) => button.offsetWidth === 0)")
+
+
 @pytest.mark.parametrize("width", [1280, 390])
 def test_nothing_is_wider_than_the_window(page: Page, written: Path, width: int) -> None:
     """On a screen and on a telephone the page scrolls down only."""
