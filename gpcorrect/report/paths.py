@@ -107,6 +107,8 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
         That are drawn as errors.
     """
     groups, target = shown.groups(), reference(shown.corrector, shown.log, shown.measured)
+    if shown.log.static:  # nothing joins one pose to the next
+        paths, errors = ([line._replace(mark=Mark.DOTS) for line in lines] for lines in (paths, errors))
     step = -(-sum(map(len, groups.values())) // MOST_SAMPLES)
     drawn = {
         key: _panels(
@@ -118,9 +120,10 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
     gaps = " Shaded: samples that cleaning rejected; lines have gaps there." if not shown.cleaning.keep.all() else ""
     names = [words_of(shown.corrector).reference, *(path.name for path in paths)]
     band = " and the 95 % interval around no error" if any(line.interval95 is not None for line in errors) else ""
+    start, along = ("", "in order") if shown.log.static else ("; dots mark the start", "over time")
     captions = (
-        f"Paths in space: {', '.join(names)}. Drag to turn; dots mark the start.",
-        f"The same over time.{gaps}{thin} Drag to zoom, double-click to go back.",
+        f"In space: {', '.join(names)}. Drag to turn{start}.",
+        f"The same {along}.{gaps}{thin} Drag to zoom, double-click to go back.",
         f"Errors{band}.{gaps}",
     )
     return [
@@ -150,14 +153,15 @@ def _panels(
     shown: Shown, chosen: _Chosen, target: FloatArray, paths: Sequence[Line], errors: Sequence[Line]
 ) -> tuple[list[Panel], list[Panel], list[Panel]]:
     axes = [axis for axis in shown.axes if axis.column < target.shape[1]]
-    zero = Line(words_of(shown.corrector).reference, Mark.DASH, Role.INK, np.zeros(shown.measured.raw.shape))
+    mark, along = (Mark.DOTS, "pose") if shown.log.static else (Mark.DASH, "time [s]")
+    zero = Line(words_of(shown.corrector).reference, mark, Role.INK, np.zeros(shown.measured.raw.shape))
     time, drawn = chosen.time, []
     for line in (zero, *paths):
         columns = [a.scale * (target[:, a.column] - line.errors[:, a.column]) for a in axes]
         drawn.append((line, [_taken(column, chosen.index) for column in columns]))
     over_time = [
         Panel(
-            "time [s]",
+            along,
             axis.label,
             [Series(line.name, line.mark, line.role, time, columns[i]) for line, columns in drawn],
             spans=chosen.spans,
@@ -169,10 +173,10 @@ def _panels(
         x, y, z = axes[:3]
         series = [Series(n.name, n.mark, n.role, c[0], c[1], z=c[2], value=time) for n, c in drawn]
         space = [Panel(x.label, y.label, series, z_label=z.label, equal=x.name == "x")]
-    return space, over_time, _errors(shown.axes, chosen, errors)
+    return space, over_time, _errors(shown.axes, along, chosen, errors)
 
 
-def _errors(axes: Sequence[Axis], chosen: _Chosen, lines: Sequence[Line]) -> list[Panel]:
+def _errors(axes: Sequence[Axis], along: str, chosen: _Chosen, lines: Sequence[Line]) -> list[Panel]:
     panels = []
     for i, name, unit, scale in axes:
         series = []
@@ -183,7 +187,7 @@ def _errors(axes: Sequence[Axis], chosen: _Chosen, lines: Sequence[Line]) -> lis
         for line in lines:
             error = _taken(scale * line.errors[:, i], chosen.index)
             series.append(Series(line.name, line.mark, line.role, chosen.time, error))
-        panels.append(Panel("time [s]", f"{name} error [{unit}]", series, spans=chosen.spans, height=160))
+        panels.append(Panel(along, f"{name} error [{unit}]", series, spans=chosen.spans, height=160))
     return panels
 
 

@@ -163,4 +163,4 @@ def test_an_estimator_has_the_page_of_every_task(fitted: Experiment, tmp_path: P
     assert fitted.test is not None
     page = (tmp_path / "page.html").read_text()
     assert page.count("data-key=") == len(fitted.test.trajectory_ids)
-    assert "Paths in space: true, reported, estimated." in page
+    assert "In space: true, reported, estimated." in page

@@ -13,7 +13,7 @@ import pytest
 from chromium import Page, browser
 from support import Once, small_log
 
-from gpcorrect.calibration import CommandCorrector, evaluate_model
+from gpcorrect.calibration import CommandCorrector, Evaluation, evaluate_model
 from gpcorrect.report import write_evaluation_report
 from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, charts_data
 
@@ -183,3 +183,18 @@ def test_an_array_of_several_series_is_written_once() -> None:
     series = [Series(n, Mark.LINE, Role.RAW, time, np.array([1.0, np.nan])) for n in ("a", "</script>")]
     data = charts_data([Chart("", [Panel("x", "y", series)])])
     assert data["columns"] == [[0.0, 1.0], [1.0, None], [1.0, None]]
+
+
+def test_static_poses_are_dots_and_have_no_table(small_corrector: CommandCorrector, tmp_path: Path) -> None:
+    """Nothing joins one measured pose to the next, and none is a trajectory to choose."""
+    log = small_log(5, trajectories=2)
+    rows = np.arange(len(log))
+    still = replace(log, time=rows, trajectory=rows, static=True)
+    dirty = replace(small_corrector.measure(log, np.ones(len(log), dtype=bool)), trajectory=rows, time=1.0 * rows)
+    evaluation = Evaluation(small_corrector, dirty, dirty, small_corrector.clean(log))
+    write_evaluation_report(evaluation, still, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert "Static poses, in the order of the recording" in page
+    assert "data-key=" not in page
+    data = json.loads(page.split('id="data">')[1].split("</script>")[0])
+    assert {s["mark"] for panel in data["charts"][1]["panels"] for s in panel["series"]} == {"dots"}

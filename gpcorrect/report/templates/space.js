@@ -38,9 +38,10 @@ function drawSpace(figure, chart, state, draw) {
   state.drawn = series.map((s) => {
     const [x, y, z] = ["x", "y", "z"].map((n) => column(s[n]));
     const points = x.map((v, i) => (finite(v) && finite(y[i]) && finite(z[i]) ? see([v, y[i], z[i]]) : null));
-    add(svg, "path", { class: "mark", d: stroke(points), stroke: colour(s.role), ...(s.mark === "dash" ? { "stroke-dasharray": "5 4" } : {}) });
+    const path = s.mark === "dots" ? { d: points.map((p) => (p ? `M${p[0]} ${p[1]}h0` : "")).join(""), style: "stroke-width:5;stroke-linecap:round" } : { d: stroke(points) };
+    add(svg, "path", { class: "mark", stroke: colour(s.role), ...path, ...(s.mark === "dash" ? { "stroke-dasharray": "5 4" } : {}) });
     const first = points.find(Boolean);
-    if (first) add(svg, "circle", { cx: first[0], cy: first[1], r: 3.5, fill: colour(s.role) });
+    if (first && s.mark !== "dots") add(svg, "circle", { cx: first[0], cy: first[1], r: 3.5, fill: colour(s.role) });
     return { s, points };
   });
   turnable(svg, state, draw);
