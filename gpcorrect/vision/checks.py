@@ -173,7 +173,11 @@ def _best_order(
         ]
         return _agreement(again, taken, target, settings, sizes=False)
 
-    best = max(orders, key=lambda order: agreement(order, candidates[: settings.check.order_frames]).agreeing)
+    likely = [  # of every ball in every camera
+        [[ball[: settings.check.order_candidates] for ball in balls] for balls in frame]
+        for frame in candidates[: settings.check.order_frames]
+    ]
+    best = max(orders, key=lambda order: agreement(order, likely).agreeing)
     return best, agreement(best, candidates)
 
 

@@ -333,7 +333,8 @@ def _colour_regions(
         mask = replace(colour, saturation=min(colour.saturation + level, 0.95)).mask(hsv)
         if not cv2.countNonZero(mask):
             break
-        for region in _regions(mask, radii):
+        roundest = sorted(_regions(mask, radii), key=lambda region: -region[0])[: settings.balls.patches]
+        for region in roundest:  # noise leaves thousands
             u, v, size = region[2]
             if not any(
                 np.hypot(u - a, v - b) < 0.4 * min(size, r) + 1.0 and abs(size - r) < 0.25 * max(size, r)

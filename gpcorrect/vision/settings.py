@@ -134,7 +134,8 @@ class CheckSettings:
     some: float = 0.34  # of the views must agree in the best order
     few_views: float = 1.5  # cameras a ball and frame, on average: with fewer, nothing speaks against the calibration
     most_ordered: int = 5  # cameras of which all orders (120) are tried; of more, only swaps of two
-    order_frames: int = 3  # frames with which orders are compared
+    order_frames: int = 3  # frames with which orders are compared,
+    order_candidates: int = 6  # and of every ball in a picture the likeliest ones
     radius: float = 0.25  # fraction by which a ball's radius may differ from the target file's
     often: float = 0.3  # of the frames in which a camera contradicts the others: it is named
 

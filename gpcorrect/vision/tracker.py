@@ -307,15 +307,20 @@ class Tracker:
             return None
         seen = [view for row in self._views for view in row if view.effective and view.outline is not None]
         limit = float(np.mean([limit_px(view, self.settings.views) for view in seen]))
-        return self._judged(fit, observations.camera) if fit.rms < limit else None
+        return self._judged(fit, observations.camera, motion) if fit.rms < limit else None
 
-    def _judged(self, fit: PoseFit, cameras: IntArray) -> PoseFit:
+    def _judged(self, fit: PoseFit, cameras: IntArray, motion: Motion | None) -> PoseFit:
         """Fit with what the covariances of single views do not hold: what all leave together, and the clocks."""
         assert fit.linearised is not None
         now, memory = fit.linearised.chi_squared, self.settings.views.spread_memory
         self._spread = max(1.0, self._spread + (now - self._spread) / memory)
         covariance = fit.covariance * max(now, self._spread)
-        return replace(fit, covariance=covariance + self.clocks.spread(fit.linearised, cameras))
+        covariance = covariance + self.clocks.spread(fit.linearised, cameras)
+        if motion is None:  # by how much the tool moved until these views is not known yet
+            rows = [v.outline.pixel[1] for row in self._views for v in row if v.effective and v.outline is not None]
+            late = float(np.mean(self.clocks.of_views(cameras, np.array(rows))))
+            covariance[:3, :3] += (self.settings.clocks.start_speed * late) ** 2 * np.eye(3)
+        return replace(fit, covariance=covariance)
 
     def _learn(self, fit: PoseFit, motion: Motion) -> None:
         """Learn the delays from a fit with the velocity of the frames before."""
