@@ -1,17 +1,18 @@
-"""One effect with a home stands for two that would each explain a part of it."""
+"""One effect with further numbers stands for two that would each explain a part of it, or is found with them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+from discrepancy_core import NOISE, joint_log
 
 from gpcorrect.discrepancy.search.candidates import all_candidates
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.sim import machine_of, model_from_dict, simulate
-from gpcorrect.sim.effects import CableCoupling
+from gpcorrect.sim.effects import CableCoupling, Hysteresis
 from gpcorrect.sim.plan import Segment, plan_of
 from gpcorrect.types import CalibrationLog
 
@@ -47,3 +48,14 @@ def test_a_home_is_no_second_effect_elsewhere() -> None:
     found = search(start_search(dataset, wanted)).fitted
     assert [f.candidate.name for f in found] == ["cable_coupling"]
     assert abs(found[0].effect.home - HOME) < 0.1  # type: ignore[attr-defined]
+
+
+def test_a_hysteresis_is_found_with_its_depth() -> None:
+    """Slack that takes up a fifth of the motion is found as such, of one joint's candidates."""
+    log = joint_log(3, Hysteresis(1, 3.0 * NOISE, depth=0.2))
+    bare = model_from_dict({"arm": "joints", "joints": [1, 2], "joint_types": "RR"})
+    dataset = prepare_data(log, bare, np.random.default_rng(0)).dataset
+    found = search(start_search(dataset, [c for c in all_candidates(dataset.scene) if c.joint == 1])).fitted
+    assert [f.candidate.name for f in found] == ["hysteresis"]
+    assert 0.1 < found[0].effect.depth < 0.4  # type: ignore[attr-defined]
+    assert abs(found[0].effect.radius / NOISE - 3.0) < 0.5  # type: ignore[attr-defined]

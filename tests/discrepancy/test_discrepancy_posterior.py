@@ -47,7 +47,7 @@ def test_probabilities_sum_to_one_and_follow_the_evidence(catalogue: dict[str, C
 
 def test_of_two_that_explain_alike_the_simpler_is_more_probable(catalogue: dict[str, Candidate]) -> None:
     """Numbers beyond the first have a price, whatever else is still missing."""
-    simple, flexible = catalogue["backlash"], catalogue["hysteresis"]
+    simple, flexible = catalogue["backlash"], catalogue["pulley_eccentricity"]
     assert flexible.extra > simple.extra
     for beside in (0.0, 400.0):
         mine, *_, rival = posterior(simple, _weighed(5000.0, flexible, 5000.2, beside=beside), COST)

@@ -73,6 +73,17 @@ def test_a_sum_of_one_play_is_a_play() -> None:
     np.testing.assert_allclose(sharp, play(path, 1.5), atol=0.02)
 
 
+@pytest.mark.parametrize("law", ["bouc_wen", "plays"])
+def test_the_depth_of_a_hysteresis_is_what_a_reversal_loses(law: str) -> None:
+    """Right after a reversal the joint goes 1 - depth of the way; after a long one it lags by the radius."""
+    path = np.concatenate([np.linspace(0.0, 10.0, 1001), np.linspace(10.0, 0.0, 1001)[1:]])[:, None, None]
+    motion = replace(run(machine_of(model("none")), plan()).motion, joints=(1,))
+    q = Hysteresis(1, 0.4, 4.0, depth=0.25, law=law).act(path, motion)[:, 0, 0]
+    assert q[1000] == pytest.approx(9.6, abs=2e-3)
+    assert q[1000] - q[1002] == pytest.approx(0.75 * 0.02, abs=2e-4)
+    assert q[-1] == pytest.approx(0.4, abs=2e-3)
+
+
 @pytest.mark.parametrize(
     "bad", [lambda: FeedforwardError(1, 0.1, "friction"), lambda: Hysteresis(1, 1, 1, law="lugre")]
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import MISSING, fields
 
 import numpy as np
 from scipy.stats import f as fisher
@@ -63,7 +64,8 @@ def undetermined(
 ) -> tuple[str, ...]:
     """Return the names of an effect's shape parameters whose 95 % interval is no narrower than a part of their range.
 
-    A shape that may be anything is a smooth curve under the effect's name: it says nothing of the machine.
+    A shape that may be anything is a smooth curve under the effect's name: it says nothing of the machine. A number with
+    a default only refines what has its name without it.
 
     Parameters
     ----------
@@ -77,10 +79,14 @@ def undetermined(
         Which one of the set.
     """
     candidate = fitted[index].candidate
+    refining = {f.name for f in fields(candidate.kind) if f.default is not MISSING}
     shapes = [
         i
         for i, c in enumerate(candidate.coordinates)
-        if i not in candidate.sizes and not c.parameter.change_point and np.isfinite(c.width)
+        if i not in candidate.sizes
+        and not c.parameter.change_point
+        and np.isfinite(c.width)
+        and c.parameter.name not in refining
     ]
     if not shapes:
         return ()

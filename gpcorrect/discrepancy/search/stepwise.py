@@ -160,6 +160,13 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
     if best is None or best[0] < threshold:
         return state
     new = best[1][-1].candidate
+    for leader in rank(state, linearised, refused, beyond=[new]):  # such as one that has a home
+        fitted = state.refit((*state.fitted, leader.fit), leader.candidate)
+        gain = gain_over(state, linearised, fitted, leader.fit)
+        gain -= SEARCH.complexity * (leader.candidate.extra - new.extra)
+        if gain > best[0] and not fitted[-1].at_edge:
+            best = gain, fitted
+    new = best[1][-1].candidate
     joints.add(new.joint)
     steps = (*state.waterfall, Step(new.label, best[0]))
     return replace(state, fitted=best[1], waterfall=steps).refreshed()

@@ -32,13 +32,16 @@ class Hysteresis(JointEffect):
         Largest lag r, rad or m.
     sharpness : float
         n: 1 is a long soft curve, a large one a play with a corner.
+    depth : float
+        A: share of a motion that is lost right after a reversal, 1 for all of it.
     law : str
-        Member of the family: "bouc_wen", the Bouc-Wen element with A = 1 and beta = gamma, or "plays", a
+        Member of the family: "bouc_wen", the Bouc-Wen element with beta = gamma, or "plays", a
         Prandtl-Ishlinskii sum of plays.
     """
 
     radius: float
-    sharpness: float
+    sharpness: float = 1.0
+    depth: float = 1.0
     law: str = "bouc_wen"
 
     stage = Stage.TRANSMISSION
@@ -47,7 +50,8 @@ class Hysteresis(JointEffect):
         number=20,
         slot="T",
         family=Family.REVERSAL,
-        equation="q = m - z, dz = (1 - |z / r|^n (1 + sign(z dm)) / 2) dm; or q = mean of play(m, r_i), r_i mean r",
+        equation="q = m - z, dz = A (1 - |z / r|^n (1 + sign(z dm)) / 2) dm; "
+        "or q = (1 - A) m + A mean of play(m, r_i / A), r_i mean r",
         source="Bouc 1967; Wen 1976; Ismail, Ikhouane, Rodellar 2009, Arch. Comput. Methods Eng. 16; "
         "Brokate and Sprekels 1996, Hysteresis and Phase Transitions, Sec. 2.4",
         parameters=(
@@ -67,6 +71,14 @@ class Hysteresis(JointEffect):
                 factor=2.0,
                 ladder=Ladder(Per.VALUE, (1.0, 3.0)),
             ),
+            Parameter(
+                "depth",
+                "share of a motion that is lost right after a reversal",
+                revolute=Range("1", 0.02, 1.0, 0.25),
+                positive=True,
+                factor=2.0,
+                ladder=Ladder(Per.VALUE, (0.25,), absent=True),
+            ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
         neighbours=(
@@ -82,12 +94,14 @@ class Hysteresis(JointEffect):
         super().__post_init__()
         if not self.sharpness > 0:
             raise DataError(f"effect hysteresis: sharpness must be > 0, got {self.sharpness!r}.")
+        if not 0 < self.depth <= 1:
+            raise DataError(f"effect hysteresis: depth must be above 0 and at most 1, got {self.depth!r}.")
         if self.law not in LAWS:
             raise DataError(f"effect hysteresis: law must be {' or '.join(LAWS)}, got {self.law!r}.")
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        m, width = q[..., j], self.radius / self.depth
         if self.law == "bouc_wen":
-            return q[..., j] - bouc_wen(q[..., j], self.radius, self.sharpness, memory)
+            return m - self.depth * bouc_wen(m, width, self.sharpness, memory)
         spread = ((np.arange(PLAYS) + 0.5) / PLAYS) ** (1.0 / self.sharpness)
-        radii = self.radius * spread / spread.mean()
-        return plays(q[..., j], radii, memory)
+        return m - self.depth * (m - plays(m, width * spread / spread.mean(), memory))
