@@ -64,8 +64,8 @@ def undetermined(
 ) -> tuple[str, ...]:
     """Return the names of an effect's shape parameters whose 95 % interval is no narrower than a part of their range.
 
-    A shape that may be anything is a smooth curve under the effect's name: it says nothing of the machine. A number with
-    a default only refines what has its name without it.
+    A shape that may be anything is a smooth curve under the effect's name: it says nothing of the machine. Numbers with
+    a default only refine what has its name without them.
 
     Parameters
     ----------
