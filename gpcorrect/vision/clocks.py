@@ -30,6 +30,7 @@ class Clocks:
     def __init__(self, cameras: Sequence[Camera], settings: ClockSettings = DEFAULT.clocks) -> None:
         self.settings = settings
         self._readout = np.array([camera.readout / camera.intrinsics.height for camera in cameras])  # s a row
+        self.middle = 0.5 * float(np.mean([camera.readout for camera in cameras]))  # s after a frame's time
         given = np.array([camera.delay if camera.delay is not None else 0.0 for camera in cameras])
         known = np.array([camera.delay is not None or k == 0 for k, camera in enumerate(cameras)])
         self._given = known
@@ -55,7 +56,7 @@ class Clocks:
         return np.asarray(np.sqrt(np.diag(self.covariance)), dtype=np.float64)
 
     def of_views(self, cameras: IntArray, rows: FloatArray) -> FloatArray:
-        """Return by how much later than the frame's time each view was taken, s `(k,)`.
+        """Return by how much later than the middle of the frame's readout each view was taken, s `(k,)`.
 
         Parameters
         ----------
@@ -63,7 +64,7 @@ class Clocks:
         rows : (k,) array
             Pixel rows of the views: a rolling shutter reads them one after the other, from the top.
         """
-        delays: FloatArray = self.delays[cameras] + self._readout[cameras] * rows
+        delays: FloatArray = self.delays[cameras] + self._readout[cameras] * rows - self.middle
         return delays
 
     def spread(self, last: Linearised, cameras: IntArray) -> FloatArray:

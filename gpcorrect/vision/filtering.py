@@ -72,7 +72,7 @@ class PoseFilter:
         self._taken = 0  # measurements since the filter began
 
     def predicted(self, time: float) -> FloatArray | None:
-        """Return the pose expected at a later time; the filter stays as it is.
+        """Return the pose expected at another time; the filter stays as it is.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class PoseFilter:
         if self._kalman is None:
             return None
         x = np.ravel(self._kalman.x)
-        moved = x[:POSE] + max(time - self._time, 0.0) * x[POSE:]
+        moved = x[:POSE] + (time - self._time) * x[POSE:]
         return se3.pose(se3.matrix_from_rotvec(moved[3:]) @ self._R, moved[:3])
 
     def motion(self, time: float) -> Motion | None:

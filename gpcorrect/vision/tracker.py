@@ -148,6 +148,7 @@ class Tracker:
             The number of pictures is not that of the cameras, or a picture has another size than its calibration.
         """
         self._check(images)
+        frame_time, time = time, time + self.clocks.middle  # rows are read about then, and nothing is moved far
         predicted, motion = self._filter.predicted(time), self._filter.motion(time)
         fit, before = None, self._copied()
         balls: list[Located | None] = []
@@ -177,8 +178,15 @@ class Tracker:
             fit, balls = None, [None] * len(self.target.balls)
         elif motion is not None:
             self._learn(fit, motion)
+        if self.clocks.middle and pose.status != Status.LOST:
+            back = self._filter.predicted(frame_time)
+            assert back is not None
+            change = se3.compose(back, se3.invert(pose.T_tracker_tool))
+            pose = replace(pose, T_tracker_tool=back)
+            fit = None if fit is None else replace(fit, T_tracker_tool=se3.compose(change, fit.T_tracker_tool))
+            balls = [p and replace(p, position=change[:3, :3] @ p.position + change[:3, 3]) for p in balls]
         return Frame(
-            time,
+            frame_time,
             pose,
             fit,
             np.array([none if p is None else p.position for p in balls]),
@@ -318,9 +326,11 @@ class Tracker:
         covariance = covariance + self.clocks.spread(fit.linearised, cameras)
         if motion is None:  # by how much the tool moved until these views is not known yet
             rows = [v.outline.pixel[1] for row in self._views for v in row if v.effective and v.outline is not None]
-            late = float(np.mean(self.clocks.of_views(cameras, np.array(rows))))
+            late = float(np.mean(np.abs(self.clocks.of_views(cameras, np.array(rows))))) + self.clocks.middle
             covariance[:3, :3] += (self.settings.clocks.start_speed * late) ** 2 * np.eye(3)
-        return replace(fit, covariance=covariance)
+        usual = self.settings.motion  # what a constant velocity leaves until the middle of the readout
+        change = np.array([usual.usual_acceleration] * 3 + [usual.usual_angular_acceleration] * 3)
+        return replace(fit, covariance=covariance + np.diag((change * self.clocks.middle**2) ** 2))
 
     def _learn(self, fit: PoseFit, motion: Motion) -> None:
         """Learn the delays from a fit with the velocity of the frames before."""
