@@ -244,15 +244,17 @@ def _general(search: Search, rest: Sequence[FittedEffect], fit: FittedEffect, no
     An error of the first row of a kinematic table is an error of the registration. No data rule such a one out, unless
     they would show its further numbers, were those as large as the ones that are seen. So both are weighed by their
     evidence as linear models (Bishop 2006, Eq. 3.86) whose numbers have a normal prior of one size, in units of what is
-    typical of each: that of the effect's own numbers.
+    typical of each: that of the effect's own numbers. Effects that do not grow with every number are no such models.
     """
+    if not _is_linear(fit.candidate):
+        return []
     alike = {n.name for n in fit.candidate.kind.about.neighbours}
     own = _Linear.of(search, rest, fit)
     change = own.slopes @ fit.u
     found: dict[tuple[object, ...], Rival] = {}
     for trace in search.traces:
         other = trace.candidate
-        wider = other.extra > fit.candidate.extra and other.name in alike
+        wider = other.extra > fit.candidate.extra and other.name in alike and _is_linear(other)
         if not wider or other.key in found or any(other.key == m.candidate.key for m in rest):
             continue
         columns = search.whitener.whiten_columns(trace.change)
@@ -298,6 +300,10 @@ class _Linear:
         precision = self.slopes.T @ self.slopes / noisier + np.eye(self.slopes.shape[1]) / size
         moment = self.slopes.T @ self.z / noisier
         return 0.5 * float(moment @ np.linalg.solve(precision, moment) - np.linalg.slogdet(size * precision)[1])
+
+
+def _is_linear(candidate: Candidate) -> bool:
+    return all(c.amplitude and c.identity == 0.0 for c in candidate.coordinates)
 
 
 def _factors(columns: FloatArray, change: FloatArray) -> FloatArray:
