@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import os
+import socket
 import sys
+from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
 
@@ -59,6 +62,18 @@ def small_corrector(small_model: Path) -> CommandCorrector:
     """Return its corrector."""
     corrector: CommandCorrector = load(small_model)
     return corrector
+
+
+@pytest.fixture
+def ports(once: Once) -> Iterator[None]:
+    """Keep the ports that documents name from other tests, in other processes too; skip where they are taken."""
+    with (once.folder / "ports.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for port in (7449, 9464):
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    pytest.skip(f"another process listens on port {port}")
+        yield
 
 
 def _fit(folder: Path) -> None:

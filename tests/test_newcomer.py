@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import socket
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -36,11 +35,8 @@ PUBLIC = "A public arm from download to a named effect, in four commands"
 NOTHING = "From nothing, without a robot"
 
 
-def test_from_a_bag_to_a_served_correction(tmp_path: Path) -> None:
+def test_from_a_bag_to_a_served_correction(tmp_path: Path, ports: None) -> None:
     """Every line ends well; the query is answered as the model file answers, by the arm that was named."""
-    with socket.socket() as probe:
-        if probe.connect_ex(("127.0.0.1", 7449)) == 0:
-            pytest.skip("another process listens on the default port 7449")
     *_, correct, serve, query = run_shown(section(PAGE, BAG), tmp_path)
     assert "gpcorrect/PSM1/correct on tcp/127.0.0.1:7449" in serve.printed
     position = re.compile(r"position \[m\] +(.*)")

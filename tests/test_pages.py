@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import socket
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,15 +18,6 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(shutil.which("bash") is None, reason="the pages' lines are for a shell: bash is not installed"),
 ]
-
-
-@pytest.fixture
-def ports() -> None:
-    """Skip where another process has the ports that the pages name."""
-    for port in (7449, 9464):
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                pytest.skip(f"another process listens on port {port}")
 
 
 def models(folder: Path, small_model: Path) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gpcorrect.atomic import require_folder, write_file
-from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names
+from gpcorrect.cli.console import note, out, plain_table, print_json, print_result, progress_bar, split_names
 from gpcorrect.cli.options import Columns, Json, Logs, OldPage, Report, report_page
 from gpcorrect.cli.pages import digests, write_evaluation_page, write_fit_page
 from gpcorrect.cli.reading import read_logs
@@ -43,6 +43,7 @@ def board(
     rows: BoardRows = 6,
     square: Square = 20.0,
     paper: Annotated[str, typer.Option(help="a4, a3 or letter.")] = "a4",
+    json: Json = False,
 ) -> None:
     """Write the chessboard for the calibration as a PDF: print it at 100 % and glue it onto something flat.
 
@@ -52,7 +53,8 @@ def board(
 
     require_folder(output)
     write_board(output, columns, rows, 1e-3 * square, paper)
-    out.print(f"board: {output} ({paper}; print at 100 % and measure the line of 100 mm)")
+    facts = {"output": str(output), "columns": columns, "rows": rows, "square_mm": square, "paper": paper}
+    print_result(facts, f"board: {output} ({paper}; print at 100 % and measure the line of 100 mm)", as_json=json)
 
 
 @vision_app.command()
@@ -64,6 +66,7 @@ def rig(
     columns: BoardColumns = 9,
     rows: BoardRows = 6,
     square: Square = 20.0,
+    json: Json = False,
 ) -> None:
     """Write the rig file for `calibrate` from pictures of the printed board.
 
@@ -76,7 +79,8 @@ def rig(
 
     require_folder(output)
     write_file(output, rig_text(folders, Chessboard(columns, rows, 1e-3 * square), output.parent))
-    out.print(f"rig: {output}   next: gpcorrect vision calibrate {output}")
+    words = f"rig: {output}   next: gpcorrect vision calibrate {output}"
+    print_result({"output": str(output), "cameras": [folder.name for folder in folders]}, words, as_json=json)
 
 
 @vision_app.command()
@@ -87,6 +91,7 @@ def record(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("recording"),
     seconds: Annotated[float, typer.Option(help="How long.", min=0.0)] = 60.0,
     fps: Annotated[float, typer.Option(help="Frames a second to ask for.", min=1.0)] = 30.0,
+    json: Json = False,
 ) -> None:
     """Record cameras into a folder that `track` takes: a video each, and when every picture was taken.
 
@@ -95,7 +100,8 @@ def record(
     from gpcorrect.vision import record as record_cameras
 
     frames = record_cameras(cameras, output, seconds, fps)
-    out.print(f"{frames} frames of {len(cameras)} cameras   next: gpcorrect vision track {output}")
+    words = f"{frames} frames of {len(cameras)} cameras   next: gpcorrect vision track {output}"
+    print_result({"output": str(output), "cameras": cameras, "frames": frames}, words, as_json=json)
 
 
 @vision_app.command()
