@@ -227,7 +227,7 @@ def _merged(state: Search, threshold: float) -> Search:
         pair = gain_over(state, bare, state.fitted, b, both)
         touched = state.touched(a.candidate)
         others = rank(state, bare, [a.candidate, b.candidate], touched)[:1] if one_joint else []
-        fuller = rank(state, bare, channels=touched, beyond=[a.candidate, b.candidate])  # such as one that has a home
+        fuller = rank(state, bare, channels=touched, beyond=[a.candidate, b.candidate])[: SEARCH.refined]
         for leader in [*(r for r in others if r.nats > 0.8 * pair), *fuller]:
             fitted = state.refit((*rest, leader.fit), leader.candidate)
             one = gain_over(state, bare, fitted, leader.fit, both)
