@@ -91,6 +91,16 @@ def test_one_number_a_session_is_shown_for_each() -> None:
     assert said == "10.0 mm (0 to 20.0); 20.0 mm (10.0 to 30.0)"
 
 
+def test_a_size_that_may_be_none_is_given_as_a_bound() -> None:
+    """Below what it may be at most; a stiffness, whose absence is infinite, above what it may be at least."""
+    assert estimate_words(Estimate(1e-5, (-1e-4, 2e-4), "m", (0.0,))) == "below 0.200 mm"
+    assert estimate_words(Estimate(900.0, (400.0, 1e6), "N m/rad", (float("inf"),))) == "above 400 N m/rad"
+    mixed = named("gain_error", 2, parameters={
+        "proportional": Estimate(0.01, (-0.1, 0.1), "1", (0.0,)), "derivative": Estimate(0.3, (0.2, 0.4), "1", (None,)),
+    })  # fmt: skip
+    assert verdict_sentence(result("EXACT", mixed)).startswith("Joint 2: gain error, 0.300 (0.200 to 0.400)")
+
+
 @pytest.mark.parametrize("level", ["NONE", "EXACT", "SET", "UNKNOWN", "INCONCLUSIVE"])
 def test_the_page_stands_alone_at_every_level(level: str, tmp_path: Path) -> None:
     """Every level gives a whole page: verdict first, figures inside, no other file or address needed."""

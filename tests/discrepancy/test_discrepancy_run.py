@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from importlib.resources import files
+from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -13,6 +15,7 @@ from discrepancy.discrepancy_support import nominal
 
 from gpcorrect.discrepancy import DiscrepancyResult, Level, find_discrepancy
 from gpcorrect.errors import DataError
+from gpcorrect.report import write_discrepancy_report
 from gpcorrect.sim.effects import Backlash, CableCoupling, Effect, HomingOffset, TransmissionRatio, play
 
 SCHEMA = json.loads(files("gpcorrect.discrepancy.outcome").joinpath("report.schema.json").read_text())
@@ -50,6 +53,21 @@ def test_the_hidden_effect_is_named_with_its_number(hidden: Effect) -> None:
     value = found.effects[0].parameters[parameter].value
     assert value == pytest.approx(getattr(hidden, parameter), rel=0.15)
     assert found.gap[int(hidden.joint) - 1].closed > 0.8
+
+
+def test_no_size_stands_beside_an_interval_that_holds_zero(tmp_path: Path) -> None:
+    """Of an EXACT offset in the second of two sessions, that of the first is a bound, on page and in headline."""
+    found = find_discrepancy(nominal(), joint_log(4, HomingOffset(2, (0.0, 0.004)), sessions=2), seed=1)
+    write_discrepancy_report(found, tmp_path / "page.html")
+    (effect,) = found.to_report()["verdict"]["effects"]
+    (low, high), second = effect["parameters"]["offset"]["ci95"]
+    assert effect["level"] == "EXACT"
+    assert low < 0.0 < high < second[0] < 0.004 < second[1]
+    page = (tmp_path / "page.html").read_text()
+    intervals = re.findall(r"\((-?[\d.]+) to (-?[\d.]+)\)", page)
+    assert len(intervals) >= 2  # in the headline, and in the table
+    assert all(float(first) * float(last) > 0.0 for first, last in intervals)
+    assert page.count(f"below {max(-low, high) * 180.0 / np.pi:.4f}°; 0.2") >= 2
 
 
 def test_a_hysteresis_of_another_kind_is_no_play() -> None:

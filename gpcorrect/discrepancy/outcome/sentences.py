@@ -20,6 +20,7 @@ from gpcorrect.discrepancy.outcome.words import (
     region_words,
 )
 from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.discrepancy.settings import NOISE, TESTS, VERDICT
 from gpcorrect.sim.effects import Family
 
@@ -149,7 +150,7 @@ def _effect_words(effect: NamedEffect) -> str:
 
 
 def _named(effect: NamedEffect, *, interval: bool, sized: bool = True) -> str:
-    sizes = [e for e in effect.parameters.values() if e.ci95 is not None and sized]
+    sizes = _sizes(effect) if sized else []
     source = [f" from joint {e.value}" for name, e in effect.parameters.items() if name == "source"]
     name = f"{effect.name.replace('_', ' ')}{''.join(source)}"
     if not sizes:
@@ -157,11 +158,16 @@ def _named(effect: NamedEffect, *, interval: bool, sized: bool = True) -> str:
     return f"{name}{',' if interval else ''} {estimate_words(sizes[0], interval=interval)}"
 
 
+def _sizes(effect: NamedEffect) -> list[Estimate]:
+    """Numbers that were estimated, those whose interval keeps clear of nothing first."""
+    return sorted((e for e in effect.parameters.values() if e.ci95 is not None), key=lambda e: not e.is_clear)
+
+
 def _short(effect: NamedEffect) -> str:
     """Return one of several effects of a place: its number only where that is short, rivals without probabilities."""
     if effect.level != Level.EXACT:
         return _either(effect, chances=False)
-    sizes = [e for e in effect.parameters.values() if e.ci95 is not None]
+    sizes = _sizes(effect)
     long = bool(sizes) and len(in_reader_units(0.0, sizes[0].unit)[1]) > LONG_UNIT
     return _named(effect, interval=False, sized=not long)
 

@@ -166,6 +166,8 @@ def noise_source_words(noise: ChannelNoise) -> str:
 def estimate_words(estimate: Estimate, *, interval: bool = True) -> str:
     """Return a parameter, such as "118 N m/rad (105 to 131)"; sessions separated by semicolons.
 
+    A size whose interval holds that of no effect is given as a bound alone: "below 0.2 mm", "above 400 N m/rad".
+
     Parameters
     ----------
     estimate : Estimate
@@ -178,18 +180,26 @@ def estimate_words(estimate: Estimate, *, interval: bool = True) -> str:
     if not unit and ci95 is None:
         return ", ".join(str(v) for v in values)
     intervals: Sequence[object] = [None] * len(values)
-    if interval and ci95 is not None:
+    if ci95 is not None:
         intervals = ci95 if isinstance(value, tuple) else [ci95]
-    return "; ".join(_one(v, c, unit) for v, c in zip(values, intervals, strict=True))
+    nothings = estimate.nothing or [None] * len(values)
+    entries = zip(values, intervals, nothings, strict=True)
+    return "; ".join(_one(v, ends, nothing, unit, interval=interval) for v, ends, nothing in entries)
 
 
-def _one(value: float | str, interval: object, unit: str) -> str:
+def _one(value: float | str, ends: object, nothing: float | None, unit: str, *, interval: bool) -> str:
     if not isinstance(value, float):
         return str(value)
-    shown, symbol = in_reader_units(value, unit)
-    gap = "" if symbol == "°" else " "
-    text = f"{number(shown)}{gap}{symbol}".strip()
-    if not isinstance(interval, tuple):
+    if isinstance(ends, tuple) and nothing is not None:
+        stiff = np.isinf(nothing)
+        return f"{'above' if stiff else 'below'} {_in_units(ends[0] if stiff else max(map(abs, ends)), unit)}"
+    text = _in_units(value, unit)
+    if not isinstance(ends, tuple) or not interval:
         return text
-    low, high = (number(in_reader_units(float(end), unit)[0]) for end in interval)
+    low, high = (number(in_reader_units(float(end), unit)[0]) for end in ends)
     return f"{text} ({low} to {high})"
+
+
+def _in_units(value: float, unit: str) -> str:
+    shown, symbol = in_reader_units(value, unit)
+    return f"{number(shown)}{'' if symbol == '°' else ' '}{symbol}".strip()

@@ -316,11 +316,20 @@ class Estimate:
         None where nothing was estimated.
     unit : str
         Empty where there is none.
+    nothing : tuple of float or None
+        For each value: that of an effect of no size (zero, or an infinite stiffness) where the interval holds it. Empty
+        for a parameter that is no size.
     """
 
     value: float | int | str | tuple[float, ...]
     ci95: tuple[float, float] | tuple[tuple[float, float], ...] | None
     unit: str
+    nothing: tuple[float | None, ...] = ()
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it is a size, one of whose intervals keeps clear of an effect of no size."""
+        return None in self.nothing
 
 
 def describe(fit: FittedEffect, half_widths: Mapping[int, float]) -> dict[str, Estimate]:
@@ -342,11 +351,13 @@ def describe(fit: FittedEffect, half_widths: Mapping[int, float]) -> dict[str, E
             c, u, half = candidate.coordinates[i], float(fit.u[i]), half_widths.get(i, np.inf)
             low, high = c.bounds
             first, last = sorted(c.value(float(np.clip(u + side * half, low, high))) for side in (-1.0, 1.0))
-            entries.append((c.value(u), (first, last), c.unit))
+            nothing = c.value(c.identity) if abs(u - c.identity) <= half else None
+            entries.append((c.value(u), (first, last), nothing))
+        if not entries:
+            continue
+        unit, is_size = candidate.coordinates[position].unit, position in candidate.sizes
         position += count
-        if count == 1:
-            result[parameter.name] = Estimate(*entries[0])
-        elif count > 1:
-            values, intervals, units = zip(*entries, strict=True)
-            result[parameter.name] = Estimate(values, intervals, units[0])
+        values, intervals, nothings = zip(*entries, strict=True)
+        value, ci95 = (values, intervals) if count > 1 else (values[0], intervals[0])
+        result[parameter.name] = Estimate(value, ci95, unit, nothings if is_size else ())
     return result
