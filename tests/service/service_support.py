@@ -23,6 +23,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.rigid import RigidModel
 from gpcorrect.types import FloatArray
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
+from gpcorrect_service.protocol.cdr import CORRECT, StampedPose, ros_pose, ros_types
 from gpcorrect_service.protocol.sessions import client_config
 from gpcorrect_service.server.models import JointModel, Model
 from gpcorrect_service.server.service import run, serve
@@ -30,6 +31,7 @@ from gpcorrect_service.server.service import run, serve
 SHIFT = np.array([0.001, -0.002, 0.003])
 REGISTRATION = np.array([0.4, 0.1, -0.2])
 POSE = [0.1, 0.02, -0.11, 1.0, 0.0, 0.0, 0.0]
+STAMPED = StampedPose(tuple(POSE), 12, 34, "tracker")
 SLACK = 0.02  # rad and m
 PATIENT = 30.0  # s: only a test that fails waits this long
 REGION = {"position_min": [-0.1, -0.1, -0.2], "position_max": [0.1, 0.1, 0.0]}
@@ -255,6 +257,17 @@ def child(target: Any, ready: Event, arguments: tuple[Any, ...]) -> Iterator[For
     finally:
         process.kill()
         process.join(PATIENT)
+
+
+def called(twist: tuple[float, ...] | None = None, **changes: Any) -> bytes:
+    """Return a question of the service in CDR, as a ROS node writes it."""
+    store, asked = ros_types(), replace(STAMPED, **changes)
+    vector = store.types["geometry_msgs/msg/Vector3"]
+    v = twist or (0.0,) * 6
+    moving = store.types["geometry_msgs/msg/Twist"](vector(*v[:3]), vector(*v[3:]))
+    posed = ros_pose(asked.pose, asked.sec, asked.nanosec, asked.frame_id)
+    kind = f"{CORRECT}_Request"
+    return bytes(store.serialize_cdr(store.types[kind](posed, moving, twist is not None), kind))
 
 
 @contextmanager

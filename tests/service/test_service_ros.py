@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
-from service_support import POSE, SHIFT, ShiftCorrector, ask_bare, server_process, stranger
+from service_support import POSE, SHIFT, ShiftCorrector, ask_bare, called, server_process, stranger
+from service_support import STAMPED as ASKED
 
 from gpcorrect.correction import Reason
 from gpcorrect_service import ServiceError
@@ -31,7 +32,6 @@ from gpcorrect_service.server.models import Active, Model
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 
 NOW = 100.0
-ASKED = StampedPose(tuple(POSE), 12, 34, "tracker")
 
 
 def ask(payload: bytes, bound: CorrectionBound | None = None, *, frame: str = "", **meta: Any) -> Response:
@@ -167,17 +167,6 @@ def test_a_services_hash_is_that_of_ros() -> None:
     cdr._register_service(store, "example_interfaces/srv/AddTwoInts", "int64 a\nint64 b\n---\nint64 sum\n")
     published = "RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a"
     assert store.hash_rihs01("example_interfaces/srv/AddTwoInts") == published
-
-
-def called(twist: tuple[float, ...] | None = None, **changes: Any) -> bytes:
-    """Return a question of the service in CDR, as a ROS node writes it."""
-    store, asked = ros_types(), replace(ASKED, **changes)
-    vector = store.types["geometry_msgs/msg/Vector3"]
-    v = twist or (0.0,) * 6
-    moving = store.types["geometry_msgs/msg/Twist"](vector(*v[:3]), vector(*v[3:]))
-    posed = cdr.ros_pose(asked.pose, asked.sec, asked.nanosec, asked.frame_id)
-    kind = f"{CORRECT}_Request"
-    return bytes(store.serialize_cdr(store.types[kind](posed, moving, twist is not None), kind))
 
 
 def test_a_ros_node_of_humble_is_answered_over_the_network() -> None:

@@ -22,6 +22,8 @@ from crtk_support import SHIFT, ShiftCorrector, model
 from service_support import (
     PATIENT,
     POSE,
+    ask_bare,
+    called,
     child,
     end_with_parent,
     free_port,
@@ -42,6 +44,8 @@ from gpcorrect_service.ops.doctor import Finding, examine
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.router import route
 from gpcorrect_service.ops.secure import HANDSHAKE_MS, Site, secure_site
+from gpcorrect_service.protocol.cdr import CORRECT, decode_cdr
+from gpcorrect_service.protocol.rmw import attachment, rmw_key
 from gpcorrect_service.protocol.sessions import open_client
 
 NOW = datetime.datetime.now(datetime.UTC)
@@ -61,7 +65,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("secured") / "site"
     secure_site(folder, Site(port=free_port()), NOW)
     routing, serving = spawn.Event(), spawn.Event()
-    settings = ServerSettings(config_file=folder / "server.json5", allow_remote=True)
+    settings = ServerSettings(config_file=folder / "server.json5", allow_remote=True, ros_domain=3)
     router = child(route_in_child, routing, (routing, str(folder / "router.json5")))
     with router, child(serve_in_child, serving, ("shift", spawn.Event(), spawn.Event(), serving, settings)):
         settings = ClientSettings(config_file=folder / "planner.json5")
@@ -131,6 +135,25 @@ def test_a_robot_moves_behind_the_secured_router(site: Path) -> None:
             stop.set()
             filtering.join(PATIENT)
     assert {pose.pose[0] for pose in heard} == {POSE[0] + SHIFT[0]}
+
+
+@pytest.mark.parametrize("role", [user for user in USERS if user != "server"])
+def test_a_ros_node_asks_with_the_certificate_of_a_role(site: Path, role: str) -> None:
+    """Planner and operator see the ROS 2 service in the graph and are corrected by it; others see and hear nothing."""
+    config = zenoh.Config.from_file(site / f"{role}.json5")
+    config.insert_json5("namespace", "null")  # as of a node of rmw_zenoh
+    with zenoh.open(config) as session:
+        key = rmw_key(3, "arm1/correct", CORRECT, "jazzy")
+        payload, beside = called(), attachment(7, 1, b"g" * 16)
+        if role in ("planner", "operator"):
+            (reply,) = ask_bare(session, key, payload, attachment=beside)
+            answer = decode_cdr(reply.ok.payload.to_bytes(), f"{CORRECT}_Response")
+            assert answer.command.pose.position.x == pytest.approx(POSE[0] + SHIFT[0], abs=1e-15)
+            tokens = [str(token.ok.key_expr) for token in session.liveliness().get("@ros2_lv/3/**")]
+            assert sum("/SS/" in token for token in tokens) == sum("/NN/" in token for token in tokens) == 1
+        else:
+            assert not list(session.get(key, payload=payload, attachment=beside, timeout=0.3))
+            assert not list(session.liveliness().get("@ros2_lv/3/**", timeout=0.3))
 
 
 def test_denials_say_who_and_what(site: Path, tmp_path: Path) -> None:

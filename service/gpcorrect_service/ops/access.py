@@ -5,9 +5,12 @@ A role is a certificate and a password, both: a password that leaked is worth no
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+from gpcorrect_service.protocol.cdr import CORRECT
 from gpcorrect_service.protocol.live import LIVE_KEYS
+from gpcorrect_service.protocol.rmw import dds_name
 
 __all__ = ["ROLES", "USERS", "access_rules"]
 
@@ -20,6 +23,9 @@ ROLES: dict[str, tuple[str, ...]] = {
 }
 ROBOT, PREFILTER = "robot", "prefilter"  # ask nobody, and are asked by nobody
 USERS = (*ROLES, ROBOT, PREFILTER)
+
+# The ROS 2 service of any domain, arm and distribution, and the tokens of the ROS graph; neither has a namespace.
+ROS_CORRECT, ROS_GRAPH = f"*/*/correct/{dds_name(CORRECT)}/*", "@ros2_lv/**"
 
 WANTED = ("servo_cp", "move_cp")
 CORRECTED = ("corrected/servo_cp", "corrected/move_cp")
@@ -44,6 +50,7 @@ PUBLISHED = {
     ROBOT: STATE,
     PREFILTER: (*CORRECTED, "corrected/report", "error"),
 }
+Right = tuple[str, list[str], list[str], list[str]]
 
 
 def access_rules(namespace: str) -> dict[str, Any]:
@@ -58,12 +65,11 @@ def access_rules(namespace: str) -> dict[str, Any]:
     policies: list[dict[str, Any]] = []
     for user in USERS:
         ids = []
-        for name, flows, messages, keys in _rights(user):
+        for name, flows, messages, keys in (*_rights(user, namespace), *_ros_rights(user)):
             if keys:
                 ids.append(f"{user} {name}")
-                full = [f"{namespace}/*/{key}" for key in keys]
                 rules.append(
-                    {"id": ids[-1], "permission": "allow", "flows": flows, "messages": messages, "key_exprs": full}
+                    {"id": ids[-1], "permission": "allow", "flows": flows, "messages": messages, "key_exprs": keys}
                 )
         policies.append({"rules": ids, "subjects": [user]})
     # Nobody may delete. The rule gives a subject to those whose certificate and password do not go together, by which
@@ -83,10 +89,14 @@ def access_rules(namespace: str) -> dict[str, Any]:
     }
 
 
-def _rights(user: str) -> list[tuple[str, list[str], list[str], tuple[str, ...]]]:
+def _rights(user: str, namespace: str) -> list[Right]:
     """Return name, directions (as the router sees them), messages and keys of what a user may do."""
-    asked, received, published = ROLES.get(user, ()), RECEIVED.get(user, ()), PUBLISHED.get(user, ())
-    rights = [
+
+    def full(keys: Sequence[str]) -> list[str]:
+        return [f"{namespace}/*/{key}" for key in keys]
+
+    asked, received, published = (full(part.get(user, ())) for part in (ROLES, RECEIVED, PUBLISHED))
+    rights: list[Right] = [
         ("asks", ["ingress"], ["query"], asked),
         ("is answered", ["egress"], ["reply", "declare_queryable"], asked),
         ("subscribes", ["ingress"], ["declare_subscriber"], received),
@@ -95,14 +105,29 @@ def _rights(user: str) -> list[tuple[str, list[str], list[str], tuple[str, ...]]
         ("is subscribed to", ["egress"], ["declare_subscriber"], published),
     ]
     if user == "server":
-        everything = ("**",)
-        return [
-            *rights,
-            ("answers", ["ingress"], ["reply", "declare_queryable", "liveliness_token"], everything),
-            ("is asked", ["egress"], ["query"], everything),
-        ]
-    if user in ROLES:
-        live = (LIVE_KEYS,)
+        everything = full(["**"])
+        rights.append(("answers", ["ingress"], ["reply", "declare_queryable", "liveliness_token"], everything))
+        rights.append(("is asked", ["egress"], ["query"], everything))
+    elif user in ROLES:
+        live = full([LIVE_KEYS])
         rights.append(("asks who lives", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], live))
         rights.append(("sees who lives", ["egress"], ["liveliness_token"], live))
     return rights
+
+
+def _ros_rights(user: str) -> list[Right]:
+    """Return the same for ROS 2 nodes: who may ask `correct` may call the service, and see that it is there."""
+    if user == "server":
+        return [
+            ("answers ROS", ["ingress"], ["reply", "declare_queryable"], [ROS_CORRECT]),
+            ("is asked by ROS", ["egress"], ["query"], [ROS_CORRECT]),
+            ("shows ROS", ["ingress"], ["liveliness_token"], [ROS_GRAPH]),
+        ]
+    if "correct" not in ROLES.get(user, ()):
+        return []
+    return [
+        ("asks ROS", ["ingress"], ["query"], [ROS_CORRECT]),
+        ("is answered by ROS", ["egress"], ["reply", "declare_queryable"], [ROS_CORRECT]),
+        ("asks the ROS graph", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], [ROS_GRAPH]),
+        ("sees the ROS graph", ["egress"], ["liveliness_token"], [ROS_GRAPH]),
+    ]

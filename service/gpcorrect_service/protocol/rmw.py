@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.settings import RosDistro
 
-__all__ = ["DEFAULT_QOS", "LATCHED_QOS", "RmwNode", "attachment", "gid_of", "reply_attachment", "rmw_key"]
+__all__ = ["DEFAULT_QOS", "LATCHED_QOS", "RmwNode", "attachment", "dds_name", "gid_of", "reply_attachment", "rmw_key"]
 
 GID_BYTES = 16  # length of a sender's name
 ATTACHMENT = struct.Struct("<qqB16s")
@@ -34,6 +34,18 @@ def rmw_key(domain: int, topic: str, ros_type: str, distro: RosDistro) -> str:
         ROS distribution of the nodes that use it.
     """
     return f"{domain}/{topic.strip('/')}/{_type_and_hash(ros_type, distro)}"
+
+
+def dds_name(ros_type: str) -> str:
+    """Return the name of a type as keys have it: `geometry_msgs::msg::dds_::PoseStamped_`.
+
+    Parameters
+    ----------
+    ros_type : str
+        As `geometry_msgs/msg/PoseStamped`.
+    """
+    package, kind, name = ros_type.split("/")
+    return f"{package}::{kind}::dds_::{name}_"
 
 
 def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
@@ -123,6 +135,5 @@ def gid_of(token: str) -> bytes:
 
 
 def _type_and_hash(ros_type: str, distro: RosDistro) -> str:
-    package, kind, name = ros_type.split("/")
     hashed = NO_HASH if distro == "humble" else ros_types().hash_rihs01(ros_type)
-    return f"{package}::{kind}::dds_::{name}_/{hashed}"
+    return f"{dds_name(ros_type)}/{hashed}"
