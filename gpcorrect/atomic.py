@@ -11,8 +11,6 @@ from pathlib import Path
 
 from gpcorrect.errors import GpCorrectError
 
-__all__ = ["NO_ROOM", "atomic_path", "make_folder", "require_folder", "require_new", "write_file"]
-
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """Errors of the disk, not of what is done to other files meanwhile."""
 

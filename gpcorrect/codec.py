@@ -17,8 +17,6 @@ import numpy as np
 
 from gpcorrect.errors import DataError
 
-__all__ = ["pack", "unpack"]
-
 T = TypeVar("T")
 Arrays = dict[str, Any]
 ARRAY = "array:"  # marks, in the JSON, where an array stood

@@ -11,8 +11,6 @@ import numpy as np
 
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Correction", "Reason", "Status"]
-
 
 class Status(StrEnum):
     """How far an answer can be used."""

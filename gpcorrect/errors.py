@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["ArtifactError", "DataError", "DegenerateError", "GpCorrectError", "LogError", "MissingExtraError"]
-
 
 class GpCorrectError(Exception):
     """Base of every error that bad input or a bad environment can cause.

@@ -18,8 +18,6 @@ from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 from gpcorrect.errors import GpCorrectError, MissingExtraError
 from gpcorrect.types import Progress
 
-__all__ = ["ClusterError", "each", "each_as_done", "workers"]
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 

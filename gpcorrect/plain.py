@@ -7,8 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["json_ready", "quoted", "toml_text"]
-
 
 def json_ready(value: Any) -> Any:
     """Replace what JSON cannot hold (NaN, infinity, NumPy scalars and arrays, tuples) by what it can.

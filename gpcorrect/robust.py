@@ -9,8 +9,6 @@ from scipy.special import gammaincinv
 
 from gpcorrect.types import FloatArray
 
-__all__ = ["MAD_TO_STD", "median_length", "robust_scale"]
-
 
 def median_length(dimension: int) -> float:
     """Return the median length of a vector of unit normals: the root of the median of chi-squared.

@@ -20,28 +20,6 @@ from gpcorrect.types import FloatArray
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-__all__ = [
-    "angle",
-    "compose",
-    "exp",
-    "from_parts",
-    "hat",
-    "interpolate_rotations",
-    "invert",
-    "left_jacobian_inverse",
-    "log",
-    "matrix_from_euler",
-    "matrix_from_quaternion",
-    "matrix_from_rotvec",
-    "nearest_rotation",
-    "pose",
-    "quaternion_angle",
-    "quaternion_from_matrix",
-    "rotation_mean",
-    "rotvec_from_matrix",
-    "to_parts",
-]
-
 SMALL_ANGLE = 1e-4  # below it the series of order 4 is exact to rounding
 
 

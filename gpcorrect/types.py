@@ -11,18 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from gpcorrect.errors import DataError, LogError
 
-__all__ = [
-    "QUATERNION_TOLERANCE",
-    "BoolArray",
-    "CalibrationLog",
-    "FloatArray",
-    "IntArray",
-    "LogMeta",
-    "PoseSignal",
-    "Progress",
-    "frozen_array",
-]
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]

@@ -20,8 +20,6 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["CausalTwist", "derivative", "segment_labels", "twists"]
-
 STENCIL = 5  # points: exact to degree four (Fornberg 1988)
 MOST = 49  # samples that a parabola is fitted to, spread evenly over its window: memory stays bounded at any rate
 BLOCK = 4096  # rows differentiated at once

@@ -11,8 +11,6 @@ import numpy as np
 from gpcorrect.types import FloatArray
 from peers.peer import Peer, Standard, subset
 
-__all__ = ["exact", "sparse"]
-
 STEPS = 100
 AT_ONCE = 5  # steps between looks at the clock
 

@@ -12,8 +12,6 @@ import torch
 from gpcorrect.types import FloatArray
 from peers.peer import Peer, Standard, subset
 
-__all__ = ["exact", "sgpr"]
-
 RATE = 0.1
 STEPS = 100
 

@@ -11,8 +11,6 @@ from gpcorrect.gpr import ExactGPR, Predictor, SparseGPR, learn_inflation
 from gpcorrect.types import FloatArray, IntArray
 from peers.peer import Fit, Peer, subset
 
-__all__ = ["exact", "shipped", "sparse"]
-
 Columns = tuple[tuple[int, ...], ...]
 APART = (3, 3)
 

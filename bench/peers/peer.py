@@ -9,8 +9,6 @@ import numpy as np
 
 from gpcorrect.types import FloatArray
 
-__all__ = ["Fit", "Peer", "Standard", "subset"]
-
 
 class Peer(Protocol):
     """A fitted regression of m outputs."""

@@ -12,8 +12,6 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from gpcorrect.types import FloatArray
 from peers.peer import Peer, subset
 
-__all__ = ["exact"]
-
 
 class Exact:
     """A regressor for each output, or one whose kernel all outputs share."""

@@ -13,8 +13,6 @@ from scipy.optimize import minimize
 from gpcorrect.types import FloatArray
 from peers.peer import Peer, Standard, subset
 
-__all__ = ["exact"]
-
 STEPS = 100
 
 

@@ -13,8 +13,6 @@ from gpcorrect.calibration import load, model_hash
 from gpcorrect.correction import Reason, Status
 from soaks.records import Record, answer_of, records
 
-__all__ = ["Tally", "checked"]
-
 TOLERANCE = 1e-9  # m, rad and parts of a quaternion: rounding between two processes of one machine is none
 
 

@@ -19,8 +19,6 @@ from gpcorrect_service.protocol.messages import ErrorAnswer
 from gpcorrect_service.protocol.sessions import open_client
 from soaks.site import Site
 
-__all__ = ["FAULTS", "impossible"]
-
 Fault = Callable[[Site, np.random.Generator], str]
 DAY = 86_400  # s
 GARBAGE_SECONDS, GARBAGE_RATE = 6.0, 50.0  # 1/s

@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-__all__ = ["Record", "records"]
-
 
 class Record(NamedTuple):
     """One question of a planner and what came of it; times are s of the monotonic clock, which all processes share.

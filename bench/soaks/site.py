@@ -22,8 +22,6 @@ from gpcorrect_service.client.operator import Operator
 from gpcorrect_service.protocol.live import LIVE_KEYS
 from gpcorrect_service.protocol.sessions import open_client
 
-__all__ = ["Site", "site"]
-
 DISK_MB = 16  # of the disk that holds store and logs
 BENCH = Path(__file__).resolve().parent.parent
 GPCORRECT = (sys.executable, "-m", "gpcorrect")

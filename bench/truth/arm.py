@@ -8,20 +8,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "CENTRES",
-    "GRAVITY",
-    "INERTIAS",
-    "MASSES",
-    "MOTOR_INERTIA",
-    "RANGES",
-    "ROWS",
-    "THETA_OFFSET_DEG",
-    "WRIST",
-    "forward",
-    "tip_in_shaft",
-]
-
 Array = NDArray[np.float64]
 
 THETA_OFFSET_DEG = (205.0, 180.0, 90.0, 0.0, -90.0, 0.0)

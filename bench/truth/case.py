@@ -20,8 +20,6 @@ from truth.setting import Setting, prepare
 from truth.sizing import GROWTH
 from truth.spec import Case, Spec
 
-__all__ = ["Truth", "make_case", "make_truth"]
-
 DRAFT_STRIDE = 5  # every so many trajectories are simulated while a cause in the loop is sized
 
 

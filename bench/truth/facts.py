@@ -16,8 +16,6 @@ from truth.machine import ENCODER_STEP
 from truth.reference import LOG_HZ
 from truth.setting import Setting
 
-__all__ = ["labels_of", "nominal_tables"]
-
 NOISE_DECLARED = 0.5  # share of the cases whose noise is known beforehand
 
 

@@ -19,8 +19,6 @@ from truth.machine import simulate
 from truth.record import recorded
 from truth.reference import PAUSE, Motion, Reference, laid_out
 
-__all__ = ["further_recording", "joined"]
-
 Array = NDArray[np.float64]
 
 REHOMED = 0.5  # of the spread of what is hidden there, by which a homing moves a zero

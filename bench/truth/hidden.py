@@ -9,8 +9,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Growth", "Hidden", "Law", "Params", "plain", "rigidly", "scaled", "with_column"]
-
 Array = NDArray[np.float64]
 Params = dict[str, Any]
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from truth.loop import TICK_HZ, Recorded
 from truth.reference import Reference
 
-__all__ = ["History", "Readings"]
-
 Array = NDArray[np.float64]
 
 

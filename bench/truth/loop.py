@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from truth.body import equations
 
-__all__ = ["CONTROL_HZ", "FEEDFORWARDS", "STEP", "TICK_HZ", "Loop", "Recorded", "integrate"]
-
 Array = NDArray[np.float64]
 
 CONTROL_HZ = 1000

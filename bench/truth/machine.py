@@ -18,8 +18,6 @@ from truth.kinds import STAGES, kind_named
 from truth.loop import FEEDFORWARDS, Loop, Recorded, integrate
 from truth.reference import Reference
 
-__all__ = ["ENCODER_STEP", "Machine", "draw_machine", "readings_of", "simulate"]
-
 Array = NDArray[np.float64]
 
 ENCODER_STEP = np.array([1.15e-5, 1.3e-5, 7.3e-7])  # rad, rad, m at the joint

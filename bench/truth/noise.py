@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-__all__ = ["NoiseLaw", "draw_noise", "noise_of"]
-
 Array = NDArray[np.float64]
 
 PHI = 0.95

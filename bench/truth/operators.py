@@ -8,8 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-__all__ = ["Relays", "dead_zone_drag", "kelvin_voigt", "preisach", "second_order", "warm_up"]
-
 DRAG = 5e-5  # s; compression of the contact for each unit of speed
 GAPS = 24  # sorts of relay
 CELLS = 60  # relays of one sort along a width

@@ -17,8 +17,6 @@ from truth.noise import noise_of
 from truth.reference import LOG_HZ
 from truth.setting import Setting
 
-__all__ = ["recorded", "tracked"]
-
 Array = NDArray[np.float64]
 
 TRACKER_TURN = 8e-4  # rad, white on each axis

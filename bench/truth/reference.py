@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from truth.arm import RANGES
 from truth.loop import CONTROL_HZ, TICK_HZ
 
-__all__ = ["LOG_HZ", "Motion", "Reference", "laid_out", "separating", "zigzag"]
-
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 

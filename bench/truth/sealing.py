@@ -11,8 +11,6 @@ from typing import Any
 from gpcorrect.logs import write_log
 from truth.spec import Case
 
-__all__ = ["labels_bytes", "nominal_text", "open_labels", "write_case"]
-
 
 def labels_bytes(labels: Mapping[str, Any]) -> bytes:
     """Labels as JSON, the same bytes for the same labels."""

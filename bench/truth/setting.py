@@ -15,8 +15,6 @@ from truth.reference import Reference, separating, zigzag
 from truth.sizing import ratio_of
 from truth.spec import Spec
 
-__all__ = ["Setting", "prepare"]
-
 Array = NDArray[np.float64]
 
 JOINT_NOISE = np.array([2.5e-4, 2.5e-4, 4e-5])  # rad, rad, m; typical white part of the outside joint sensors

@@ -9,8 +9,6 @@ from truth.hidden import Growth, Hidden, rigidly
 from truth.history import Readings
 from truth.kinds import kind_named
 
-__all__ = ["GROWTH", "ratio_of"]
-
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 

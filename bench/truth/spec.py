@@ -8,8 +8,6 @@ from typing import Any, Literal
 
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["AWKWARD", "Case", "Spec"]
-
 Awkward = Literal["", "heavy_tails", "slow", "uneven", "fast_noisy", "dropouts", "coarse", "jitter"]
 AWKWARD: tuple[Awkward, ...] = ("heavy_tails", "slow", "uneven", "fast_noisy", "dropouts", "coarse", "jitter")
 

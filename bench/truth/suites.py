@@ -10,8 +10,6 @@ import numpy as np
 from truth.kinds import CATALOGUE, OUTSIDE, kind_named
 from truth.spec import AWKWARD, Spec
 
-__all__ = ["RATIOS", "SUITES", "short", "specs"]
-
 RATIOS = (2.0, 1.0, 0.5, 0.25)
 # What constant-speed runs of one payload show at all; the rest would be hidden from everyone
 ZIGZAG = (

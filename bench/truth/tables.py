@@ -8,8 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from truth.hidden import Params
 
-__all__ = ["ROW_TERMS", "SIMILARITY", "draw_row", "draw_similarity", "moved", "row_changed"]
-
 Array = NDArray[np.float64]
 
 ROW_TERMS = ("alpha", "a", "d", "theta")  # the order of a row's columns

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ARMS", "Arm"]
-
 Array = NDArray[np.float64]
 
 QUARTER = np.pi / 2

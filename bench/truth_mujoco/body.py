@@ -14,8 +14,6 @@ from truth_mujoco.arms import Arm
 if TYPE_CHECKING:
     from truth_mujoco.plant import Plant
 
-__all__ = ["PAYLOAD", "STEP", "SUBSTEPS", "compiled", "kinematics", "nominal_model", "robot_xml", "tips"]
-
 Array = NDArray[np.float64]
 
 STEP, SUBSTEPS = 0.5e-3, 2  # s, and steps of a control period

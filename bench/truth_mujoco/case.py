@@ -25,8 +25,6 @@ from truth_mujoco.record import recorded
 from truth_mujoco.sizing import GROWTH, Meter
 from truth_mujoco.spec import Spec
 
-__all__ = ["Setting", "Truth", "make_case", "make_truth", "prepared"]
-
 Array = NDArray[np.float64]
 
 JOINT_NOISE = {"R": 2.5e-4, "P": 4e-5}  # rad and m; typical white part of the outside joint sensors

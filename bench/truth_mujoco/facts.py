@@ -17,8 +17,6 @@ from truth_mujoco.causes import AHEAD, CATALOGUE, cause_named
 if TYPE_CHECKING:
     from truth_mujoco.case import Setting
 
-__all__ = ["labels_of", "nominal_tables"]
-
 NOISE_DECLARED = 0.5  # share of the cases whose noise is known beforehand
 
 

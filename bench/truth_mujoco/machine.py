@@ -18,8 +18,6 @@ from truth_mujoco.causes import STAGES, cause_named
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import FEEDFORWARDS, Plant, bare_plant, integrate
 
-__all__ = ["Machine", "draw_machine", "readings_of", "simulate"]
-
 Array = NDArray[np.float64]
 
 BANDWIDTH_HZ = (5.0, 9.0)

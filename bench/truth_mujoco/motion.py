@@ -14,8 +14,6 @@ from truth.reference import Reference
 from truth_mujoco.body import PAYLOAD, kinematics
 from truth_mujoco.plant import Plant, Recorded
 
-__all__ = ["Run"]
-
 Array = NDArray[np.float64]
 
 

@@ -16,8 +16,6 @@ from truth.reference import Reference
 from truth_mujoco.arms import Arm
 from truth_mujoco.body import PAYLOAD, SUBSTEPS, compiled, nominal_model
 
-__all__ = ["FEEDFORWARDS", "Plant", "Recorded", "State", "bare_plant", "integrate", "nominal_torques", "with_value"]
-
 Array = NDArray[np.float64]
 
 FEEDFORWARDS = ("none", "gravity", "rigid-body")

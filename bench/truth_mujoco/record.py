@@ -16,8 +16,6 @@ from gpcorrect.types import CalibrationLog, LogMeta
 from truth_mujoco.machine import Machine
 from truth_mujoco.spec import Spec
 
-__all__ = ["recorded"]
-
 Array = NDArray[np.float64]
 
 

@@ -12,8 +12,6 @@ from truth.history import Readings
 from truth_mujoco.causes import cause_named
 from truth_mujoco.spec import Signals
 
-__all__ = ["GROWTH", "Meter"]
-
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 

@@ -13,8 +13,6 @@ from truth.loop import TICK_HZ
 
 from truth_mujoco.body import FRICTION_SOLIMP, FRICTION_SOLREF, STEP
 
-__all__ = ["mode", "plays", "ring", "strain"]
-
 Array = NDArray[np.float64]
 
 PER_TICK = round(1.0 / TICK_HZ / STEP)

@@ -10,8 +10,6 @@ import numpy as np
 from truth_mujoco.causes import AHEAD, CATALOGUE, OUTSIDE, cause_named
 from truth_mujoco.spec import Signals, Spec
 
-__all__ = ["RATIOS", "SUITES", "short", "specs"]
-
 RATIOS = (2.0, 1.0, 0.5, 0.25)
 TOGETHER = tuple(
     n for n, c in CATALOGUE.items() if not c.tracker_only and n not in ("noise_change", "encoder_quantisation")

@@ -13,8 +13,6 @@ from gpcorrect.arms.gravity import Link
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, frozen_array
 
-__all__ = ["Arm", "Transmission"]
-
 
 @dataclass(frozen=True, eq=False)
 class Transmission:

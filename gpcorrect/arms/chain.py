@@ -15,8 +15,6 @@ from gpcorrect.arms.numeric_inverse import solve_pose
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
-__all__ = ["Chain", "Joint"]
-
 Convention = Literal["standard", "modified"]
 
 

@@ -10,8 +10,6 @@ from numba import njit
 
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["descend", "walk"]
-
 NEWTON_STEPS = 40  # chosen by hand
 NEWTON_LONGEST = 0.3  # rad or m: the first order says nothing of longer steps; chosen by hand
 NEWTON_REST = 1e-9  # rad or m: a shorter step ends the iteration; chosen by hand

@@ -14,8 +14,6 @@ from gpcorrect.arms.chain import Chain, Joint
 from gpcorrect.arms.gravity import STANDARD_GRAVITY
 from gpcorrect.arms.remote_centre import RemoteCentreArm
 
-__all__ = ["dvrk_psm"]
-
 L_RCC = 0.4318  # m, remote centre to carriage
 L_TOOL = 0.4162  # m, tool shaft
 L_PITCH_YAW = 0.0091  # m

@@ -12,8 +12,6 @@ from gpcorrect.arms.chain import Chain
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, frozen_array
 
-__all__ = ["STANDARD_GRAVITY", "Link", "gravity_torque"]
-
 STANDARD_GRAVITY = 9.80665  # m/s^2 (CGPM 1901)
 
 

@@ -17,8 +17,6 @@ from gpcorrect.arms.robot_path import joint_frame
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["identify_chain", "workspace"]
-
 NEIGHBOURHOODS = (60, 240, 400)
 """Samples of the growing fits, the nearest to the home posture first; the last are spread over all. A chain of six
 joints has 42 numbers, and each sample gives six; chosen by hand."""

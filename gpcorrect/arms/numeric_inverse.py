@@ -16,8 +16,6 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["solve_pose"]
-
 LENGTH = 0.1  # m that weigh as much as one radian: the reach of a surgical tool beyond its pivot
 REACHED = 1e-9  # error norm (rad, or m / LENGTH) below which the pose counts as reached
 STARTS = 16  # measured on random poses of the known arms: they need one or two, seldom five

@@ -21,8 +21,6 @@ from gpcorrect.arms.remote_centre import RemoteCentreArm
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["DA_VINCI_TOOL", "RAVEN_TOOL", "Raven2Tool", "raven2"]
-
 Side = Literal["left", "right"]
 
 # Geometry (r2_kinematics.h, r2_kinematics.cpp)

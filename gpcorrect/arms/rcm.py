@@ -23,8 +23,6 @@ from gpcorrect.arms.chain import Chain
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["RcmInverse"]
-
 SIGNS = np.array(np.meshgrid([1.0, -1.0], [1.0, -1.0], [1.0, -1.0], indexing="ij")).reshape(3, 8)
 GEOMETRY_TOLERANCE = 1e-9  # m, or of a unit vector: far above what rounding leaves of axes that meet
 SINGULAR_DISTANCE = 1e-9  # m; nearer to the remote centre than this a direction is undefined

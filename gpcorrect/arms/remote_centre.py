@@ -13,8 +13,6 @@ from gpcorrect.arms.rcm import RcmInverse
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["RemoteCentreArm", "Solutions"]
-
 LIMIT_ROUNDING = 1e-9  # rad or m beyond a limit that count as on it: far above rounding, far below a micrometre
 
 

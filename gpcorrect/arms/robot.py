@@ -10,8 +10,6 @@ import numpy as np
 from gpcorrect.arms.arm import Arm
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["JointDrives", "Robot"]
-
 
 @dataclass(frozen=True, eq=False)
 class JointDrives:

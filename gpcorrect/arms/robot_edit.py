@@ -16,8 +16,6 @@ from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["RobotEdit"]
-
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # MuJoCo's hardest; its default lets a stuck joint creep by 20 mrad/s
 POINT_INERTIA = 1e-9  # kg m^2: MuJoCo asks for some, of a body that is a point
 PAYLOAD = "gpcorrect_payload"

@@ -22,8 +22,6 @@ from gpcorrect.arms.robot_path import ArmPath, arm_path, joint_frame, pose_of
 from gpcorrect.errors import DataError, MissingExtraError
 from gpcorrect.types import FloatArray
 
-__all__ = ["is_robot_file", "mujoco_library", "parse", "read_robot", "strip"]
-
 SUFFIXES = (".xml", ".mjcf", ".urdf")
 HOME = "home"  # key frame of the rest position, as MuJoCo's own models call it
 TURN = np.pi  # rad to either side of its zero that a joint without limits may turn

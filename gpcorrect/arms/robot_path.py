@@ -12,8 +12,6 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["ArmPath", "arm_path", "joint_frame", "pose_of"]
-
 WORLD = 0  # MuJoCo's number of the world's body
 FREE, BALL = 0, 1  # MuJoCo's numbers of joint types that are no axis
 CONNECT, WELD, COUPLED = 0, 1, 2  # MuJoCo's numbers of equality constraints: two bodies, two bodies, two joints

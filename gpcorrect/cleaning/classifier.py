@@ -14,8 +14,6 @@ from gpcorrect.cleaning.smooth import Residual
 from gpcorrect.cleaning.steps import Path, Pieces, StepThresholds, excursions, largest_chain, split_pieces
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
-__all__ = ["Thresholds", "label_motion", "label_samples"]
-
 # The constants here were chosen by hand on the simulated recordings of bench/cleaning_faults.py.
 SMOOTH_LEEWAY = 1.25  # a piece that leaves the model smoothly and comes back is more likely a gap of the model
 FEW = 8  # samples: fewer are no motion of their own, however slow the recording

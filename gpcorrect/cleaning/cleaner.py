@@ -18,8 +18,6 @@ from gpcorrect.rigid import MarkerOption, RigidModel, register
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
-__all__ = ["FittedCleaner", "clean_with", "fit_cleaner"]
-
 FEWEST_SAMPLES = 4  # that a rigid model with orientations is fitted to
 FEWEST_FOR_FIELD = 12  # fresh samples, chosen by hand: fewer cannot tell a smooth error from a fault
 

@@ -18,8 +18,6 @@ from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
 
-__all__ = ["LeastMedianFit", "least_median", "least_median_plane", "least_median_pose"]
-
 Model = TypeVar("Model")
 
 INLIER_FACTOR = 2.5  # Rousseeuw & Leroy 1987: inliers of the reweighted fit

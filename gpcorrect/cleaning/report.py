@@ -14,8 +14,6 @@ from gpcorrect.rigid import RigidModel
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 from gpcorrect.velocity import segment_labels
 
-__all__ = ["CleaningReport", "Labels", "Reason", "ReasonArray"]
-
 ReasonArray = NDArray[np.str_]
 
 

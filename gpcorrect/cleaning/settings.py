@@ -11,8 +11,6 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
 
-__all__ = ["CleaningSettings", "Segment", "require_segments", "segment_mask"]
-
 MIN_FIELD_SAMPLES = 50  # five for each of the ten folds that the smooth model is checked on
 
 

@@ -18,8 +18,6 @@ from gpcorrect.rigid import RigidModel, pose_residual
 from gpcorrect.types import QUATERNION_TOLERANCE, BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 from gpcorrect.velocity import derivative, segment_labels, twists
 
-__all__ = ["POSES", "TOOL", "Pair", "Samples", "joint_pair", "pose_pair", "recorded_order", "samples_of", "unusable"]
-
 PAUSE = 5.0  # a step between trajectories this many times their own is a pause: a gap of velocities is one too
 RIGID_FREEDOMS = 6  # parameters of a rigid motion
 FEWEST_OF_SESSION = 12  # samples: a session of fewer has the zero of the whole log, not one of its own

@@ -24,8 +24,6 @@ from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
-__all__ = ["Residual", "SmoothModel", "learn_smooth_model"]
-
 # The constants here were chosen by hand on the simulated recordings of bench/cleaning_faults.py.
 CLASSIFIED_SAMPLES = 4000  # the field is smooth along a path: between these it is interpolated
 FOLDS = 10  # a block of faults shorter than a tenth of the recording is predicted without it

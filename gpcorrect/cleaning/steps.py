@@ -20,8 +20,6 @@ from gpcorrect.cleaning.smooth import Residual
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
-__all__ = ["Path", "Pieces", "StepThresholds", "excursions", "largest_chain", "split_pieces"]
-
 # The constants here were chosen by hand on the simulated recordings of bench/cleaning_faults.py.
 FAST_QUANTILE = 0.999  # the fastest command, but for the odd sample of a setpoint that steps
 SLOWEST = {"P": 0.05, "R": float(np.radians(30.0))}  # m/s, rad/s: below these no speed of an arm is impossible

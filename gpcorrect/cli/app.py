@@ -16,8 +16,6 @@ from typer.core import TyperCommand, TyperGroup
 
 from gpcorrect.errors import GpCorrectError
 
-__all__ = ["app", "main"]
-
 # Name of a command: where it is, and the line that `gpcorrect --help` shows; a test holds it against the command's own.
 COMMANDS = {
     "validate": (

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from gpcorrect.types import CalibrationLog, FloatArray, Progress
     from gpcorrect_service.crtk.robot import Robot
 
-__all__ = ["Limits", "Speed", "collect_app", "joint_limits", "speed_limits", "zigzag_command"]
-
 collect_app = typer.Typer(no_args_is_help=True, help="Calibrations from end to end: drive, record, fit, measure.")
 
 Limits = Annotated[str, typer.Option(help="LOW:HIGH of joints 1, 2 (deg) and 3 (mm).")]

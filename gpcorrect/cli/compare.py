@@ -11,8 +11,6 @@ from gpcorrect.cli.console import note, out, plain_table, print_json
 from gpcorrect.cli.options import Json, Logs, Report, report_page, takes_groups
 from gpcorrect.cli.reading import Reading
 
-__all__ = ["compare"]
-
 Model = Annotated[Path, typer.Argument(help="Model file that a fit wrote.", show_default=False)]
 
 

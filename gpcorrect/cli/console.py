@@ -17,21 +17,6 @@ from gpcorrect.errors import GpCorrectError
 from gpcorrect.plain import json_ready
 from gpcorrect.types import Progress as ProgressCallback
 
-__all__ = [
-    "bad_input",
-    "err",
-    "note",
-    "out",
-    "plain_table",
-    "print_json",
-    "print_result",
-    "progress_bar",
-    "show_errors",
-    "split_names",
-    "styled",
-]
-
-
 WIDEST_TABLE = 10_000
 """Characters: more than any table has."""
 

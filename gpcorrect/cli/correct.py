@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from gpcorrect.types import FloatArray
     from gpcorrect_service import CorrectionClient
 
-__all__ = ["correct", "query_app"]
-
 query_app = typer.Typer(help="Ask a running service.", no_args_is_help=True)
 
 Pose = Annotated[
@@ -35,7 +33,7 @@ Twist = Annotated[
 Timeout = Annotated[float, typer.Option(help="Seconds to wait for an answer, the retry included.")]
 
 
-class Answer(Protocol):
+class _Answer(Protocol):
     """What a correction and a service's reply have in common."""
 
     @property
@@ -168,7 +166,7 @@ def _desired(pose: tuple[float, ...] | None, position: tuple[float, ...] | None)
     return pose or position or ()
 
 
-def _answer_dict(answer: Answer) -> dict[str, Any]:
+def _answer_dict(answer: _Answer) -> dict[str, Any]:
     """Return the JSON of one correction: m, rad, wxyz."""
     position, quaternion = (None if part is None else part.tolist() for part in (answer.position, answer.quaternion))
     return {
@@ -182,7 +180,7 @@ def _answer_dict(answer: Answer) -> dict[str, Any]:
     }
 
 
-def _show_answer(answer: Answer, name: str = "command") -> None:
+def _show_answer(answer: _Answer, name: str = "command") -> None:
     """Print one correction, or the pose that is reached, for people: mm and degrees for what is uncertain."""
     import numpy as np
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from gpcorrect.discrepancy.outcome.result import ChannelGap
 
-__all__ = ["discrepancy_app"]
-
 discrepancy_app = typer.Typer(
     help="Find where a simulator and recordings disagree, name what is missing, and measure what the name explains.",
     no_args_is_help=True,

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from gpcorrect.calibration import Experiment
     from gpcorrect.cleaning import Segment
 
-__all__ = ["evaluate", "fit"]
-
 
 @takes_groups
 def fit(

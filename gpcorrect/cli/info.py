@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from gpcorrect.calibration import Corrector, HeldOut, Step
 
-__all__ = ["info", "rmse_words", "show_model", "versions_words"]
-
 DIGITS = 12
 """Hexadecimal digits of a digest that are shown to people, as in `gpcorrect models list`; JSON holds all."""
 

@@ -30,8 +30,6 @@ from gpcorrect.errors import DataError
 if TYPE_CHECKING:
     from gpcorrect.calibration import FitSettings, JointErrors
 
-__all__ = ["joint_app", "show_joint_errors"]
-
 joint_app = typer.Typer(
     no_args_is_help=True, help="Joint-space calibration: reported joints to true ones, or commands."
 )

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from gpcorrect_service.client.operator import Operator
     from gpcorrect_service.protocol.messages import ModelListAnswer
 
-__all__ = ["models_app"]
-
 models_app = typer.Typer(
     help="A folder of models: list, add, compare, activate, go back. With --endpoint the running servers do it.",
     no_args_is_help=True,

@@ -14,49 +14,6 @@ import typer
 from gpcorrect.atomic import make_folder, require_folder
 from gpcorrect.errors import DataError
 
-__all__ = [
-    "ROBOT",
-    "SERVICE",
-    "AlwaysJson",
-    "Arm",
-    "ArmName",
-    "AsIs",
-    "Clean",
-    "Clock",
-    "Columns",
-    "Config",
-    "Disordered",
-    "Endpoint",
-    "HoldOutBy",
-    "Holdout",
-    "Jobs",
-    "Json",
-    "KeyRoot",
-    "LogOutput",
-    "Logs",
-    "Machine",
-    "MachineName",
-    "ModelFile",
-    "ModelOutput",
-    "OldArm",
-    "OldConnect",
-    "OldNamespace",
-    "OldPage",
-    "Remote",
-    "Report",
-    "RobotPlace",
-    "Scheduler",
-    "Seed",
-    "ServicePlace",
-    "Tracker",
-    "TrackerLog",
-    "numbers",
-    "one_of",
-    "renamed",
-    "report_page",
-    "takes_groups",
-]
-
 
 def renamed(old: str, new: str, why: str) -> Any:
     """Return the hidden option that refuses a name which an option had, and says the new one.

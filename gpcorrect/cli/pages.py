@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from gpcorrect.cleaning import CleaningReport
     from gpcorrect.types import CalibrationLog
 
-__all__ = ["digests", "write_evaluation_page", "write_fit_page"]
-
 
 def digests(*paths: Path) -> list[tuple[str, str]]:
     """Return names and SHA-256 of files, for the foot of a page; of a folder, that of its files' digests.

@@ -17,8 +17,6 @@ from gpcorrect.cli import end_within_import
 from gpcorrect.cli.console import note
 from gpcorrect.errors import GpCorrectError
 
-__all__ = ["free_endpoint", "running", "stop_signal"]
-
 BORN = 0.2  # s, after which a process that could not start has ended; chosen by hand
 STOPPING = 20.0  # s for a process to end before it is killed; chosen by hand
 

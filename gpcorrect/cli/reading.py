@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from gpcorrect.arms import Chain
     from gpcorrect.sim import Model
 
-__all__ = ["Reading", "arm_chosen", "chain_of", "model_named", "read_logs", "seconds_ahead"]
-
 NOTHING_ADDED = "--machine changes nothing: the recording holds all that its kinematics could add"
 
 

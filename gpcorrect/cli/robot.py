@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from gpcorrect.types import CalibrationLog, FloatArray
     from gpcorrect_service.crtk.robot import Robot
 
-__all__ = ["robot_app"]
-
 robot_app = typer.Typer(no_args_is_help=True, help="Drive and record a robot that speaks CRTK over zenoh.")
 
 Sliding = Annotated[str, typer.Option(help="Numbers of the sliding joints.")]

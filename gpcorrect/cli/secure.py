@@ -13,8 +13,6 @@ from gpcorrect.cli.console import err, out, print_json, print_result, styled
 from gpcorrect.cli.options import SERVICE, ArmName, Config, Json, KeyRoot
 from gpcorrect.cli.processes import stop_signal
 
-__all__ = ["doctor", "router", "secure_app"]
-
 secure_app = typer.Typer(help="Certificates, passwords and access rules for a site.", no_args_is_help=True)
 
 

@@ -18,8 +18,6 @@ from gpcorrect.errors import DataError, MissingExtraError
 if TYPE_CHECKING:
     from gpcorrect_service.server.service import Server
 
-__all__ = ["monitor", "prefilter", "serve"]
-
 FrameName = Annotated[
     str, typer.Option(help="Frame that poses come in, as they name it; the model's own name without it.")
 ]

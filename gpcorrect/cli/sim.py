@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from gpcorrect.sim import Effect, Model
     from gpcorrect_service.protocol.settings import RosDistro
 
-__all__ = ["RosDomain", "RosName", "ros_distro_of", "sim_app", "simulate"]
-
 sim_app = typer.Typer(no_args_is_help=True, help="Simulated arms that run live.")
 
 RosDomain = Annotated[

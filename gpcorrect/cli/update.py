@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from gpcorrect.calibration import Ageing, Detection, Proposal, Update
     from gpcorrect.types import IntArray
 
-__all__ = ["drift", "explore", "update"]
-
 NOT_WRITTEN = 1  # exit status
 UNSEEN = 0.2  # fraction of prior variance that points cannot see, from which a new fit is advised; chosen by hand
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from gpcorrect.calibration import Use
     from gpcorrect.logs import ValidationReport
 
-__all__ = ["convert", "topics", "validate"]
-
 STYLE = {"error": "bold red", "warning": "yellow", "info": "dim"}
 
 

@@ -19,8 +19,6 @@ from gpcorrect.errors import DataError
 if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are imported when a command needs them
     from gpcorrect.vision import AnnotatedVideo, Camera, Source, Target
 
-__all__ = ["vision_app"]
-
 PAPER_LAYERS, PAPER_EPOCHS = (600, 500, 400), 60  # network of Peng et al. 2020, whose batch normalisation is left out
 
 STATE = ("measured_cp", "tracker_cp", "measured_jp")  # what an estimator learns from

@@ -28,8 +28,6 @@ from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.logs.columns import ReadSettings
 
-__all__ = ["parse", "parse_apart"]
-
 T = TypeVar("T")
 
 Order = tuple[bytes, tuple[str, ...], str, int, int]

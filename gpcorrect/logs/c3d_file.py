@@ -13,8 +13,6 @@ from gpcorrect.errors import LogError, MissingExtraError
 from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.mocap.take import Take, scale_of
 
-__all__ = ["read"]
-
 BLOCK = 512  # bytes; of the C3D format
 HEADER_MARK = 0x50  # second byte of every C3D file
 DEC, BIG_ENDIAN = bytes([85]), bytes([86])  # processor codes: of swapped words in floating point numbers, big-endian

@@ -15,20 +15,6 @@ from gpcorrect.errors import LogError
 from gpcorrect.logs.order import Disorder
 from gpcorrect.logs.orientation import CONVERTERS
 
-__all__ = [
-    "DEFAULT_MAX_BYTES",
-    "ArrayColumns",
-    "BagOptions",
-    "Column",
-    "ColumnMap",
-    "CsvOptions",
-    "EulerOrder",
-    "MocapOptions",
-    "PoseColumns",
-    "ReadSettings",
-    "load_columns",
-]
-
 DEFAULT_MAX_BYTES = 2 * 1024**3
 """Largest table that is read into memory unless the caller allows more."""
 

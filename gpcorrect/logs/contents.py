@@ -19,8 +19,6 @@ from gpcorrect.logs.topics import JOINT_TYPES, POSE_TYPES, choose_topics
 from gpcorrect.plain import quoted
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["Contents", "Part", "contents_of"]
-
 
 @dataclass(frozen=True)
 class Part:

@@ -22,8 +22,6 @@ from gpcorrect.logs.table import Table, complete, log_from_table
 from gpcorrect.logs.trajectories import recognised
 from gpcorrect.types import CalibrationLog, FloatArray
 
-__all__ = ["encoding_of", "read"]
-
 MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None"]
 
 DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")

@@ -14,8 +14,6 @@ from gpcorrect.logs.streams import Stream, interpolate
 from gpcorrect.logs.sync import TimeOffset, stream_offset
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
-__all__ = ["join_logs", "with_tracker"]
-
 SAME_MACHINE = ("robot", "arm", "joint_types")
 
 SAME_MOTION = 0.9  # of the spread that one motion must explain of the other

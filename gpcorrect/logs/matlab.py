@@ -21,8 +21,6 @@ from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.logs.table import Table, log_from_table, orientation_names, position_names
 from gpcorrect.types import CalibrationLog, FloatArray
 
-__all__ = ["HDF5", "MARKS", "read"]
-
 HDF5 = b"\x89HDF\r\n\x1a\n"  # first bytes of every such file
 MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 NUMERIC = "iufb"  # kinds of NumPy types

@@ -14,8 +14,6 @@ from gpcorrect.logs.orientation import unit_quaternions
 from gpcorrect.logs.streams import Stream
 from gpcorrect.types import FloatArray, IntArray, LogMeta, PoseSignal
 
-__all__ = ["Decoded", "Recorded", "Times", "array_row", "joint_row", "joint_streams", "pose_row", "pose_streams"]
-
 NO_ROTATION = (math.nan,) * 4
 
 # Signals in a JointState, in the order of its fields.

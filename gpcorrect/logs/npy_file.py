@@ -12,8 +12,6 @@ from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.table import Table, log_from_table
 from gpcorrect.types import CalibrationLog, FloatArray
 
-__all__ = ["read"]
-
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read an array, a row a sample; a field of k numbers counts as the columns `field_1` to `field_k`.

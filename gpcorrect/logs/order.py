@@ -12,8 +12,6 @@ import numpy as np
 from gpcorrect.errors import LogError
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Disorder", "check_order", "rising"]
-
 Disorder = Literal["refuse", "drop", "keep"]
 
 

@@ -9,8 +9,6 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray
 
-__all__ = ["CONVERTERS", "quaternion_from_euler", "unit_quaternions"]
-
 ROUNDING = 1e-12  # nearer to one than this a quaternion is left as it is, so that a written log reads back exactly
 
 

@@ -14,8 +14,6 @@ from gpcorrect.logs.columns import ReadSettings, check_memory
 from gpcorrect.logs.table import Table, log_from_table
 from gpcorrect.types import CalibrationLog, FloatArray
 
-__all__ = ["read"]
-
 NUMBER = 8  # bytes
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 

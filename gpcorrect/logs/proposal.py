@@ -10,8 +10,6 @@ import numpy as np
 from gpcorrect.plain import quoted
 from gpcorrect.types import FloatArray
 
-__all__ = ["propose_columns"]
-
 CLOCK = re.compile(r"time|stamp|^t$|^sec|nsec|nanosec", re.IGNORECASE)
 UNITS = {"ns": 1e-9, "nsec": 1e-9, "nanosec": 1e-9, "us": 1e-6, "ms": 1e-3}  # of time, at the end of a name
 STEPS = ((1e15, 1e-9), (1e12, 1e-6), (1e11, 1e-3))  # larger times since 1970 are in ns, us, ms

@@ -18,8 +18,6 @@ from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.logs.streams import Stream
 from gpcorrect.types import FloatArray, LogMeta, PoseSignal
 
-__all__ = ["RAVEN_STATE_DEFINITION", "RAVEN_STATE_TYPE", "raven_row", "raven_streams"]
-
 RAVEN_STATE_TYPE = "raven_2/msg/raven_state"  # of the public software
 RAVEN_STATE_DEFINITION = """\
 std_msgs/Header hdr

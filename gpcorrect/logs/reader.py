@@ -23,8 +23,6 @@ from gpcorrect.logs.order import Disorder
 from gpcorrect.logs.sidecar import read_sidecar, sidecar_path
 from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
-__all__ = ["Format", "format_of", "naming", "parsed", "read_log", "recording_digest"]
-
 T = TypeVar("T")
 Reader = Callable[[Path, ReadSettings], CalibrationLog | Take]
 """What reads a format, from path and settings: into a log, or what cameras saw, where the tool is still to be chosen.

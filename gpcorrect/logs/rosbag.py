@@ -20,8 +20,6 @@ from gpcorrect.types import CalibrationLog, LogMeta
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-__all__ = ["Topic", "read", "topics_of"]
-
 LARGEST_PAGE = 65536  # bytes; SQLite writes it as 1
 DAMAGED = "the recording cannot be read, it may be cut off or still being written"
 

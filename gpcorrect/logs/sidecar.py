@@ -12,8 +12,6 @@ from gpcorrect.errors import LogError
 from gpcorrect.plain import toml_text
 from gpcorrect.types import LogMeta
 
-__all__ = ["format_sidecar", "read_sidecar", "sidecar_path"]
-
 Vector = tuple[float, float, float]
 
 

@@ -13,8 +13,6 @@ from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs.order import Disorder, rising
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
 
-__all__ = ["GAP_STEPS", "Stream", "combine", "default_max_gap", "interpolate"]
-
 GAP_STEPS = 5.0  # the same rule as gpcorrect.velocity: five median steps without a sample are a gap
 
 BASE_ORDER = ("tracker_cp", "setpoint_cp", "setpoint_jp")

@@ -16,9 +16,6 @@ from gpcorrect.logs.order import Disorder, check_order
 from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
 
-__all__ = ["INDEX", "Table", "complete", "joint_names", "log_from_table", "orientation_names", "position_names"]
-
-
 INDEX = ("time", "trajectory", "session")
 CLOCK = r"time|stamp|clock|^t$|^sec|second"  # a column of such a name may be the time of a table that names none
 STATIC = "there is no time: static poses without a clock, each row a motion of its own."

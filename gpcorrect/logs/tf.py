@@ -14,8 +14,6 @@ from gpcorrect.logs.messages import Recorded, pose_row
 from gpcorrect.logs.streams import Stream, interpolate
 from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["TF_TYPES", "Tree", "frames_of", "source_name"]
-
 TF_TYPES = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
 
 

@@ -10,8 +10,6 @@ from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import BagOptions
 from gpcorrect.logs.tf import TF_TYPES, frames_of
 
-__all__ = ["JOINT_TYPES", "POSE_TYPES", "Choice", "choose_topics", "element_of", "slashed"]
-
 PLAIN = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
 OTHER = (
     "geometry_msgs/msg/PoseWithCovarianceStamped",

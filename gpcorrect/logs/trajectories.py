@@ -17,8 +17,6 @@ from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import ColumnMap, PoseColumns
 from gpcorrect.types import FloatArray
 
-__all__ = ["recognised"]
-
 UNIT = 1e-2  # how far a quaternion's norm or a rotation may be off, to be known as one
 JIGSAWS_RATE = 30.0  # Hz
 JIGSAWS_ARMS = {"left": 38, "right": 57}  # first column of the slave manipulators

@@ -13,8 +13,6 @@ from gpcorrect.logs.checks import CHECKS, Evidence, Finding, Severity
 from gpcorrect.logs.sync import TimeOffset
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["ValidationReport", "refuse_misread", "validate_log"]
-
 ORDER: tuple[Severity, ...] = ("error", "warning", "info")
 MISREAD = ("time_unit", "position_unit", "joint_unit", "mirrored", "orientation_inverted", "unrelated")
 POSES = ("setpoint_cp", "tracker_cp")

@@ -16,8 +16,6 @@ from gpcorrect.logs.sidecar import format_sidecar, sidecar_path
 from gpcorrect.logs.table import INDEX, joint_names, orientation_names, position_names
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta
 
-__all__ = ["require_writable", "write_log"]
-
 
 def require_writable(path: str | Path) -> None:
     """Check, before the work, that a log can be written.

@@ -12,8 +12,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.planning.correction import CommandPath, Corrects, Mode, corrected
 from gpcorrect.planning.paths import DesiredPath
 
-__all__ = ["Doubt", "Margins", "Planned", "first_trusted"]
-
 Cause = Literal["out of domain", "position interval", "rotation interval"]
 
 

@@ -15,8 +15,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.planning.paths import DesiredPath
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["CommandPath", "Corrects", "Mode", "PathAnswer", "corrected"]
-
 Mode = Literal["full", "endpoints"]
 REST = 1e4  # s between two poses: so slow that both are at rest for any model
 

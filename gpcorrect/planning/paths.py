@@ -11,8 +11,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.reaching import Pace, tour
 from gpcorrect.types import FloatArray, frozen_array
 
-__all__ = ["DesiredPath", "circle", "reach"]
-
 PATH_RATE_HZ = 50.0  # chosen by hand: a pose a millimetre at 5 cm/s
 
 

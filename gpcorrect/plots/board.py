@@ -10,8 +10,6 @@ from matplotlib.patches import Rectangle
 from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import DataError
 
-__all__ = ["PAPERS", "write_board"]
-
 PAPERS = {"a4": (0.297, 0.210), "a3": (0.420, 0.297), "letter": (0.2794, 0.2159)}  # m, lying on the long side
 INCH = 0.0254  # m
 MARGIN = 0.008  # m: what printers leave white

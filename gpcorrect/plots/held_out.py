@@ -12,8 +12,6 @@ from gpcorrect.calibration import METHODS, Measured
 from gpcorrect.plots.style import COLOURS, LABELS, new_figure
 from gpcorrect.types import CalibrationLog, FloatArray
 
-__all__ = ["overview", "typical_trajectory"]
-
 
 def overview(measured: Measured, log: CalibrationLog) -> Figure:
     """Path of the trajectory with the median error from its widest side, and mean and 95th percentile of all errors.

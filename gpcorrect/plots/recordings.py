@@ -9,8 +9,6 @@ from gpcorrect.calibration import Ageing, Detection
 from gpcorrect.plots.style import COLOURS, new_figure
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["drift_history", "joint_trajectory"]
-
 
 def joint_trajectory(time: FloatArray, q: FloatArray, title: str) -> Figure:
     """Draw a path of three joints over time, and each pair of them against each other.

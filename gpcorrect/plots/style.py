@@ -12,8 +12,6 @@ try:
 except ImportError as error:
     raise MissingExtraError("matplotlib", extra="report", purpose="Drawing figures") from error
 
-__all__ = ["COLOURS", "LABELS", "new_figure", "png", "tidy"]
-
 # Okabe and Ito's palette for colour-blind readers: before, after the rigid part, corrected.
 COLOURS = {
     "raw": "#d55e00",

@@ -23,8 +23,6 @@ from gpcorrect.rigid.registration import (
 )
 from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["fit_marker", "fit_separate", "require_observable", "two_sided_rotations"]
-
 START_ROUNDS = 3  # of weights before Gauss-Newton, which has its own: enough to leave gross errors behind
 ITERATIONS = 30  # a start: the alternation creeps where rotations are small, and Gauss-Newton finishes it
 MEAN_ROUNDS = 20  # of weighing rotations: converged to rounding well before

@@ -12,8 +12,6 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, PoseSignal, frozen_array
 
-__all__ = ["RigidKind", "RigidModel", "apply_residual", "pose_residual"]
-
 RigidKind = Literal["identity", "pose", "marker", "separate", "position"]
 
 ROTATION_TOLERANCE = 1e-6  # of R R^T - I: rounding is 1e-15, a matrix typed with six digits passes

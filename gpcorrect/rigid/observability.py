@@ -11,8 +11,6 @@ from gpcorrect import se3
 from gpcorrect.errors import DegenerateError
 from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["Observability", "rotation_observability"]
-
 MIN_GAIN = 0.05  # below it (turns of about 3 degrees) an error of a millimetre moves the lever arm by 20 mm
 TRIM = 0.1  # share of the observed rotations left out where no commanded ones can vouch for them
 

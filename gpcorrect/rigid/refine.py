@@ -11,8 +11,6 @@ from gpcorrect import se3
 from gpcorrect.rigid.registration import cauchy_loss, cauchy_weights, component_scale
 from gpcorrect.types import FloatArray
 
-__all__ = ["MarkerState", "Samples", "refine", "residual_norms"]
-
 GENERATORS = se3.hat(np.eye(3))  # GENERATORS[k] @ v = e_k x v
 SCALE_ROUNDS = 5  # of robust scales, chosen by hand
 MAX_STEPS = 60  # Gauss-Newton ends by its tolerance before

@@ -17,18 +17,6 @@ from gpcorrect.rigid.model import RigidModel
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
-__all__ = [
-    "cauchy_loss",
-    "cauchy_weights",
-    "check_pair",
-    "component_scale",
-    "evenly_spaced",
-    "fit_balanced",
-    "fit_pose",
-    "fit_position",
-    "fit_robustly",
-]
-
 WIDTH = 3.0  # standard deviations at which a sample counts half
 MAX_SAMPLES = 2000  # a dozen unknowns are no better known from more: neighbours in time repeat each other
 MAX_ROUNDS = 40  # of weights, which end by their tolerance before

@@ -23,8 +23,6 @@ from gpcorrect.rigid.registration import (
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
-__all__ = ["Candidate", "MarkerOption", "Registration", "register"]
-
 MarkerOption = Literal["none", "solve", "auto"]
 
 Fit = Callable[[PoseSignal, PoseSignal], RigidModel]

@@ -10,8 +10,6 @@ from gpcorrect.arms import Chain
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["Body", "Links"]
-
 
 @dataclass(frozen=True, eq=False)
 class Links:

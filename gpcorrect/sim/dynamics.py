@@ -12,8 +12,6 @@ from gpcorrect.sim.rigid_body import Tables, rigid_inertias, rigid_loads
 from gpcorrect.sim.threads import in_parts
 from gpcorrect.types import FloatArray
 
-__all__ = ["JointPath", "LinkLoad", "Posture", "link_load", "mean_inertia", "posture_at"]
-
 STEPS = 20  # steps, as threads count them, that one posture takes; a rough count, which moves no result
 
 

@@ -10,8 +10,6 @@ from gpcorrect import se3
 from gpcorrect.sim.settings import TrackerFaults
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["Fault", "corrupted"]
-
 DROPOUT_LENGTH = 3.0  # samples in a row, on average; chosen by hand, as optical trackers lose a few at a time
 
 

@@ -14,8 +14,6 @@ from gpcorrect.sim.record import simulate
 from gpcorrect.sim.resolve import arm_of, machine_of, rehomed
 from gpcorrect.types import CalibrationLog, FloatArray
 
-__all__ = ["joint_motion_log", "joint_motion_plan", "joint_ranges"]
-
 # All chosen by hand, so that a short recording shows every joint at many speeds, with rests and reversals.
 REACH = 0.25  # of a joint's range to either side of its home
 BARE_RANGE = {"R": 0.5, "P": 0.05}  # rad and m to either side of zero

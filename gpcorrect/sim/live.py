@@ -23,8 +23,6 @@ from gpcorrect.sim.plant import feedforward, tip_path
 from gpcorrect.sim.servo import Clock, Loop, Reference
 from gpcorrect.types import FloatArray
 
-__all__ = ["LiveArm", "Moment"]
-
 SETTLING = 4  # times that a start's load and place follow from each other; an error shrinks to a few per cent each
 
 

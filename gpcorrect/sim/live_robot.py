@@ -19,8 +19,6 @@ from gpcorrect.sim.reaching import Pace, tour, working_posture
 from gpcorrect.sim.sensors import Sensors
 from gpcorrect.types import FloatArray
 
-__all__ = ["LiveRobot", "Reading", "RobotState"]
-
 RobotState = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 COMMANDS = ("enable", "disable", "pause", "resume", "home", "unhome")
 

@@ -15,8 +15,6 @@ from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.settings import Noise, TrackerFaults
 from gpcorrect.types import FloatArray
 
-__all__ = ["Drive", "Feedforward", "Machine"]
-
 Feedforward = Literal["none", "gravity", "rigid-body"]
 
 

@@ -18,20 +18,6 @@ from gpcorrect.plain import toml_text
 from gpcorrect.sim.effects import Effect, effect_from_dict, in_order
 from gpcorrect.sim.settings import Noise, NonNegative, Number, Positive, Settings, TrackerFaults
 
-__all__ = [
-    "Controller",
-    "LinkTable",
-    "Model",
-    "Pose",
-    "TransmissionTable",
-    "model_from_dict",
-    "model_key",
-    "preset",
-    "preset_names",
-    "read_model",
-    "write_model",
-]
-
 PRESETS = resources.files("gpcorrect.sim") / "presets"  # model files that come with the package
 Vector = tuple[Number, Number, Number]
 Moments = tuple[NonNegative, NonNegative, NonNegative]

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["Motion", "Readings"]
-
 
 @dataclass(frozen=True, eq=False)
 class Motion:

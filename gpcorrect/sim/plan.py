@@ -11,8 +11,6 @@ from scipy.interpolate import CubicSpline
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["NOT_LOGGED", "Plan", "Segment", "minimum_jerk", "plan_of", "trapezoid"]
-
 NOT_LOGGED = -1  # number of a trajectory that is not recorded
 
 

@@ -23,8 +23,6 @@ from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
 from gpcorrect.types import FloatArray
 
-__all__ = ["PASSES", "Command", "Driven", "Outcome", "feedforward", "follow_command", "joint_path", "run", "tip_path"]
-
 PASSES = 2  # after the first guess; each shrinks an error of the load to a few per cent of it (load stiffness / kp)
 LAGGING_PASSES = 3  # where `kv` lets the motors lag behind: on a UR5e 5e-7 rad from the limit (2 passes: 2e-5)
 

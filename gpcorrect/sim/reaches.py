@@ -19,8 +19,6 @@ from gpcorrect.sim.resolve import machine_of, rehomed
 from gpcorrect.sim.settings import TrackerFaults
 from gpcorrect.types import CalibrationLog, FloatArray
 
-__all__ = ["DEBRIDEMENT_PACE", "DEBRIDEMENT_PRESET", "debridement_log", "debridement_plan", "random_reaches_log"]
-
 REST_BETWEEN_RUNS = 10.0  # s; chosen by hand
 
 # The study's recording: 303 reaches at 5 cm/s of 24,000 samples. What it does not state is chosen to be plausible.

@@ -14,8 +14,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.plan import minimum_jerk, trapezoid
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["Pace", "Tour", "Workspace", "joint_tour", "tour", "upright", "working_posture"]
-
 ATTEMPTS = 200  # draws of a whole set of targets before a workspace counts as out of reach; chosen by hand
 WORKING_DEPTH = 0.13  # m from the remote centre: chosen by hand, the middle of the insertion of every arm here
 DEPTH_GRID = 331  # a millimetre or less apart

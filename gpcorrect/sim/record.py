@@ -13,8 +13,6 @@ from gpcorrect.sim.sensors import Sensors
 from gpcorrect.sim.settings import TrackerFaults
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
-__all__ = ["simulate"]
-
 SESSION_BREAK = 600.0  # s between the end of one session and the start of the next on the log's clock
 
 

@@ -18,8 +18,6 @@ from gpcorrect.sim.model import Controller, Model, Pose
 from gpcorrect.sim.settings import Noise, TrackerFaults
 from gpcorrect.types import FloatArray
 
-__all__ = ["BARE_JOINTS", "arm_of", "has_controller", "machine_of", "rehomed", "robot_of"]
-
 BARE_JOINTS = "joints"  # the `arm` of a model without kinematics
 
 SPREAD = {"R": np.deg2rad(0.3), "P": 5e-4}  # of a joint's zero from one homing to the next (RAVEN-II calibration paper)

@@ -16,8 +16,6 @@ from numba import njit
 
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Tables", "rigid_inertias", "rigid_loads"]
-
 Vector = tuple[float, float, float]
 Moments = tuple[float, float, float, float, float, float]  # xx, yy, zz, xy, xz, yz
 Frame = tuple[Vector, Vector, Vector, Vector]  # x, y and z axis, origin

@@ -15,8 +15,6 @@ from gpcorrect.sim.effects.torque_saturation import TorqueSaturation
 from gpcorrect.sim.effects.viscous_friction import ViscousFriction
 from gpcorrect.sim.model import Model, write_model
 
-__all__ = ["Written", "write_completed"]
-
 
 @dataclass(frozen=True)
 class Written:

@@ -16,8 +16,6 @@ from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.types import FloatArray
 
-__all__ = ["SensorNoise", "Sensors"]
-
 
 class SensorNoise:
     """White noise plus a stationary first-order autoregression, for one stretch of samples after the other.

@@ -23,8 +23,6 @@ from gpcorrect.sim.machine import Drive
 from gpcorrect.sim.threads import in_parts
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["Clock", "Loop", "Reference", "ServoPath", "follow"]
-
 Sides = tuple[float, float]  # before the transmission and behind it
 MOTOR, JOINT = 0, 1  # the order of `SIDES`
 TINY = 1e-300  # N m or N: keeps the ratio of two frictions defined where there is none

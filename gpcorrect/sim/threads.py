@@ -8,8 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numba
 
-__all__ = ["in_parts", "thread_count"]
-
 WORTH_A_THREAD = 200_000  # inner steps; chosen by hand: below, starting a thread takes longer than it saves
 
 

@@ -16,8 +16,6 @@ from gpcorrect.vision.settings import DEFAULT, AgreementSettings
 from gpcorrect.vision.space import common_perpendicular, triangulate
 from gpcorrect.vision.target import Target
 
-__all__ = ["Hypothesis", "LoneBall", "acquire", "hypotheses"]
-
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:

@@ -18,8 +18,6 @@ from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.target import Target
 from gpcorrect.vision.tracker import Frame
 
-__all__ = ["AnnotatedVideo", "annotated"]
-
 WHITE, GREY, BLACK = (255, 255, 255), (150, 150, 150), (40, 40, 40)  # effective, suspended, shadow; blue green red
 STATUS_INK = {Status.MEASURED: (80, 200, 80), Status.COASTING: (0, 190, 255), Status.LOST: (60, 60, 230)}
 AXIS_INK = ((60, 60, 230), (80, 200, 80), (230, 130, 50))  # x red, y green, z blue

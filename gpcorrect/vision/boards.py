@@ -13,8 +13,6 @@ from gpcorrect.vision.camera import Intrinsics
 from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
 
-__all__ = ["Chessboard", "LensCalibration", "calibrate_lens", "find_corners"]
-
 
 @dataclass(frozen=True)
 class Chessboard:

@@ -20,8 +20,6 @@ from gpcorrect.vision.place import Placement, adjust, poses_from_board, poses_fr
 from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
 from gpcorrect.vision.sources import read_image
 
-__all__ = ["CalibrationReport", "CameraReport", "calibrate_rig"]
-
 MARKER_NOISE_PX = 0.2  # what rims of dots leave: nothing is to be gained below
 
 

@@ -11,8 +11,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, frozen_array
 from gpcorrect.vision.opencv import cv2
 
-__all__ = ["Camera", "Intrinsics"]
-
 IN_FRONT = 1e-6  # m: a point nearer to the plane of the lens has no pixel
 
 

@@ -17,8 +17,6 @@ from gpcorrect.vision.search import detect_everywhere
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
 from gpcorrect.vision.target import Target, hue_name
 
-__all__ = ["check_fit"]
-
 STRONG = (110, 50)  # saturation and value (of 255) above which a pixel counts as coloured, for the message only
 FREQUENT = 0.02  # of the coloured pixels: hues that the message names
 Candidates = Sequence[Sequence[Sequence[Outline]]]  # cameras, balls, candidates

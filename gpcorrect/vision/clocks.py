@@ -11,8 +11,6 @@ from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.pose import Linearised
 from gpcorrect.vision.settings import DEFAULT, ClockSettings
 
-__all__ = ["Clocks"]
-
 
 class Clocks:
     """How long after the first camera each other one looks; learned while the tool moves (:meth:`learn`).

@@ -23,8 +23,6 @@ from gpcorrect.vision.camera import Camera, Intrinsics
 from gpcorrect.vision.sources import IMAGES
 from gpcorrect.vision.target import BallSpec, Target, colour_of
 
-__all__ = ["Rig", "RigCamera", "read_cameras", "read_rig", "read_target", "write_cameras"]
-
 FORMAT = "gpcorrect cameras 1"  # of the calibration file
 HINTS = {
     "calibration file": "docs/vision.md shows a calibration file; `gpcorrect vision calibrate` writes one.",

@@ -15,8 +15,6 @@ from gpcorrect.types import FloatArray
 from gpcorrect.vision.pose import POSE, Motion
 from gpcorrect.vision.settings import DEFAULT, MotionSettings
 
-__all__ = ["STATUSES", "Filtered", "PoseFilter", "Status"]
-
 UNKNOWN = np.array([1.0] * 3 + [np.pi] * 3)  # m and rad: the standard deviation of a pose of which nothing is known
 USUAL_STD = np.array([1e-4] * 3 + [3e-3] * 3)  # m and rad: of a pose without covariance, as a good frame has it
 

@@ -13,8 +13,6 @@ from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.rim import outline
 from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
 
-__all__ = ["Blobs", "find_blobs", "match_blobs", "refine_markers"]
-
 WIDER = (
     1.6  # of the wider Gaussian over the narrower one: their difference is nearly the Laplacian (Marr, Hildreth 1980)
 )

@@ -7,8 +7,6 @@ from typing import Any
 
 from gpcorrect.errors import MissingExtraError
 
-__all__ = ["Image", "cv2"]
-
 Image = Any  # (height, width, 3) uint8, blue green red, as OpenCV reads it
 
 

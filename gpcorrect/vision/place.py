@@ -21,8 +21,6 @@ from gpcorrect.vision.camera import Intrinsics
 from gpcorrect.vision.opencv import cv2
 from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
 
-__all__ = ["Bundle", "Placement", "adjust", "poses_from_board", "poses_from_points", "refine_pose"]
-
 LENS, POSE = 9, 6  # numbers of a lens (fx, fy, cx, cy, k1, k2, p1, p2, k3) and of a pose (rotation vector, translation)
 
 

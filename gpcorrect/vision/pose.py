@@ -15,16 +15,6 @@ from gpcorrect.types import FloatArray, IntArray
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.space import normal_equations, reprojection
 
-__all__ = [
-    "Linearised",
-    "Motion",
-    "Observations",
-    "PoseFit",
-    "pose_closed_form",
-    "pose_from_observations",
-    "pose_nelder_mead",
-]
-
 POSE = 6  # numbers of a pose: position, rotation vector
 STEPS, CONVERGED = 10, 1e-9  # steps of Gauss-Newton, which takes three or four, and its last step (m and rad)
 FIXED_TURN = 1e-6  # rad^2: variance of the rotation of a target without orientation, which never turns

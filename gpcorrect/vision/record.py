@@ -15,8 +15,6 @@ from gpcorrect.types import FloatArray
 from gpcorrect.vision.opencv import cv2
 from gpcorrect.vision.sources import TIMES, USUAL_FPS
 
-__all__ = ["record"]
-
 
 def record(
     cameras: Sequence[str],

@@ -10,8 +10,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.vision.boards import Chessboard, find_corners
 from gpcorrect.vision.sources import IMAGES, read_image
 
-__all__ = ["rig_text"]
-
 PLACE = "place"  # name of the picture of the board where all cameras see it at once
 
 

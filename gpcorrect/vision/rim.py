@@ -17,8 +17,6 @@ from gpcorrect.vision.camera import Intrinsics
 from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.settings import DEFAULT, BallSettings
 
-__all__ = ["Outline", "fit_cone", "outline"]
-
 
 @dataclass(frozen=True, eq=False)
 class Outline:

@@ -19,8 +19,6 @@ from gpcorrect.vision.rim import Outline, outline
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
 from gpcorrect.vision.target import BallSpec, Colour
 
-__all__ = ["REASONS", "Found", "Reason", "Window", "detect_everywhere", "detect_near", "find_circles"]
-
 
 class Reason(StrEnum):
     """Why a camera is not trusted with a ball; empty when it is."""

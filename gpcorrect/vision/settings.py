@@ -12,18 +12,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-__all__ = [
-    "DEFAULT",
-    "AgreementSettings",
-    "BallSettings",
-    "CalibrationSettings",
-    "CheckSettings",
-    "ClockSettings",
-    "MotionSettings",
-    "ViewSettings",
-    "VisionSettings",
-]
-
 
 @dataclass(frozen=True)
 class BallSettings:

@@ -14,8 +14,6 @@ from gpcorrect.errors import LogError
 from gpcorrect.types import FloatArray
 from gpcorrect.vision.opencv import Image, cv2
 
-__all__ = ["IMAGES", "Source", "frame_times", "open_source", "open_sources", "read_image"]
-
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm"}
 VIDEOS = {".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm"}
 TIMES = "times.csv"  # beside videos: when each picture was taken, s; a column a camera

@@ -13,15 +13,6 @@ from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.types import FloatArray
 from gpcorrect.vision.camera import Camera
 
-__all__ = [
-    "Located",
-    "common_perpendicular",
-    "mean_midpoint",
-    "normal_equations",
-    "reprojection",
-    "triangulate",
-]
-
 LEAST_ANGLE = np.deg2rad(1.0)  # between two rays: one pixel of error is then a tenth of the distance in depth
 USUAL_NOISE_PX = 0.1  # of a centre without a covariance: what this package's outlines have
 STEPS, CONVERGED = 10, 1e-9  # steps of Gauss-Newton, which takes three or four, and its last step (m and rad)

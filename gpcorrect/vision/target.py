@@ -13,8 +13,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 from gpcorrect.vision.opencv import Image, cv2
 
-__all__ = ["COLOURS", "END_EFFECTOR", "BallSpec", "Colour", "Target", "colour_of", "hue_name", "single_ball"]
-
 TURN = 360.0  # degrees
 LEAST_SATURATION, LEAST_VALUE = 0.30, 0.12  # docs/vision.md: below, the hue of a pixel is mostly noise
 HUE_TOLERANCE = 22.0  # degrees to either side of a hue given as a number: about what red and yellow have

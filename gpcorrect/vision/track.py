@@ -24,8 +24,6 @@ from gpcorrect.vision.sources import Source, frame_times, open_source
 from gpcorrect.vision.target import Target
 from gpcorrect.vision.tracker import Frame, Tracker
 
-__all__ = ["Track", "TrackResult", "TrackSettings", "track"]
-
 
 @dataclass(frozen=True)
 class TrackSettings:

@@ -37,8 +37,6 @@ from gpcorrect.vision.space import Located
 from gpcorrect.vision.target import Target
 from gpcorrect.vision.trust import View, agree, limit_px
 
-__all__ = ["Frame", "Tracker", "View"]
-
 HELD = 1e-12  # (m/s)^2 and (rad/s)^2: variance of a velocity that is not solved for
 Result = TypeVar("Result")
 

@@ -15,8 +15,6 @@ from gpcorrect.vision.search import Reason
 from gpcorrect.vision.settings import ViewSettings
 from gpcorrect.vision.space import Located, triangulate
 
-__all__ = ["View", "agree", "limit_px"]
-
 
 @dataclass
 class View:

@@ -14,18 +14,6 @@ from enum import StrEnum
 from importlib.resources import files
 from typing import Any, ClassVar
 
-__all__ = [
-    "Better",
-    "Claim",
-    "ClaimTable",
-    "CompareSettings",
-    "Compared",
-    "Comparison",
-    "StudyResult",
-    "Verdict",
-    "number_at",
-]
-
 
 class Verdict(StrEnum):
     """What came of a claim."""

@@ -8,8 +8,6 @@ from pathlib import Path
 from gpcorrect.report.page import Page, Section, TableData, write_page
 from gpcorrect_studies.claims import Comparison, StudyResult, Verdict
 
-__all__ = ["claims_section", "counted", "number", "paired", "setup_section", "write_study_page"]
-
 LEGEND = (
     "Beyond: better than printed by more than the tolerance. Reversed: the order of the two things that are compared "
     "is the other one here, or a gain is a loss, whichever is better."

@@ -16,8 +16,6 @@ from gpcorrect.cli.options import Jobs, Json, Scheduler
 from gpcorrect.parallel import workers
 from gpcorrect.plain import json_ready
 
-__all__ = ["reproduce_app"]
-
 CLAIM_WIDTH = 60
 """Characters of a claim on one line: with the figures beside it, some 100."""
 

@@ -10,8 +10,6 @@ from truth.history import History
 from truth.kinds.kind import Array, Kind, Params, Scene, at, column, unit
 from truth.loop import TICK_HZ, Loop
 
-__all__ = ["KINDS", "lateral_force"]
-
 CABLE_DAMPING = 0.12  # of critical, on the link's inertia; steel rope on pulleys
 LINK_INERTIA = (0.10, 0.09, 0.40)  # kg m^2, kg m^2, kg; only sets the damping
 MIDDLE_INSERTION = float(RANGES[2].mean())  # m

@@ -11,8 +11,6 @@ from truth.kinds.kind import Array, Kind, Params, Scene, column, draw_sign
 from truth.loop import Loop
 from truth.tables import ROW_TERMS, SIMILARITY, draw_row, draw_similarity, moved, row_changed
 
-__all__ = ["KINDS"]
-
 
 def _draw_homing(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     offsets = [float(draw_sign(rng) * rng.uniform(0.5, 1.5) * scene.noise[j]) for _ in range(scene.sessions)]

@@ -14,8 +14,6 @@ from truth.hidden import Params
 from truth.history import History, Readings
 from truth.loop import Loop
 
-__all__ = ["REVOLUTE", "Kind", "Params", "Scene", "at", "column", "draw_sign", "unit"]
-
 Array = NDArray[np.float64]
 REVOLUTE = (True, True, False)
 

@@ -13,8 +13,6 @@ from truth.kinds.kind import Array, Kind, Params, Scene, at, column, draw_sign, 
 from truth.loop import Loop
 from truth.operators import warm_up
 
-__all__ = ["KINDS"]
-
 MIDDLE = RANGES.mean(axis=1)
 HALF = 0.5 * np.ptp(RANGES, axis=1)
 GAIN = (450.0, 360.0, 110000.0)

@@ -10,8 +10,6 @@ from truth.kinds.kind import Array, Kind, Params, Scene, at, column, unit
 from truth.loop import Loop
 from truth.operators import Relays, dead_zone_drag, preisach
 
-__all__ = ["KINDS"]
-
 GAIN = (450.0, 360.0, 110000.0)  # typical kp, to turn an error into a torque
 DEPTH = 0.15  # least share of the motion that a hysteretic cable loses after a reversal
 

@@ -13,8 +13,6 @@ from truth.kinds.kind import Array, Kind, Params, Scene, at, column, draw_sign, 
 from truth.loop import Loop
 from truth.operators import kelvin_voigt, second_order
 
-__all__ = ["KINDS", "seen_late", "side_of"]
-
 SLIP_SECONDS = 0.04  # a cable slips in this time
 
 

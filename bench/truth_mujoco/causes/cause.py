@@ -15,8 +15,6 @@ from truth_mujoco.arms import Arm
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import Plant
 
-__all__ = ["Cause", "Params", "Scene", "column", "rms", "sign"]
-
 Array = NDArray[np.float64]
 
 

@@ -15,8 +15,6 @@ from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import Plant, State, with_value
 
-__all__ = ["CAUSES", "lateral_force", "turned"]
-
 BEND_DAMPING = 0.3  # of critical
 
 

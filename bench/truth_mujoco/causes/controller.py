@@ -12,8 +12,6 @@ from truth_mujoco.causes.cause import Cause, Params, Scene, rms, sign
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import Plant
 
-__all__ = ["CAUSES"]
-
 TERMS = ("gravity", "inertia", "velocity")
 MOST = 1.0  # a term that is missing altogether
 

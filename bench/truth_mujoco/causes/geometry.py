@@ -11,8 +11,6 @@ from truth.tables import ROW_TERMS, SIMILARITY, draw_row, draw_similarity, moved
 from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column, rms, sign
 from truth_mujoco.plant import PER_TICK, Plant, with_value
 
-__all__ = ["CAUSES"]
-
 HOMING = 0.35  # of half the range about its middle, where an arm is homed
 
 

@@ -17,8 +17,6 @@ from truth_mujoco.motion import Run
 from truth_mujoco.plant import Plant, State
 from truth_mujoco.stages import mode, plays, ring
 
-__all__ = ["CAUSES"]
-
 Step = Callable[[int, int, State], None]
 
 

@@ -14,8 +14,6 @@ from truth_mujoco.motion import Run
 from truth_mujoco.plant import Plant, State, with_value
 from truth_mujoco.stages import plays
 
-__all__ = ["CAUSES", "friction_hook"]
-
 LOOPS = np.array([0.15, 0.4, 1.0, 2.2])  # radii of the elements of a hysteresis, in parts of its width
 Level = Callable[[int, State], float]
 

@@ -14,8 +14,6 @@ from truth_mujoco.motion import Run
 from truth_mujoco.plant import PER_TICK, Plant, with_value
 from truth_mujoco.stages import ring, strain
 
-__all__ = ["CAUSES"]
-
 
 def _draw_creep(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     seconds = float(np.exp(rng.uniform(np.log(2), np.log(30))))

@@ -16,8 +16,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.logs.sync import REFERENCES, TimeOffset, log_offset
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
-__all__ = ["CHECKS", "Check", "Evidence", "Finding", "Severity", "check"]
-
 Severity = Literal["error", "warning", "info"]
 
 EXAMPLES = 5  # rows named in a finding

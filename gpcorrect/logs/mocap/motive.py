@@ -22,8 +22,6 @@ from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.logs.orientation import quaternion_from_euler, unit_quaternions
 from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["read"]
-
 TYPES = ("Rigid Body", "Marker", "Rigid Body Marker", "Bone", "Bone Marker")
 BODY, MARKER = "Rigid Body", "Marker"
 LABELLED = ("Type", "Name")

@@ -22,8 +22,6 @@ from gpcorrect.logs.mocap.text import read_export
 from gpcorrect.logs.orientation import unit_quaternions
 from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["MARKS", "read"]
-
 MARKS = (b"Tools,Port", b"#Tools,ToolInfo", b"ToolCount,ToolInfo")
 POSE = ("Q0", "Qx", "Qy", "Qz", "Tx", "Ty", "Tz", "Error")
 MILLIMETRE = 1e-3

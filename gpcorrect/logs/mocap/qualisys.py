@@ -19,8 +19,6 @@ from gpcorrect.logs.mocap.text import read_export, seen_only
 from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["MARKS", "read"]
-
 MARKS = (b"NO_OF_FRAMES\t", b"FILE_VERSION\t")
 MILLIMETRE = 1e-3
 WIDTH = {"3D": 3, "6D": 16}  # columns of a marker or body

@@ -12,8 +12,6 @@ from gpcorrect.logs.columns import MocapOptions
 from gpcorrect.logs.mocap.tool import RIGIDITY, bodies_of, require_rigid, tool_poses, typical_misfit
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, PoseSignal
 
-__all__ = ["METRES", "Body", "Take", "log_of", "scale_of"]
-
 METRES: Mapping[str, float] = {
     "m": 1.0,
     "meters": 1.0,

@@ -14,8 +14,6 @@ from gpcorrect.errors import LogError
 from gpcorrect.logs.csv_file import encoding_of
 from gpcorrect.types import FloatArray
 
-__all__ = ["Export", "read_export", "seen_only"]
-
 MISSING = frozenset({"", "nan", "-nan", "null", "na", "n/a", "none"})
 
 

@@ -12,16 +12,6 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.types import BoolArray, FloatArray, PoseSignal
 
-__all__ = [
-    "RIGIDITY",
-    "RigiditySettings",
-    "bodies_of",
-    "configuration",
-    "require_rigid",
-    "tool_poses",
-    "typical_misfit",
-]
-
 ROUNDS = 3  # of aligning and taking the median; the second changes the configuration by less than the noise
 FLATNESS = 1e-3  # markers whose width is below this fraction of their length lie on a line
 FRAMES = 500  # that are looked at for the marker that moves most against the others

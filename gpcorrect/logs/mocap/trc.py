@@ -15,8 +15,6 @@ from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.mocap.take import Take, scale_of
 from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 
-__all__ = ["read"]
-
 KEYS, VALUES, NAMES, _, DATA = range(1, 6)  # lines, counted from 0
 FIRST = 2  # column of the first marker, after frame and time
 VIRTUAL = "V_"

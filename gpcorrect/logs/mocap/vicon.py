@@ -22,8 +22,6 @@ from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.logs.orientation import CONVERTERS, quaternion_from_euler
 from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["TITLES", "is_heading", "read"]
-
 BODIES = ("Objects", "Segments")
 MARKERS = ("Trajectories",)
 TITLES = (*BODIES, *MARKERS, "Model Outputs", "Joints", "Devices", "Events", "Bones")

@@ -6,8 +6,6 @@ import numpy as np
 
 from gpcorrect.types import FloatArray
 
-__all__ = ["MIN_BLOCKS", "block_sums", "lost_freedom", "sandwich"]
-
 MIN_BLOCKS, MAX_BLOCKS = 12, 200  # fewer tell no variance, more cost time; chosen by hand
 BLOCK_TIMES = 6.0  # a block is this many correlation times long: sums of blocks are then all but independent
 

@@ -16,8 +16,6 @@ from gpcorrect.logs.sync.motion import clock_runs, pairs_of
 from gpcorrect.logs.sync.offset import TimeOffset
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["PLAUSIBLE_LAG", "Clocks", "align", "match_clocks", "seconds_of"]
-
 PLAUSIBLE_LAG = (0.0, 0.15)
 """s: a servo follows its command within this time and never runs ahead of it; recorded: 13 to 47 ms on a dVRK."""
 

@@ -18,8 +18,6 @@ from gpcorrect.logs.streams import default_max_gap
 from gpcorrect.logs.sync.motion import Motion, MotionPair
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["LagCurve", "lag_curve", "peaks", "typical_step"]
-
 MIN_STEP = 0.005  # s; finer grids cost time and add nothing: a parabola and the refinement find the rest
 MIN_WIDTH = 0.03  # s; the standard deviation of the low pass, 5 Hz: arms under control move slower than that
 MAX_CELLS = 2_000_000  # of a grid; beyond that it is coarsened

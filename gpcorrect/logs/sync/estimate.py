@@ -17,8 +17,6 @@ from gpcorrect.logs.sync.offset import ClockDrift, TimeOffset, Verdict
 from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, frozen_array
 
-__all__ = ["estimate_offset", "log_offset", "regression", "stream_offset"]
-
 Finding = tuple[Verdict, str]
 FOUND: Finding = ("found", "")
 

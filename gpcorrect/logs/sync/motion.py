@@ -13,17 +13,6 @@ from gpcorrect.logs.order import rising
 from gpcorrect.logs.streams import Stream
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
 
-__all__ = [
-    "REFERENCES",
-    "Motion",
-    "MotionPair",
-    "clock_runs",
-    "default_pair",
-    "pairs_of",
-    "stream_pair",
-    "stretches",
-]
-
 REFERENCES = {
     "tracker_cp": ("measured_cp", "setpoint_cp"),
     "external_jp": ("measured_jp", "setpoint_jp"),

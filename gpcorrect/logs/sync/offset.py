@@ -9,8 +9,6 @@ import numpy as np
 
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["ClockDrift", "TimeOffset", "Verdict"]
-
 Verdict = Literal["found", "too_few", "still", "steady", "unrelated", "edge", "ambiguous", "imprecise"]
 
 

@@ -23,8 +23,6 @@ from gpcorrect.logs.sync.motion import Motion, MotionPair
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["MIN_INFORMATION", "Refinement", "Timing"]
-
 HUBER = 2.0  # robust standard deviations up to which a residual counts in full
 MAX_STEPS = 40  # of Gauss and Newton; converging takes about ten
 MIN_INFORMATION = 1e-3  # of the velocity must be out of the reach of a constant registration

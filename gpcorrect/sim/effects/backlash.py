@@ -10,8 +10,6 @@ from gpcorrect.sim.effects.operators import Memory, play
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["Backlash"]
-
 
 @dataclass(frozen=True)
 class Backlash(JointEffect):

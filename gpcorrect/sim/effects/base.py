@@ -30,25 +30,6 @@ from gpcorrect.types import FloatArray
 if TYPE_CHECKING:
     from gpcorrect.sim.machine import Drive  # it holds effects
 
-__all__ = [
-    "SIDES",
-    "ChainEffect",
-    "DriveEffect",
-    "Effect",
-    "FrictionEffect",
-    "JointEffect",
-    "LoadEffect",
-    "PathEffect",
-    "PathOperator",
-    "ReadingEffect",
-    "ReadingOperator",
-    "Stage",
-    "TipEffect",
-    "TorqueEffect",
-    "lateral_force",
-    "with_column",
-]
-
 WHOLE_ARM = ("all", "tool", "base")  # values of `joint` besides a number
 SIDES = ("motor", "joint")  # of the transmission, in the order of the servo loop's numbers for them
 

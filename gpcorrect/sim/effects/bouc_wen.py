@@ -12,8 +12,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.operators import Memory, as_columns, remembered
 from gpcorrect.types import FloatArray
 
-__all__ = ["bouc_wen"]
-
 # Of the table of a Bouc-Wen element's loading curve, chosen by hand so that it agrees with an ODE solver to 1e-5 of the
 # width (tests/sim/test_sim_operators.py).
 FINEST, COARSEST = 1e-3, 0.05  # widths of travel between nodes: near the start, where z^n bends, and beyond

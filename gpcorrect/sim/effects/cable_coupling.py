@@ -11,8 +11,6 @@ from gpcorrect.sim.effects.operators import Memory, play
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["CableCoupling"]
-
 
 @dataclass(frozen=True)
 class CableCoupling(JointEffect):

@@ -11,8 +11,6 @@ from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["CableSlip"]
-
 
 @dataclass(frozen=True)
 class CableSlip(JointEffect):

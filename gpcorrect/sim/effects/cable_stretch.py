@@ -10,8 +10,6 @@ from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["CableStretch"]
-
 
 @dataclass(frozen=True)
 class CableStretch(JointEffect):

@@ -14,8 +14,6 @@ from gpcorrect.sim.effects.description import Parameter, Per, Site
 from gpcorrect.sim.effects.registry import EFFECTS
 from gpcorrect.types import FloatArray
 
-__all__ = ["Candidate", "Scope", "candidates"]
-
 
 @dataclass(frozen=True, eq=False)
 class Scope:

@@ -8,8 +8,6 @@ from gpcorrect.sim.effects.base import SIDES, FrictionEffect
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
 
-__all__ = ["CoulombFriction"]
-
 
 @dataclass(frozen=True)
 class CoulombFriction(FrictionEffect):

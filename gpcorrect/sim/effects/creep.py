@@ -10,8 +10,6 @@ from gpcorrect.sim.effects.operators import Memory, lag
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["Creep"]
-
 
 @dataclass(frozen=True)
 class Creep(JointEffect):

@@ -15,8 +15,6 @@ from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["Delay", "shifted"]
-
 _DELAY = Range("s", -0.5, 0.5, 0.03)
 
 

@@ -9,8 +9,6 @@ from typing import Any, Literal
 import numpy as np
 from scipy import stats
 
-__all__ = ["Description", "Family", "Ladder", "Neighbour", "Parameter", "Per", "Range", "Run", "Site", "Slot"]
-
 Slot = Literal["M", "T", "J", "L", "B", "S"]  # motor/drive, transmission, joint, link/tool, base/camera, sensor/time
 
 

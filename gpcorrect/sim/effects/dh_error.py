@@ -11,8 +11,6 @@ from gpcorrect.sim.effects.base import ChainEffect
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
 from gpcorrect.types import FloatArray
 
-__all__ = ["DhError"]
-
 _LENGTH, _ANGLE = Range("m", -0.05, 0.05, 1e-3), Range("rad", -0.2, 0.2, 5e-3)
 _length = partial(Parameter, revolute=_LENGTH, positive=False)
 _angle = partial(Parameter, revolute=_ANGLE, positive=False)

@@ -13,8 +13,6 @@ from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.types import FloatArray
 
-__all__ = ["EncoderQuantisation"]
-
 _LOST = Range("1", 0.0, 0.5, 0.01)
 
 

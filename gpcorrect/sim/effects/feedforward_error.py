@@ -14,8 +14,6 @@ from gpcorrect.sim.effects.description import Description, Family, Neighbour, Pa
 if TYPE_CHECKING:
     from gpcorrect.sim.machine import Drive  # it holds effects
 
-__all__ = ["FeedforwardError"]
-
 TERMS = ("gravity", "inertia", "velocity")  # in the order of `Drive.beyond`
 
 

@@ -13,8 +13,6 @@ from gpcorrect.sim.effects.description import Description, Family, Neighbour, Pa
 if TYPE_CHECKING:
     from gpcorrect.sim.machine import Drive  # it holds effects
 
-__all__ = ["GainError"]
-
 
 @dataclass(frozen=True)
 class GainError(DriveEffect):

@@ -13,8 +13,6 @@ from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["HomingOffset"]
-
 
 @dataclass(frozen=True)
 class HomingOffset(JointEffect):

@@ -14,8 +14,6 @@ from gpcorrect.sim.effects.operators import Memory, plays
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["Hysteresis"]
-
 LAWS = ("bouc_wen", "plays")
 PLAYS = 8  # in the sum: with twice as many the path changes by less than a hundredth of the radius
 

@@ -10,8 +10,6 @@ from gpcorrect.sim.effects.base import TorqueEffect
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import TorqueLaw
 
-__all__ = ["JointStop"]
-
 ENDS = ("upper", "lower")
 
 

@@ -13,8 +13,6 @@ from numba import njit
 
 from gpcorrect.types import FloatArray
 
-__all__ = ["FrictionLaw", "TorqueLaw", "contact", "resisting"]
-
 
 class FrictionLaw(NamedTuple):
     """Friction as a function of speed v, position q and load tau.

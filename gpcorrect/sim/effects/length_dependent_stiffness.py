@@ -13,8 +13,6 @@ from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["LengthDependentStiffness"]
-
 
 @dataclass(frozen=True)
 class LengthDependentStiffness(JointEffect):

@@ -13,8 +13,6 @@ from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.types import FloatArray
 
-__all__ = ["NoiseChange"]
-
 
 @dataclass(frozen=True)
 class NoiseChange(ReadingEffect):

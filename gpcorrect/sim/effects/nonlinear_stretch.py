@@ -12,8 +12,6 @@ from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["NonlinearStretch"]
-
 
 @dataclass(frozen=True)
 class NonlinearStretch(JointEffect):

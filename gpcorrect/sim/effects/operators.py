@@ -16,8 +16,6 @@ from numba import njit
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["Memory", "as_columns", "lag", "play", "plays", "remembered", "ring"]
-
 Memory = dict[str, FloatArray]
 """What an effect remembers from one stretch of a motion to the next: empty at the start."""
 

@@ -8,8 +8,6 @@ from gpcorrect.sim.body import Links
 from gpcorrect.sim.effects.base import LoadEffect
 from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
 
-__all__ = ["Payload"]
-
 _MASS = Range("kg", 0.0, 3.0, 0.1)
 
 

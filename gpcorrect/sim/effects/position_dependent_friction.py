@@ -10,8 +10,6 @@ from gpcorrect.sim.effects.base import SIDES, FrictionEffect
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
 
-__all__ = ["PositionDependentFriction"]
-
 
 @dataclass(frozen=True)
 class PositionDependentFriction(FrictionEffect):

@@ -12,8 +12,6 @@ from gpcorrect.sim.effects.description import Description, Family, Neighbour, Pa
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["RcmShift"]
-
 _STIFFNESS = Range("N/m", 20.0, 1e7, 3e3)
 
 

@@ -13,8 +13,6 @@ from gpcorrect.sim.effects.description import Description, Family, Neighbour, Pa
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["RegistrationError"]
-
 _SHIFT, _TURN, _SCALE = Range("m", -0.1, 0.1, 5e-3), Range("rad", -0.35, 0.35, 0.02), Range("1", -0.1, 0.1, 5e-3)
 _shift = partial(Parameter, revolute=_SHIFT, positive=False)
 _turn = partial(Parameter, revolute=_TURN, positive=False)

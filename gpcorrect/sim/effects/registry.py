@@ -13,8 +13,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim import effects as package
 from gpcorrect.sim.effects.base import Effect
 
-__all__ = ["EFFECTS", "effect_from_dict", "find_effects", "in_order", "of_kind"]
-
 E = TypeVar("E", bound=Effect)
 
 

@@ -11,8 +11,6 @@ from gpcorrect.sim.effects.operators import Memory, ring
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["Resonance"]
-
 
 @dataclass(frozen=True)
 class Resonance(JointEffect):

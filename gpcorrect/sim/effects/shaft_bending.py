@@ -12,8 +12,6 @@ from gpcorrect.sim.effects.description import Description, Family, Neighbour, Pa
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-__all__ = ["ShaftBending"]
-
 _RIGIDITY = Range("N m^2", 0.05, 1e4, 10.0)
 
 

@@ -8,8 +8,6 @@ from gpcorrect.sim.effects.base import SIDES, FrictionEffect
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
 
-__all__ = ["StribeckFriction"]
-
 
 @dataclass(frozen=True)
 class StribeckFriction(FrictionEffect):

@@ -11,8 +11,6 @@ from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
 from gpcorrect_studies.debridement.comparison import Condition
 from gpcorrect_studies.debridement.scene import Scene
 
-__all__ = ["path_charts", "seconds_chart"]
-
 MOST_POINTS = 1500
 """Of one tool's path on the page; chosen by hand."""
 ARM_ROLES = (Role.CORRECTED, Role.RIGID)

@@ -35,8 +35,6 @@ from gpcorrect_studies.debridement import (
 if TYPE_CHECKING:
     from gpcorrect_service import CorrectionClient
 
-__all__ = ["debride"]
-
 # Chosen by hand.
 INDUCING = 150  # of the models: enough for one task in a box of a few centimetres
 SEARCH = 200  # samples that hyperparameters are searched among: a miss of 2 mm stays one, in a third of the time

@@ -16,8 +16,6 @@ from gpcorrect_studies.debridement.mission import Mission, Outcome, debride
 from gpcorrect_studies.debridement.scene import Station
 from gpcorrect_studies.debridement.strategies import LookAndMove, OpenLoop, Strategy
 
-__all__ = ["PAPER", "Condition", "compare"]
-
 PAPER = {"seconds_per_fragment": 15.8, "times_faster": 3.8}  # Mahler 2014, with correction, and against replanning
 
 

@@ -13,8 +13,6 @@ from gpcorrect_studies.debridement.robot import SimulatedRobot
 from gpcorrect_studies.debridement.scene import Gripper, Scene, Station, Times, grasps
 from gpcorrect_studies.debridement.strategies import Approach, Strategy
 
-__all__ = ["ArmRecord", "Fetched", "Mission", "Outcome", "debride"]
-
 MIDDLE = 0.015  # m to either side of the dividing plane, where one arm may be at a time; chosen by hand
 
 

@@ -21,8 +21,6 @@ from gpcorrect_studies.debridement.charts import path_charts, seconds_chart
 from gpcorrect_studies.debridement.comparison import Condition
 from gpcorrect_studies.debridement.scene import Gripper, Scene, Station
 
-__all__ = ["debridement_gif", "debridement_paths", "write_debride_page"]
-
 HEAD = ("", "cm/s", "removed", "at once", "retries", "replanned", "looks", "miss [mm]", "s a fragment", "s in all")
 ARM_COLOURS = (COLOURS["corrected"], COLOURS["rigid"])
 CAUGHT, LOST, WAITING = "#009e73", COLOURS["raw"], COLOURS["quiet"]

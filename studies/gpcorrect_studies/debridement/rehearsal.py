@@ -19,8 +19,6 @@ from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 from gpcorrect_studies.debridement.scene import Scene, Station, grasps
 from gpcorrect_studies.debridement.strategies import ACCELERATION, TURN_RATE
 
-__all__ = ["rehearsal_log"]
-
 # Chosen by hand on simulated recordings.
 ROOM = np.array([0.02, 0.02, 0.014])  # m by which rehearsed places go beyond the fragments' box: what still misses
 REGISTERING = 4  # fragments of the motions that register the frames

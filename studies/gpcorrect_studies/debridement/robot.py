@@ -14,8 +14,6 @@ from gpcorrect.sim.sensors import Sensors
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.debridement.scene import Station
 
-__all__ = ["SimulatedRobot"]
-
 BLOCK = 20  # servo steps between two samples of the tool's true pose: paths are recorded at 50 Hz
 STILL = 4  # blocks that are one, where no joint moves further in them than in one block at 6 cm/s
 MOVED = {"R": 12e-3, "P": 1.2e-3}  # rad and m: that far

@@ -18,8 +18,6 @@ from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.sim.reaching import upright, working_posture
 from gpcorrect.types import FloatArray, frozen_array
 
-__all__ = ["Grasp", "Gripper", "Scene", "Station", "Times", "grasps", "stations"]
-
 SIZE = np.array([0.08, 0.08, 0.02])  # m, Mahler 2014, Sec. V
 BOWL = np.array([0.045, -0.03, 0.0])  # m from the box's centre, on the arm's own side
 SIDES = ("raven2_left", "raven2_right")

@@ -18,8 +18,6 @@ from gpcorrect.types import FloatArray
 from gpcorrect_studies.debridement.robot import SimulatedRobot
 from gpcorrect_studies.debridement.scene import Grasp, Times
 
-__all__ = ["ACCELERATION", "TURN_RATE", "Approach", "LookAndMove", "OpenLoop", "Strategy"]
-
 ACCELERATION = 0.5  # m/s^2, as in the simulated recordings
 TURN_RATE = 1.5  # rad/s, as in the simulated recordings
 

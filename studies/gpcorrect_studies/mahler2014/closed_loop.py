@@ -24,8 +24,6 @@ from gpcorrect.sim.reaches import DEBRIDEMENT_PACE
 from gpcorrect.sim.reaching import Tour, joint_tour, tour
 from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
-__all__ = ["Landing", "Reached", "closed_loop", "places_to_visit"]
-
 SETTLING = 0.5  # s of rest after each reach; chosen by hand: the simulated arm has come to rest by then
 AFTER_TRAINING = 60.0  # s between the recording's end and the first repetition, and between repetitions; chosen by hand
 

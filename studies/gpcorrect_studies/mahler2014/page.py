@@ -21,8 +21,6 @@ from gpcorrect_studies.mahler2014.regressions import TrainingSize
 from gpcorrect_studies.mahler2014.study import CLAIMS, COMPARABLE, NOT_COMPARABLE, Mahler2014
 from gpcorrect_studies.mahler2014.table1 import COMPONENTS, METHODS, NORMS, PRINTED
 
-__all__ = ["write_mahler_report"]
-
 TITLES = {
     "position_percent_of_raw_dirty": "position error after full correction, of the uncorrected one",
     "rotation_percent_of_raw_dirty": "rotation error after full correction, of the uncorrected one",

@@ -26,8 +26,6 @@ from gpcorrect.sim import debridement_log, preset
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
 
-__all__ = ["Limit", "TrainingSize", "limits", "training_sizes"]
-
 # States; above, an exact fit takes over three times as long for the same error (docs/reproduce.md, Fig. 5).
 MOST_EXACT = 1000
 OUTPUT_GROUPS = (3, 3)  # components of position and of rotation, which share hyperparameters

@@ -19,8 +19,6 @@ from gpcorrect_studies.mahler2014.closed_loop import Landing, closed_loop, place
 from gpcorrect_studies.mahler2014.regressions import Limit, TrainingSize, limits, training_sizes
 from gpcorrect_studies.mahler2014.table1 import FULL, MEMORY, TableOne, table_one
 
-__all__ = ["CLAIMS", "COMPARABLE", "NOT_COMPARABLE", "TARGETS", "Mahler2014", "Scope", "reproduce_mahler2014"]
-
 FEWEST_REACHES = 30  # a fifth is held out, and the places to visit are taken from it
 PAPERS_FEATURES = ("pose", "velocity")  # of its last two columns
 PAPERS_FRACTION = 460 / 19200  # the training states of the paper's smaller fit, Fig. 5

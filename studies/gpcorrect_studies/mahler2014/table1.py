@@ -16,8 +16,6 @@ from gpcorrect.errors import LogError
 from gpcorrect.parallel import each
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
 
-__all__ = ["COMPONENTS", "FULL", "MEMORY", "METHODS", "NORMS", "PRINTED", "Errors", "TableOne", "table_one"]
-
 OFFSET = "fixed offset"
 WITH_GPR, WITH_VELOCITY = f"{OFFSET} + GPR", f"{OFFSET} + GPR + velocity"
 FULL = f"{WITH_VELOCITY} + cleaning"  # the paper's last column

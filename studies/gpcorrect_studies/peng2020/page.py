@@ -8,8 +8,6 @@ from gpcorrect.report.page import Section, TableData
 from gpcorrect_studies.claims_page import paired, setup_section, write_study_page
 from gpcorrect_studies.peng2020.study import CLAIMS, COMPONENTS, Peng2020
 
-__all__ = ["write_peng2020_report"]
-
 NAMES = {"linear": "linear", "network": "network, the paper's", "gp": "ours (gp)"}
 NOT_COMPARABLE = (
     "Pictures are rendered: blur, noise and clutter are in them, rolling shutters and cameras that are not "

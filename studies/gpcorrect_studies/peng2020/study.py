@@ -27,8 +27,6 @@ from gpcorrect_studies.rendering import single_ball as one_ball
 if TYPE_CHECKING:  # OpenCV is an extra: other studies are done again without it
     from gpcorrect.vision import Camera, Target
 
-__all__ = ["CLAIMS", "COMPONENTS", "Peng2020", "Peng2020Scope", "calibrated_cameras", "reproduce_peng2020"]
-
 RATE_HZ = 30.0  # that of a common webcam
 COVER = Card((0, 0, 640, 480))  # hides a whole picture
 CORNER_NOISE_PX = MARKER_NOISE_PX = 0.05  # SD; chosen by hand

@@ -13,8 +13,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
 from gpcorrect_studies.peng2024.recordings import RavenStudy, whole_state
 
-__all__ = ["METHODS", "Cell", "PengScope", "Run", "StudyFits", "cell", "rmse"]
-
 METHODS = ("linear", "quadratic", "network", "ukf", "gp")
 QUICK_EPOCHS = 50  # a quarter of the paper's; chosen by hand
 UNITS = np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1e3])  # deg, deg, mm

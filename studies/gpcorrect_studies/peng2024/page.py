@@ -14,8 +14,6 @@ from gpcorrect.report.page import FigureImage, Section, TableData
 from gpcorrect_studies.claims_page import paired, setup_section, write_study_page
 from gpcorrect_studies.peng2024.study import CLAIMS, PENG_COMPARABLE, PENG_NOT_COMPARABLE, Peng2024
 
-__all__ = ["write_peng_report"]
-
 NAMES = {
     "raw": "as reported",
     "fixed_offset": "fixed offset",

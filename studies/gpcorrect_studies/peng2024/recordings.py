@@ -15,8 +15,6 @@ from gpcorrect.sim.effects.homing_offset import HomingOffset
 from gpcorrect.sim.plan import NOT_LOGGED
 from gpcorrect.types import CalibrationLog, FloatArray
 
-__all__ = ["ARM", "RavenStudy", "all_joints", "whole_state"]
-
 ARM = "raven2_left"  # its kinematics are those of the study's arm
 PRESET = "raven2_calibration"  # the simulated machine
 DEGREE = np.deg2rad(1.0)

@@ -24,8 +24,6 @@ from gpcorrect_studies.peng2024.tables import (
     table_5,
 )
 
-__all__ = ["CLAIMS", "PENG_COMPARABLE", "PENG_NOT_COMPARABLE", "Peng2024", "PengScope", "reproduce_peng2024"]
-
 CLAIMS = ClaimTable.of_study("peng2024")
 HOURS = 5.0  # the last hour of the paper's Tables III and IV
 PENG_COMPARABLE = (

@@ -14,19 +14,6 @@ from gpcorrect.types import CalibrationLog
 from gpcorrect_studies.peng2024.fits import METHODS, UNITS, Cell, Run, StudyFits, cell, rmse
 from gpcorrect_studies.peng2024.recordings import ARM, all_joints, whole_state
 
-__all__ = [
-    "LOAD",
-    "figure_5",
-    "figure_6",
-    "figure_8",
-    "figure_9",
-    "table_1",
-    "table_2",
-    "table_3",
-    "table_4",
-    "table_5",
-]
-
 LEARNERS: tuple[str, ...] = ("linear", "quadratic", "network")
 LASTING: tuple[str, ...] = ("linear", "network", "gp")
 LOAD = 0.5  # kg, as in the study

@@ -10,8 +10,6 @@ from gpcorrect.types import FloatArray
 from gpcorrect_studies.rendering.lens import Lens
 from gpcorrect_studies.rendering.picture import Studio
 
-__all__ = ["Board", "board_picture"]
-
 
 @dataclass(frozen=True, eq=False)
 class Board:

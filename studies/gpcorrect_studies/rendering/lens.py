@@ -8,8 +8,6 @@ import numpy as np
 
 from gpcorrect.types import FloatArray
 
-__all__ = ["Lens", "looking_at"]
-
 INVERSIONS = 10  # fixed-point steps: 1e-7 px for a webcam's distortion
 
 

@@ -13,8 +13,6 @@ from scipy.ndimage import gaussian_filter
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.rendering.lens import Lens
 
-__all__ = ["Ball", "Card", "Light", "Studio", "backdrop"]
-
 Picture = NDArray[np.uint8]
 Raster = NDArray[np.floating[Any]]
 NOISE_MARGIN = 64  # px by which the stored noise field is larger than a picture: each picture cuts its own piece

@@ -12,8 +12,6 @@ from gpcorrect.types import FloatArray
 from gpcorrect_studies.rendering.lens import Lens, looking_at
 from gpcorrect_studies.rendering.picture import Ball, Card, Light, Studio, backdrop
 
-__all__ = ["END_EFFECTOR_BALLS", "Stage", "four_cameras", "marker_points", "random_motion", "single_ball"]
-
 WORKSPACE = np.array([0.0, 0.0, 0.2])  # m, world frame
 ARM = 0.038  # m from the holder's centre to each ball's (the fixture of Peng et al. 2020)
 RADIUS = 0.0095  # m; chosen by hand, smaller than the fixture's 20 mm: fewer pixels to find
