@@ -51,7 +51,7 @@ def write_peng_report(result: Peng2024, path: Path) -> None:
     scope = result.scope
     facts = [
         ("robot", f"simulated RAVEN-II, joints 1 to 3, seed {result.seed}"),
-        ("test", f"{scope.minutes:g} minutes of random sweeps, each joint for itself"),
+        ("test", f"{scope.minutes:g} min of random sweeps, each joint for itself"),
         ("repeats", f"{scope.repeats}, of the network {scope.network_repeats}"),
     ]
     sections = [
