@@ -53,10 +53,13 @@ def test_an_arm_without_kinematics_has_no_tool():
 
 @pytest.mark.parametrize("kind", EFFECTS.values(), ids=EFFECTS)
 def test_descriptions_tell_a_search_what_it_needs(kind):
-    """Every effect has sites; ladders lie in the physical range; choices and conditions name fields of the effect."""
+    """Sites, needs and look-alikes are there; ladders lie in the physical range; choices name fields of the effect."""
     about = kind.about
     names = {f.name for f in fields(kind)}
     assert about.sites
+    assert about.needs
+    assert about.neighbours
+    assert about.separating_runs
     assert {field for field, _ in about.choices} <= names
     for parameter in about.parameters:
         assert parameter.shaped_by in {"", *names}
@@ -71,7 +74,7 @@ def test_descriptions_tell_a_search_what_it_needs(kind):
 def test_neighbours_and_needs_are_known():
     """Look-alikes are effects of the catalogue, and what is needed are signals of a log."""
     for kind in EFFECTS.values():
-        assert {n.name for n in kind.about.neighbours} <= set(EFFECTS)
+        assert set(kind.about.neighbours) <= set(EFFECTS) - {kind.about.name}
         signals = {*CalibrationLog.POSES, *CalibrationLog.JOINTS, *CalibrationLog.SCALARS}
         assert {word for need in kind.about.needs for word in need.split("|")} <= signals
 

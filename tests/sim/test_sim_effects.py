@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from sim_machines import INFINITE, motion, moves, raven
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim import EFFECTS, effect_from_dict, run, simulate
+from gpcorrect.sim import EFFECTS, effect_from_dict, simulate
 from gpcorrect.sim.effects import (
     Backlash,
     CableCoupling,
@@ -20,7 +20,6 @@ from gpcorrect.sim.effects import (
     DhError,
     Drift,
     EncoderQuantisation,
-    Family,
     FeedforwardError,
     GainError,
     GravitySag,
@@ -114,40 +113,6 @@ ACTIVE = (
     FeedforwardError(2, 0.3, "gravity"),
     GainError(2, 0.2, -0.1),
 )
-# From the catalogue's table: slot and class of each name.
-TABLE = {
-    "homing_offset": ("S", Family.GEOMETRY),
-    "transmission_ratio": ("T", Family.GEOMETRY),
-    "cable_coupling": ("T", Family.GEOMETRY),
-    "pulley_eccentricity": ("T", Family.GEOMETRY),
-    "registration_error": ("B", Family.GEOMETRY),
-    "dh_error": ("L", Family.GEOMETRY),
-    "cable_stretch": ("T", Family.COMPLIANCE),
-    "nonlinear_stretch": ("T", Family.COMPLIANCE),
-    "length_dependent_stiffness": ("T", Family.COMPLIANCE),
-    "gravity_sag": ("L", Family.COMPLIANCE),
-    "payload": ("L", Family.COMPLIANCE),
-    "shaft_bending": ("L", Family.COMPLIANCE),
-    "rcm_shift": ("B", Family.COMPLIANCE),
-    "backlash": ("T", Family.REVERSAL),
-    "coulomb_friction": ("M", Family.REVERSAL),
-    "viscous_friction": ("M", Family.REVERSAL),
-    "stribeck_friction": ("M", Family.REVERSAL),
-    "capstan_friction": ("T", Family.REVERSAL),
-    "position_dependent_friction": ("J", Family.REVERSAL),
-    "hysteresis": ("T", Family.REVERSAL),
-    "creep": ("T", Family.TIME),
-    "drift": ("S", Family.TIME),
-    "delay": ("S", Family.TIME),
-    "cable_slip": ("T", Family.TIME),
-    "torque_saturation": ("M", Family.LIMIT),
-    "joint_stop": ("J", Family.LIMIT),
-    "resonance": ("M", Family.DYNAMICS),
-    "encoder_quantisation": ("S", Family.NOISE),
-    "noise_change": ("S", Family.NOISE),
-    "feedforward_error": ("M", Family.DYNAMICS),
-    "gain_error": ("M", Family.DYNAMICS),
-}
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]
 neutral_ids = [f"{e.about.name}-{e.joint}" for e in NEUTRAL]
@@ -160,11 +125,9 @@ def recorded(*effects):
     return arrays | {"tracker": log.tracker_cp.position, "quaternion": log.tracker_cp.quaternion}
 
 
-def test_the_catalogue_says_what_the_table_says():
-    """Every effect carries the canonical name, slot and class of the catalogue, in its order."""
-    assert {name: (kind.about.slot, kind.about.family) for name, kind in EFFECTS.items()} == TABLE
-    assert list(EFFECTS) == list(TABLE)
-    assert [e.about.name for e in ACTIVE] == list(TABLE)
+def test_every_effect_is_tried():
+    """Each effect has numbers with which it does something, in the catalogue's order."""
+    assert ids == list(EFFECTS)
 
 
 @pytest.mark.parametrize("kind", EFFECTS.values(), ids=EFFECTS)
@@ -181,23 +144,6 @@ def test_every_parameter_is_described(kind):
             assert scale.low <= scale.typical <= scale.high
             assert scale.low <= prior.median() <= scale.high
             assert prior.cdf(scale.high) - prior.cdf(scale.low) > 0.95
-
-
-@pytest.mark.parametrize("kind", EFFECTS.values(), ids=EFFECTS)
-def test_every_effect_says_what_separates_it(kind):
-    about = kind.about
-    assert about.needs
-    assert about.neighbours
-    assert about.separating_runs
-    assert about.equation
-    assert about.source
-    assert all(n.name != about.name and n.separated_by for n in about.neighbours)
-
-
-@pytest.mark.parametrize("effect", ACTIVE, ids=ids)
-def test_dict_round_trip(effect):
-    """Written down and read back, an effect is the same."""
-    assert effect_from_dict(effect.to_dict()) == effect
 
 
 @given(st.lists(st.floats(-0.3, 0.3), min_size=1, max_size=4))
@@ -228,15 +174,6 @@ def test_active_parameters_do_something(effect, bare):
     assert any(np.abs(active[name] - bare[name]).max() > 1e-5 for name in signals)
 
 
-@pytest.mark.parametrize("effect", ACTIVE, ids=ids)
-def test_an_effect_can_be_taken_out_again(effect):
-    """A machine with an effect put in and taken out is the machine before."""
-    plan = moves(runs=1, seconds=1.0)
-    machine = raven()
-    back = machine.with_effects(effect).with_effects()
-    np.testing.assert_array_equal(run(back, plan).q, run(machine, plan).q)
-
-
 @given(st.permutations(ACTIVE))
 def test_order_of_writing_does_not_matter(effects):
     """However effects are listed, they act in the order of stage, catalogue and joint."""
@@ -259,7 +196,6 @@ def test_only_the_named_joint_moves_and_the_input_is_kept(effect):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"name": "cable_strech", "joint": 1}, "cable_strech"),
         ({"name": "backlash", "joint": 1, "radius": 0.1, "width": 2.0, "gap": 1}, "gap, width"),
         ({"name": "backlash", "joint": 1}, "lacks radius"),
         ({"name": "backlash", "joint": 0, "radius": 0.1}, "joint must be"),

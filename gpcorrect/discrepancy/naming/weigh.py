@@ -248,7 +248,7 @@ def _general(search: Search, rest: Sequence[FittedEffect], fit: FittedEffect, no
     """
     if not _is_linear(fit.candidate):
         return []
-    alike = {n.name for n in fit.candidate.kind.about.neighbours}
+    alike = fit.candidate.kind.about.neighbours
     own = _Linear.of(search, rest, fit)
     change = own.slopes @ fit.u
     found: dict[tuple[object, ...], Rival] = {}
@@ -312,7 +312,7 @@ def _factors(columns: FloatArray, change: FloatArray) -> FloatArray:
 
 def _is_simpler(rival: Candidate, candidate: Candidate) -> bool:
     """Whether a rival is a look-alike in the catalogue, on the same joint, with fewer numbers: it may say the same."""
-    alike = {n.name for n in candidate.kind.about.neighbours}
+    alike = candidate.kind.about.neighbours
     return rival.name in alike and rival.joint == candidate.joint and rival.extra < candidate.extra
 
 

@@ -19,7 +19,7 @@ from gpcorrect.sim.effects.base import (
 )
 from gpcorrect.sim.effects.bouc_wen import bouc_wen
 from gpcorrect.sim.effects.candidates import Candidate, Scope, candidates
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw
 from gpcorrect.sim.effects.operators import lag, play, ring
 from gpcorrect.sim.effects.registry import EFFECTS, effect_from_dict, in_order, of_kind
@@ -37,7 +37,6 @@ __all__ = [
     "JointEffect",
     "Ladder",
     "LoadEffect",
-    "Neighbour",
     "Parameter",
     "PathEffect",
     "Per",

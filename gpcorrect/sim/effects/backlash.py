@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, play
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -29,7 +29,6 @@ class Backlash(JointEffect):
     about = Description(
         name="backlash",
         number=14,
-        slot="T",
         family=Family.REVERSAL,
         equation="q = play(m, r): w = min(max(w_before, m - r), m + r)",
         source="Krasnosel'skii and Pokrovskii 1989, Systems with Hysteresis, Sec. 2",
@@ -44,10 +43,7 @@ class Backlash(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("coulomb_friction", "its width grows with load, gain or speed; the gap's does not"),
-            Neighbour("hysteresis", "minor loops: curved returns against straight ones"),
-        ),
+        neighbours=("coulomb_friction", "hysteresis"),
         separating_runs=(Run.AMPLITUDES, Run.LOAD_SWAP, Run.GAIN_CHANGE, Run.SPEED_LADDER),
         sites=(Site.JOINT,),
     )

@@ -79,6 +79,11 @@ class Effect(ABC):
                 f"got {self.joint!r}."
             )
         _check_site(self.about, self.joint)
+        for name, values in self.about.choices:
+            if getattr(self, name) not in values:
+                raise DataError(
+                    f"effect {self.about.name}: {name} must be {' or '.join(values)}, got {getattr(self, name)!r}."
+                )
         for parameter in self.about.parameters:
             _check(self.about.name, parameter, getattr(self, parameter.name))
 
@@ -218,11 +223,6 @@ class FrictionEffect(Effect):
     side: str = "motor"
 
     stage = Stage.FRICTION
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.side not in SIDES:
-            raise DataError(f"effect {self.about.name}: side must be {' or '.join(SIDES)}, got {self.side!r}.")
 
     @abstractmethod
     def law(self) -> FrictionLaw:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, play
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -45,7 +45,6 @@ class CableCoupling(JointEffect):
     about = Description(
         name="cable_coupling",
         number=3,
-        slot="T",
         family=Family.GEOMETRY,
         equation="q_j_reported = q_j + c (q_k - q_k0) + d (q_k - play(q_k, r))",
         source="RAVEN-II control software, motor-to-joint map q = C^-1 m / N; play as in backlash",
@@ -81,10 +80,7 @@ class CableCoupling(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("gravity_sag", "move the source alone and hold this joint"),
-            Neighbour("backlash", "move the source alone: a drag follows its reversals, not this joint's"),
-        ),
+        neighbours=("gravity_sag", "backlash"),
         separating_runs=(Run.ONE_JOINT, Run.AMPLITUDES),
         sites=(Site.PAIR,),
     )

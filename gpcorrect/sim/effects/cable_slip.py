@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -36,7 +36,6 @@ class CableSlip(JointEffect):
     about = Description(
         name="cable_slip",
         number=24,
-        slot="T",
         family=Family.TIME,
         equation="q_reported = q + b [t >= t0]",
         source="a step at a change-point: Page 1954, Biometrika 41",
@@ -58,10 +57,7 @@ class CableSlip(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("drift", "change-point in time; return to a reference pose"),
-            Neighbour("homing_offset", "the offset is new inside a session, not between two"),
-        ),
+        neighbours=("drift", "homing_offset"),
         separating_runs=(Run.REFERENCE_RETURNS, Run.REHOMING),
         sites=(Site.JOINT,),
     )

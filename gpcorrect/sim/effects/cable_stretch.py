@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -29,7 +29,6 @@ class CableStretch(JointEffect):
     about = Description(
         name="cable_stretch",
         number=7,
-        slot="T",
         family=Family.COMPLIANCE,
         equation="q = m - tau / k",
         source="Hooke's law; Miyasaka et al. 2020, IEEE RA-L 5(2), cable-pulley network",
@@ -44,12 +43,7 @@ class CableStretch(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("transmission_ratio", "change the load at one pose"),
-            Neighbour(
-                "gravity_sag", "accelerate, or load the joint by friction: the cable feels it, the link's sag does not"
-            ),
-        ),
+        neighbours=("transmission_ratio", "gravity_sag"),
         separating_runs=(Run.LOAD_SWAP, Run.POSE_SPREAD, Run.SPEED_LADDER),
         sites=(Site.JOINT,),
     )

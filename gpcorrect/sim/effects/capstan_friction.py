@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gpcorrect.sim.effects.base import SIDES, FrictionEffect
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
 
 
@@ -30,7 +30,6 @@ class CapstanFriction(FrictionEffect):
     about = Description(
         name="capstan_friction",
         number=18,
-        slot="T",
         family=Family.REVERSAL,
         equation="T2 = T1 exp(mu theta sign v): F = tau (exp(mu theta sign(v tau)) - 1)",
         source="Euler and Eytelwein's belt; Kaneko, Yamashita, Tanie 1991, tendon transmissions, ICAR",
@@ -40,7 +39,7 @@ class CapstanFriction(FrictionEffect):
             ),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
-        neighbours=(Neighbour("coulomb_friction", "the loop's width grows with the load"),),
+        neighbours=("coulomb_friction",),
         separating_runs=(Run.LOAD_SWAP, Run.POSE_SPREAD),
         sites=(Site.JOINT,),
         choices=(("side", SIDES),),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gpcorrect.sim.effects.base import SIDES, FrictionEffect
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
 
 
@@ -28,7 +28,6 @@ class CoulombFriction(FrictionEffect):
     about = Description(
         name="coulomb_friction",
         number=15,
-        slot="M",
         family=Family.REVERSAL,
         equation="F = Fc sign(v), |F| <= Fc at rest",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
@@ -42,11 +41,7 @@ class CoulombFriction(FrictionEffect):
             ),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("viscous_friction", "vary the speed"),
-            Neighbour("delay", "vary the speed"),
-            Neighbour("backlash", "vary the controller's gain or the load"),
-        ),
+        neighbours=("viscous_friction", "delay", "backlash"),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
         sites=(Site.JOINT,),
         choices=(("side", SIDES),),

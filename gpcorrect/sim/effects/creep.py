@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, lag
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -35,7 +35,6 @@ class Creep(JointEffect):
     about = Description(
         name="creep",
         number=21,
-        slot="T",
         family=Family.TIME,
         equation="q = m - x, tau_c x' + x = alpha F",
         source="Kelvin-Voigt element; Findley, Lai, Onaran 1976, Creep and Relaxation of Nonlinear Materials, Ch. 5",
@@ -56,10 +55,7 @@ class Creep(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("drift", "hold, unload and watch it recover: drift does not"),
-            Neighbour("cable_stretch", "hold: an elastic cable stays where it is"),
-        ),
+        neighbours=("drift", "cable_stretch"),
         separating_runs=(Run.HOLD_UNLOAD, Run.LOAD_SWAP),
         sites=(Site.JOINT,),
     )

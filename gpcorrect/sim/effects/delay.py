@@ -10,7 +10,7 @@ from numba import njit
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import PathEffect, PathOperator, Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -39,16 +39,12 @@ class Delay(PathEffect):
     about = Description(
         name="delay",
         number=23,
-        slot="S",
         family=Family.TIME,
         equation="y(t) = x(t - d), all joints alike",
         source="Fritsch and Carlson 1980, SIAM J. Numer. Anal. 17(2), for the values between samples",
         parameters=(Parameter("delay", "age of what is seen", revolute=_DELAY, positive=False),),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("viscous_friction", "look at the torque, or for a lag common to all joints"),
-            Neighbour("resonance", "fast motion: the amplitude has a peak, a delay's has none"),
-        ),
+        neighbours=("viscous_friction", "resonance"),
         separating_runs=(Run.SPEED_LADDER, Run.ONE_JOINT),
         sites=(Site.ALL,),
     )

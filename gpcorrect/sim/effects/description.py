@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy import stats
-
-Slot = Literal["M", "T", "J", "L", "B", "S"]  # motor/drive, transmission, joint, link/tool, base/camera, sensor/time
 
 
 class Family(StrEnum):
@@ -176,14 +174,6 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Neighbour:
-    """An effect that looks alike, and what separates the two."""
-
-    name: str
-    separated_by: str
-
-
-@dataclass(frozen=True)
 class Description:
     """The catalogue entry of an effect.
 
@@ -193,8 +183,6 @@ class Description:
         Canonical name.
     number : int
         Place in the catalogue: effects of one stage act in this order.
-    slot : Slot
-        Where in the machine it acts.
     family : Family
         Its class in the catalogue.
     equation, source : str
@@ -203,27 +191,26 @@ class Description:
         Its numbers.
     needs : tuple of str
         Log signals without which it leaves no trace; alternatives are joined by "|".
-    neighbours : tuple of Neighbour
-        Its look-alikes.
+    neighbours : tuple of str
+        Names of its look-alikes; docs/simulator.md says what separates them.
     separating_runs : tuple of Run
         Recordings that separate it from them.
     sites : tuple of Site
         Where it may sit; empty leaves that to whoever puts it there, and a search leaves it out.
     choices : tuple of (field, values)
-        Fields that are no numbers, and what they may be.
+        Fields that are no numbers, and what they may be; other values are refused.
     remote_centre : bool
         Whether only an arm that pivots about a remote centre of motion can have it.
     """
 
     name: str
     number: int
-    slot: Slot
     family: Family
     equation: str
     source: str
     parameters: tuple[Parameter, ...]
     needs: tuple[str, ...]
-    neighbours: tuple[Neighbour, ...]
+    neighbours: tuple[str, ...]
     separating_runs: tuple[Run, ...]
     sites: tuple[Site, ...] = ()
     choices: tuple[tuple[str, tuple[str, ...]], ...] = ()

@@ -8,7 +8,7 @@ from functools import partial
 from gpcorrect.arms import Chain, Joint
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import ChainEffect
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 from gpcorrect.types import FloatArray
 
 _LENGTH, _ANGLE = Range("m", -0.05, 0.05, 1e-3), Range("rad", -0.2, 0.2, 5e-3)
@@ -36,7 +36,6 @@ class DhError(ChainEffect):
     about = Description(
         name="dh_error",
         number=6,
-        slot="L",
         family=Family.GEOMETRY,
         equation="(a, alpha, d, theta)_i of the nominal table + (da, dalpha, dd, dtheta)",
         source="Mooring, Roth, Driels 1991, Fundamentals of Manipulator Calibration, Ch. 2",
@@ -47,13 +46,7 @@ class DhError(ChainEffect):
             _angle("theta", "true minus nominal angle about the joint's axis"),
         ),
         needs=("tracker_cp",),
-        neighbours=(
-            Neighbour("registration_error", "nothing is left of that one after a similarity fit"),
-            Neighbour(
-                "homing_offset", "theta of a revolute joint (d of a prismatic one) is one, for joint sensors too"
-            ),
-            Neighbour("gravity_sag", "payload"),
-        ),
+        neighbours=("registration_error", "homing_offset", "gravity_sag"),
         separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP),
         sites=(Site.JOINT, Site.TOOL),
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -34,7 +34,6 @@ class Drift(JointEffect):
     about = Description(
         name="drift",
         number=22,
-        slot="S",
         family=Family.TIME,
         equation="q_reported = q + r T (1 - exp(-t / T)), r t as T grows",
         source="RAVEN-II calibration paper: shift over six hours of running; first-order warm-up law",
@@ -55,10 +54,7 @@ class Drift(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("creep", "hold, unload and watch it recover"),
-            Neighbour("cable_slip", "change-point in time; return to a reference pose"),
-        ),
+        neighbours=("creep", "cable_slip"),
         separating_runs=(Run.REFERENCE_RETURNS, Run.HOLD_UNLOAD),
         sites=(Site.JOINT,),
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import ReadingEffect, with_column
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.types import FloatArray
@@ -38,7 +38,6 @@ class EncoderQuantisation(ReadingEffect):
     about = Description(
         name="encoder_quantisation",
         number=28,
-        slot="S",
         family=Family.NOISE,
         equation="q_reported = D round(q / D), each count lost with probability p",
         source="Widrow and Kollar 2008, Quantization Noise, Ch. 1",
@@ -54,10 +53,7 @@ class EncoderQuantisation(ReadingEffect):
             Parameter("lost", "fraction of the counts that are missed", revolute=_LOST, positive=True),
         ),
         needs=("measured_jp", "setpoint_jp|external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("cable_slip", "one step of any size at one instant against many of one count"),
-            Neighbour("noise_change", "its values lie on a grid"),
-        ),
+        neighbours=("cable_slip", "noise_change"),
         separating_runs=(Run.ONE_JOINT, Run.REFERENCE_RETURNS),
         sites=(Site.JOINT,),
     )

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import DriveEffect
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 
 if TYPE_CHECKING:
     from gpcorrect.sim.machine import Drive  # it holds effects
@@ -38,7 +37,6 @@ class FeedforwardError(DriveEffect):
     about = Description(
         name="feedforward_error",
         number=30,
-        slot="M",
         family=Family.DYNAMICS,
         equation="tau = tau_nominal + c tau_term(q_commanded)",
         source="computed-torque control with wrong terms; Siciliano et al. 2009, Robotics, Sec. 8.5",
@@ -48,20 +46,11 @@ class FeedforwardError(DriveEffect):
             ),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("gain_error", "hold at poses of different load, and move at different speeds"),
-            Neighbour("payload", "the motors yield to a payload with its lever, to a missing term with the link's own"),
-            Neighbour("viscous_friction", "other gains: friction divides by kp, a missing velocity term by kp / kd"),
-        ),
+        neighbours=("gain_error", "payload", "viscous_friction"),
         separating_runs=(Run.SPEED_LADDER, Run.POSE_SPREAD, Run.GAIN_CHANGE),
         sites=(Site.JOINT,),
         choices=(("term", TERMS),),
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.term not in TERMS:
-            raise DataError(f"effect feedforward_error: term must be {', '.join(TERMS)}, got {self.term!r}.")
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Add the fraction to what is fed forward."""

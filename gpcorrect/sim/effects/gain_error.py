@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpcorrect.sim.effects.base import DriveEffect
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 
 if TYPE_CHECKING:
     from gpcorrect.sim.machine import Drive  # it holds effects
@@ -32,7 +32,6 @@ class GainError(DriveEffect):
     about = Description(
         name="gain_error",
         number=31,
-        slot="M",
         family=Family.DYNAMICS,
         equation="tau = kp (1 + p) (q_d - q) + kd (1 + d) (v_d - v)",
         source="PD control on the motor side, RAVEN-II control software",
@@ -41,10 +40,7 @@ class GainError(DriveEffect):
             Parameter("derivative", "relative error of kd", revolute=Range("1", -0.9, 9.0, 0.2), positive=False),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("feedforward_error", "hold at poses of different load, and move at different speeds"),
-            Neighbour("viscous_friction", "friction adds to the lag, a gain scales all of the error"),
-        ),
+        neighbours=("feedforward_error", "viscous_friction"),
         separating_runs=(Run.SPEED_LADDER, Run.LOAD_SWAP),
         sites=(Site.JOINT,),
     )

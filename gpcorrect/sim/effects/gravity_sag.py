@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -29,7 +29,6 @@ class GravitySag(JointEffect):
     about = Description(
         name="gravity_sag",
         number=10,
-        slot="L",
         family=Family.COMPLIANCE,
         equation="q_link = q - g(q) / k",
         source="Roth, Mooring, Ravani 1987, IEEE J. Robotics and Automation 3(5): non-geometric errors",
@@ -44,11 +43,7 @@ class GravitySag(JointEffect):
             ),
         ),
         needs=("external_jp|tracker_cp",),
-        neighbours=(
-            Neighbour("transmission_ratio", "the same joint value at another pose of the outer joints; payload"),
-            Neighbour("registration_error", "a tilted base leaves the joints right and turns the tip alike everywhere"),
-            Neighbour("cable_stretch", "accelerate: the sag knows gravity only"),
-        ),
+        neighbours=("transmission_ratio", "registration_error", "cable_stretch"),
         separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP, Run.SPEED_LADDER),
         sites=(Site.JOINT,),
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -32,7 +32,6 @@ class HomingOffset(JointEffect):
     about = Description(
         name="homing_offset",
         number=1,
-        slot="S",
         family=Family.GEOMETRY,
         equation="q_reported = q + b, a new b each session",
         source="Hwang et al. 2020, IEEE RA-L 5(4), offset model",
@@ -47,10 +46,7 @@ class HomingOffset(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("registration_error", "vary the pose: a base shift turns with the other joints"),
-            Neighbour("gravity_sag", "vary the pose or the load; home again"),
-        ),
+        neighbours=("registration_error", "gravity_sag"),
         separating_runs=(Run.POSE_SPREAD, Run.REHOMING),
         sites=(Site.JOINT,),
     )

@@ -9,7 +9,7 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import JointEffect, Stage
 from gpcorrect.sim.effects.bouc_wen import bouc_wen
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, plays
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -46,7 +46,6 @@ class Hysteresis(JointEffect):
     about = Description(
         name="hysteresis",
         number=20,
-        slot="T",
         family=Family.REVERSAL,
         equation="q = m - z, dz = A (1 - |z / r|^n (1 + sign(z dm)) / 2) dm; "
         "or q = (1 - A) m + A mean of play(m, r_i / A), r_i mean r",
@@ -79,10 +78,7 @@ class Hysteresis(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("backlash", "minor loops: the return is curved, a play's is straight"),
-            Neighbour("coulomb_friction", "vary the controller's gain or the load"),
-        ),
+        neighbours=("backlash", "coulomb_friction"),
         separating_runs=(Run.AMPLITUDES, Run.LOAD_SWAP, Run.GAIN_CHANGE),
         sites=(Site.JOINT,),
         choices=(("law", LAWS),),
@@ -94,8 +90,6 @@ class Hysteresis(JointEffect):
             raise DataError(f"effect hysteresis: sharpness must be > 0, got {self.sharpness!r}.")
         if not 0 < self.depth <= 1:
             raise DataError(f"effect hysteresis: depth must be above 0 and at most 1, got {self.depth!r}.")
-        if self.law not in LAWS:
-            raise DataError(f"effect hysteresis: law must be {' or '.join(LAWS)}, got {self.law!r}.")
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         m, width = q[..., j], self.radius / self.depth

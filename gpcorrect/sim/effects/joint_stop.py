@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
-from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import TorqueEffect
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import TorqueLaw
 
 ENDS = ("upper", "lower")
@@ -40,7 +39,6 @@ class JointStop(TorqueEffect):
     about = Description(
         name="joint_stop",
         number=26,
-        slot="J",
         family=Family.LIMIT,
         equation="tau_stop = k max(0, q - q_lim)",
         source="penalty contact of a unilateral constraint; Brogliato 2016, Nonsmooth Mechanics, Ch. 2",
@@ -62,19 +60,11 @@ class JointStop(TorqueEffect):
             ),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("nonlinear_stretch", "one-sided: it acts beyond one position only, whatever the load"),
-            Neighbour("torque_saturation", "it acts at one place, at any torque"),
-        ),
+        neighbours=("nonlinear_stretch", "torque_saturation"),
         separating_runs=(Run.AMPLITUDES, Run.ONE_JOINT),
         sites=(Site.JOINT,),
         choices=(("end", ENDS),),
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.end not in ENDS:
-            raise DataError(f"effect joint_stop: end must be {' or '.join(ENDS)}, got {self.end!r}.")
 
     def law(self) -> TorqueLaw:
         """Return the spring and where it begins."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -39,7 +39,6 @@ class LengthDependentStiffness(JointEffect):
     about = Description(
         name="length_dependent_stiffness",
         number=9,
-        slot="T",
         family=Family.COMPLIANCE,
         equation="q = m - tau / k, k = EA / L, L = L0 + q3",
         source="Hooke's law of a rod; Miyasaka et al. 2020, IEEE RA-L 5(2), cable-pulley network",
@@ -61,10 +60,7 @@ class LengthDependentStiffness(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("cable_stretch", "the same torque at two insertions"),
-            Neighbour("payload", "the same torque at two insertions"),
-        ),
+        neighbours=("cable_stretch", "payload"),
         separating_runs=(Run.TWO_INSERTIONS, Run.LOAD_SWAP),
         sites=(Site.INSERTION,),
     )

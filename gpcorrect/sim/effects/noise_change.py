@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import ReadingEffect, with_column
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.types import FloatArray
@@ -37,7 +37,6 @@ class NoiseChange(ReadingEffect):
     about = Description(
         name="noise_change",
         number=29,
-        slot="S",
         family=Family.NOISE,
         equation="y = x + std e [t >= t0], e Student with nu degrees of freedom and unit variance",
         source="Lange, Little, Taylor 1989, J. Am. Stat. Assoc. 84(408), Student errors",
@@ -66,10 +65,7 @@ class NoiseChange(ReadingEffect):
             ),
         ),
         needs=("external_jp|tracker_cp",),
-        neighbours=(
-            Neighbour("encoder_quantisation", "quantised values lie on a grid"),
-            Neighbour("hysteresis", "repeat the path: what repeats is no noise"),
-        ),
+        neighbours=("encoder_quantisation", "hysteresis"),
         separating_runs=(Run.REFERENCE_RETURNS, Run.ONE_JOINT),
         sites=(Site.JOINT, Site.TOOL),
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -34,7 +34,6 @@ class NonlinearStretch(JointEffect):
     about = Description(
         name="nonlinear_stretch",
         number=8,
-        slot="T",
         family=Family.COMPLIANCE,
         equation="q = m - d, tau = k1 d + k3 d^3",
         source="Spong 1987, J. Dyn. Syst. Meas. Control 109(4), elastic joints; Duffing's cubic spring",
@@ -59,10 +58,7 @@ class NonlinearStretch(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("cable_stretch", "several loads at one pose: the stretch is no line"),
-            Neighbour("backlash", "small loads: a gap jumps near zero torque only"),
-        ),
+        neighbours=("cable_stretch", "backlash"),
         separating_runs=(Run.LOAD_SWAP, Run.SPEED_LADDER),
         sites=(Site.JOINT,),
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from gpcorrect.sim.body import Links
 from gpcorrect.sim.effects.base import LoadEffect
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 
 _MASS = Range("kg", 0.0, 3.0, 0.1)
 
@@ -28,18 +28,12 @@ class Payload(LoadEffect):
     about = Description(
         name="payload",
         number=11,
-        slot="L",
         family=Family.COMPLIANCE,
         equation="tau = tau_0 + J^T m (a - g)",
         source="Featherstone 2008, Rigid Body Dynamics Algorithms, Ch. 5",
         parameters=(Parameter("mass", "unknown mass at the tip", revolute=_MASS, positive=True),),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour(
-                "gravity_sag", "vary insertion and tool direction: a mass at the tip loads the joints by its lever"
-            ),
-            Neighbour("length_dependent_stiffness", "the same torque at two insertions"),
-        ),
+        neighbours=("gravity_sag", "length_dependent_stiffness"),
         separating_runs=(Run.LOAD_SWAP, Run.TWO_INSERTIONS, Run.POSE_SPREAD),
         sites=(Site.ALL,),
     )

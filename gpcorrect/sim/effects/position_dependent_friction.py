@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gpcorrect.sim.effects.base import SIDES, FrictionEffect
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
 
 
@@ -39,7 +39,6 @@ class PositionDependentFriction(FrictionEffect):
     about = Description(
         name="position_dependent_friction",
         number=19,
-        slot="J",
         family=Family.REVERSAL,
         equation="F = max(0, F0 + F1 sin(N q + phi)) sign v",
         source="Armstrong 1988, ICRA, Friction: experimental determination, modeling and compensation",
@@ -76,10 +75,7 @@ class PositionDependentFriction(FrictionEffect):
             ),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("coulomb_friction", "both directions at several places of the range"),
-            Neighbour("pulley_eccentricity", "both directions: friction changes sign, the pulley's wave does not"),
-        ),
+        neighbours=("coulomb_friction", "pulley_eccentricity"),
         separating_runs=(Run.AMPLITUDES, Run.SPEED_LADDER),
         sites=(Site.JOINT,),
         choices=(("side", SIDES),),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -37,7 +37,6 @@ class PulleyEccentricity(JointEffect):
     about = Description(
         name="pulley_eccentricity",
         number=4,
-        slot="T",
         family=Family.GEOMETRY,
         equation="q_reported = q + a sin(N q_reported + phi)",
         source="first harmonic of a pulley whose axis is off its centre; the phase is counted on the motor's side",
@@ -69,10 +68,7 @@ class PulleyEccentricity(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("position_dependent_friction", "the wave is the same in both directions, friction changes sign"),
-            Neighbour("transmission_ratio", "a range of at least half a wave"),
-        ),
+        neighbours=("position_dependent_friction", "transmission_ratio"),
         separating_runs=(Run.AMPLITUDES, Run.ONE_JOINT),
         sites=(Site.JOINT,),
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.sim.effects.base import Stage, TipEffect, lateral_force
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -33,7 +33,6 @@ class RcmShift(TipEffect):
     about = Description(
         name="rcm_shift",
         number=13,
-        slot="B",
         family=Family.COMPLIANCE,
         equation="d = F_lateral / k, the same along the whole shaft",
         source="Hooke's law at the remote centre of motion",
@@ -48,10 +47,7 @@ class RcmShift(TipEffect):
         ),
         needs=("tracker_cp", "payload"),
         remote_centre=True,
-        neighbours=(
-            Neighbour("shaft_bending", "two insertions: the shift knows no length, and turns nothing"),
-            Neighbour("registration_error", "change the load at one pose"),
-        ),
+        neighbours=("shaft_bending", "registration_error"),
         separating_runs=(Run.LOAD_SWAP, Run.TWO_INSERTIONS),
         sites=(Site.BASE,),
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.sim.effects.base import Stage, TipEffect
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -48,7 +48,6 @@ class RegistrationError(TipEffect):
     about = Description(
         name="registration_error",
         number=5,
-        slot="B",
         family=Family.GEOMETRY,
         equation="y = (1 + s) R p + t",
         source="Umeyama 1991, IEEE Trans. PAMI 13(4): similarity between two sets of points",
@@ -62,10 +61,7 @@ class RegistrationError(TipEffect):
             Parameter("scale", "relative error of lengths", revolute=_SCALE, positive=False),
         ),
         needs=("tracker_cp",),
-        neighbours=(
-            Neighbour("dh_error", "nothing is left after a similarity fit"),
-            Neighbour("homing_offset", "vary the pose: a base shift does not turn with the other joints"),
-        ),
+        neighbours=("dh_error", "homing_offset"),
         separating_runs=(Run.POSE_SPREAD,),
         sites=(Site.BASE,),
     )

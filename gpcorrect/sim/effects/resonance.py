@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, ring
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -35,7 +35,6 @@ class Resonance(JointEffect):
     about = Description(
         name="resonance",
         number=27,
-        slot="M",
         family=Family.DYNAMICS,
         equation="q'' + 2 zeta w q' + w^2 q = w^2 m, w = 2 pi f",
         source="Spong 1987, J. Dyn. Syst. Meas. Control 109(4), elastic joints, one mode",
@@ -58,10 +57,7 @@ class Resonance(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("delay", "the amplitude has a peak, and one joint has it alone"),
-            Neighbour("cable_stretch", "hold: once it has rung down nothing is left"),
-        ),
+        neighbours=("delay", "cable_stretch"),
         separating_runs=(Run.SPEED_LADDER, Run.ONE_JOINT),
         sites=(Site.JOINT,),
     )

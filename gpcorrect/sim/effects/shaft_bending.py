@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.sim.effects.base import Stage, TipEffect, lateral_force
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -33,7 +33,6 @@ class ShaftBending(TipEffect):
     about = Description(
         name="shaft_bending",
         number=12,
-        slot="L",
         family=Family.COMPLIANCE,
         equation="d = F L^3 / (3 EI) across the shaft, turned by F L^2 / (2 EI)",
         source="Euler-Bernoulli cantilever; Roark's Formulas for Stress and Strain, Table 8.1",
@@ -48,10 +47,7 @@ class ShaftBending(TipEffect):
         ),
         needs=("tracker_cp", "payload"),
         remote_centre=True,
-        neighbours=(
-            Neighbour("cable_stretch", "joint encoders behind the cable see nothing of a bent shaft"),
-            Neighbour("rcm_shift", "two insertions: bending grows with the cube of the length"),
-        ),
+        neighbours=("cable_stretch", "rcm_shift"),
         separating_runs=(Run.LOAD_SWAP, Run.TWO_INSERTIONS),
         sites=(Site.TOOL,),
     )

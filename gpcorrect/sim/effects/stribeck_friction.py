@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gpcorrect.sim.effects.base import SIDES, FrictionEffect
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
 
 
@@ -34,7 +34,6 @@ class StribeckFriction(FrictionEffect):
     about = Description(
         name="stribeck_friction",
         number=17,
-        slot="M",
         family=Family.REVERSAL,
         equation="F = (Fc + (Fs - Fc) exp(-(v / vs)^2)) sign v",
         source="Bo and Pavelescu 1982, Wear 82(3); Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
@@ -63,10 +62,7 @@ class StribeckFriction(FrictionEffect):
             ),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("coulomb_friction", "log-spaced speeds: its error falls with speed"),
-            Neighbour("viscous_friction", "log-spaced speeds"),
-        ),
+        neighbours=("coulomb_friction", "viscous_friction"),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
         sites=(Site.JOINT,),
         choices=(("side", SIDES),),

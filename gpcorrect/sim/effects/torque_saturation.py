@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.sim.effects.base import TorqueEffect
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import TorqueLaw
 
 
@@ -26,7 +26,6 @@ class TorqueSaturation(TorqueEffect):
     about = Description(
         name="torque_saturation",
         number=25,
-        slot="M",
         family=Family.LIMIT,
         equation="tau = clip(tau_commanded, -tau_max, tau_max)",
         source="RAVEN-II control software, DAC limit; Hippe 2006, Windup in Control, Ch. 1",
@@ -42,10 +41,7 @@ class TorqueSaturation(TorqueEffect):
             ),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("viscous_friction", "the error begins at a threshold"),
-            Neighbour("joint_stop", "other places: a limit of torque does not care where the joint is"),
-        ),
+        neighbours=("viscous_friction", "joint_stop"),
         separating_runs=(Run.SPEED_LADDER, Run.LOAD_SWAP),
         sites=(Site.JOINT,),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Neighbour, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -32,7 +32,6 @@ class TransmissionRatio(JointEffect):
     about = Description(
         name="transmission_ratio",
         number=2,
-        slot="T",
         family=Family.GEOMETRY,
         equation="q_reported = q + s (q - q0)",
         source="RAVEN-II control software, motor-to-joint map q = C^-1 m / N",
@@ -48,7 +47,7 @@ class TransmissionRatio(JointEffect):
             ),
         ),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),
-        neighbours=(Neighbour("gravity_sag", "the same joint value at another pose of the outer joints; payload"),),
+        neighbours=("gravity_sag",),
         separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP),
         sites=(Site.JOINT,),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gpcorrect.sim.effects.base import SIDES, FrictionEffect
-from gpcorrect.sim.effects.description import Description, Family, Neighbour, Parameter, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Parameter, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw
 
 
@@ -28,7 +28,6 @@ class ViscousFriction(FrictionEffect):
     about = Description(
         name="viscous_friction",
         number=16,
-        slot="M",
         family=Family.REVERSAL,
         equation="F = b v",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
@@ -42,10 +41,7 @@ class ViscousFriction(FrictionEffect):
             ),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
-        neighbours=(
-            Neighbour("delay", "look at the torque, or for a lag common to all joints"),
-            Neighbour("coulomb_friction", "vary the speed"),
-        ),
+        neighbours=("delay", "coulomb_friction"),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
         sites=(Site.JOINT,),
         choices=(("side", SIDES),),
