@@ -29,4 +29,4 @@ def test_no_damaged_recording_comes_through_as_anything_but_words() -> None:
 
 def test_no_altered_model_comes_through_as_anything_but_words() -> None:
     """Likewise, of a linear model file of every task."""
-    assert "3 kinds" in fuzzed("--only", "models", "--flips", "15", "--kind", "linear")
+    assert "3 kinds" in fuzzed("--only", "models", "--flips", "60", "--kind", "linear")

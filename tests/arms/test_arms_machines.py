@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support import real_data
 
-from gpcorrect import arms, se3
+from gpcorrect import se3
 from gpcorrect.arms import DA_VINCI_TOOL, RAVEN_TOOL, Transmission, arm_named, dvrk_psm, raven2
 from gpcorrect.errors import DataError
 
@@ -163,9 +163,3 @@ def test_names_build_their_arms_and_others_are_listed():
         arm_named("raven3")
     with pytest.raises(DataError, match="'left' or 'right'"):
         raven2("middle")
-
-
-def test_public_names_exist():
-    """Every name in __all__ can be imported."""
-    for name in arms.__all__:
-        assert getattr(arms, name) is not None

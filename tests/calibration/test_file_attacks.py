@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import zipfile
 import zlib
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -17,20 +15,18 @@ import pytest
 from joint_logs import joint_log
 from support import short_search, small_log
 
-from gpcorrect.atomic import atomic_path
 from gpcorrect.calibration import CommandCorrector, FitSettings, JointCorrector, ModelStore, fit_model, save
 from gpcorrect.calibration.coupled_play import CoupledPlay
 from gpcorrect.calibration.domain import Domain
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.learners.ukf import CableModel
-from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
+from gpcorrect.calibration.model_file import load_any, read_parts, seal_of
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError, LogError
 from gpcorrect.gpr.features import FeatureMap
 from gpcorrect.gpr.intervals import IntervalCalibration
 from gpcorrect.logs import read_log, write_log
 
-FLIPS = 60
 VALUES: tuple[Any, ...] = (
     None,
     "x",
@@ -59,38 +55,6 @@ def model(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         with short_search(40):
             save(fit_model(small_log(trajectories=4), FitSettings(inducing=12, clean=False)).corrector, path)
     return path
-
-
-def places(node: Any) -> Iterator[tuple[Any, Any]]:
-    """Every (container, key) of a JSON tree."""
-    keys = list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
-    for key in keys:
-        yield node, key
-        yield from places(node[key])
-
-
-def test_structural_flips_are_refused_or_answer_as_before(model: Path, tmp_path: Path) -> None:
-    """A header or an array of another kind, shape or size under a fresh seal is refused, or changes no check answer."""
-    rng, file = np.random.default_rng(0), tmp_path / "forged.gpc"
-    for _ in range(FLIPS):
-        header, arrays = read_parts(model)
-        arrays = dict(arrays)
-        if rng.random() < 0.3:
-            name = list(arrays)[rng.integers(len(arrays))]
-            old = np.asarray(arrays[name])
-            new = (old[:-1], old.reshape(-1), old.astype(str), np.full(old.shape, np.nan), old[None], np.zeros((0, 3)))
-            arrays[name] = new[rng.integers(len(new))] if old.ndim else old.astype(str)
-            header["digests"][name] = _digest(arrays[name])
-        else:
-            spots = list(places(header["model"]))
-            node, key = spots[rng.integers(len(spots))]
-            node[key] = VALUES[rng.integers(len(VALUES))]
-        header["seal"] = seal_of(header)
-        text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
-        with file.open("wb") as out:
-            np.savez(out, header=text, **arrays)
-        with suppress(ArtifactError):
-            load_any(file)
 
 
 @pytest.mark.parametrize(
@@ -184,16 +148,6 @@ def test_the_lock_is_no_way_to_another_file(model: Path, tmp_path: Path) -> None
     with pytest.raises(GpCorrectError, match="cannot write"):
         store.add(model, now=0.0)
     assert other.read_text() == "kept"
-
-
-def test_a_full_disk_is_said(tmp_path: Path) -> None:
-    """A disk that fills while a file is written is an error in words, and leaves what was there."""
-    target = tmp_path / "m.gpc"
-    target.write_text("before")
-    with pytest.raises(GpCorrectError, match="No space left"), atomic_path(target):
-        raise OSError(errno.ENOSPC, "No space left on device")
-    assert [path.name for path in tmp_path.iterdir()] == ["m.gpc"]
-    assert target.read_text() == "before"
 
 
 def test_tables_that_unpack_to_more_than_memory_are_refused(tmp_path: Path) -> None:

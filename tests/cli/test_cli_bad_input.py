@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_support import CommandLine, assert_refused, written
-from support import real_data, small_log
+from support import small_log
 
 from gpcorrect.types import CalibrationLog, PoseSignal
 
@@ -29,33 +29,6 @@ def test_an_empty_file_is_refused(gpcorrect: CommandLine, tmp_path: Path) -> Non
     """Zero bytes are no recording."""
     (tmp_path / "empty.csv").write_text("")
     assert_refused(gpcorrect("fit", tmp_path / "empty.csv", "--output", tmp_path / "m.gpc"), "empty")
-
-
-def test_a_truncated_bag_is_refused(gpcorrect: CommandLine, tmp_path: Path) -> None:
-    """Half a bag has no index: said so, without a traceback."""
-    whole = real_data("dvrk_motion_1.bag").read_bytes()
-    (tmp_path / "half.bag").write_bytes(whole[: len(whole) // 2])
-    assert_refused(gpcorrect("validate", tmp_path / "half.bag"), "half.bag")
-
-
-def test_decimal_commas_are_understood_or_refused_with_the_way_out(gpcorrect: CommandLine, log_file: Path) -> None:
-    """A German spreadsheet's CSV gives the same recording, never other numbers."""
-    german = log_file.with_name("german.csv")
-    german.write_text(log_file.read_text().replace(",", ";").replace(".", ","))
-    first, second = (gpcorrect("validate", path, "--json") for path in (log_file, german))
-    if second.code == 2 and not second.out:
-        assert_refused(second, "decimal")
-    else:
-        assert first.json["facts"]["signals"] == second.json["facts"]["signals"]
-
-
-def test_a_byte_order_mark_changes_nothing(gpcorrect: CommandLine, log_file: Path) -> None:
-    """A BOM before the header is not part of the first column's name."""
-    marked = log_file.with_name("marked.csv")
-    marked.write_bytes(b"\xef\xbb\xbf" + log_file.read_bytes())
-    with_mark, without = (gpcorrect("validate", path, "--json").json["facts"] for path in (marked, log_file))
-    assert with_mark["signals"] == without["signals"]
-    assert with_mark["seconds"] == without["seconds"]
 
 
 def test_rows_of_nan_are_dropped_and_counted(gpcorrect: CommandLine, tmp_path: Path) -> None:
@@ -89,15 +62,6 @@ def test_collinear_positions_are_refused(gpcorrect: CommandLine, tmp_path: Path)
     assert log.setpoint_cp is not None
     bad = replace(log, setpoint_cp=PoseSignal(line), tracker_cp=PoseSignal(line + 0.01))
     assert_refused(gpcorrect("fit", written(bad, tmp_path / "line.csv"), "--output", tmp_path / "m.gpc"), "line")
-
-
-def test_millimetres_for_metres_are_found(gpcorrect: CommandLine, tmp_path: Path) -> None:
-    """A tracker that logs millimetres is an error of the dry run, with the scale named."""
-    log = small_log()
-    assert log.tracker_cp is not None
-    outcome = gpcorrect("validate", written(moved(log, 1e3 * log.tracker_cp.position), tmp_path / "mm.csv"))
-    assert outcome.code == 2
-    assert "mm" in outcome.out or "millimetre" in outcome.out
 
 
 def test_a_tracker_that_saw_nothing_is_named(gpcorrect: CommandLine, tmp_path: Path) -> None:
@@ -142,13 +106,6 @@ def test_a_recording_can_be_taken_as_it_is(gpcorrect: CommandLine, tmp_path: Pat
     """Whoever knows better than the guess of a unit can say so."""
     path = written(scaled(small_log(trajectories=6, samples=40), [1, 1, -1]), tmp_path / "mirrored.csv")
     assert gpcorrect("fit", path, "--output", tmp_path / "m.gpc", "--marker", "none", "--as-is").code == 0
-
-
-def test_a_file_of_five_gigabytes_is_refused_before_it_is_read(gpcorrect: CommandLine, tmp_path: Path) -> None:
-    """The size is looked at first, and the way out is named."""
-    with (tmp_path / "huge.csv").open("wb") as file:
-        file.truncate(5 * 1024**3)
-    assert_refused(gpcorrect("fit", tmp_path / "huge.csv", "--output", tmp_path / "m.gpc"), "huge.csv", "Parquet")
 
 
 def test_a_log_without_a_tracker_says_what_is_missing(gpcorrect: CommandLine, tmp_path: Path) -> None:
