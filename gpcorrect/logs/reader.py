@@ -163,7 +163,7 @@ def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path:
     LogError, MissingExtraError, OSError
         As for :func:`read_log`.
     """
-    found = _format(path)
+    found = format_of(path)
     if found.whole:
         _check_size(path, settings.max_bytes)
     reader = partial(read, found)
@@ -198,7 +198,7 @@ def _possible(log: CalibrationLog) -> CalibrationLog:
 
 
 def format_of(path: Path) -> Format:
-    """Tell the format of a recording.
+    """Tell the format of a recording, by how the file begins; by its name where the format has no mark.
 
     Parameters
     ----------
@@ -208,14 +208,8 @@ def format_of(path: Path) -> Format:
     Raises
     ------
     LogError
-        The file is missing, or of no known format.
+        The file is of no known format.
     """
-    with naming(path):
-        return _format(path)
-
-
-def _format(path: Path) -> Format:
-    """By how the file begins; by its name where the format has no mark."""
     if path.is_dir():
         if (path / "metadata.yaml").is_file():
             return FOLDER

@@ -13,15 +13,7 @@ from gpcorrect.types import FloatArray
 
 @dataclass(frozen=True)
 class Backlash(JointEffect):
-    """The joint follows the motor through a play.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    radius : float
-        Half the gap, rad or m.
-    """
+    """The joint follows the motor through a play."""
 
     radius: float
 
@@ -30,7 +22,7 @@ class Backlash(JointEffect):
         name="backlash",
         number=14,
         family=Family.REVERSAL,
-        equation="q = play(m, r): w = min(max(w_before, m - r), m + r)",
+        equation="q = play(m, radius): w = min(max(w_before, m - radius), m + radius)",
         source="Krasnosel'skii and Pokrovskii 1989, Systems with Hysteresis, Sec. 2",
         parameters=(
             Parameter(

@@ -61,6 +61,8 @@ class Stage(IntEnum):
 class Effect(ABC):
     """One way in which a machine differs from its nominal model.
 
+    What its other numbers mean, with unit and range, and its equation, stand in `about`.
+
     Parameters
     ----------
     joint : int or str

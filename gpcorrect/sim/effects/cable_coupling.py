@@ -18,24 +18,9 @@ class CableCoupling(JointEffect):
 
     A cable that is wound by friction first sticks to the source's motion and lets go of it at a reversal: this part is
     the source less its play, which follows the last bit of motion after a reversal and no more.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint j whose position comes out wrong.
-    source : int
-        Number of the joint k whose motion causes it.
-    coefficient : float
-        c, reported minus true position of j for each unit of k.
-    drag : float
-        d, the same for each unit of k's motion since its last reversal.
-    drag_radius : float
-        r, motion of k after which the drag has reached its whole size, from one side to the middle, rad or m.
-    home : float
-        q_k0, where the source stood when the joint was homed, rad or m.
     """
 
-    source: int
+    source: int  # number of the joint whose motion causes it
     coefficient: float
     drag: float = 0.0
     drag_radius: float = 0.0
@@ -46,7 +31,7 @@ class CableCoupling(JointEffect):
         name="cable_coupling",
         number=3,
         family=Family.GEOMETRY,
-        equation="q_j_reported = q_j + c (q_k - q_k0) + d (q_k - play(q_k, r))",
+        equation="reported_j = q_j + coefficient (q_source - home) + drag (q_source - play(q_source, drag_radius))",
         source="RAVEN-II control software, motor-to-joint map q = C^-1 m / N; play as in backlash",
         parameters=(
             Parameter(

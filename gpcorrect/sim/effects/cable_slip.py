@@ -14,30 +14,18 @@ from gpcorrect.types import FloatArray
 
 @dataclass(frozen=True)
 class CableSlip(JointEffect):
-    """A step of the offset between reported and true position; the next homing takes it away.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    step : float
-        b, reported minus true position from then on, rad or m.
-    instant : float
-        When, in seconds since the session began.
-    session : int
-        Index of the session, from 0.
-    """
+    """A step of the offset between reported and true position; the next homing takes it away."""
 
     step: float
     instant: float
-    session: int = 0
+    session: int = 0  # index, from 0
 
     stage = Stage.TRANSMISSION
     about = Description(
         name="cable_slip",
         number=24,
         family=Family.TIME,
-        equation="q_reported = q + b [t >= t0]",
+        equation="reported = q + step [t >= instant]",
         source="a step at a change-point: Page 1954, Biometrika 41",
         parameters=(
             Parameter(

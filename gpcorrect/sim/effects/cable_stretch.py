@@ -13,15 +13,7 @@ from gpcorrect.types import FloatArray
 
 @dataclass(frozen=True)
 class CableStretch(JointEffect):
-    """The joint lags behind the motor by the torque it takes, over the cable's stiffness.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    stiffness : float
-        Of the cable pair at the joint, N m/rad or N/m; infinite is none.
-    """
+    """The joint lags behind the motor by the torque it takes, over the cable's stiffness."""
 
     stiffness: float
 
@@ -30,7 +22,7 @@ class CableStretch(JointEffect):
         name="cable_stretch",
         number=7,
         family=Family.COMPLIANCE,
-        equation="q = m - tau / k",
+        equation="q = m - tau / stiffness",
         source="Hooke's law; Miyasaka et al. 2020, IEEE RA-L 5(2), cable-pulley network",
         parameters=(
             Parameter(

@@ -14,15 +14,6 @@ class CapstanFriction(FrictionEffect):
     """Friction that grows with the load, more against it than with it.
 
     The motor pays tau exp(mu theta) to lift a load tau and tau exp(-mu theta) to let it down; in between it sticks.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    wrap : float
-        mu theta: friction coefficient times wrap angle.
-    side : str
-        "motor" or "joint".
     """
 
     wrap: float = field(kw_only=True)
@@ -31,7 +22,7 @@ class CapstanFriction(FrictionEffect):
         name="capstan_friction",
         number=18,
         family=Family.REVERSAL,
-        equation="T2 = T1 exp(mu theta sign v): F = tau (exp(mu theta sign(v tau)) - 1)",
+        equation="T2 = T1 exp(wrap sign v): F = tau (exp(wrap sign(v tau)) - 1)",
         source="Euler and Eytelwein's belt; Kaneko, Yamashita, Tanie 1991, tendon transmissions, ICAR",
         parameters=(
             Parameter(

@@ -11,17 +11,7 @@ from gpcorrect.sim.effects.laws import FrictionLaw
 
 @dataclass(frozen=True)
 class CoulombFriction(FrictionEffect):
-    """Dry friction of fixed size; through a proportional gain it is an error of Fc / kp that changes sign at reversals.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    torque : float
-        Fc, N m or N.
-    side : str
-        "motor" or "joint".
-    """
+    """Dry friction of fixed size: through a proportional gain an error of torque / kp that changes sign at reversals."""
 
     torque: float = field(kw_only=True)
 
@@ -29,7 +19,7 @@ class CoulombFriction(FrictionEffect):
         name="coulomb_friction",
         number=15,
         family=Family.REVERSAL,
-        equation="F = Fc sign(v), |F| <= Fc at rest",
+        equation="F = torque sign(v), |F| <= torque at rest",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
         parameters=(
             Parameter(

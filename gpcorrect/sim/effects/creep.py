@@ -17,15 +17,6 @@ class Creep(JointEffect):
 
     It starts in balance with the first load of a session and goes on from run to run; between two runs the load is
     taken as linear.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    compliance : float
-        alpha, stretch for each unit of load once it has settled, rad/(N m) or m/N.
-    time_constant : float
-        tau_c, s.
     """
 
     compliance: float
@@ -36,7 +27,7 @@ class Creep(JointEffect):
         name="creep",
         number=21,
         family=Family.TIME,
-        equation="q = m - x, tau_c x' + x = alpha F",
+        equation="q = m - x, time_constant x' + x = compliance tau",
         source="Kelvin-Voigt element; Findley, Lai, Onaran 1976, Creep and Relaxation of Nonlinear Materials, Ch. 5",
         parameters=(
             Parameter(

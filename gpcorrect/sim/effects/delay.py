@@ -23,16 +23,9 @@ class Delay(PathEffect):
     """Every joint is seen where it was `delay` seconds ago; outside the recorded time it stood still.
 
     Between samples the path is a monotone cubic, which never overshoots a play's corners.
-
-    Parameters
-    ----------
-    joint : str
-        "all".
-    delay : float
-        s; negative where the robot's own reports are the late ones.
     """
 
-    delay: float
+    delay: float  # negative where the robot's own reports are the late ones
 
     stage = Stage.CLOCK
     joint_by_joint = True
@@ -40,7 +33,7 @@ class Delay(PathEffect):
         name="delay",
         number=23,
         family=Family.TIME,
-        equation="y(t) = x(t - d), all joints alike",
+        equation="y(t) = x(t - delay), all joints alike",
         source="Fritsch and Carlson 1980, SIAM J. Numer. Anal. 17(2), for the values between samples",
         parameters=(Parameter("delay", "age of what is seen", revolute=_DELAY, positive=False),),
         needs=("measured_jp|setpoint_jp", "external_jp|tracker_cp"),

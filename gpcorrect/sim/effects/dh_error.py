@@ -18,15 +18,7 @@ _angle = partial(Parameter, revolute=_ANGLE, positive=False)
 
 @dataclass(frozen=True)
 class DhError(ChainEffect):
-    """Small errors of one row of the Denavit-Hartenberg table, or of the tool behind the last row.
-
-    Parameters
-    ----------
-    joint : int or str
-        Number of the row's joint; "tool" for a further row between the last link and the tool.
-    a, alpha, d, theta : float
-        True minus nominal entries, m and rad.
-    """
+    """Small errors of one row of the Denavit-Hartenberg table, or of the tool: a further row behind the last link."""
 
     a: float
     alpha: float
@@ -37,7 +29,7 @@ class DhError(ChainEffect):
         name="dh_error",
         number=6,
         family=Family.GEOMETRY,
-        equation="(a, alpha, d, theta)_i of the nominal table + (da, dalpha, dd, dtheta)",
+        equation="true row = nominal row + (a, alpha, d, theta)",
         source="Mooring, Roth, Driels 1991, Fundamentals of Manipulator Calibration, Ch. 2",
         parameters=(
             _length("a", "true minus nominal link length"),

@@ -15,17 +15,7 @@ from gpcorrect.types import FloatArray
 
 @dataclass(frozen=True)
 class Drift(JointEffect):
-    """An offset that grows with session time: steadily, or towards a limit.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    rate : float
-        Rate at the session's start of reported minus true position, rad/s or m/s.
-    time_constant : float
-        Seconds over which it settles; infinite (the default) grows for ever.
-    """
+    """An offset that grows with session time: steadily, or towards a limit."""
 
     rate: float
     time_constant: float = float("inf")
@@ -35,7 +25,7 @@ class Drift(JointEffect):
         name="drift",
         number=22,
         family=Family.TIME,
-        equation="q_reported = q + r T (1 - exp(-t / T)), r t as T grows",
+        equation="reported = q + rate T (1 - exp(-t / T)), T = time_constant; rate t as T grows",
         source="RAVEN-II calibration paper: shift over six hours of running; first-order warm-up law",
         parameters=(
             Parameter(

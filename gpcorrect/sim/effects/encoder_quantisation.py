@@ -21,15 +21,6 @@ class EncoderQuantisation(ReadingEffect):
     """Reported positions are whole counts; each count is lost with some probability, so that the zero drifts.
 
     It acts on the recorded `measured_jp`, not on what the controller works with.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    step : float
-        D, rad or m for one count.
-    lost : float
-        Fraction of the counts that are missed.
     """
 
     step: float
@@ -39,7 +30,7 @@ class EncoderQuantisation(ReadingEffect):
         name="encoder_quantisation",
         number=28,
         family=Family.NOISE,
-        equation="q_reported = D round(q / D), each count lost with probability p",
+        equation="reported = step round(q / step), each count lost with probability `lost`",
         source="Widrow and Kollar 2008, Quantization Noise, Ch. 1",
         parameters=(
             Parameter(

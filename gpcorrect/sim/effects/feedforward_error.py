@@ -20,15 +20,8 @@ TERMS = ("gravity", "inertia", "velocity")  # in the order of `Drive.beyond`
 class FeedforwardError(DriveEffect):
     """The controller feeds a further fraction of one term forward; -1 is a term that the machine lacks.
 
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    fraction : float
-        c, of the nominal term at the commanded motion.
-    term : str
-        "gravity": what holds the nominal arm; "inertia": what accelerates it and its motors; "velocity": kd times the
-        commanded velocity.
+    Terms are "gravity", what holds the nominal arm, "inertia", what accelerates it and its motors, and "velocity", kd
+    times the commanded velocity.
     """
 
     fraction: float
@@ -38,7 +31,7 @@ class FeedforwardError(DriveEffect):
         name="feedforward_error",
         number=30,
         family=Family.DYNAMICS,
-        equation="tau = tau_nominal + c tau_term(q_commanded)",
+        equation="tau = tau_nominal + fraction tau_term(q_commanded)",
         source="computed-torque control with wrong terms; Siciliano et al. 2009, Robotics, Sec. 8.5",
         parameters=(
             Parameter(

@@ -16,15 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GainError(DriveEffect):
-    """Both gains are off by a fraction of their own.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    proportional, derivative : float
-        Relative errors of kp and kd, both above -1.
-    """
+    """Both gains are off by a fraction of their own."""
 
     proportional: float
     derivative: float = 0.0
@@ -33,7 +25,7 @@ class GainError(DriveEffect):
         name="gain_error",
         number=31,
         family=Family.DYNAMICS,
-        equation="tau = kp (1 + p) (q_d - q) + kd (1 + d) (v_d - v)",
+        equation="tau = kp (1 + proportional) (q_d - q) + kd (1 + derivative) (v_d - v)",
         source="PD control on the motor side, RAVEN-II control software",
         parameters=(
             Parameter("proportional", "relative error of kp", revolute=Range("1", -0.9, 9.0, 0.2), positive=False),

@@ -13,15 +13,7 @@ from gpcorrect.types import FloatArray
 
 @dataclass(frozen=True)
 class GravitySag(JointEffect):
-    """The effective joint value falls behind by the gravity torque over the link's stiffness.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint about (or along) which the structure gives way.
-    stiffness : float
-        Of the structure, N m/rad or N/m; infinite is none.
-    """
+    """The effective joint value falls behind by the gravity torque over the link's stiffness."""
 
     stiffness: float
 
@@ -30,7 +22,7 @@ class GravitySag(JointEffect):
         name="gravity_sag",
         number=10,
         family=Family.COMPLIANCE,
-        equation="q_link = q - g(q) / k",
+        equation="q_link = q - g(q) / stiffness",
         source="Roth, Mooring, Ravani 1987, IEEE J. Robotics and Automation 3(5): non-geometric errors",
         parameters=(
             Parameter(

@@ -16,15 +16,7 @@ from gpcorrect.types import FloatArray
 
 @dataclass(frozen=True)
 class HomingOffset(JointEffect):
-    """The robot reports the true position plus an offset.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    offset : float or sequence of float
-        Reported minus true position, rad or m: one for all sessions, or one for each.
-    """
+    """The robot reports the true position plus an offset."""
 
     offset: float | tuple[float, ...]
 
@@ -33,7 +25,7 @@ class HomingOffset(JointEffect):
         name="homing_offset",
         number=1,
         family=Family.GEOMETRY,
-        equation="q_reported = q + b, a new b each session",
+        equation="reported = q + offset, a new one each session",
         source="Hwang et al. 2020, IEEE RA-L 5(4), offset model",
         parameters=(
             Parameter(

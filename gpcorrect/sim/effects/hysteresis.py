@@ -20,35 +20,20 @@ PLAYS = 8  # in the sum: with twice as many the path changes by less than a hund
 
 @dataclass(frozen=True)
 class Hysteresis(JointEffect):
-    """The joint lags behind the motor by the state of an element with memory.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    radius : float
-        Largest lag r, rad or m.
-    sharpness : float
-        n: 1 is a long soft curve, a large one a play with a corner.
-    depth : float
-        A: share of a motion that is lost right after a reversal, 1 for all of it.
-    law : str
-        Member of the family: "bouc_wen", the Bouc-Wen element with beta = gamma, or "plays", a
-        Prandtl-Ishlinskii sum of plays.
-    """
+    """The joint lags behind the motor by the state of an element with memory."""
 
     radius: float
-    sharpness: float = 1.0
+    sharpness: float = 1.0  # a long soft curve; a large one is a play with a corner
     depth: float = 1.0
-    law: str = "bouc_wen"
+    law: str = "bouc_wen"  # that element with beta = gamma; "plays": a Prandtl-Ishlinskii sum of plays
 
     stage = Stage.TRANSMISSION
     about = Description(
         name="hysteresis",
         number=20,
         family=Family.REVERSAL,
-        equation="q = m - z, dz = A (1 - |z / r|^n (1 + sign(z dm)) / 2) dm; "
-        "or q = (1 - A) m + A mean of play(m, r_i / A), r_i mean r",
+        equation="q = m - z, dz = depth (1 - |z / radius|^sharpness (1 + sign(z dm)) / 2) dm; "
+        "or q = (1 - depth) m + depth mean of play(m, r_i / depth), r_i mean radius",
         source="Bouc 1967; Wen 1976; Ismail, Ikhouane, Rodellar 2009, Arch. Comput. Methods Eng. 16; "
         "Brokate and Sprekels 1996, Hysteresis and Phase Transitions, Sec. 2.4",
         parameters=(

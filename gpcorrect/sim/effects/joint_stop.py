@@ -19,28 +19,17 @@ class JointStop(TorqueEffect):
     It acts behind the transmission, which carries its torque: a motor whose cable stretches goes on a little while the
     joint stands. The stiffness is that of stop and transmission in series, as the motor feels it, and the position
     where the motor begins to feel it.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    stiffness : float
-        k, N m/rad or N/m; 0 is no stop.
-    limit : float
-        q_lim, rad or m.
-    end : str
-        "upper": it pushes above the limit; "lower": below.
     """
 
     stiffness: float
     limit: float
-    end: str = "upper"
+    end: str = "upper"  # it pushes above the limit; "lower": below
 
     about = Description(
         name="joint_stop",
         number=26,
         family=Family.LIMIT,
-        equation="tau_stop = k max(0, q - q_lim)",
+        equation="tau_stop = stiffness max(0, q - limit)",
         source="penalty contact of a unilateral constraint; Brogliato 2016, Nonsmooth Mechanics, Ch. 2",
         parameters=(
             Parameter(

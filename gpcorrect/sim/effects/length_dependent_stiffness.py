@@ -16,31 +16,18 @@ from gpcorrect.types import FloatArray
 
 @dataclass(frozen=True)
 class LengthDependentStiffness(JointEffect):
-    """The joint lags behind the motor by its torque over a stiffness that falls with the cable's length.
+    """The joint lags behind the motor by its torque over a stiffness that falls with the cable's length."""
 
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    source : int
-        Number of the prismatic joint that pays the cable out; it may be the joint itself.
-    rigidity : float
-        EA at the joint: stiffness times cable length, N m^2/rad or N; infinite is no stretch.
-    length : float
-        Cable length at the source's zero, m; negative where that zero, a convention of the arm's table, lies behind the
-        drum. A cable shorter than nothing is rigid.
-    """
-
-    source: int
+    source: int  # the prismatic joint that pays the cable out; it may be the joint itself
     rigidity: float
-    length: float
+    length: float  # negative where the source's zero, a convention of the arm's table, lies behind the drum
 
     stage = Stage.TRANSMISSION
     about = Description(
         name="length_dependent_stiffness",
         number=9,
         family=Family.COMPLIANCE,
-        equation="q = m - tau / k, k = EA / L, L = L0 + q3",
+        equation="q = m - tau / k, k = rigidity / (length + q_source)",
         source="Hooke's law of a rod; Miyasaka et al. 2020, IEEE RA-L 5(2), cable-pulley network",
         parameters=(
             Parameter(

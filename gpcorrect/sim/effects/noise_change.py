@@ -16,29 +16,17 @@ from gpcorrect.types import FloatArray
 
 @dataclass(frozen=True)
 class NoiseChange(ReadingEffect):
-    """Further noise of zero mean on an outside joint sensor, or on each axis of the tracked position.
-
-    Parameters
-    ----------
-    joint : int or str
-        Number of the joint whose outside sensor it is; "tool" for the tracker.
-    std : float
-        Its standard deviation, rad or m.
-    tail : float
-        Degrees of freedom of its Student distribution, above 2; infinite is normal.
-    since : float
-        Session time from which on it acts, s.
-    """
+    """Further noise of zero mean on an outside joint sensor, or ("tool") on each axis of the tracked position."""
 
     std: float
-    tail: float = float("inf")
+    tail: float = float("inf")  # normal
     since: float = 0.0
 
     about = Description(
         name="noise_change",
         number=29,
         family=Family.NOISE,
-        equation="y = x + std e [t >= t0], e Student with nu degrees of freedom and unit variance",
+        equation="y = x + std e [t >= since], e Student with `tail` degrees of freedom and unit variance",
         source="Lange, Little, Taylor 1989, J. Am. Stat. Assoc. 84(408), Student errors",
         parameters=(
             Parameter(

@@ -15,17 +15,7 @@ from gpcorrect.types import FloatArray
 
 @dataclass(frozen=True)
 class NonlinearStretch(JointEffect):
-    """The joint lags behind the motor by the stretch d of a hardening spring.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    stiffness : float
-        k1, at small loads, N m/rad or N/m; infinite is no stretch.
-    cubic : float
-        k3, N m/rad^3 or N/m^3; 0 is a linear spring.
-    """
+    """The joint lags behind the motor by the stretch d of a hardening spring."""
 
     stiffness: float
     cubic: float
@@ -35,7 +25,7 @@ class NonlinearStretch(JointEffect):
         name="nonlinear_stretch",
         number=8,
         family=Family.COMPLIANCE,
-        equation="q = m - d, tau = k1 d + k3 d^3",
+        equation="q = m - d, tau = stiffness d + cubic d^3",
         source="Spong 1987, J. Dyn. Syst. Meas. Control 109(4), elastic joints; Duffing's cubic spring",
         parameters=(
             Parameter(

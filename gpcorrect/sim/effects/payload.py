@@ -13,15 +13,7 @@ _MASS = Range("kg", 0.0, 3.0, 0.1)
 
 @dataclass(frozen=True)
 class Payload(LoadEffect):
-    """A point mass at the tip, beyond the payload that is known; it weighs and it resists acceleration.
-
-    Parameters
-    ----------
-    joint : str
-        "all".
-    mass : float
-        kg.
-    """
+    """A point mass at the tip, beyond the payload that is known; it weighs and it resists acceleration."""
 
     mass: float
 
@@ -29,7 +21,7 @@ class Payload(LoadEffect):
         name="payload",
         number=11,
         family=Family.COMPLIANCE,
-        equation="tau = tau_0 + J^T m (a - g)",
+        equation="tau = tau_0 + J^T mass (a - g)",
         source="Featherstone 2008, Rigid Body Dynamics Algorithms, Ch. 5",
         parameters=(Parameter("mass", "unknown mass at the tip", revolute=_MASS, positive=True),),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),

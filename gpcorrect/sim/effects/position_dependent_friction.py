@@ -13,23 +13,7 @@ from gpcorrect.sim.effects.laws import FrictionLaw
 
 @dataclass(frozen=True)
 class PositionDependentFriction(FrictionEffect):
-    """Dry friction whose size swings with the joint's position, never below zero.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    torque : float
-        F0, mean size, N m or N.
-    swing : float
-        F1, N m or N.
-    waves : float
-        N, rad of phase for each unit of the joint.
-    phase : float
-        phi, rad.
-    side : str
-        "motor" or "joint".
-    """
+    """Dry friction whose size swings with the joint's position, never below zero."""
 
     torque: float = field(kw_only=True)
     swing: float = field(kw_only=True)
@@ -40,7 +24,7 @@ class PositionDependentFriction(FrictionEffect):
         name="position_dependent_friction",
         number=19,
         family=Family.REVERSAL,
-        equation="F = max(0, F0 + F1 sin(N q + phi)) sign v",
+        equation="F = max(0, torque + swing sin(waves q + phase)) sign v",
         source="Armstrong 1988, ICRA, Friction: experimental determination, modeling and compensation",
         parameters=(
             Parameter(

@@ -15,19 +15,7 @@ from gpcorrect.types import FloatArray
 
 @dataclass(frozen=True)
 class PulleyEccentricity(JointEffect):
-    """The reported position swings around the true one as the pulley turns.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    amplitude : float
-        a, rad or m.
-    waves : float
-        N, turns of the pulley for each turn of the joint; rad of its phase for each metre of a prismatic one.
-    phase : float
-        phi, rad.
-    """
+    """The reported position swings around the true one as the pulley turns."""
 
     amplitude: float
     waves: float
@@ -38,7 +26,7 @@ class PulleyEccentricity(JointEffect):
         name="pulley_eccentricity",
         number=4,
         family=Family.GEOMETRY,
-        equation="q_reported = q + a sin(N q_reported + phi)",
+        equation="reported = q + amplitude sin(waves reported + phase)",
         source="first harmonic of a pulley whose axis is off its centre; the phase is counted on the motor's side",
         parameters=(
             Parameter(

@@ -17,15 +17,7 @@ _STIFFNESS = Range("N/m", 20.0, 1e7, 3e3)
 
 @dataclass(frozen=True)
 class RcmShift(TipEffect):
-    """The whole instrument moves across its shaft by the lateral force over a stiffness.
-
-    Parameters
-    ----------
-    joint : str
-        "base".
-    stiffness : float
-        Of the structure that holds the remote centre, N/m; infinite is none.
-    """
+    """The whole instrument moves across its shaft by the lateral force over a stiffness."""
 
     stiffness: float
 
@@ -34,7 +26,7 @@ class RcmShift(TipEffect):
         name="rcm_shift",
         number=13,
         family=Family.COMPLIANCE,
-        equation="d = F_lateral / k, the same along the whole shaft",
+        equation="d = F_lateral / stiffness, the same along the whole shaft",
         source="Hooke's law at the remote centre of motion",
         parameters=(
             Parameter(

@@ -23,17 +23,6 @@ class RegistrationError(TipEffect):
     """Poses are seen through a similarity y = s R q + t, about the base origin and in base axes.
 
     Where the tracker is registered from the same data, that registration takes all of it but the scale.
-
-    Parameters
-    ----------
-    joint : str
-        "base".
-    x, y, z : float
-        Translation t, m.
-    rx, ry, rz : float
-        Rotation vector of R, rad.
-    scale : float
-        s - 1: relative error of lengths.
     """
 
     x: float
@@ -49,7 +38,7 @@ class RegistrationError(TipEffect):
         name="registration_error",
         number=5,
         family=Family.GEOMETRY,
-        equation="y = (1 + s) R p + t",
+        equation="y = (1 + scale) R p + t, t = (x, y, z), R of the rotation vector (rx, ry, rz)",
         source="Umeyama 1991, IEEE Trans. PAMI 13(4): similarity between two sets of points",
         parameters=(
             _shift("x", "shift along the base's x axis"),

@@ -17,15 +17,6 @@ class Resonance(JointEffect):
     """The joint follows the motor as a second-order system: overshoot and ringing after fast changes.
 
     Samples slower than twice its frequency do not show it.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    frequency : float
-        Undamped natural frequency, Hz; infinite follows at once.
-    damping_ratio : float
-        zeta; 1 and above does not overshoot.
     """
 
     frequency: float
@@ -36,7 +27,7 @@ class Resonance(JointEffect):
         name="resonance",
         number=27,
         family=Family.DYNAMICS,
-        equation="q'' + 2 zeta w q' + w^2 q = w^2 m, w = 2 pi f",
+        equation="q'' + 2 damping_ratio w q' + w^2 q = w^2 m, w = 2 pi frequency",
         source="Spong 1987, J. Dyn. Syst. Meas. Control 109(4), elastic joints, one mode",
         parameters=(
             Parameter(

@@ -17,15 +17,7 @@ _RIGIDITY = Range("N m^2", 0.05, 1e4, 10.0)
 
 @dataclass(frozen=True)
 class ShaftBending(TipEffect):
-    """A cantilever from the remote centre of motion to the tip, loaded at its end.
-
-    Parameters
-    ----------
-    joint : str
-        "tool".
-    rigidity : float
-        EI, N m^2; infinite is a shaft that does not bend.
-    """
+    """A cantilever from the remote centre of motion to the tip, loaded at its end."""
 
     rigidity: float
 
@@ -34,7 +26,7 @@ class ShaftBending(TipEffect):
         name="shaft_bending",
         number=12,
         family=Family.COMPLIANCE,
-        equation="d = F L^3 / (3 EI) across the shaft, turned by F L^2 / (2 EI)",
+        equation="d = F L^3 / (3 rigidity) across the shaft, turned by F L^2 / (2 rigidity)",
         source="Euler-Bernoulli cantilever; Roark's Formulas for Stress and Strain, Table 8.1",
         parameters=(
             Parameter(

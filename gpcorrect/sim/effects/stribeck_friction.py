@@ -11,21 +11,7 @@ from gpcorrect.sim.effects.laws import FrictionLaw
 
 @dataclass(frozen=True)
 class StribeckFriction(FrictionEffect):
-    """Dry friction that falls from a static to a kinetic value as the joint picks up speed.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    torque : float
-        Fc, at speed, N m or N.
-    static_torque : float
-        Fs, at rest, N m or N.
-    speed : float
-        vs, over which the one becomes the other, rad/s or m/s.
-    side : str
-        "motor" or "joint".
-    """
+    """Dry friction that falls from a static to a kinetic value as the joint picks up speed."""
 
     torque: float = field(kw_only=True)
     static_torque: float = field(kw_only=True)
@@ -35,7 +21,7 @@ class StribeckFriction(FrictionEffect):
         name="stribeck_friction",
         number=17,
         family=Family.REVERSAL,
-        equation="F = (Fc + (Fs - Fc) exp(-(v / vs)^2)) sign v",
+        equation="F = (torque + (static_torque - torque) exp(-(v / speed)^2)) sign v",
         source="Bo and Pavelescu 1982, Wear 82(3); Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
         parameters=(
             Parameter(

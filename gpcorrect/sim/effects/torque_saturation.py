@@ -11,15 +11,7 @@ from gpcorrect.sim.effects.laws import TorqueLaw
 
 @dataclass(frozen=True)
 class TorqueSaturation(TorqueEffect):
-    """The torque that acts is the commanded one, cut at a limit; `measured_jf` still says what was commanded.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    limit : float
-        N m or N; infinite is none.
-    """
+    """The torque that acts is the commanded one, cut at a limit; `measured_jf` still says what was commanded."""
 
     limit: float
 
@@ -27,7 +19,7 @@ class TorqueSaturation(TorqueEffect):
         name="torque_saturation",
         number=25,
         family=Family.LIMIT,
-        equation="tau = clip(tau_commanded, -tau_max, tau_max)",
+        equation="tau = clip(tau_commanded, -limit, limit)",
         source="RAVEN-II control software, DAC limit; Hippe 2006, Windup in Control, Ch. 1",
         parameters=(
             Parameter(

@@ -13,17 +13,7 @@ from gpcorrect.types import FloatArray
 
 @dataclass(frozen=True)
 class TransmissionRatio(JointEffect):
-    """The motion since homing is reported `1 + error` times as large as it is.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    error : float
-        Relative error s of the ratio.
-    home : float
-        q0, where the joint stood when it was homed: there the reported position is the true one, rad or m.
-    """
+    """The motion since homing is reported `1 + error` times as large as it is."""
 
     error: float
     home: float = 0.0
@@ -33,7 +23,7 @@ class TransmissionRatio(JointEffect):
         name="transmission_ratio",
         number=2,
         family=Family.GEOMETRY,
-        equation="q_reported = q + s (q - q0)",
+        equation="reported = q + error (q - home)",
         source="RAVEN-II control software, motor-to-joint map q = C^-1 m / N",
         parameters=(
             Parameter("error", "relative error of the ratio", revolute=Range("1", -0.2, 0.2, 0.02), positive=False),

@@ -11,17 +11,7 @@ from gpcorrect.sim.effects.laws import FrictionLaw
 
 @dataclass(frozen=True)
 class ViscousFriction(FrictionEffect):
-    """Damping; through a proportional gain it becomes a lag of b / kp seconds in this joint.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint.
-    damping : float
-        b, N m s/rad or N s/m.
-    side : str
-        "motor" or "joint".
-    """
+    """Damping; through a proportional gain it becomes a lag of b / kp seconds in this joint."""
 
     damping: float = field(kw_only=True)
 
@@ -29,7 +19,7 @@ class ViscousFriction(FrictionEffect):
         name="viscous_friction",
         number=16,
         family=Family.REVERSAL,
-        equation="F = b v",
+        equation="F = damping v",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
         parameters=(
             Parameter(
