@@ -11,7 +11,7 @@ from gpcorrect.sim.effects.laws import FrictionLaw
 
 @dataclass(frozen=True)
 class CoulombFriction(FrictionEffect):
-    """Dry friction of fixed size: through a proportional gain an error of torque / kp that changes sign at reversals."""
+    """Dry friction of fixed size: by a proportional gain an error of torque / kp that changes sign at reversals."""
 
     torque: float = field(kw_only=True)
 
