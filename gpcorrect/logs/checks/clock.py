@@ -10,7 +10,6 @@ from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, e
 from gpcorrect.logs.streams import GAP_STEPS
 from gpcorrect.logs.sync import TimeOffset
 
-__all__: list[str] = []
 
 MAX_JITTER = 0.25  # of the median step, between the 5th and 95th percentile: real clocks stay well below
 LONGEST_STEP = 600.0  # s; no one records a motion at a sample in ten minutes
