@@ -10,7 +10,6 @@ from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, e
 from gpcorrect.logs.streams import GAP_STEPS
 from gpcorrect.logs.sync import TimeOffset
 
-
 MAX_JITTER = 0.25  # of the median step, between the 5th and 95th percentile: real clocks stay well below
 LONGEST_STEP = 600.0  # s; no one records a motion at a sample in ten minutes
 EPOCH_UNITS = ((1e17, "nanoseconds", 1e-9), (1e14, "microseconds", 1e-6), (1e11, "milliseconds", 1e-3))

@@ -12,7 +12,6 @@ from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, m
 from gpcorrect.logs.sync import TimeOffset
 from gpcorrect.types import QUATERNION_TOLERANCE, BoolArray, FloatArray
 
-
 MANY_BAD = 0.01  # of the samples; fewer are glitches
 MIN_TURN = np.deg2rad(5.0)  # an orientation that varies less may be all noise
 COMPARED = 2000  # poses; more say nothing new

@@ -11,7 +11,6 @@ from gpcorrect.logs.mocap.tool import RIGIDITY, typical_misfit
 from gpcorrect.logs.sync import REFERENCES
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-
 MANY_MISSING = 0.1  # of the samples: more than an occlusion now and then
 COPIED = 0.99  # of the samples equal to the last bit: two sensors never agree so well
 OUTSIDE = ("tracker_cp", "external_jp")

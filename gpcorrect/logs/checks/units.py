@@ -9,7 +9,6 @@ import numpy as np
 from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, extent, spread, spread_ratio
 from gpcorrect.types import FloatArray
 
-
 WIDEST = 5.0  # m; no arm here reaches so far, and 5 mm is less than any workspace in millimetres
 MIN_SPREAD = 1e-4  # m or rad; narrower signals are noise and their ratios mean nothing
 DEGREES = 180 / np.pi  # in a radian
