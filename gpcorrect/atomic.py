@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +14,10 @@ from gpcorrect.errors import GpCorrectError
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """Errors of the disk, not of what is done to other files meanwhile."""
+PICTURE = rb"\x89PNG"
+"""How a PNG file begins."""
+HEAD_BYTES = 256
+"""Of a file, by which its kind is known; chosen by hand."""
 
 
 def require_folder(path: str | Path) -> None:
@@ -52,6 +57,36 @@ def require_new(path: str | Path) -> None:
     if Path(path).exists():
         raise GpCorrectError(
             f"{path} is there already, and a recording is not overwritten.", hint="Name another one, or move it away."
+        )
+
+
+def require_own(path: str | Path, begins: bytes, what: str) -> None:
+    """Check, before the work, that an output has a place, and replaces nothing but an older output of its kind.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file to come.
+    begins : bytes
+        Regular expression of how files of its kind begin.
+    what : str
+        Their name for messages, such as "model file".
+
+    Raises
+    ------
+    GpCorrectError
+        As :func:`require_folder`; or a file of another kind is there, such as the recording that is read.
+    """
+    require_folder(path)
+    target = Path(path)
+    if not target.exists():
+        return
+    with target.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    if head and not re.match(begins, head, re.DOTALL):
+        raise GpCorrectError(
+            f"{path} is there already, and is no {what}: it is not overwritten.",
+            hint="Name another output, or move it away.",
         )
 
 

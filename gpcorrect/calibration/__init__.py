@@ -32,13 +32,14 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.joints import JointCorrector
     from gpcorrect.calibration.learners import LEARNERS, learner_named
     from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_units, spread
-    from gpcorrect.calibration.model_file import load, load_any, model_hash, save
+    from gpcorrect.calibration.model_file import load, load_any, model_hash, require_model_place, save
     from gpcorrect.calibration.model_store import Entry, ModelStore
     from gpcorrect.calibration.outside_joints import with_outside_joints, with_poses
     from gpcorrect.calibration.settings import FitSettings
     from gpcorrect.calibration.side_by_side import Difference, SideBySide, measure_both, refuse_unlike
     from gpcorrect.calibration.split import HoldOut, folds_of
     from gpcorrect.calibration.stream import JointStream, PoseStream, RobotState, ToolStream
+    from gpcorrect.calibration.succession import refuse_other_use
     from gpcorrect.calibration.task import Corrector, Measured
     from gpcorrect.calibration.tool_position import PositionEstimator
     from gpcorrect.calibration.update import Update, update_model
@@ -62,12 +63,13 @@ __getattr__ = imported_on_demand(
         "joints": "JointCorrector",
         "learners": "LEARNERS learner_named",
         "metrics": "ErrorTable JointErrors error_table joint_units spread",
-        "model_file": "load load_any model_hash save",
+        "model_file": "load load_any model_hash require_model_place save",
         "model_store": "Entry ModelStore",
         "outside_joints": "with_outside_joints with_poses",
         "settings": "FitSettings",
         "side_by_side": "Difference SideBySide measure_both refuse_unlike",
         "split": "HoldOut folds_of",
+        "succession": "refuse_other_use",
         "stream": "JointStream PoseStream RobotState ToolStream",
         "task": "Corrector Measured",
         "tool_position": "PositionEstimator",
@@ -139,7 +141,9 @@ __all__ = [
     "random_sinusoids",
     "random_sweeps",
     "reached",
+    "refuse_other_use",
     "refuse_unlike",
+    "require_model_place",
     "run_experiment",
     "save",
     "spread",

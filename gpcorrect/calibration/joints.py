@@ -86,6 +86,10 @@ class JointCorrector(ViewCorrector):
         """Types of the joints, R or P each."""
         return self.view.types
 
+    def info(self) -> dict[str, Any]:
+        """See :class:`Corrector`; with the types of the joints."""
+        return {**super().info(), "types": self.types}
+
     @property
     def zero(self) -> FloatArray:
         """Zeros `(d,)` that are added to every answer, rad or m."""

@@ -16,7 +16,7 @@ from typing import Any, TypeVar, overload
 
 import numpy as np
 
-from gpcorrect.atomic import atomic_path
+from gpcorrect.atomic import atomic_path, require_own
 from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.joints import JointCorrector
@@ -36,6 +36,7 @@ __all__ = [
     "read_history",
     "read_parts",
     "refused",
+    "require_model_place",
     "save",
     "seal_of",
     "task_of",
@@ -57,9 +58,28 @@ CHECK_TOLERANCE = 1e-7
 SLACK_BYTES = 1 << 20
 """By which an archive may unpack to more than it is long: models are stored, not compressed; chosen by hand."""
 
+BEGINS = rb"PK\x03\x04.{26}header\.npy"
+"""An archive whose first entry is the header."""
+
 C = TypeVar("C", bound=Corrector)
 Arrays = dict[str, FloatArray]
 Header = dict[str, Any]
+
+
+def require_model_place(path: str | Path) -> None:
+    """Check, before the work, that a model file can be written, and replaces nothing but a model file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file to come.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written, or another file is there.
+    """
+    require_own(path, BEGINS, "model file")
 
 
 def save(corrector: Corrector, path: str | Path) -> None:
@@ -75,8 +95,9 @@ def save(corrector: Corrector, path: str | Path) -> None:
     Raises
     ------
     GpCorrectError
-        The folder cannot be written.
+        The folder cannot be written, or what is there is no model file.
     """
+    require_model_place(path)
     model, arrays = pack(corrector, "model")
     header = {
         "model": model,

@@ -23,6 +23,7 @@ from typing import Any
 from gpcorrect.atomic import atomic_path, make_folder, write_file
 from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.model_file import TASKS, load, load_any, model_hash, read_history, refused
+from gpcorrect.calibration.succession import refuse_other_use
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 
 __all__ = ["Entry", "ModelStore"]
@@ -174,29 +175,43 @@ class ModelStore:
             self._write(replace(state, models=(*others, entry)))
         return entry
 
-    def activate(self, entry: Entry, *, verified: bool = False) -> None:
+    def activate(self, entry: Entry, *, verified: bool = False, back: bool = False) -> None:
         """Make a model the active one of its kind; its file is verified and asked its check queries first.
 
         Parameters
         ----------
         entry : Entry
         verified : bool
-            Whether the caller has just read and verified it: then it is not read again.
+            Whether the caller has just read it, and compared it with the one it follows: then it is not read again.
+        back : bool
+            Whether the active model is given up for the one before it: the next one back is then an older one.
 
         Raises
         ------
         ArtifactError
-            The file is refused; the active model stays.
+            The file is refused, or the model means another thing than the active one, which stays.
         GpCorrectError
             The store cannot be written; the active model stays.
         """
         if not verified:
-            self.verified(entry)
+            self._compared(entry)
         with self._locked() as state:
             history = state.history.get(entry.kind, ())
-            if history[-1:] != (entry.hash,):
-                changed = {**state.history, entry.kind: (*history, entry.hash)[-LONGEST_HISTORY:]}
-                self._write(replace(state, history=changed))
+            if history[-1:] == (entry.hash,):
+                return
+            given_up = back and history[-2:-1] == (entry.hash,)
+            longer = history[:-1] if given_up else (*history, entry.hash)[-LONGEST_HISTORY:]
+            self._write(replace(state, history={**state.history, entry.kind: longer}))
+
+    def _compared(self, entry: Entry) -> None:
+        """Verify a model, and compare it with the active one where that can still be read."""
+        new, before = self.verified(entry), self.active(entry.kind)
+        try:
+            old = None if before is None else self.verified(before)
+        except ArtifactError:  # a damaged one must not stay for ever
+            return
+        if old is not None:
+            refuse_other_use(entry.id, new.info(), old.info())
 
     def rollback(self, kind: str = "pose") -> Entry:
         """Make the model active again that was before the present one, and return it.
@@ -213,9 +228,7 @@ class ModelStore:
         """
         before = self.previous(kind)
         self.verified(before)
-        with self._locked() as state:
-            shorter = state.history[kind][:-1]
-            self._write(replace(state, history={**state.history, kind: shorter}))
+        self.activate(before, verified=True, back=True)
         return before
 
     def previous(self, kind: str = "pose") -> Entry:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gpcorrect.atomic import make_folder, require_folder, require_new, write_file
+from gpcorrect.atomic import PICTURE, make_folder, require_new, require_own, write_file
 from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
 from gpcorrect.cli.options import ArmName, Json, KeyRoot, OldArm, OldConnect, numbers
 from gpcorrect.cli.processes import free_endpoint, running
@@ -66,10 +66,13 @@ def zigzag_command(
     import numpy as np
 
     from gpcorrect.calibration import direction_named, timed, zigzag
-    from gpcorrect.logs import write_log
+    from gpcorrect.logs import require_writable, write_log
     from gpcorrect.types import CalibrationLog, LogMeta
 
-    require_folder(output)
+    require_writable(output)
+    require_new(output)
+    if plot is not None:
+        require_own(plot, PICTURE, "picture")
     chosen, block = direction_named(direction), joint_limits(limits)
     if machine != "none":
         _require_within(block, machine)
@@ -82,7 +85,6 @@ def zigzag_command(
     if plot is not None:
         from gpcorrect.plots import joint_trajectory, png  # drawing is an extra
 
-        require_folder(plot)
         write_file(plot, png(joint_trajectory(path.time, path.q, title)))
     facts = {
         "direction": chosen,

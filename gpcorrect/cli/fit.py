@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, split_names, styled
 from gpcorrect.cli.options import (
     Clean,
@@ -81,11 +80,11 @@ def fit(
 
     gpcorrect fit joints.csv --machine ur5e.urdf --output model.gpc
     """
-    from gpcorrect.calibration import FitSettings, HoldOut, learner_named, run_experiment, save
+    from gpcorrect.calibration import FitSettings, HoldOut, learner_named, require_model_place, run_experiment, save
     from gpcorrect.cleaning import CleaningSettings
     from gpcorrect.rigid import MarkerOption
 
-    require_folder(output)
+    require_model_place(output)
     page = None if report is None else report_page(report)
     learner_named(method)
     by = HoldOut(one_of(hold_out_by, tuple(HoldOut), "what is held out"))

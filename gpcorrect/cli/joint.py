@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from gpcorrect.atomic import require_folder
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names, styled
 from gpcorrect.cli.options import (
     Clean,
@@ -81,9 +80,16 @@ def fit(
 
     gpcorrect joint fit ur5e.bag --machine ur5e.xml --output joints.gpc
     """
-    from gpcorrect.calibration import HoldOut, JointCorrector, learner_named, run_experiment, save
+    from gpcorrect.calibration import (
+        HoldOut,
+        JointCorrector,
+        learner_named,
+        require_model_place,
+        run_experiment,
+        save,
+    )
 
-    require_folder(output)
+    require_model_place(output)
     page = None if report is None else report_page(report)
     learner_named(method)
     by = HoldOut(one_of(hold_out_by, tuple(HoldOut), "what is held out"))
@@ -198,9 +204,9 @@ def rezero(model: Model, logs: Logs, output: ModelOutput, reading: Reading, json
     """
     import numpy as np
 
-    from gpcorrect.calibration import JointCorrector, joint_units, load, save
+    from gpcorrect.calibration import JointCorrector, joint_units, load, require_model_place, save
 
-    require_folder(output)
+    require_model_place(output)
     corrector, log = load(model, JointCorrector), reading.joint_log(logs)
     fresh = corrector.rezeroed(log)
     names, scale = joint_units(corrector.types)

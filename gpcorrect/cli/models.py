@@ -110,7 +110,7 @@ def rollback(place: Place, kind: Kind = "pose", json: Json = False) -> None:
         print_result(asdict(entry), f"active {kind}: {entry.id} {entry.hash[:12]}", as_json=json)
         return
     with _operator(place) as operator:
-        _show_activated(operator, _previous(operator.models()[0], kind), as_json=json)
+        _show_activated(operator, _previous(operator.models()[0], kind), back=True, as_json=json)
 
 
 @models_app.command()
@@ -183,8 +183,8 @@ def _operator(place: Place | ServicePlace) -> Operator:
     return Operator(ClientSettings((place.endpoint or SERVICE,), place.arm, place.namespace, config_file=place.config))
 
 
-def _show_activated(operator: Operator, model: str, *, as_json: bool) -> None:
-    answers = operator.activate(model)
+def _show_activated(operator: Operator, model: str, *, back: bool = False, as_json: bool) -> None:
+    answers = operator.activate(model, back=back)
     if as_json:
         import msgspec  # comes with the same extra as zenoh
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from gpcorrect.atomic import make_folder, require_folder
+from gpcorrect.atomic import make_folder, require_own
 from gpcorrect.errors import DataError
 
 
@@ -155,7 +155,7 @@ def report_page(report: Path) -> Path:
         An .html file, or the folder for report.html.
     """
     if report.suffix.lower() in (".html", ".htm"):
-        require_folder(report)
+        require_own(report, rb"(?i)\s*<!doctype html", "page")
         return report
     make_folder(report)
     return report / "report.html"

@@ -263,6 +263,7 @@ def extract(
     from gpcorrect.logs import read_log, require_writable, write_log
 
     require_writable(output)
+    require_new(output)
     log = read_log(recording, columns=columns)
     chosen = _chosen(log, signals)
     rows = np.flatnonzero((log.time >= begin) & (log.time <= (np.inf if end is None else end)))[::every]

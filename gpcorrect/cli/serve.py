@@ -126,7 +126,7 @@ def prefilter(
     from gpcorrect_service.crtk import Bus, BusSettings  # zenoh is an extra; other commands work without it
     from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter, PrefilterSettings
     from gpcorrect_service.ops.logger import open_logger
-    from gpcorrect_service.server.models import load_model
+    from gpcorrect_service.server.models import check_arm, load_model
 
     distro = ros_distro_of(ros_distro, ros_domain)
     settings = PrefilterSettings(
@@ -137,7 +137,9 @@ def prefilter(
         outside=not strict,
         desired_frame=frame,
     )
-    answering = Prefilter(load_model(model), settings)
+    loaded = load_model(model)
+    check_arm(arm, loaded)
+    answering = Prefilter(loaded, settings)
     place = BusSettings(endpoint, arm, namespace, "client", ros_domain, distro, config_file=config)
     with Bus(place, node=f"gpcorrect_prefilter_{arm}") as bus:
         server = FilterServer(answering, bus, open_logger(arm=arm))

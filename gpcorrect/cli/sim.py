@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
-from gpcorrect.atomic import require_folder
+from gpcorrect.atomic import require_new
 from gpcorrect.cli.console import err, print_result
 from gpcorrect.cli.options import ROBOT, ArmName, Config, Json, KeyRoot, LogOutput, Machine, OldArm, Remote, one_of
 from gpcorrect.cli.processes import stop_signal
@@ -108,10 +108,13 @@ def simulate(
 
     gpcorrect simulate joints --machine robot.xml --effect "backlash joint=2 radius=0.004" --noise 1e-4
     """
-    from gpcorrect.logs import write_log
-    from gpcorrect.sim import debridement_log, joint_motion_log, random_reaches_log
+    from gpcorrect.logs import require_writable, write_log
+    from gpcorrect.logs.sidecar import read_sidecar
+    from gpcorrect.sim import SIMULATED, debridement_log, joint_motion_log, random_reaches_log
 
-    require_folder(output)
+    require_writable(output)
+    if read_sidecar(output).robot != SIMULATED:
+        require_new(output)
     model = None if machine is None else _altered(model_named(machine), effect or (), noise)
     if model is None and (effect or noise is not None):
         raise DataError("effects and noise are added to a machine.", hint="Give it: --machine model.toml")

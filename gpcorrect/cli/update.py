@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpcorrect.atomic import require_folder, write_file
+from gpcorrect.atomic import PICTURE, require_own, write_file
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, styled
 from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, takes_groups
 from gpcorrect.cli.reading import Reading
@@ -49,10 +49,10 @@ def update(
 
     gpcorrect update model.gpc tuesday.csv --output tuesday.gpc --json
     """
-    from gpcorrect.calibration import load, save, update_model
+    from gpcorrect.calibration import load, require_model_place, save, update_model
 
     target = output or model
-    require_folder(target)
+    require_model_place(target)
     corrector = load(model)
     log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
     for sentence in (*clocks.notes, corrector.caution_seen(log)):
@@ -133,7 +133,7 @@ def drift(
     from gpcorrect.calibration import JointCorrector, detect, estimate_ageing, load_any
 
     if plot is not None:
-        require_folder(plot)
+        require_own(plot, PICTURE, "picture")
     if age is not None and len(age) != len(logs):
         raise DataError(f"give one --age a log: {len(logs)} logs, {len(age)} ages.", hint="In the order of the logs.")
     corrector = load_any(model)
@@ -237,7 +237,7 @@ def explore(
     from gpcorrect.logs import read_log
 
     if output is not None:
-        require_folder(output)
+        require_own(output, b"x,y,z,", "list of proposals")
     corrector = load(model)
     region = None
     if task is not None:

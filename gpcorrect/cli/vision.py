@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpcorrect.atomic import require_folder, write_file
+from gpcorrect.atomic import require_folder, require_new, require_own, write_file
 from gpcorrect.cli.console import note, out, plain_table, print_json, print_result, progress_bar, split_names
 from gpcorrect.cli.options import Columns, Json, Logs, OldPage, Report, report_page
 from gpcorrect.cli.pages import digests, write_evaluation_page, write_fit_page
@@ -49,7 +49,7 @@ def board(
     """
     from gpcorrect.plots.board import write_board
 
-    require_folder(output)
+    require_own(output, b"%PDF", "PDF")
     write_board(output, columns, rows, 1e-3 * square, paper)
     facts = {"output": str(output), "columns": columns, "rows": rows, "square_mm": square, "paper": paper}
     print_result(facts, f"board: {output} ({paper}; print at 100 % and measure the line of 100 mm)", as_json=json)
@@ -75,7 +75,7 @@ def rig(
     """
     from gpcorrect.vision import Chessboard, rig_text
 
-    require_folder(output)
+    require_new(output)
     write_file(output, rig_text(folders, Chessboard(columns, rows, 1e-3 * square), output.parent))
     words = f"rig: {output}   next: gpcorrect vision calibrate {output}"
     print_result({"output": str(output), "cameras": [folder.name for folder in folders]}, words, as_json=json)
@@ -120,7 +120,7 @@ def calibrate(
     """
     from gpcorrect.vision import calibrate_rig, read_rig, write_cameras
 
-    require_folder(output)
+    require_own(output, rb'\s*{\s*"format"', "cameras file")
     page = None if report is None else report_page(report)
     with progress_bar(quiet=json) as progress:
         result = calibrate_rig(read_rig(rig), progress)
@@ -242,11 +242,12 @@ def fit(
         PositionEstimator,
         learner_named,
         position_reductions,
+        require_model_place,
         run_experiment,
         save,
     )
 
-    require_folder(output)
+    require_model_place(output)
     page = None if report is None else report_page(report)
     learner_named(method)
     settings = FitSettings(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pyarrow import csv, parquet
 
 from gpcorrect.atomic import atomic_path, require_folder, write_file
-from gpcorrect.errors import LogError
+from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.logs.sidecar import format_sidecar, sidecar_path
 from gpcorrect.logs.table import INDEX, joint_names, orientation_names, position_names
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta
@@ -30,7 +30,7 @@ def require_writable(path: str | Path) -> None:
     LogError
         The name ends in neither .csv nor .parquet.
     GpCorrectError
-        The folder does not exist or cannot be written.
+        The folder does not exist or cannot be written, or the file that the sidecar would replace is of no log.
     """
     target = Path(path)
     if target.suffix not in (".csv", ".parquet"):
@@ -40,6 +40,12 @@ def require_writable(path: str | Path) -> None:
             hint=f"Write {target.stem}.csv or {target.stem}.parquet.",
         )
     require_folder(target)
+    beside = sidecar_path(target)
+    if beside.exists() and not target.exists():
+        raise GpCorrectError(
+            f"{beside} is there already, and {target.name} would get its description under that name.",
+            hint="Name another output, or move it away.",
+        )
 
 
 def write_log(log: CalibrationLog, path: str | Path) -> None:

@@ -9,12 +9,13 @@ from gpcorrect.sim.model import Model, model_from_dict, preset, preset_names, re
 from gpcorrect.sim.plan import Plan, Segment, plan_of
 from gpcorrect.sim.plant import Outcome, run
 from gpcorrect.sim.reaches import debridement_log, random_reaches_log
-from gpcorrect.sim.record import simulate
+from gpcorrect.sim.record import SIMULATED, simulate
 from gpcorrect.sim.resolve import machine_of
 from gpcorrect.sim.settings import Noise, TrackerFaults
 
 __all__ = [
     "EFFECTS",
+    "SIMULATED",
     "Effect",
     "Fault",
     "LiveArm",

@@ -13,6 +13,9 @@ from gpcorrect.sim.sensors import Sensors
 from gpcorrect.sim.settings import TrackerFaults
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
+SIMULATED = "simulated"
+"""What simulated logs name as their robot and tracker."""
+
 SESSION_BREAK = 600.0  # s between the end of one session and the start of the next on the log's clock
 
 
@@ -63,10 +66,10 @@ def simulate(machine: Machine, plan: Plan, seed: int = 0, *, position_only: bool
         payload=payload if payload.any() else None,
         extra=extra,
         meta=LogMeta(
-            robot="simulated",
+            robot=SIMULATED,
             arm=machine.arm,
             joint_types=machine.body.types,
-            tracker="simulated",
+            tracker=SIMULATED,
             source="gpcorrect.sim",
         ),
         name=f"simulated {machine.arm}",

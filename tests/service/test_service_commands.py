@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -141,3 +142,38 @@ def test_a_server_whose_log_finds_no_room_answers(model_files: tuple[Path, Path]
             assert client.health().state == "ENABLED"
         finally:
             process.kill()
+
+
+def test_going_back_twice_goes_back_twice(store: Path, model_files: tuple[Path, Path], run: Run) -> None:
+    """A model that was given up does not come back: not in a running server, not in the folder that it shares."""
+    folder = ModelStore(store)
+    oldest = with_words(model_files[0], store.parent / "sunday.gpc", robot="")
+    assert run("models", "add", oldest, "--store", store)[0] == 0
+    for name in ("sunday", "monday", "tuesday"):
+        folder.activate(folder.find(name))
+    with store_process(store) as server:
+        place = ("--endpoint", server.endpoint)
+        assert "pose monday" in run("models", "rollback", *place)[1]
+        assert "pose sunday" in run("models", "rollback", *place)[1]
+        assert run("models", "rollback", *place)[0] == 2
+    assert [entry.id for entry in folder.history()] == ["sunday"]
+
+
+def test_a_model_of_another_arm_is_activated_nowhere(store: Path, model_files: tuple[Path, Path], run: Run) -> None:
+    """Neither in the folder nor at a server's start, nor beside another arm's, nor before a sister's commands."""
+    one, other = (with_words(model_files[0], store.parent / f"{arm}.gpc", arm=arm) for arm in ("PSM1", "PSM2"))
+    for path in (one, other):
+        assert run("models", "add", path, "--store", store)[0] == 0
+    assert run("models", "activate", "PSM1", "--store", store)[0] == 0
+    code, text = run("models", "activate", "PSM2", "--store", store)
+    assert (code, "has arm PSM2, the active model PSM1" in text) == (2, True)
+    for words in (("serve", other), ("prefilter", other), ("serve", "--store", store)):
+        code, text = run(*words, "--arm", "PSM2" if words[-1] == store else "PSM1")
+        assert (code, "was learned on" in text) == (2, True), text
+
+
+def with_words(model: Path, path: Path, **words: str) -> Path:
+    """Write a model again that says something else of itself."""
+    corrector = load_any(model)
+    save(replace(corrector, summary={**corrector.summary, **words}), path)
+    return path

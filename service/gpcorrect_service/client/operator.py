@@ -67,15 +67,17 @@ class Operator:
         """
         return self._ask("model/list", ModelListAnswer)
 
-    def activate(self, model: str) -> list[ActivateAnswer]:
+    def activate(self, model: str, *, back: bool = False) -> list[ActivateAnswer]:
         """Make every server answer with a model of its store; raises as :meth:`models`.
 
         Parameters
         ----------
         model : str
             Its name, or the beginning of its hash.
+        back : bool
+            Whether it is the one before, for which the present one is given up.
         """
-        return self._ask("admin/activate", ActivateAnswer, ActivateRequest(model))
+        return self._ask("admin/activate", ActivateAnswer, ActivateRequest(model, back))
 
     def set_state(self, state: Literal["ENABLED", "PAUSED"]) -> list[StateAnswer]:
         """Pause every server, or let it go on; raises as :meth:`models`.

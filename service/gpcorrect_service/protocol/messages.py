@@ -119,10 +119,14 @@ class HealthAnswer(msgspec.Struct, frozen=True):
     joint_model_hash: str = ""
 
 
-class ActivateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Which model of the server's store is to answer: its name, or the beginning of its hash."""
+class ActivateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Which model of the server's store is to answer: its name, or the beginning of its hash.
+
+    `back` says that it is the one before, and the present one is given up: the next one back is an older one.
+    """
 
     model: str
+    back: bool = False
 
 
 class ActivateAnswer(msgspec.Struct, frozen=True):

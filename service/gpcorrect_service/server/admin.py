@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from gpcorrect.calibration import Entry, ModelStore, last_measured
+from gpcorrect.calibration import Entry, ModelStore, last_measured, refuse_other_use
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, exposition, metrics_of
@@ -22,7 +22,7 @@ from gpcorrect_service.protocol.messages import (
     StateAnswer,
     StateRequest,
 )
-from gpcorrect_service.server.models import JointModel, Model, load_joint_model, load_model
+from gpcorrect_service.server.models import JointModel, Model, check_arm, load_joint_model, load_model
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Handler, Parsed, RequestParser, Response, plain_response
 
@@ -87,8 +87,10 @@ class Admin:
         before = now.pose if entry.kind == "pose" else now.joints
         try:
             model = load_entry(self._store, entry)
-            _check_fits(model, before)
-            self._store.activate(entry, verified=True)
+            check_arm(self._parser.arm, model, now.joints if entry.kind == "pose" else now.pose)
+            if before is not None:
+                refuse_other_use(model.id, model.corrector.info(), before.corrector.info())
+            self._store.activate(entry, verified=True, back=asked.back)
         except ArtifactError as error:
             raise bad_input(f"{error.message} The active model stays.", error.hint) from error
         except DataError:
@@ -189,17 +191,3 @@ def _listed(store: ModelStore, entry: Entry, *, active: bool) -> ModelEntry:
     errors = [PartRmse(row.part, row.unit, row.rmse) for row in measured.corrected] if measured else []
     made = history[-1].date if history else ""
     return ModelEntry(entry.id, entry.hash, entry.kind, entry.added, active, made, errors)
-
-
-def _check_fits(model: Model | JointModel, before: Model | JointModel | None) -> None:
-    """Refuse a model that says it was learned on another arm, or answers in other frames, than the one it follows."""
-    if before is None:
-        return
-    new, old = model.corrector.info(), before.corrector.info()
-    for what in ("arm", "frames", "types"):
-        one, other = old.get(what), new.get(what)
-        if one and other and one != other:
-            raise ArtifactError(
-                f"model {model.id} has {what} {other}, the active model {one}.",
-                hint="Activate a model of this arm; another arm has its own server.",
-            )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,10 +19,13 @@ from gpcorrect_service.protocol.limits import position_limit
 from gpcorrect_service.protocol.messages import State
 
 __all__ = ["Active", "Corrector", "JointCorrector", "JointModel", "JointStream", "Model", "PoseStream"]
-__all__ += ["Snapshot", "load_joint_model", "load_model"]
+__all__ += ["Snapshot", "check_arm", "load_joint_model", "load_model"]
 
 FAULTS_IN_A_ROW = 10  # chosen by hand: after so many failures without one answer a model is not asked any more
 
+
+ONE_OF_SEVERAL = re.compile(r"(.*?)(\d+|left|right)", re.IGNORECASE)
+"""The name of an arm that has sisters: PSM1, raven2_left."""
 
 CHECK_TOLERANCE = 1e-7  # m and rad: as when a model file is read
 
@@ -255,6 +259,36 @@ def _hash_of(path: str | Path, expected: str) -> str:
             hint="Add it again: gpcorrect models add",
         )
     return digest
+
+
+def check_arm(arm: str, *models: Model | JointModel | None) -> None:
+    """Refuse models that were learned on another arm than each other, or on a sister of the arm that is served.
+
+    Parameters
+    ----------
+    arm : str
+        CRTK name. A model that was learned on PSM2 is refused for PSM1; what a model calls raven2_left may be arm1.
+    *models : Model, JointModel or None
+
+    Raises
+    ------
+    ArtifactError
+        They were.
+    """
+    learned = [(model.id, name) for model in models if model and (name := model.corrector.info().get("arm", ""))]
+    for model, name in learned:
+        first, first_name = learned[0]
+        if name != first_name:
+            raise ArtifactError(
+                f"model {first} was learned on {first_name}, model {model} on {name}: one server serves one arm.",
+                hint="Serve each arm by itself: gpcorrect serve --arm NAME",
+            )
+        one, other = ONE_OF_SEVERAL.fullmatch(name), ONE_OF_SEVERAL.fullmatch(arm)
+        if one and other and one[1] == other[1] and name != arm:
+            raise ArtifactError(
+                f"model {model} was learned on {name}, and the arm here is {arm}.",
+                hint=f"Name a model of {arm}, or the arm: --arm {name}",
+            )
 
 
 @dataclass(frozen=True)

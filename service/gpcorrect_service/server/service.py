@@ -33,7 +33,15 @@ from gpcorrect_service.protocol.sessions import open_server
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.admin import Admin, Health, load_entry
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import Active, Corrector, JointModel, Model, load_joint_model, load_model
+from gpcorrect_service.server.models import (
+    Active,
+    Corrector,
+    JointModel,
+    Model,
+    check_arm,
+    load_joint_model,
+    load_model,
+)
 from gpcorrect_service.server.queues import Dispatcher, Job, WorkerQueue
 from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, Request, RequestParser, Response, refusal
 from gpcorrect_service.server.ros_service import RosService, open_ros
@@ -68,6 +76,11 @@ class Server:
         Where the server logs; standard error by default.
     clock : Clock, optional
         Where the time comes from.
+
+    Raises
+    ------
+    ArtifactError
+        The models were learned on different arms, or on a sister of this one.
     """
 
     def __init__(
@@ -84,6 +97,7 @@ class Server:
         # Named here and not with the settings, which may have been written in another process.
         self.settings = replace(given, replica=given.replica or f"{socket.gethostname()}-{os.getpid()}")
         model = corrector if isinstance(corrector, Model) or corrector is None else Model(corrector)
+        check_arm(self.settings.arm, model, joints)
         self.active = Active(model, joints)
         self._store = store
         self._clock = clock or Clock()

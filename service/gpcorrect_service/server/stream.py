@@ -124,6 +124,7 @@ class Estimator:
         last, rate = self._last, self._settings.stream_rate
         checked_stamp(state.stamp)
         if self._stream is None or model is not self._model:
+            _check_estimates(model)
             self._model, self._stream = model, model.corrector.stream()
             self._bound = RateBound(np.full(len(model.corrector.types), rate)) if np.isfinite(rate) else None
         elif last is not None and (state.session != last.session or state.stamp < last.stamp - CLOCK_STEP):
@@ -145,6 +146,19 @@ class Estimator:
         if self._refused % LOG_EVERY == 0:
             self._logger.warning("sample refused", status=status, cause=error.message, refused=self._refused + 1)
         self._refused += 1
+
+
+def _check_estimates(model: JointModel) -> None:
+    """Refuse a model that answers another question than where the reported joints really are."""
+    info = model.corrector.info()
+    direction, signal = info.get("direction", "estimate"), info.get("input", "measured_jp")
+    if direction != "estimate" or signal != "measured_jp":
+        what = "says what to command" if direction != "estimate" else f"was learned from {signal}"
+        raise ServiceError(
+            "NO_MODEL",
+            f"joint model {model.id} {what}, and measured_js holds what the robot reports.",
+            hint="Estimates need a model of reported joints: gpcorrect joint fit --input measured_jp",
+        )
 
 
 def stream_queue(

@@ -1,0 +1,87 @@
+"""No output takes the place of a file of another kind: recordings, models and hand-written files stay."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from cli_support import CommandLine, assert_refused
+
+from gpcorrect.atomic import require_own
+from gpcorrect.calibration import CommandCorrector, save
+from gpcorrect.errors import GpCorrectError
+from gpcorrect.logs import read_log, write_log
+
+OVER_A_LOG = (
+    ("fit", "other.csv", "-o", "log.csv"),  # what a shell makes of: fit other.csv -o log*.csv
+    ("joint", "fit", "log.csv", "-o", "log.csv"),
+    ("joint", "rezero", "model.gpc", "other.csv", "-o", "log.csv"),
+    ("update", "model.gpc", "other.csv", "-o", "log.csv"),
+    ("explore", "model.gpc", "-o", "log.csv"),
+    ("drift", "model.gpc", "other.csv", "--plot", "log.csv"),
+    ("simulate", "debridement", "--reaches", "2", "-o", "log.csv"),
+    ("zigzag", "-o", "log.csv"),
+    ("zigzag", "-o", "new.csv", "--plot", "log.csv"),
+    ("robot", "extract", "log.csv", "--every", "2", "-o", "log.csv"),
+    ("vision", "fit", "log.csv", "-o", "log.csv"),
+    ("vision", "board", "-o", "log.csv"),
+    ("vision", "calibrate", "rig.toml", "-o", "rig.toml"),
+    ("vision", "rig", ".", "-o", "rig.toml"),
+    ("fit", "log.csv", "-o", "new.gpc", "--report", "notes.html"),
+    ("explore", "model.gpc", "-o", "model.gpc"),
+    ("drift", "model.gpc", "log.csv", "--plot", "model.gpc"),
+    ("convert", "log.csv", "map.parquet", "--columns", "map.toml"),
+)
+
+
+@pytest.mark.parametrize("words", OVER_A_LOG, ids=" ".join)
+def test_a_command_never_replaces_a_file_of_another_kind(
+    gpcorrect: CommandLine, log_file: Path, small_model: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    """Refused before the work, and every file is what it was."""
+    folder = log_file.parent
+    monkeypatch.chdir(folder)
+    shutil.copy(log_file, "other.csv")
+    shutil.copy(small_model, "model.gpc")
+    for name in ("rig.toml", "map.toml", "notes.html"):
+        Path(name).write_text("[tracker_cp]  # by hand")
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    assert_refused(gpcorrect(*words), "is there already")
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_model_is_saved_over_a_model_and_over_nothing_else(
+    small_corrector: CommandCorrector, log_file: Path, tmp_path: Path
+) -> None:
+    """From Python too; an empty file holds nothing that could be lost."""
+    target = tmp_path / "model.gpc"
+    target.touch()
+    for _ in range(2):
+        save(small_corrector, target)
+    with pytest.raises(GpCorrectError, match="no model file"):
+        save(small_corrector, log_file)
+
+
+def test_what_a_simulator_made_may_be_made_again(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """A simulated recording is replaced; one that names no simulator stays."""
+    target, words = tmp_path / "log.csv", ("simulate", "debridement", "--reaches", 2, "--output")
+    for seed in (1, 2):
+        assert gpcorrect(*words, target, "--seed", seed).code == 0
+    shutil.copy(target, tmp_path / "real.csv")
+    assert_refused(gpcorrect(*words, tmp_path / "real.csv"), "not overwritten")
+
+
+def test_a_sidecar_replaces_no_file_of_another_log(log_file: Path, tmp_path: Path) -> None:
+    """`lab.toml`, which may be a mapping by hand, stays where `lab.csv` is not its log."""
+    (tmp_path / "lab.toml").write_text("[tracker_cp]")
+    with pytest.raises(GpCorrectError, match="is there already"):
+        write_log(read_log(log_file), tmp_path / "lab.csv")
+    assert (tmp_path / "lab.toml").read_text() == "[tracker_cp]"
+
+
+def test_an_output_of_its_own_kind_is_replaced(tmp_path: Path) -> None:
+    """The look before the work takes what begins as it should."""
+    page = tmp_path / "page.html"
+    page.write_text("\n<!DOCTYPE html>")
+    require_own(page, rb"(?i)\s*<!doctype html", "page")

@@ -1,0 +1,59 @@
+"""A joint model that answers another question than the one before it never takes its place unseen."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import pytest
+
+from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, fit_model, save
+from gpcorrect.errors import ArtifactError
+from gpcorrect.sim import joint_motion_log, preset
+from gpcorrect_service import ServerSettings
+from gpcorrect_service.ops.logger import open_logger
+from gpcorrect_service.ops.metrics import Counters
+from gpcorrect_service.protocol.codec import MSGPACK
+from gpcorrect_service.protocol.messages import JointState
+from gpcorrect_service.server.models import Active, load_joint_model
+from gpcorrect_service.server.stream import Estimator, StreamSample
+
+USES = {"estimate": {}, "command": {"direction": "command"}, "planned": {"input_signal": "setpoint_jp"}}
+
+
+@pytest.fixture(scope="module")
+def joint_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Model files of the same joints: where they are, what to command, and where they are by what was commanded."""
+    folder, log, made = tmp_path_factory.mktemp("uses"), joint_motion_log(preset("raven2_calibration"), 3, 4.0), {}
+    for name, use in USES.items():
+        made[name] = folder / f"{name}.gpc"
+        settings = FitSettings(method="offset", time_offset="none", **use)
+        save(fit_model(log, settings, task=JointCorrector).corrector, made[name])
+    return made
+
+
+@pytest.mark.parametrize("name", ["command", "planned"])
+def test_only_a_model_of_reported_joints_estimates_where_they_are(joint_files: dict[str, Path], name: str) -> None:
+    """Samples of the stream are refused and counted, for the other way round the error would double."""
+    for file, answered in (("estimate", True), (name, False)):
+        model, counters = load_joint_model(joint_files[file]), Counters()
+        estimator = Estimator(Active(joints=model), ServerSettings(), counters, open_logger(io.StringIO()), lambda: 1.0)
+        middle = (model.corrector.trained.low + model.corrector.trained.high) / 2
+        sample = StreamSample(
+            MSGPACK.encode(JointState(10.0, tuple(middle.tolist()))), MSGPACK.encoding("joint_state"), 1.0
+        )
+        assert (estimator.estimate(sample) is not None) == answered
+        assert ("NO_MODEL" in str(counters.counts())) == (not answered)
+
+
+def test_a_model_that_answers_otherwise_is_not_activated(joint_files: dict[str, Path], tmp_path: Path) -> None:
+    """The other direction and another signal are refused by the store; the description names the joints' types."""
+    store = ModelStore(tmp_path / "store")
+    entries = {name: store.add(path, now=0.0) for name, path in joint_files.items()}
+    store.activate(entries["estimate"])
+    assert store.verified(entries["estimate"]).info()["types"] == "RRP"
+    for name, word in (("command", "direction command"), ("planned", "input setpoint_jp")):
+        with pytest.raises(ArtifactError, match=word):
+            store.activate(entries[name])
+    assert store.active("joints") == entries["estimate"]
+    assert [entry.id for entry in store.history("joints")] == ["estimate"]
