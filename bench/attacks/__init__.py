@@ -18,4 +18,5 @@ GROUPS = (
     "metrics",
     "histories",
     "reaching",
+    "mixups",
 )

@@ -76,7 +76,7 @@ def test_bad_requests_end_with_status_2(gpcorrect: CommandLine, joints: Path, tm
     assert_refused(gpcorrect("joint", "fit", joints, "--features", "colour", *out), "colour")
     assert_refused(gpcorrect("joint", "fit", joints, "--input", "tracker", *out), "measured_jp")
     assert_refused(gpcorrect("joint", "fit", joints, "--method", "network", "--layers", "wide", *out), "600,500,400")
-    assert_refused(gpcorrect("zigzag", "--limits", "60:20,55:110,330:420", *out), "lowest")
+    assert_refused(gpcorrect("zigzag", "--limits", "60:20,55:110,330:420", "--output", tmp_path / "z.csv"), "lowest")
 
 
 def test_bad_recordings_are_refused_by_name(gpcorrect: CommandLine, tmp_path: Path) -> None:

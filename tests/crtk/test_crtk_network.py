@@ -159,6 +159,20 @@ def test_a_ros_node_that_comes_late_hears_the_state():
     assert any("/MP/" in t and "%arm1%operating_state" in t and t.endswith("/:1:,1:,:,:,,") for t in tokens)
 
 
+def test_an_arm_has_one_prefilter():
+    """A second one is refused, for the robot would follow two models in turn; another arm has its own."""
+    filtering = Prefilter(model(ShiftCorrector()))
+    end, log = free_endpoint(), open_logger()
+    with Bus(BusSettings(end, role="hub")), Bus(BusSettings(end, "arm2")) as other:
+        with Bus(BusSettings(end)) as first:
+            FilterServer(filtering, first, log)
+            FilterServer(filtering, other, log)
+            with Bus(BusSettings(end)) as second, pytest.raises(DataError, match="another prefilter"):
+                FilterServer(filtering, second, log)
+        with Bus(BusSettings(end)) as later:
+            FilterServer(filtering, later, log)
+
+
 def test_the_prefilter_stands_between_planner_and_robot():
     """A robot that listens to the pre-filter alone goes where the corrected command says, not where the planner did."""
     corrector = ShiftCorrector()

@@ -119,6 +119,8 @@ def test_a_robot_moves_behind_the_secured_router(site: Path) -> None:
             target=FilterServer(Prefilter(model(ShiftCorrector())), bus, open_logger()).run, args=(stop,), daemon=True
         )
         filtering.start()
+        with Bus(places["prefilter"]) as second, pytest.raises(DataError, match="another prefilter"):
+            FilterServer(Prefilter(model(ShiftCorrector())), second, open_logger())
 
         def moved_and_shown() -> bool:
             now = time.time()

@@ -26,6 +26,7 @@ from gpcorrect_service.protocol.settings import RosDistro, check_loopback
 
 __all__ = ["Bus", "BusSettings", "Inbox", "check_place", "in_namespace", "open_session", "read_message"]
 
+CLAIM_SECONDS = 2.0  # chosen by hand: in which a router says who else there is; it answers at once
 RETRY = {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 2}
 
 
@@ -122,6 +123,28 @@ class Bus:
             Of the topic.
         """
         return f"{self.settings.namespace}/{self.settings.arm}/{name}"
+
+    def claim(self, role: str) -> None:
+        """Be the only one of a role at this arm for as long as the session lasts; two at once both hear of each other.
+
+        Parameters
+        ----------
+        role : str
+            Behind the arm's name, such as "prefilter".
+
+        Raises
+        ------
+        DataError
+            Another process has that role.
+        """
+        live, own = self._session.liveliness(), self.key(f"{role}/{self._session.info.zid()}")
+        self._stack.enter_context(live.declare_token(own))
+        tokens = [reply.ok for reply in live.get(self.key(f"{role}/*"), timeout=CLAIM_SECONDS)]
+        if any(token is not None and str(token.key_expr) != own for token in tokens):
+            raise DataError(
+                f"another {role} is at work for {self.key('')[:-1]}: the robot would hear every command twice.",
+                hint="Stop it first; one that was cut off from the network is forgotten after ten seconds.",
+            )
 
     def publish(self, name: str, message: Message) -> None:
         """Send a message; it is dropped where a listener cannot keep up.

@@ -33,6 +33,7 @@ from gpcorrect_service.protocol.limits import (
     checked_stamp,
     checked_twist,
 )
+from gpcorrect_service.protocol.live import PREFILTER
 from gpcorrect_service.server.models import Model
 
 __all__ = ["FilterServer", "Prefilter", "PrefilterSettings"]
@@ -284,9 +285,15 @@ class FilterServer:
     bus : Bus
     logger : Logger
         Where refusals are written, the first and every thousandth.
+
+    Raises
+    ------
+    DataError
+        Another pre-filter corrects this arm: a robot that hears both would follow two models in turn.
     """
 
     def __init__(self, prefilter: Prefilter, bus: Bus, logger: Logger) -> None:
+        bus.claim(PREFILTER)
         self._prefilter, self._bus, self._logger = prefilter, bus, logger
         self._waiting: Queue[tuple[str, Correct, Pose]] = Queue(WAITING)
         self._refused = 0

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from gpcorrect_service.protocol.cdr import CORRECT
-from gpcorrect_service.protocol.live import LIVE_KEYS
+from gpcorrect_service.protocol.live import LIVE_KEYS, PREFILTER
 from gpcorrect_service.protocol.rmw import dds_name
 
 __all__ = ["ROLES", "USERS", "access_rules"]
@@ -21,7 +21,7 @@ ROLES: dict[str, tuple[str, ...]] = {
     "operator": (*ASKED, "metrics", "model/list", "admin/**"),
     "monitor": ("health", "metrics", "model"),
 }
-ROBOT, PREFILTER = "robot", "prefilter"  # ask nobody, and are asked by nobody
+ROBOT = "robot"  # it and the pre-filter ask nobody, and are asked by nobody
 USERS = (*ROLES, ROBOT, PREFILTER)
 
 # The ROS 2 service of any domain, arm and distribution, and the tokens of the ROS graph; neither has a namespace.
@@ -108,6 +108,9 @@ def _rights(user: str, namespace: str) -> list[Right]:
         everything = full(["**"])
         rights.append(("answers", ["ingress"], ["reply", "declare_queryable", "liveliness_token"], everything))
         rights.append(("is asked", ["egress"], ["query"], everything))
+    elif user == PREFILTER:
+        own, both = full([f"{PREFILTER}/*"]), ["ingress", "egress"]
+        rights.append(("is the only one", both, ["liveliness_token", "liveliness_query"], own))
     elif user in ROLES:
         live = full([LIVE_KEYS])
         rights.append(("asks who lives", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], live))
