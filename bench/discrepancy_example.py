@@ -26,7 +26,12 @@ NOMINAL = {
     "arm": "raven2_left",
     "joints": [1, 2, 3],
     "log_rate_hz": 50.0,
-    "noise": {"external_jp_white": [2e-4, 2e-4, 3e-5], "external_jp_ar_std": [1e-4, 1e-4, 1e-5]},
+    "noise": {
+        "external_jp_white": [2e-4, 2e-4, 3e-5],
+        "external_jp_ar_std": [1e-4, 1e-4, 1e-5],
+        "tracker_white": 1e-4,
+        "tracker_rotation_white": 1e-3,
+    },
 }
 HIDDEN = (
     {"name": "cable_stretch", "joint": 2, "stiffness": 900.0},

@@ -4,7 +4,7 @@
     python bench/gallery.py fit=demo_output/report/report.html debride=demo_output/task.html monitor=http://127.0.0.1:8080/
 
 Every page is opened in Chromium, must not complain on the console nor be wider than its window, and is written with few
-colours, so that the folder stays below 2 MB.
+colours, so that the folder stays below 3 MB.
 """
 
 from __future__ import annotations

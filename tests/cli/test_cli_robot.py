@@ -113,7 +113,7 @@ def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
     assert knowing["success_rate"] >= 0.5
     assert blind["success_rate"] == 0.0
     assert knowing["seconds_per_fragment"] < looking["seconds_per_fragment"]
-    assert json.loads(done.out)["served"][0].startswith("arm1 ")
+    assert json.loads(done.out)["served"][0].startswith("arm1, SHA-256 ")
     assert (tmp_path / "arm1.gpc").exists()
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
 

@@ -16,6 +16,8 @@ from support import Once, small_log
 from gpcorrect.calibration import CommandCorrector, Evaluation, evaluate_model
 from gpcorrect.report import write_evaluation_report
 from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, charts_data
+from gpcorrect.report.page import Page as ReportPage
+from gpcorrect.report.page import Section, TableData, write_page
 
 WIDE = 1280  # px
 
@@ -162,6 +164,22 @@ def test_nothing_is_wider_than_the_window(page: Page, written: Path, width: int)
     page.open(written.resolve().as_uri(), width, 900)
     page.wait_for("document.querySelectorAll('.chart svg').length > 5")
     assert page.run("document.documentElement.scrollWidth") <= width
+
+
+def test_a_long_table_opens_at_the_chosen_row(tmp_path: Path) -> None:
+    """The row that the charts show is in sight inside its table, and the page is at its top."""
+    keys = [str(number) for number in range(60)]
+    table = TableData(["trajectory", "mm"], [[key, "1"] for key in keys], keys=keys)
+    write_page(ReportPage("many", "sixty", (), (Section("All", (), (table,)),), chosen="50"), tmp_path / "page.html")
+    with browser(tmp_path / "profile") as page:
+        page.open((tmp_path / "page.html").as_uri(), WIDE, 900)
+        page.wait_for("document.querySelector('tr[aria-selected=true]')?.dataset.key == '50'")
+        row, box = (
+            page.run(f"(({{top, bottom}}) => [top, bottom])(document.querySelector('{what}').getBoundingClientRect())")
+            for what in ("tr[aria-selected=true]", ".scroll")
+        )
+        assert box[0] < row[0] < row[1] < box[1]
+        assert page.run("window.scrollY") == 0
 
 
 def test_the_page_stands_alone_and_says_how_it_was_made(written: Path) -> None:

@@ -48,4 +48,8 @@ for (const figure of document.querySelectorAll(".chart")) {
   (chart.space ? space : plot)(figure, chart);
 }
 const first = DATA.chosen || document.querySelector("tr[data-key]")?.dataset.key;
-if (first) choose(first);
+if (first) {
+  choose(first);
+  const row = document.querySelector("tr[aria-selected=true]"), box = row?.closest(".scroll");
+  if (box) box.scrollTop = row.offsetTop - box.clientHeight / 2; // the page itself stays at its top
+}

@@ -109,7 +109,7 @@ def debride(
             done.append(found)
             progress.step("sets of fragments", len(done) / sets)
         conditions = Condition.joined(done)
-    facts = _facts(conditions, [f"{m.id} {m.hash[:12]} by {m.replica}" for m in served], chosen)
+    facts = _facts(conditions, [f"{m.id}, SHA-256 {m.hash}, by {m.replica}" for m in served], chosen)
     _draw(scene, places, conditions, facts, picture, animation, page)
     if json:
         print_json(facts)

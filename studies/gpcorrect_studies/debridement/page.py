@@ -56,7 +56,6 @@ def write_debride_page(
         facts=[
             ("paper", f"{facts['paper']['times_faster']} times, {facts['paper']['seconds_per_fragment']} s a fragment"),
             ("corrected", "in full" if facts["mode"] == "full" else "at the endpoints"),
-            *(("served by", served) for served in facts["served"]),
         ],
         sections=[
             Section(
@@ -80,6 +79,7 @@ def write_debride_page(
                 ],
             ),
         ],
+        sources=[("model", served) for served in facts["served"]],
         chosen=conditions[1].name,
         chooses="way:",
     )
