@@ -207,7 +207,7 @@ def answers(path: Path, log: CalibrationLog) -> np.ndarray[Any, Any]:
         json.dumps(model.summary)
         with out.capture():
             show_model(model, "")
-        model.caution_seen(log)
+        model.cautions(log)
         measured = model.measure(log, np.ones(len(log), dtype=bool))
         return np.vstack([np.hstack([measured.corrected, measured.interval95]), streamed(model, log)])
 

@@ -43,14 +43,14 @@ class Evaluation:
     """A model measured on one log twice: on the samples that pass cleaning, and on all of them as they came.
 
     The clean set has velocities that never cross a rejected sample; the dirty set has those that the path as it came
-    shows. `first_caution` is what a reader must know of the data before all else.
+    shows. `first` is what a reader must know of the data before all else.
     """
 
     corrector: Corrector
     clean: Measured
     dirty: Measured
     cleaning: CleaningReport
-    first_caution: str = ""
+    first: tuple[str, ...] = ()
 
     @property
     def clean_errors(self) -> dict[str, Any]:
@@ -71,7 +71,7 @@ class Evaluation:
     def cautions(self) -> tuple[str, ...]:
         """What a reader must know before using the model: parts where learning did not beat the simplest remedy."""
         clean = self.clean
-        sentences = [self.first_caution] if self.first_caution else []
+        sentences = list(self.first)
         for name, unit, columns, scale in self.corrector.parts(clean.raw.shape[1]):
             before, after = (scale * _rmse(errors[:, columns]) for errors in (clean.registered, clean.corrected))
             if after >= before > 0:
@@ -211,7 +211,7 @@ def _measured(result: FitResult, log: CalibrationLog, held: BoolArray, pair: Pai
         "part was not, and its errors hold that time. If the clocks do differ, state it: "
         f"--time-offset {clocks.applied:.4g}; if the robot is that late: --time-offset none"
     )
-    return replace(evaluate_model(result.corrector, log, cleaning, held=held), first_caution=caution)
+    return replace(evaluate_model(result.corrector, log, cleaning, held=held), first=(caution,) if caution else ())
 
 
 def evaluate_model(
@@ -238,7 +238,7 @@ def evaluate_model(
     DataError
         Its stamps cannot be seconds.
     """
-    seen = corrector.caution_seen(log) if held is None else ""
+    first = corrector.cautions(log) if held is None else ()
     held = np.ones(len(log), dtype=bool) if held is None else held
     cleaning = cleaning or corrector.clean(log if held.all() else log.select(held))
     if not cleaning.keep.any():
@@ -254,7 +254,7 @@ def evaluate_model(
     place = np.cumsum(held) - 1
     clean, dirty = (corrector.measure(log, keep) for keep in (passed, held))
     clean, dirty = (replace(measured, rows=place[measured.rows]) for measured in (clean, dirty))
-    return Evaluation(corrector, clean, dirty, cleaning, seen)
+    return Evaluation(corrector, clean, dirty, cleaning, first)
 
 
 def part_errors(corrector: Corrector, measured: Measured) -> tuple[PartErrors, ...]:

@@ -197,6 +197,8 @@ class JointCorrector(ViewCorrector):
         ------
         DataError
             The run has less than five seconds with outside encoders, or is of more than one session.
+        LogError
+            It names another arm.
         """
         sessions = np.unique(log.session)
         if len(sessions) > 1:
@@ -204,6 +206,7 @@ class JointCorrector(ViewCorrector):
                 f"every homing has zeros of its own; the run is of {len(sessions)} sessions.",
                 hint="Give one recording, made after the last homing.",
             )
+        self.refuse_other_arm(log)
         self.refuse_misread(log)
         measured = self.measure(log, np.ones(len(log), dtype=bool))
         seconds = float(np.ptp(measured.time))

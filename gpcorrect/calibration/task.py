@@ -20,6 +20,7 @@ from gpcorrect.calibration.metrics import Z95, coverage
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, fit_cleaner
+from gpcorrect.errors import LogError
 from gpcorrect.gpr import LeftOut
 from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
@@ -352,14 +353,42 @@ class Corrector(ABC):
             log, self.cleaner.settings, rng=np.random.default_rng(0), pair=self.cleaner.pair, rigid=self.cleaner.rigid
         )[1]
 
-    def caution_seen(self, log: CalibrationLog) -> str:
-        """Return a warning where the model has learned from a recording of the log already; empty otherwise.
+    def refuse_other_arm(self, log: CalibrationLog) -> None:
+        """Refuse to learn from a log that names another arm than the model's.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+            To learn from.
+
+        Raises
+        ------
+        LogError
+            Both name their arm, and differently.
+        """
+        said = self._caution_arm(log)
+        if said:
+            raise LogError(f"{said}.", path=log.name, hint="Each arm has a model of its own: gpcorrect fit")
+
+    def _caution_arm(self, log: CalibrationLog) -> str:
+        own, other = self.summary.get("arm"), log.meta.arm
+        return (
+            f"the model was learned on {own}, and this recording is of {other}"
+            if own and other not in ("", own)
+            else ""
+        )
+
+    def cautions(self, log: CalibrationLog) -> tuple[str, ...]:
+        """Return what makes errors on a log other than those of new motion of the model's arm, a sentence each.
 
         Parameters
         ----------
         log : CalibrationLog
             To measure on or learn from.
         """
+        return tuple(said for said in (self._caution_seen(log), self._caution_arm(log)) if said)
+
+    def _caution_seen(self, log: CalibrationLog) -> str:
         learned = [self.summary.get("data", {}), *self.summary.get("updates", [])]
         known = {digest for entry in learned for digest in entry.get("recordings", [])}
         again = sum(digest in known for digest in log.recordings)

@@ -97,10 +97,11 @@ def update_model(
     Raises
     ------
     LogError
-        The log lacks signals, or too few trajectories to hold one out.
+        The log lacks signals, or too few trajectories to hold one out; or it names another arm.
     DataError
         The model's method cannot take more data, or the log's stamps cannot be seconds.
     """
+    corrector.refuse_other_arm(log)
     held = held_out(log, holdout)
     train = log.select(~held) if held.any() else log
     progress = progress or Progress()

@@ -55,7 +55,7 @@ def update(
     require_model_place(target)
     corrector = load(model)
     log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
-    for sentence in (*clocks.notes, corrector.caution_seen(log)):
+    for sentence in (*clocks.notes, *corrector.cautions(log)):
         if sentence:
             note(sentence)
     with progress_bar(quiet=json) as progress:
@@ -142,7 +142,7 @@ def drift(
     for i, path in enumerate(logs):
         log = reading.joint_log([path]) if isinstance(corrector, JointCorrector) else reading.log([path])
         matched, clocks = corrector.on_one_clock(log, reading.clock_left)
-        for sentence in (*clocks.notes, corrector.caution_seen(log)):
+        for sentence in (*clocks.notes, *corrector.cautions(log)):
             if sentence:
                 note(f"{path}: {sentence}")
         parts.append(corrector.measure(matched, corrector.clean_afresh(matched).keep).scores)

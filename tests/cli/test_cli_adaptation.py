@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from cli_support import CommandLine, assert_refused, written
 from support import small_log
 
-from gpcorrect.calibration import load
+from gpcorrect.calibration import load, save
 
 
 @pytest.fixture
@@ -74,3 +75,16 @@ def test_bad_input_is_refused(gpcorrect: CommandLine, model: Path, days: list[Pa
     assert_refused(gpcorrect("drift", model, *days, "--age", 1), "one --age a log")
     assert_refused(gpcorrect("drift", model, *days, "--false-alarms", 0.5), "more than 1")
     assert_refused(gpcorrect("drift", model, *days, "--plot", tmp_path / "no" / "d.png"), "no")
+
+
+def test_recordings_of_another_arm_teach_nothing(gpcorrect: CommandLine, model: Path, tmp_path: Path) -> None:
+    """A model of PSM1 is not updated with what PSM2 did, and says so where it is measured on it."""
+    corrector, log = load(model), small_log()
+    save(replace(corrector, summary={**corrector.summary, "arm": "left"}), tmp_path / "left.gpc")
+    before = (tmp_path / "left.gpc").read_bytes()
+    other = written(replace(log, meta=replace(log.meta, arm="right")), tmp_path / "right.csv")
+    words = "the model was learned on left, and this recording is of right"
+    assert_refused(gpcorrect("update", tmp_path / "left.gpc", other, "--force"), words)
+    assert (tmp_path / "left.gpc").read_bytes() == before
+    for measuring in ("evaluate", "drift"):
+        assert words in gpcorrect(measuring, tmp_path / "left.gpc", other).err.replace("\n", " ")
