@@ -372,11 +372,9 @@ class Corrector(ABC):
 
     def _caution_arm(self, log: CalibrationLog) -> str:
         own, other = self.summary.get("arm"), log.meta.arm
-        return (
-            f"the model was learned on {own}, and this recording is of {other}"
-            if own and other not in ("", own)
-            else ""
-        )
+        if not own or other in ("", own):
+            return ""
+        return f"the model was learned on {own}, and this recording is of {other}"
 
     def cautions(self, log: CalibrationLog) -> tuple[str, ...]:
         """Return what makes errors on a log other than those of new motion of the model's arm, a sentence each.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -165,6 +165,44 @@ def pose_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
     remarks = (f"{bad} samples of {name} have no valid rotation; it counts as missing.",) if bad else ()
     pose = PoseSignal(table[:, :3], None if np.isnan(table[:, 3:]).all() else quaternion)
     return Decoded((Stream(name, times.stamp, pose, times.receive, recorded.topic),), remarks)
+
+
+def in_one_order(recorded: Mapping[str, Recorded]) -> tuple[dict[str, Recorded], tuple[str, ...]]:
+    """Give the joints of all joint states the order that the first topic names them in; and remarks on it.
+
+    Parameters
+    ----------
+    recorded : mapping of str to Recorded
+        Messages by kind.
+
+    Raises
+    ------
+    LogError
+        Two topics name a joint at different places, and not the same joints.
+    """
+    ordered, remarks, order, first = dict(recorded), [], None, ""
+    for kind in JOINT_SIGNALS:
+        if kind not in recorded:
+            continue
+        one = recorded[kind]
+        names = one.rows[0][0]
+        if len(set(names)) < max(len(names), 1):  # without names, or with the same twice, none is known
+            continue
+        if order is None:
+            order, first = names, one.topic
+        elif any(name in order and order.index(name) != place for place, name in enumerate(names)):
+            if sorted(names) != sorted(order):
+                raise LogError(f"{first} holds the joints {', '.join(order)}, and {one.topic} {', '.join(names)}.")
+            ordered[kind] = replace(one, rows=[_moved(row, names, order) for row in one.rows])
+            remarks.append(f"{one.topic} names its joints in another order than {first}: that of {first} was taken.")
+    return ordered, tuple(remarks)
+
+
+def _moved(row: tuple[Any, ...], names: tuple[str, ...], order: tuple[str, ...]) -> tuple[Any, ...]:
+    if row[0] != names:
+        return row  # refused later: the joints change from message to message
+    places = [names.index(name) for name in order]
+    return (order, *(part[places] if len(part) == len(names) else part for part in row[1:]))
 
 
 def joint_streams(name: str, recorded: Recorded, times: Times) -> Decoded:

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 from gpcorrect.errors import GpCorrectError, LogError, MissingExtraError
 from gpcorrect.logs.columns import ReadSettings
-from gpcorrect.logs.messages import Recorded, Times, array_row, joint_row, joint_streams, pose_row, pose_streams
+from gpcorrect.logs.messages import (
+    Recorded,
+    Times,
+    array_row,
+    in_one_order,
+    joint_row,
+    joint_streams,
+    pose_row,
+    pose_streams,
+)
 from gpcorrect.logs.raven2 import RAVEN_STATE_DEFINITION, RAVEN_STATE_TYPE, raven_row, raven_streams
 from gpcorrect.logs.streams import combine
 from gpcorrect.logs.tf import TF_TYPES, Tree, frames_of
@@ -34,7 +43,8 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
         choice = choose_topics({c.topic: c.msgtype for c in bag.connections if c.msgcount}, options)
         recorded = _record(bag, choice.topics)
         origin = bag.start_time
-    remarks, parts = list(choice.remarks), []
+    recorded, moved = in_one_order(recorded)
+    remarks, parts = [*choice.remarks, *moved], []
     for kind, messages in recorded.items():
         times = Times.of(messages, origin, options.clock)
         if kind == "raven_state":

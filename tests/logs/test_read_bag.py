@@ -125,6 +125,22 @@ def test_the_base_and_the_longest_gap_can_be_set_in_the_mapping(tmp_path: Path):
     assert np.isfinite(read_log(bag, columns=mapping).tracker_cp.position[:, 0]).sum() == 3
 
 
+def test_joints_are_matched_by_name_and_not_by_place(tmp_path: Path):
+    """Where a topic names the same joints in another order, its columns go where the first topic has them."""
+    turned = [4, 2, 0, 5, 3, 1]
+    names = "".join("abcdef"[k] for k in turned)
+    sent = [joint_state("/p/setpoint_js", JOINTS[k], t) for k, t in enumerate(TICKS)]
+    true = [joint_state("/p/external_js", 2 * JOINTS[k][turned], t, names=names) for k, t in enumerate(TICKS)]
+    log = read_log(write_bag(tmp_path / "r", sent + true, "bag"))
+    np.testing.assert_array_equal(log.external_jp, 2 * log.setpoint_jp)
+    assert log.remarks == (
+        "/p/external_js names its joints in another order than /p/setpoint_js: that of /p/setpoint_js was taken.",
+    )
+    other = [joint_state("/p/external_js", JOINTS[k], t, names="bcdefg") for k, t in enumerate(TICKS)]
+    with pytest.raises(LogError, match="holds the joints a, b, c"):
+        read_log(write_bag(tmp_path / "s", sent + other, "bag"))
+
+
 def test_several_robots_must_be_chosen_from_by_namespace(tmp_path: Path):
     other = [joint_state("/PSM2/measured_js", JOINTS[k, :3], t) for k, t in enumerate(TICKS)]
     bag = write_bag(tmp_path / "r", robot() + other, "bag")
