@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
+from gpcorrect.atomic import require_new
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, split_names, styled
 from gpcorrect.cli.options import (
     Clean,
@@ -111,20 +112,40 @@ def fit(
 
 
 @takes_groups
-def evaluate(model: ModelFile, logs: Logs, reading: Reading, report: Report = None, json: Json = False) -> None:
+def evaluate(
+    model: ModelFile,
+    logs: Logs,
+    reading: Reading,
+    report: Report = None,
+    mcap: Annotated[
+        Path | None,
+        typer.Option(help="Folder to write: the measured poses as a ROS 2 recording (MCAP), for Foxglove and RViz."),
+    ] = None,
+    json: Json = False,
+) -> None:
     """Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.
 
-    Example: gpcorrect evaluate model.gpc tuesday.csv wednesday.bag --report tuesday.html
+    For example:
+
+    gpcorrect evaluate model.gpc tuesday.csv wednesday.bag --report tuesday.html
+
+    gpcorrect evaluate model.gpc tuesday.csv --mcap tuesday_poses
     """
     from gpcorrect.calibration import evaluate_model, load
 
     page = None if report is None else report_page(report)
+    if mcap is not None:
+        require_new(mcap)
     corrector = load(model)
     log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
     measured = evaluate_model(corrector, log)
     result = {"n_test": len(measured.clean.rows), "dropped": dict(measured.cleaning.counts), **measured.to_dict()}
     if page is not None:
         write_evaluation_page(measured, log, model, clocks.notes, page)
+    if mcap is not None:
+        from gpcorrect.report.mcap_file import write_mcap  # the report's libraries are an extra
+
+        write_mcap(measured, log, mcap)
     if json:
         print_json(result)
         return
@@ -136,6 +157,8 @@ def evaluate(model: ModelFile, logs: Logs, reading: Reading, report: Report = No
     out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} %; {100 * result['in_domain']:.1f} % in domain")
     if page is not None:
         out.print(f"report: {page}")
+    if mcap is not None:
+        out.print(f"poses: {mcap}")
 
 
 def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
