@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from service_support import PATIENT, ServerProcess, store_process
+from service_support import PATIENT, ServerProcess, store_process, wait_for
 
 from gpcorrect.calibration import ModelStore, load, model_hash
 from gpcorrect.types import FloatArray
@@ -136,3 +136,22 @@ def test_a_paused_server_refuses_and_goes_on(server: ServerProcess, operator: Op
         operator.set_state("ENABLED")
         assert client.correct([0.0, 0.0, -0.1, 1.0, 0.0, 0.0, 0.0]).fallback == ""
         assert 'gpcorrect_state{state="ENABLED"} 1.0' in client.metrics()
+
+
+def test_servers_that_differ_afterwards_are_named(tmp_path: Path, model_files: tuple[Path, Path]) -> None:
+    """One name for two models, and a model that only one server has: the operator hears that they differ now."""
+    monday, tuesday = model_files
+    stores = [ModelStore(tmp_path / name) for name in "ab"]
+    for store, path in zip(stores, (monday, tuesday), strict=True):
+        store.add(path, now=0.0, name="best")
+    stores[0].add(tuesday, now=1.0, name="only here")
+    with store_process(stores[0].folder) as one, store_process(stores[1].folder) as other:
+        settings = ClientSettings((one.endpoint, other.endpoint), connect_timeout=PATIENT)
+        with Operator(settings, patience=PATIENT) as operator:
+            wait_for(lambda: len(operator.models()) == 2)
+            with pytest.raises(ServiceError, match="different models in the servers' stores") as found:
+                operator.activate("best")
+            assert found.value.status == "OTHER_MODEL"
+            with pytest.raises(ServiceError, match=r"names no model.* 1 of 2 servers refused; .* did it"):
+                operator.activate("only here")
+            assert len(operator.activate(model_hash(tuesday))) == 2

@@ -26,7 +26,7 @@ from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings
 
 __all__ = ["Operator"]
 
-S = TypeVar("S", bound=msgspec.Struct)
+S = TypeVar("S", ModelListAnswer, ActivateAnswer, StateAnswer)
 
 
 class Operator:
@@ -68,7 +68,7 @@ class Operator:
         return self._ask("model/list", ModelListAnswer)
 
     def activate(self, model: str, *, back: bool = False) -> list[ActivateAnswer]:
-        """Make every server answer with a model of its store; raises as :meth:`models`.
+        """Make every server answer with a model of its store.
 
         Parameters
         ----------
@@ -76,8 +76,21 @@ class Operator:
             Its name, or the beginning of its hash.
         back : bool
             Whether it is the one before, for which the present one is given up.
+
+        Raises
+        ------
+        ServiceError
+            As :meth:`models`; OTHER_MODEL: its name means different models in the stores of different servers.
         """
-        return self._ask("admin/activate", ActivateAnswer, ActivateRequest(model, back))
+        answers = self._ask("admin/activate", ActivateAnswer, ActivateRequest(model, back))
+        if len({answer.hash for answer in answers}) > 1:
+            found = ", ".join(f"{answer.replica} has {answer.hash[:12]}" for answer in answers)
+            raise ServiceError(
+                "OTHER_MODEL",
+                f"{model} names different models in the servers' stores, and each activated its own: {found}.",
+                hint="Activate one that all stores hold, by its hash: gpcorrect models list",
+            )
+        return answers
 
     def set_state(self, state: Literal["ENABLED", "PAUSED"]) -> list[StateAnswer]:
         """Pause every server, or let it go on; raises as :meth:`models`.
@@ -109,7 +122,10 @@ class Operator:
                 except ServiceError as error:
                     refusals.append(error)
         if refusals:
-            raise refusals[0]
+            first, others = refusals[0], ", ".join(answer.replica for answer in answers)
+            more = f" {len(refusals)} of {len(refusals) + len(answers)} servers refused; {others} did it."
+            cause = first.message + (more if others else "")
+            raise ServiceError(first.status, cause, hint=first.hint, request_id=first.request_id)
         if not answers:
             raise no_service(settings=self._settings)
         return answers
