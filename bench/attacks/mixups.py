@@ -1,7 +1,9 @@
-"""Things that are mixed up: files and outputs, arms, directions, two programs for one arm, going back twice."""
+"""What is mixed up: files and outputs, arms, directions, two programs for one arm, going back twice, odd messages."""
 
 from __future__ import annotations
 
+import signal
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +14,14 @@ from service_bench import free_endpoint
 from attacks.lab import Lab, Scenario, Seen
 from attacks.programs import accepted, ran
 from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, fit_model, load, save
-from gpcorrect.logs import write_log
+from gpcorrect.logs import read_log, write_log
 from gpcorrect.sim import debridement_log, joint_motion_log, preset
+from gpcorrect_service.crtk import BusSettings, JointState, Pose
+from gpcorrect_service.crtk.messages import Message
+from gpcorrect_service.crtk.robot import Robot
+
+DOF = 6
+LEAST_SAMPLES = 50  # of a second at 100 Hz
 
 
 def outputs(lab: Lab) -> Seen:
@@ -97,6 +105,28 @@ def two_prefilters(lab: Lab) -> Seen:
         return Seen(len(tried) + 1, accepted(tried) + first.ended)
 
 
+def odd_recordings(lab: Lab) -> Seen:
+    """Record an arm while single odd messages come, until it is ended from outside: the recording is written."""
+    wrong, endings = 0, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    with lab.arm() as (end, _), Robot(BusSettings(end), patience=60.0) as robot:
+        odd: list[tuple[str, Message]] = [
+            ("measured_js", JointState(robot.time, (0.1,))),
+            ("measured_js", JointState(float("nan"), (0.1,) * DOF)),
+            ("measured_js", JointState(robot.time, (0.1,) * DOF)),
+            ("tracker_cp", Pose(robot.time, (0.1, 0.2, 0.3))),
+        ]
+        for number in endings:
+            out = lab.folder / f"{number.name}.csv"
+            with lab.program("robot", "record", "-o", str(out), "--endpoint", end, ready="recording") as recorder:
+                for topic, message in odd:
+                    time.sleep(0.3)
+                    robot.bus.publish(topic, message)
+                recorder.process.send_signal(number)
+                status = recorder.process.wait(60)
+            wrong += status != 0 or not out.exists() or len(read_log(out)) < LEAST_SAMPLES
+    return Seen(len(endings), wrong)
+
+
 def _new(folder: Path, name: str) -> Path:
     folder.mkdir(exist_ok=True)
     return folder / f"{name}.gpc"
@@ -106,5 +136,6 @@ SCENARIOS = (
     Scenario("outputs named like recordings or models", "files lost", outputs),
     Scenario("models of another arm or direction", "activated or served", other_use),
     Scenario("going back twice", "given-up models that answer again", back_twice),
+    Scenario("recordings with odd messages, ended from outside", "recordings lost", odd_recordings),
     Scenario("two pre-filters of one arm", "second ones that stay", two_prefilters),
 )

@@ -63,7 +63,9 @@ def running(*words: str) -> Iterator[None]:
 
 
 def stop_signal() -> threading.Event:
-    """Return an event that Ctrl-C and SIGTERM set, and a second of them ends the process; needs the main thread.
+    """Return an event that Ctrl-C, SIGTERM and a terminal that is closed set; a second one ends the process.
+
+    Needs the main thread.
 
     To be called before a command reads its libraries and files, so that Ctrl-C meanwhile is an end like any other.
     """
@@ -75,6 +77,7 @@ def stop_signal() -> threading.Event:
             os._exit(128 + number)
         stop.set()
 
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, _stop)
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
+            signal.signal(number, _stop)
     return stop

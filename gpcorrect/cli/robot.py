@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,8 +14,9 @@ import typer
 
 from gpcorrect.atomic import require_new
 from gpcorrect.cli.collect import BLOCK, FASTEST, RATE_HZ, Limits, Speed, joint_limits, speed_limits
-from gpcorrect.cli.console import err, out, print_json, print_result, split_names
+from gpcorrect.cli.console import err, note, out, print_json, print_result, split_names
 from gpcorrect.cli.options import AlwaysJson, Columns, Json, LogOutput, RobotPlace, numbers, takes_groups
+from gpcorrect.cli.processes import stop_signal
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -219,6 +219,7 @@ def record(
 
     Example: gpcorrect robot record --seconds 60 --output run.parquet --mcap run_bag
     """
+    stop = stop_signal()
     from gpcorrect.logs import require_writable, write_log
     from gpcorrect_service.crtk.recorder import Recorder, require_mcap, write_mcap
 
@@ -229,15 +230,15 @@ def record(
     with _robot(place) as robot:
         recorder = Recorder(robot.bus)
         err.print("recording" + (f" for {seconds:g} s" if seconds is not None else "") + "; stop with Ctrl-C")
-        try:
-            threading.Event().wait(seconds)
-        except KeyboardInterrupt:
+        if stop.wait(seconds):
             err.print("stopped")
         recording = recorder.recording()
+    if mcap is not None:  # first: it holds all that came
+        write_mcap(recording, mcap)
     log = recording.log()
     write_log(log, output)
-    if mcap is not None:
-        write_mcap(recording, mcap)
+    for remark in log.remarks:
+        note(remark)
     words = f"{len(log)} samples: {', '.join(log.signals)} -> {output}" + (f" and {mcap}" if mcap else "")
     facts = {"samples": len(log), "signals": list(log.signals), "output": str(output), "mcap": mcap and str(mcap)}
     print_result(facts, words, as_json=json)

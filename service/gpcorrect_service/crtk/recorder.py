@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import bisect
-import threading
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gpcorrect.atomic import require_folder, require_new
 from gpcorrect.errors import LogError
-from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, PoseSignal
+from gpcorrect.logs.streams import Stream, interpolate
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 from gpcorrect_service.crtk.bus import Bus
-from gpcorrect_service.crtk.messages import Event, Message
 from gpcorrect_service.crtk.robot import NO_TRAJECTORY
 from gpcorrect_service.crtk.ros import to_ros
 from gpcorrect_service.protocol.cdr import ros_types
@@ -28,28 +28,42 @@ SIGNALS = {
     "setpoint_js": {"position": "setpoint_jp"},
     "external_js": {"position": "external_jp"},
 }  # of a log, by topic of joints and field; other topics are poses
-SAME = 1e-6  # s: stamps this close are one instant
+CLOCK_STEP = 0.5  # chosen by hand: s that stamps of the joints may run back; more is a clock that was set
+APART = 1e7  # s between what came before and after such a step, on one axis: longer than any recording
+PAUSE = 1.0  # s between them in the log
+MOSTLY = 0.5  # chosen by hand: of the samples, at which a signal must have a value for those without it to be left out
+
+
+class Came(NamedTuple):
+    """A message, and how often the robot's clock had been set back when it came."""
+
+    epoch: int
+    message: Any
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Messages by topic, in the order in which they came, and the marks of trajectories.
+    """Messages by topic, in the order in which they came, the marks of trajectories, and what was left out.
 
     Parameters
     ----------
     arm : str
-    messages : mapping of topic to messages
-    events : tuple of Event
+    messages : mapping of topic to Came
+        Those of a topic hold as many numbers each.
+    events : tuple of Came
+    remarks : tuple of str
     """
 
     arm: str
-    messages: Mapping[str, tuple[Any, ...]]
-    events: tuple[Event, ...]
+    messages: Mapping[str, tuple[Came, ...]]
+    events: tuple[Came, ...]
+    remarks: tuple[str, ...] = ()
 
     def log(self, meta: LogMeta | None = None) -> CalibrationLog:
-        """Return the samples at which everything that was recorded has a value, on the arm's clock from 0.
+        """Return the samples of the joints, from 0 on the arm's clock, with what else was recorded at those times.
 
-        Samples outside marked trajectories are left out where there are marks.
+        Samples outside marked trajectories are left out where there are marks, and those at which a signal that
+        mostly has a value has none. Where the robot's clock was set back a new session begins.
 
         Parameters
         ----------
@@ -59,46 +73,72 @@ class Recording:
         Raises
         ------
         LogError
-            No joints were recorded, or no instant has them all.
+            No joints were recorded, or none inside a trajectory.
         """
-        # Of each topic the messages by stamp, each stamp once.
-        topics = {
-            name: sorted({m.stamp: m for m in messages}.values(), key=lambda m: m.stamp)
-            for name, messages in self.messages.items()
-            if messages and name != "operating_state"
-        }
-        if "measured_js" not in topics:
+        joints = self.messages.get("measured_js", ())
+        if not joints:
             raise LogError("nothing was recorded: measured_js is missing.", hint="Is the arm running?")
-        clocks = {name: np.array([m.stamp for m in messages]) for name, messages in topics.items()}
-        stamps = _common(list(clocks.values()))
-        trajectory = self._trajectories(stamps)
-        rows = trajectory != NO_TRAJECTORY
-        if not rows.any():
-            raise LogError("no instant of the recording belongs to a trajectory.", hint="Record for longer.")
+        origins: dict[int, float] = {}
+        for epoch, message in joints:
+            origins.setdefault(epoch, message.stamp)
+
+        def axis(came: Sequence[Came]) -> FloatArray:
+            return np.array([c.message.stamp - origins.get(c.epoch, np.inf) + c.epoch * APART for c in came])
+
+        at = np.unique(axis(joints))
+        session = np.round(at / APART).astype(np.int64)
+        trajectory = self._trajectories(at, axis(self.events))
+        remarks, keep = list(self.remarks), trajectory != NO_TRAJECTORY
         columns: dict[str, Any] = {}
-        for name, messages in topics.items():
-            chosen = [messages[k] for k in np.searchsorted(clocks[name], stamps[rows] - SAME)]
-            if name in SIGNALS:
-                columns |= {
-                    signal: np.array([getattr(m, field) for m in chosen], dtype=np.float64)
-                    for field, signal in SIGNALS[name].items()
-                    if getattr(chosen[0], field) is not None
-                }
+        for stream in self._streams(axis):
+            values = interpolate(stream, at)
+            table = values.position if isinstance(values, PoseSignal) else values
+            there = np.isfinite(table).any(axis=1)
+            if there.mean() >= MOSTLY:
+                keep &= there
+            elif there.any():
+                remarks.append(f"{stream.name} has a value at {there.sum()} of {len(at)} samples.")
             else:
-                pose = np.array([m.pose for m in chosen])
-                columns[name] = PoseSignal(pose[:, :3], pose[:, 3:])
-        time = stamps[rows] - stamps[0]
+                remarks.append(f"{stream.name} shares no time with measured_js and is left out.")
+                continue
+            columns[stream.name] = values
+        if not keep.any():
+            raise LogError("no instant of the recording belongs to a trajectory.", hint="Record for longer.")
+        if session.any():
+            remarks.append("the robot's clock was set back while it was recorded: a new session begins there.")
+            trajectory = trajectory + session * (trajectory.max() + 1)
         return CalibrationLog(
-            time, trajectory[rows], np.zeros(len(time), dtype=np.int64), meta=meta or LogMeta(arm=self.arm), **columns
+            _time(at, session)[keep],
+            trajectory[keep],
+            session[keep],
+            meta=meta or LogMeta(arm=self.arm),
+            remarks=tuple(remarks),
+            **{name: values[keep] for name, values in columns.items()},
         )
 
-    def _trajectories(self, stamps: FloatArray) -> Any:
+    def _streams(self, axis: Callable[[Sequence[Came]], FloatArray]) -> Iterator[Stream]:
+        """Give the signals of a log, each on its own stamps."""
+        for name, came in self.messages.items():
+            if not came or name == "operating_state":
+                continue
+            stamp, messages = axis(came), [c.message for c in came]
+            if name not in SIGNALS:
+                pose = np.array([m.pose for m in messages])
+                yield Stream(name, stamp, PoseSignal(pose[:, :3], pose[:, 3:]))
+                continue
+            missing = (None,) * len(messages[0].position)
+            for field, signal in SIGNALS[name].items():
+                rows = [getattr(m, field) or () for m in messages]
+                if any(len(row) == len(missing) for row in rows):
+                    whole = [row if len(row) == len(missing) else missing for row in rows]
+                    yield Stream(signal, stamp, np.array(whole, dtype=np.float64))
+
+    def _trajectories(self, at: FloatArray, marked: FloatArray) -> Any:
         if not self.events:
-            return np.zeros(len(stamps), dtype=np.int64)
-        marks = sorted(self.events, key=lambda e: e.stamp)
-        begins = [e.stamp for e in marks]
-        found = [bisect.bisect_right(begins, s) - 1 for s in stamps]
-        return np.array([NO_TRAJECTORY if k < 0 else marks[k].trajectory for k in found], dtype=np.int64)
+            return np.zeros(len(at), dtype=np.int64)
+        order = np.argsort(marked, kind="stable")
+        numbers = np.array([NO_TRAJECTORY, *(self.events[k].message.trajectory for k in order)], dtype=np.int64)
+        return numbers[np.searchsorted(marked[order], at, side="right")]
 
 
 class Recorder:
@@ -112,17 +152,46 @@ class Recorder:
 
     def __init__(self, bus: Bus, topics: tuple[str, ...] = RECORDED) -> None:
         self._arm = bus.settings.arm
-        self._messages: dict[str, list[Message]] = {name: [] for name in topics}
-        self._events: list[Event] = []
-        self._lock = threading.Lock()
-        for name in topics:
-            bus.subscribe(name, self._messages[name].append)
-        bus.subscribe("event", self._events.append)
+        self._came: dict[str, list[Came]] = {name: [] for name in (*topics, "event")}
+        self._epoch, self._newest = 0, -np.inf
+        for name in self._came:
+            bus.subscribe(name, partial(self._keep, name))
+
+    def _keep(self, name: str, message: Any) -> None:
+        if not (np.isfinite(message.stamp) and message.stamp > 0):
+            return
+        if name == "measured_js":
+            self._epoch += message.stamp < self._newest - CLOCK_STEP
+            self._newest = message.stamp
+        self._came[name].append(Came(self._epoch, message))
 
     def recording(self) -> Recording:
-        """Return what came so far."""
-        with self._lock:
-            return Recording(self._arm, {k: tuple(v) for k, v in self._messages.items()}, tuple(self._events))
+        """Return what came so far; of a topic's messages those that hold as many numbers as most of them."""
+        remarks, kept = [], {}
+        for name, came in ((name, tuple(came)) for name, came in self._came.items()):
+            widths = Counter(_width(c.message) for c in came)
+            usual = widths.most_common(1)[0][0] if widths else 0
+            kept[name] = tuple(c for c in came if _width(c.message) == usual)
+            if len(kept[name]) < len(came):
+                odd = f"{len(came) - len(kept[name])} messages of {name} do not hold as many numbers as the others"
+                remarks.append(f"{odd} and are left out.")
+        events = kept.pop("event")
+        return Recording(self._arm, kept, events, tuple(remarks))
+
+
+def _width(message: Any) -> int:
+    numbers = getattr(message, "position", None) or getattr(message, "pose", None) or ()
+    return len(numbers)
+
+
+def _time(at: FloatArray, session: IntArray) -> FloatArray:
+    """Return times from 0, those of each session after those of the one before."""
+    time, begin = np.empty_like(at), 0.0
+    for number in np.unique(session):
+        rows = session == number
+        time[rows] = at[rows] - at[rows][0] + begin
+        begin = time[rows][-1] + PAUSE
+    return time
 
 
 def require_mcap(folder: Path) -> None:
@@ -168,18 +237,7 @@ def write_mcap(recording: Recording, folder: Path) -> None:
         for name, messages in recording.messages.items():
             if not messages:
                 continue
-            kind = to_ros(messages[0])[1]
+            kind = to_ros(messages[0].message)[1]
             connection = writer.add_connection(f"/{recording.arm}/{name}", kind, typestore=store)
-            for message in messages:
+            for _, message in messages:
                 writer.write(connection, round(message.stamp * 1e9), store.serialize_cdr(to_ros(message)[0], kind))
-
-
-def _common(stamps: list[FloatArray]) -> FloatArray:
-    """Return the instants that every topic has."""
-    common = stamps[0]
-    for other in stamps[1:]:
-        near = np.clip(np.searchsorted(other, common - SAME), 0, len(other) - 1)
-        common = common[np.abs(other[near] - common) <= SAME]
-    if not len(common):
-        raise LogError("no two topics have a stamp in common.", hint="Record topics of one arm.")
-    return common
