@@ -171,8 +171,8 @@ class NamingSettings:
     smooth_channels: int = 3
     # Strongest pairs of variables of a channel in the smooth model. For time.
     smooth_pairs: int = 3
-    # Rivals put in place between two searches: two that each explain the other's must end.
-    swaps: int = 6
+    # Nats behind an effect, from which on a rival is fitted no further: it is less probable than one in a thousand.
+    hopeless: float = 7.0
     # Searches for what the effects taken out had stood in for. Chosen by hand on development cases.
     searches: int = 2
     # Of each of them. Chosen by hand on development cases.

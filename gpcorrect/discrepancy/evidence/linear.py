@@ -90,27 +90,30 @@ def bordered(base: Grams, columns: FloatArray, new: FloatArray, residual: FloatA
     gram, moment = np.zeros((n_blocks, p + q, p + q)), np.zeros((n_blocks, p + q))
     gram[:, :p, :p], moment[:, :p] = base.gram, base.moment
     order, ends = _by_block(block, n_blocks)
-    behind = np.ascontiguousarray(np.column_stack([columns[order], new[order], residual[order]]))
-    _add_products(behind, ends, p, gram, moment)
+    _add_products(columns[order], new[order], residual[order], ends, gram, moment)
     return Grams(gram, moment)
 
 
 @njit(cache=True)
-def _add_products(columns: FloatArray, ends: IntArray, known: int, gram: FloatArray, moment: FloatArray) -> None:
-    """Sum, over the rows of each block, the products of the last columns but one with all up to them.
+def _add_products(
+    columns: FloatArray, new: FloatArray, residual: FloatArray, ends: IntArray, gram: FloatArray, moment: FloatArray
+) -> None:
+    """Sum, over the rows of each block, the products of new columns with the known ones, themselves and a residual.
 
     Blocks are short and many: products of small matrices one block after the other cost more in calls than in sums.
     """
-    width = gram.shape[1]
+    known, width = columns.shape[1], gram.shape[1]
     for b in range(len(ends) - 1):
         for row in range(ends[b], ends[b + 1]):
             for i in range(known, width):
-                value = columns[row, i]
+                value = new[row, i - known]
                 if value == 0.0:
                     continue
-                for k in range(i + 1):
+                for k in range(known):
                     gram[b, i, k] += value * columns[row, k]
-                moment[b, i] += value * columns[row, width]
+                for k in range(known, i + 1):
+                    gram[b, i, k] += value * new[row, k - known]
+                moment[b, i] += value * residual[row]
         for i in range(known, width):
             for k in range(i):
                 gram[b, k, i] = gram[b, i, k]

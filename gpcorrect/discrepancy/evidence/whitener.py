@@ -73,13 +73,11 @@ class DatasetWhitener:
         -------
         (M, k) array
         """
-        white, begin = np.zeros((len(self.weight), values.shape[2])), 0
+        white, begin = np.empty((len(self.weight), values.shape[2])), 0
         for i, (rows, whitener) in enumerate(self._whiteners):
-            column, part = values[rows, i], slice(begin, begin + len(rows))
-            moving = np.flatnonzero(column.any(axis=0))  # most effects show in few channels
-            white[part, moving] = whitener(column[:, moving])
+            part = slice(begin, begin + len(rows))
+            whitener.write(values[:, i], rows, self.weight[part], white[part])
             begin += len(rows)
-        white *= self.weight[:, None]
         return white
 
     @cached_property

@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others, undetermined
-from gpcorrect.discrepancy.naming.weigh import View, Weighed, smooth_nats, weigh
+from gpcorrect.discrepancy.naming.weigh import Own, View, Weighed, between_effects, smooth_nats, weigh
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.settings import NAMING, SEARCH
@@ -165,27 +165,17 @@ def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alter
         Alternative(Explanation.UNKNOWN, _unknown_nats(weighed, cost) - cost, "unknown"),
         *(replace(Alternative.of(r.candidate, r.nats - cost), paid=r.is_general) for r in rivals),
     ]
-    own, between_effects = alternatives[0], _rival_overdispersion(weighed, cost)
+    own = alternatives[0]
+    between = between_effects(weighed.nats, weighed.overdispersion, weighed.unknown, cost)
     odds = np.array(
         [
-            (a.nats - own.nats) / (between_effects if a.is_effect else weighed.overdispersion)
+            (a.nats - own.nats) / (between if a.is_effect else weighed.overdispersion)
             - (0.0 if a.paid else SEARCH.complexity * (a.extra - own.extra))
             for a in alternatives
         ]
     )
     weight = np.exp(odds - odds.max())
     return [replace(a, probability=float(w)) for a, w in zip(alternatives, weight / weight.sum(), strict=True)]
-
-
-def _rival_overdispersion(weighed: Weighed, cost: float) -> float:
-    """By how much nats between two effects count less while something else is still missing.
-
-    What neither explains, and the smooth model sees beside them, may favour either by as much as it is: a lead of that
-    size leaves the rival at e^-3, the edge of the stable set. So does a lead that a small error in the shape of our own
-    signatures could make: both are models, and neither is exact.
-    """
-    tolerated = max(weighed.unknown.beside - cost, NAMING.shape_error**2 * weighed.nats)
-    return max(weighed.overdispersion, tolerated / float(-np.log(NAMING.stable)))
 
 
 def _unknown_nats(weighed: Weighed, cost: float) -> float:
@@ -250,10 +240,10 @@ def overtone_nats(view: View, fit: FittedEffect) -> float:
         return 0.0
     dataset = view.search.dataset
     columns = np.stack([dataset.predict([e]) - dataset.predict() for e in effects], axis=2)
-    return smooth_nats(view, view.search.fitted, view.search.touched(fit.candidate), columns)
+    return smooth_nats(view, view.search.fitted, view.search.touched(fit.candidate), view.whitened(columns))
 
 
-def name_effect(view: View, fit: FittedEffect) -> tuple[Named, Weighed]:
+def name_effect(view: View, fit: FittedEffect, own: Own | None = None) -> tuple[Named, Weighed]:
     """Weigh one effect of a finished search, and say at what level it may be named.
 
     Parameters
@@ -262,8 +252,10 @@ def name_effect(view: View, fit: FittedEffect) -> tuple[Named, Weighed]:
         The search, seen on discovery and confirmation.
     fit : FittedEffect
         One of the set.
+    own : Own, optional
+        What it gains, where that is known.
     """
-    weighed = weigh(view, fit)
+    weighed = weigh(view, fit, own)
     cost = penalty(view.search.n_kinds)
     alternatives = posterior(fit.candidate, weighed, cost)
     doubts, partial = _doubts(view, fit, weighed, cost), _partial(view, fit, weighed, cost)

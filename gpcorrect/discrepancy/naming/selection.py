@@ -7,16 +7,16 @@ something else: beside what stays, that is looked for anew, and at once where it
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
-from gpcorrect.discrepancy.naming.weigh import Weighed, view_of
+from gpcorrect.discrepancy.naming.weigh import Own, View, Weighed, own_gain, view_of
 from gpcorrect.discrepancy.search.candidates import FittedEffect
-from gpcorrect.discrepancy.search.state import Search
+from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.search.stepwise import search as search_on
 from gpcorrect.discrepancy.settings import NAMING, SEARCH
 from gpcorrect.types import Progress
@@ -81,8 +81,10 @@ class _ModelSelection:
         On each fit, by its identity.
     dropped : list of Named
         Taken out so far.
-    swaps : int
-        Rivals put in place since the last search.
+    own : dict
+        What each fit gains, by its identity.
+    replaced : set
+        What a rival took the place of since the last search: two that each explain the other's must end.
     searches : Counter
         Searches made for what was taken out at each joint: one joint may not use up another's.
     filled : int
@@ -94,7 +96,8 @@ class _ModelSelection:
     inputs: Sequence[Covariates]
     assessments: dict[int, Assessment] = field(default_factory=dict)
     dropped: list[Named] = field(default_factory=list)
-    swaps: int = 0
+    own: dict[int, Own] = field(default_factory=dict)
+    replaced: set[Hashable] = field(default_factory=set)
     searches: Counter[int | str] = field(default_factory=Counter)
     filled: int = 0
 
@@ -103,31 +106,48 @@ class _ModelSelection:
         if not self.search.fitted:
             return False
         view = view_of(self.search, self.tests, self.inputs)
-        self.assessments = {id(m): self.assessments.get(id(m)) or name_effect(view, m) for m in self.search.fitted}
+        self.own = {id(m): self.own.get(id(m)) or own_gain(view, m) for m in self.search.fitted}
+        if self._drop_idle(view):
+            return True
+        self.assessments = {
+            id(m): self.assessments.get(id(m)) or name_effect(view, m, self.own[id(m)]) for m in self.search.fitted
+        }
         return self._swap() or self._drop() or self._search_again()
+
+    def _drop_idle(self, view: View) -> bool:
+        """Take the weakest of those out that gain less than an effect must: no rivals need be weighed to know it."""
+        weakest = min(self.search.fitted, key=lambda m: self.own[id(m)].found)
+        if self.own[id(weakest)].found >= penalty(self.search.n_kinds):
+            return False
+        self._take_out(weakest, name_effect(view, weakest, self.own[id(weakest)])[0])
+        return True
 
     def _swap(self) -> bool:
         """Put the best rival in an effect's place."""
-        if self.swaps == NAMING.swaps:
-            return False
-        better = _better_rival(self.search, self.assessments, self.dropped)
+        out = self.replaced | {n.fit.candidate.key for n in self.dropped}
+        better = _better_rival(self.search, self.assessments, out)
         if better is None:
             return False
-        self.swaps += 1
-        self._change(better)
+        place, new = better
+        self.replaced.add(place.candidate.key)
+        rest = (m for m in self.search.fitted if m is not place)
+        self._change(self.search.refit((*rest, new), new.candidate))
         return True
 
     def _drop(self) -> bool:
-        """Take the weakest of those out that may not be named; what stood in for something unphysical is sought now."""
+        """Take the weakest of those out that may not be named."""
         poor = [m for m in self.search.fitted if not self.assessments[id(m)][0].may_be_named]
         if not poor:
             return False
         weakest = min(poor, key=lambda m: self.assessments[id(m)][0].nats)
-        self.dropped.append(self.assessments[id(weakest)][0])
-        self._change(self.search.refit([m for m in self.search.fitted if m is not weakest], weakest.candidate))
-        if weakest.at_edge:
-            self._search_again()
+        self._take_out(weakest, self.assessments[id(weakest)][0])
         return True
+
+    def _take_out(self, fit: FittedEffect, named: Named) -> None:
+        self.dropped.append(named)
+        self._change(self.search.refit([m for m in self.search.fitted if m is not fit], fit.candidate))
+        if fit.at_edge:
+            self._search_again()
 
     def _search_again(self) -> bool:
         """Look for what the effects taken out since the last search had stood in for, if they leave a hole."""
@@ -139,30 +159,27 @@ class _ModelSelection:
         found = search_on(self.search, rounds=NAMING.search_rounds, refused=[n.fit.candidate for n in self.dropped])
         found_more = found is not self.search
         if found_more:
-            self.search, self.assessments, self.swaps = found, {}, 0
+            self.search, self.assessments, self.own, self.replaced = found, {}, {}, set()
         return found_more
 
     def _change(self, fitted: Sequence[FittedEffect]) -> None:
         """Go on with another set; assessments stay on fitted that no change can have touched."""
         now = {id(m) for m in fitted}
         moved = [m for m in self.search.fitted if id(m) not in now]
-        self.assessments = {
-            id(m): self.assessments[id(m)]
-            for m in fitted
-            if id(m) in self.assessments and not any(self.search.alike(m.candidate, gone.candidate) for gone in moved)
-        }
+        same = {id(m) for m in fitted if not any(self.search.alike(m.candidate, gone.candidate) for gone in moved)}
+        self.assessments = {k: v for k, v in self.assessments.items() if k in same}
+        self.own = {k: v for k, v in self.own.items() if k in same}
         self.search = replace(self.search, fitted=tuple(fitted))
 
 
 def _better_rival(
-    search: Search, assessments: dict[int, Assessment], dropped: Sequence[Named]
-) -> tuple[FittedEffect, ...] | None:
-    """Return the set with a rival in the place of the fit beyond which it gains most.
+    search: Search, assessments: dict[int, Assessment], out: Collection[Hashable]
+) -> tuple[FittedEffect, FittedEffect] | None:
+    """Return the fit beyond which a rival gains most, and that rival.
 
-    None when no rival gains: explains more, or as much and is more probable. Those that were dropped stay out.
+    None when no rival gains: explains more, or as much and is more probable. Those that are out stay out.
     """
-    best, place, new = 0.0, None, None
-    out = {n.fit.candidate.key for n in dropped}
+    best, found = 0.0, None
     for fit in search.fitted:
         named, weighed = assessments[id(fit)]
         odds = {a.label: a.probability / max(named.probability, TINY) for a in named.alternatives}
@@ -172,7 +189,5 @@ def _better_rival(
             if weighed.nats - rival.nats < NAMING.shape_error**2 * weighed.nats:
                 gain = max(gain, float(np.log(odds.get(rival.candidate.label, 0.0) + TINY)))
             if gain > best:
-                best, place, new = gain, fit, rival.fit
-    if new is None:
-        return None
-    return search.refit((*(m for m in search.fitted if m is not place), new), new.candidate)
+                best, found = gain, (fit, rival.fit)
+    return found

@@ -123,10 +123,9 @@ def _explained(cells: Cells, residual: FloatArray, rows: BoolArray) -> float:
 
 def smooth_fit(
     discovery: DatasetWhitener,
-    confirmation: DatasetWhitener,
     z: tuple[FloatArray, FloatArray],
     slopes: tuple[FloatArray, FloatArray],
-    columns: FloatArray,
+    white: tuple[FloatArray, FloatArray],
     size: float,
 ) -> SmoothFit:
     """Fit the smooth model beside a set's tangents, which take up what they can.
@@ -135,32 +134,33 @@ def smooth_fit(
 
     Parameters
     ----------
-    discovery, confirmation : DatasetWhitener
-        How the two parts are seen.
+    discovery : DatasetWhitener
+        How that part is seen.
     z : pair of arrays
         Whitened residual of the set on each part.
     slopes : pair of arrays
         Whitened tangents of the set.
-    columns : (m, c, k) array
-        Of the smooth model.
+    white : pair of (M, k) arrays
+        Whitened columns of the smooth model on each part.
     size : float
         Root mean square of the residual: scale of a column's size.
     """
-    if columns.shape[2] == 0:
+    k = white[0].shape[1]
+    if k == 0:
         return SmoothFit(0.0, 0.0)
-    seen = np.concatenate([slopes[0], discovery.whiten_columns(columns)], axis=1)
+    seen = np.concatenate([slopes[0], white[0]], axis=1)
     sums = discovery.grams(seen, z[0])
     p = slopes[0].shape[1]
     fold = fold_of(len(sums.gram))
     own = held_out_nats(sums.take(list(range(p))), fold).sum() if p else 0.0
     best, precision = -np.inf, np.zeros(0)
     for strength in PRECISIONS:
-        prior = np.r_[np.zeros(p), np.full(columns.shape[2], strength / size**2)]
+        prior = np.r_[np.zeros(p), np.full(k, strength / size**2)]
         nats = float(held_out_nats(sums, fold, prior).sum())
         if nats > best:
             best, precision = nats, prior
     beta = solve(sums.gram.sum(axis=0) + np.diag(precision), sums.moment.sum(axis=0))
-    shift = np.concatenate([slopes[1], confirmation.whiten_columns(columns)], axis=1) @ beta
+    shift = np.concatenate([slopes[1], white[1]], axis=1) @ beta
     gram, moment = sums.gram.sum(axis=0), sums.moment.sum(axis=0)
     own_shift = slopes[1] @ solve(gram[:p, :p], moment[:p]) if p else np.zeros(len(z[1]))
     gain = 0.5 * (((z[1] - own_shift) ** 2).sum() - ((z[1] - shift) ** 2).sum())

@@ -17,12 +17,23 @@ from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
 from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_fit
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import held_out, linearise
-from gpcorrect.discrepancy.search.state import Search
+from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.search.stepwise import rank
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["Rival", "Unknown", "View", "Weighed", "size_overdispersion", "view_of", "weigh"]
+__all__ = [
+    "Own",
+    "Rival",
+    "Unknown",
+    "View",
+    "Weighed",
+    "between_effects",
+    "own_gain",
+    "size_overdispersion",
+    "view_of",
+    "weigh",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +53,18 @@ class View:
         fitted : sequence of FittedEffect
             The set.
         """
-        left = self.search.residual(fitted)
-        return self.search.whitener.whiten(left), self.confirmation.whiten(left)
+        discovery, confirmation = self.whitened(self.search.residual(fitted)[:, :, None])
+        return discovery[:, 0], confirmation[:, 0]
+
+    def whitened(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return columns whitened on discovery and confirmation.
+
+        Parameters
+        ----------
+        columns : (m, c, k) array
+            Of every channel.
+        """
+        return self.search.whitener.whiten_columns(columns), self.confirmation.whiten_columns(columns)
 
 
 def view_of(search: Search, tests: Sequence[Sequence[Cells]], inputs: Sequence[Covariates]) -> View:
@@ -127,8 +148,41 @@ class Weighed:
         return float(self.discovery.sum() + self.confirmation.sum())
 
 
-def weigh(view: View, fit: FittedEffect) -> Weighed:
-    """Weigh an effect of the set against what could stand in its place.
+@dataclass(frozen=True, eq=False)
+class Own:
+    """What an effect gains beyond the set without it.
+
+    Parameters
+    ----------
+    rest : tuple of FittedEffect
+        The set without it, fitted anew.
+    reference : pair of arrays
+        Whitened residual of that set on discovery and confirmation.
+    discovery, confirmation : (b,) arrays
+        Nats of each trajectory of either part.
+    overdispersion : float
+        By how much evidence counts less, because the residual is still larger than noise.
+    """
+
+    rest: tuple[FittedEffect, ...]
+    reference: tuple[FloatArray, FloatArray]
+    discovery: FloatArray
+    confirmation: FloatArray
+    overdispersion: float
+
+    @property
+    def nats(self) -> float:
+        """Of both parts."""
+        return float(self.discovery.sum() + self.confirmation.sum())
+
+    @property
+    def found(self) -> float:
+        """Nats on the discovery part, divided by the overdispersion."""
+        return float(self.discovery.sum()) / self.overdispersion
+
+
+def own_gain(view: View, fit: FittedEffect) -> Own:
+    """Weigh an effect of the set against nothing in its place.
 
     Parameters
     ----------
@@ -137,30 +191,65 @@ def weigh(view: View, fit: FittedEffect) -> Weighed:
     fit : FittedEffect
         One of the set.
     """
-    search = view.search
-    candidate = fit.candidate
+    search, candidate = view.search, fit.candidate
     rest = search.refit([m for m in search.fitted if m is not fit], candidate)
     reference = view.whitened_residuals(rest)
-    discovery, confirmation = _gains(view, reference, search.fitted, candidate)
-    channels = search.touched(candidate)
-    noisier = max(
-        search.overdispersion(view.whitened_residuals(search.fitted)[0], channels), size_overdispersion(search, fit)
-    )
-    rivals = _rivals(view, rest, fit, reference)
-    general = _general(search, rest, fit, noisier)
+    gains = _gains(view, reference, search.fitted, candidate)
+    left = search.overdispersion(view.whitened_residuals(search.fitted)[0], search.touched(candidate))
+    return Own(rest, reference, *gains, max(left, size_overdispersion(search, fit)))
+
+
+def weigh(view: View, fit: FittedEffect, own: Own | None = None) -> Weighed:
+    """Weigh an effect of the set against what could stand in its place.
+
+    Parameters
+    ----------
+    view : View
+        The search, seen on discovery and confirmation.
+    fit : FittedEffect
+        One of the set.
+    own : Own, optional
+        What it gains, where that is known.
+    """
+    own = own_gain(view, fit) if own is None else own
+    unknown = _unknown(view, own.rest, _strongest_channels(view, fit, view.search.touched(fit.candidate)))
+    counts = between_effects(own.nats, own.overdispersion, unknown, penalty(view.search.n_kinds))
+    rivals = _rivals(view, own, fit, NAMING.hopeless * counts)
     rivals += [
-        replace(r, nats=r.nats + float(discovery.sum() + confirmation.sum()))
-        for r in general
+        replace(r, nats=r.nats + own.nats)
+        for r in _general(view.search, own.rest, fit, own.overdispersion)
         if not any(r.candidate.called_like(known.candidate) for known in rivals)
     ]
     return Weighed(
-        discovery,
-        confirmation,
+        own.discovery,
+        own.confirmation,
         _active(view, fit),
         tuple(sorted(rivals, key=lambda r: -r.nats)),
-        _unknown(view, rest, _strongest_channels(view, fit, channels)),
-        noisier,
+        unknown,
+        own.overdispersion,
     )
+
+
+def between_effects(nats: float, overdispersion: float, unknown: Unknown, cost: float) -> float:
+    """Return by how much nats between two effects count less while something else is still missing.
+
+    What neither explains, and the smooth model sees beside them, may favour either by as much as it is: a lead of that
+    size leaves the rival at e^-3, the edge of the stable set. So does a lead that a small error in the shape of our own
+    signatures could make: both are models, and neither is exact.
+
+    Parameters
+    ----------
+    nats : float
+        Of the effect.
+    overdispersion : float
+        By how much its evidence counts less anyway.
+    unknown : Unknown
+        The smooth model's nats.
+    cost : float
+        Prior nats that any effect costs.
+    """
+    tolerated = max(unknown.beside - cost, NAMING.shape_error**2 * nats)
+    return max(overdispersion, tolerated / float(-np.log(NAMING.stable)))
 
 
 def size_overdispersion(search: Search, fit: FittedEffect) -> float:
@@ -213,12 +302,12 @@ def _gains(
     return discovery, np.bincount(block, change).astype(np.float64) if len(block) else np.zeros(0)
 
 
-def _rivals(
-    view: View, rest: tuple[FittedEffect, ...], fit: FittedEffect, reference: tuple[FloatArray, FloatArray]
-) -> list[Rival]:
-    search = view.search
+def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Rival]:
+    """Those that may come within some nats of the effect; the others are fitted no further than is plain."""
+    search, rest, reference = view.search, own.rest, own.reference
+    worth = search.misfit(search.fitted) + margin
     bare = search.linearise_near(rest, fit.candidate)
-    own = reference[0] - view.whitened_residuals(search.fitted)[0]
+    change = reference[0] - view.whitened_residuals(search.fitted)[0]
     ranked = [r for r in rank(search, bare, [fit.candidate], search.touched(fit.candidate)) if r.nats > 0]
     found: list[Rival] = []
     for place, leader in enumerate(ranked):
@@ -228,9 +317,9 @@ def _rivals(
         if any(leader.candidate.called_like(r.candidate) for r in found):
             continue
         first = reference[0] - view.whitened_residuals((*rest, leader.fit))[0]
-        if _likeness(first, own, bare.slopes) < NAMING.likeness:
+        if _likeness(first, change, bare.slopes) < NAMING.likeness:
             continue
-        fitted = search.refit((*rest, leader.fit), leader.candidate)
+        fitted = search.refit((*rest, leader.fit), leader.candidate, worth)
         if fitted[-1].at_edge:
             continue
         gains = _gains(view, reference, fitted, leader.candidate)
@@ -336,13 +425,20 @@ def _strongest_channels(view: View, fit: FittedEffect, channels: BoolArray) -> B
 
 
 def _unknown(view: View, rest: Sequence[FittedEffect], channels: BoolArray) -> Unknown:
-    left = view.search.residual(rest)
-    columns = smooth_columns(view.inputs, view.tests, channels, left, view.search.dataset.discovery)
+    columns = _smooth_columns(view, rest, channels)
     return Unknown(smooth_nats(view, rest, channels, columns), smooth_nats(view, view.search.fitted, channels, columns))
 
 
+def _smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArray) -> tuple[FloatArray, FloatArray]:
+    left = view.search.residual(fitted)
+    return view.whitened(smooth_columns(view.inputs, view.tests, channels, left, view.search.dataset.discovery))
+
+
 def smooth_nats(
-    view: View, fitted: Sequence[FittedEffect], channels: BoolArray, columns: FloatArray | None = None
+    view: View,
+    fitted: Sequence[FittedEffect],
+    channels: BoolArray,
+    columns: tuple[FloatArray, FloatArray] | None = None,
 ) -> float:
     """Return the log Bayes factor of the smooth model beyond a set, on discovery (held out) and confirmation.
 
@@ -354,19 +450,17 @@ def smooth_nats(
         The set.
     channels : (c,) bool array
         Those that the smooth model speaks of.
-    columns : (m, c, k) array, optional
-        Of the smooth model; made where not given.
+    columns : pair of (M, k) arrays, optional
+        Of the smooth model, whitened on both parts; made where not given.
     """
     search = view.search
     left, discovery = search.residual(fitted), search.dataset.discovery
     if columns is None:
-        columns = smooth_columns(view.inputs, view.tests, channels, left, discovery)
+        columns = _smooth_columns(view, fitted, channels)
     touching = [m for m in fitted if (search.touched(m.candidate) & channels).any()]
     others = [m for m in fitted if not any(m is t for t in touching)]
     first = linearise(search.whitener, touching, others)
     second = linearise(view.confirmation, touching, others)
     size = float(np.sqrt(np.nanmean(left[discovery][:, channels] ** 2)))
-    fit = smooth_fit(
-        search.whitener, view.confirmation, (first.z, second.z), (first.slopes, second.slopes), columns, size
-    )
+    fit = smooth_fit(search.whitener, (first.z, second.z), (first.slopes, second.slopes), columns, size)
     return fit.nats

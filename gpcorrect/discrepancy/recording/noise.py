@@ -265,6 +265,23 @@ class Whitener:
         white: FloatArray = _innovations(np.ascontiguousarray(values), self.block, self.gain, self.scale, self.phi)
         return white
 
+    def write(self, values: FloatArray, rows: IntArray, weight: FloatArray, white: FloatArray) -> None:
+        """Write whitened and weighted columns where they are wanted.
+
+        Parameters
+        ----------
+        values : (m, k) array
+            Columns.
+        rows : (n,) int array
+            The filter's rows among the m.
+        weight : (n,) array
+            Of each of them.
+        white : (n, k) array
+            To write to.
+        """
+        if len(rows):
+            _write(values, rows, self.block, self.gain, weight / self.scale, self.phi, white)
+
 
 @njit(cache=True)
 def _filter(
@@ -305,6 +322,27 @@ def _innovations(
             white[i, j] = surprise / scale[i]
             state[b, j] = predicted + gain[i] * surprise
     return white
+
+
+@njit(cache=True)
+def _write(
+    values: FloatArray,
+    rows: IntArray,
+    block: IntArray,
+    gain: FloatArray,
+    size: FloatArray,
+    phi: FloatArray,
+    white: FloatArray,
+) -> None:
+    """Run the filter of :func:`_innovations` over rows of a table, their sizes scaled, without copies on the way."""
+    state = np.zeros((block.max() + 1, values.shape[1]))
+    for i, row in enumerate(rows):
+        b = block[i]
+        for j in range(values.shape[1]):
+            predicted = phi[i] * state[b, j]
+            surprise = values[row, j] - predicted
+            white[i, j] = surprise * size[i]
+            state[b, j] = predicted + gain[i] * surprise
 
 
 def outliers(residual: FloatArray, block: IntArray) -> BoolArray:

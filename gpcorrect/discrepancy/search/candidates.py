@@ -159,12 +159,16 @@ class Candidate:
     def scaled(self, factors: FloatArray) -> FloatArray:
         """Return coordinates with the amplitudes at multiples of their start, inside the bounds; a shape stays.
 
+        Of a shape that has no amplitude, but a width from nothing up, the width is at that multiple.
+
         Parameters
         ----------
         factors : array
-            One for each amplitude.
+            One for each amplitude, or one for the whole.
         """
         u = np.array(self.start)
+        if not self.amplitudes and self.coordinates[0].kind == "log":
+            u[0] += np.log(max(float(factors[0]), 1e-2))
         for i, factor in zip(self.amplitudes, factors, strict=False):
             base = self.coordinates[i].identity
             u[i] = base + factor * (u[i] - base)

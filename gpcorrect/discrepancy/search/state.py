@@ -144,7 +144,9 @@ class Search:
         fixed, near = self.parted(fitted, candidate)
         return linearise(self.whitener, near, fixed)
 
-    def refit(self, fitted: Sequence[FittedEffect], candidate: Candidate) -> tuple[FittedEffect, ...]:
+    def refit(
+        self, fitted: Sequence[FittedEffect], candidate: Candidate, worth: float = np.inf
+    ) -> tuple[FittedEffect, ...]:
         """Return a set with the numbers fitted anew that show in a candidate's channels.
 
         Parameters
@@ -153,9 +155,22 @@ class Search:
             The set.
         candidate : Candidate
             In whose channels.
+        worth : float
+            Misfit that somebody asks for: a fit that will not come there ends early.
         """
         fixed, near = self.parted(fitted, candidate)
-        return (*fixed, *refine(self.whitener, fixed, near))
+        return (*fixed, *refine(self.whitener, fixed, near, worth=worth))
+
+    def misfit(self, fitted: Sequence[FittedEffect]) -> float:
+        """Return half the sum of squares of what a set leaves, in nats.
+
+        Parameters
+        ----------
+        fitted : sequence of FittedEffect
+            The set.
+        """
+        z = self.whitener.whiten(self.residual(fitted))
+        return 0.5 * float(z @ z)
 
     def refreshed(self) -> Search:
         """Estimate the noise anew from what the set leaves, and whiten with that."""

@@ -146,22 +146,23 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
         if r.nats > SEARCH.near_leader * ranked[0].nats and state.alike(r.candidate, ranked[0].candidate)
     ]
     best: tuple[float, tuple[FittedEffect, ...]] | None = None
+    worth = state.misfit(state.fitted)
     refined = 0
     for leader in leaders[: SEARCH.looked_at]:
-        fitted = state.refit((*state.fitted, leader.fit), leader.candidate)
+        fitted = state.refit((*state.fitted, leader.fit), leader.candidate, worth)
         if fitted[-1].at_edge:
             continue
         refined += 1
         gain = gain_over(state, linearised, fitted, leader.fit)
         if best is None or gain > best[0]:
-            best = gain, fitted
+            best, worth = (gain, fitted), state.misfit(fitted)
         if refined == SEARCH.refined:
             break
     if best is None or best[0] < threshold:
         return state
     new = best[1][-1].candidate
     for leader in rank(state, linearised, refused, beyond=[new]):  # such as one that has a home
-        fitted = state.refit((*state.fitted, leader.fit), leader.candidate)
+        fitted = state.refit((*state.fitted, leader.fit), leader.candidate, worth)
         gain = gain_over(state, linearised, fitted, leader.fit)
         gain -= SEARCH.complexity * (leader.candidate.extra - new.extra)
         if gain > best[0] and not fitted[-1].at_edge:
@@ -226,10 +227,13 @@ def _merged(state: Search, threshold: float) -> Search:
         both = state.touched(a.candidate) & state.touched(b.candidate)
         pair = gain_over(state, bare, state.fitted, b, both)
         touched = state.touched(a.candidate)
+        worth = state.misfit(state.fitted) + threshold * state.overdispersion(
+            state.whitener.whiten(state.residual(state.fitted)), touched
+        )
         others = rank(state, bare, [a.candidate, b.candidate], touched)[:1] if one_joint else []
         fuller = rank(state, bare, channels=touched, beyond=[a.candidate, b.candidate])[: SEARCH.refined]
         for leader in [*(r for r in others if r.nats > 0.8 * pair), *fuller]:
-            fitted = state.refit((*rest, leader.fit), leader.candidate)
+            fitted = state.refit((*rest, leader.fit), leader.candidate, worth)
             one = gain_over(state, bare, fitted, leader.fit, both)
             if not fitted[-1].at_edge and one > pair - threshold:
                 label = f"{leader.candidate.label} for {a.candidate.label} and {b.candidate.label}"
