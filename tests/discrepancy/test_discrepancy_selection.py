@@ -12,7 +12,7 @@ import pytest
 from gpcorrect.discrepancy.naming import selection
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
 from gpcorrect.discrepancy.naming.selection import name_effects
-from gpcorrect.discrepancy.naming.weigh import Rival, Unknown, Weighed
+from gpcorrect.discrepancy.naming.weigh import Own, Rival, Unknown, Weighed
 from gpcorrect.discrepancy.settings import SETTINGS
 
 
@@ -46,6 +46,7 @@ class Found:
     """As much of a search: fitted that all show in one channel."""
 
     fitted: tuple[Part, ...]
+    n_kinds: int = 10
 
     def refit(self, fitted: Sequence[Part], candidate: Cause) -> tuple[Part, ...]:
         return tuple(fitted)
@@ -62,8 +63,14 @@ class Laboratory:
     rivals: dict[str, tuple[str, float]] = field(default_factory=dict)
     finds: list[str] = field(default_factory=list)
     refused: list[list[str]] = field(default_factory=list)
+    weighed: list[str] = field(default_factory=list)
 
-    def name_effect(self, view: Any, fit: Part) -> tuple[Named, Weighed]:
+    def own_gain(self, view: Any, fit: Part) -> Own:
+        nothing = np.zeros(0)
+        return Own((), (nothing, nothing), np.array([self.levels[fit.candidate.name][1]]), nothing, 1.0)
+
+    def name_effect(self, view: Any, fit: Part, own: Own) -> tuple[Named, Weighed]:
+        self.weighed.append(fit.candidate.name)
         level, nats = self.levels[fit.candidate.name]
         rivals = ()
         if fit.candidate.name in self.rivals:
@@ -89,6 +96,7 @@ def select(monkeypatch: pytest.MonkeyPatch) -> Select:
 
     def run(laboratory: Laboratory, fitted: Sequence[Part]) -> tuple[list[str], list[str]]:
         monkeypatch.setattr(selection, "view_of", lambda *_: None)
+        monkeypatch.setattr(selection, "own_gain", laboratory.own_gain)
         monkeypatch.setattr(selection, "name_effect", laboratory.name_effect)
         monkeypatch.setattr(selection, "search_on", laboratory.search)
         search, named, dropped = name_effects(Found(tuple(fitted)), (), ())  # type: ignore[arg-type]
@@ -176,9 +184,15 @@ def test_two_rivals_that_praise_each_other_do_not_swap_for_ever(select: Select) 
     laboratory = Laboratory(
         {"a": (Level.EXACT, 50.0), "b": (Level.EXACT, 50.0)}, rivals={"a": ("b", 60.0), "b": ("a", 60.0)}
     )
-    named, dropped = select(laboratory, parts("a"))
-    assert named == ["a" if SETTINGS.naming.swaps % 2 == 0 else "b"]
-    assert dropped == []
+    assert select(laboratory, parts("a")) == (["b"], [])
+
+
+def test_what_gains_less_than_it_costs_goes_before_rivals_are_weighed(select: Select) -> None:
+    laboratory = Laboratory(
+        {"a": (Level.EXACT, 50.0), "idle": (Level.INCONCLUSIVE, 0.5)}, rivals={"idle": ("b", 0.9), "a": ("idle", 99.0)}
+    )
+    assert select(laboratory, parts("a", "idle")) == (["a"], ["idle"])
+    assert laboratory.weighed == ["idle", "a"]
 
 
 def test_nothing_to_name_is_nothing(select: Select) -> None:

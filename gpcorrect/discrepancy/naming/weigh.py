@@ -215,11 +215,9 @@ def weigh(view: View, fit: FittedEffect, own: Own | None = None) -> Weighed:
     unknown = _unknown(view, own.rest, _strongest_channels(view, fit, view.search.touched(fit.candidate)))
     counts = between_effects(own.nats, own.overdispersion, unknown, penalty(view.search.n_kinds))
     rivals = _rivals(view, own, fit, NAMING.hopeless * counts)
-    rivals += [
-        replace(r, nats=r.nats + own.nats)
-        for r in _general(view.search, own.rest, fit, own.overdispersion)
-        if not any(r.candidate.called_like(known.candidate) for known in rivals)
-    ]
+    general = _general(view.search, own.rest, fit, own.overdispersion)
+    rivals = [r for r in rivals if not any(r.candidate.called_like(g.candidate) for g in general)]
+    rivals += [replace(g, nats=g.nats + own.nats) for g in general]
     return Weighed(
         own.discovery,
         own.confirmation,
