@@ -44,6 +44,14 @@ def test_sessions_stay_apart_but_for_their_opening() -> None:
         assert len(np.unique(split.part[rows & (number > number[rows][0])])) == 1
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_two_sessions_are_in_every_part(seed: int) -> None:
+    """A homing that is off in the second session alone can be found, confirmed and measured."""
+    time, number, session = table(20, sessions=2)
+    split = split_rows(time, number, session, np.random.default_rng(seed))
+    assert all(set(split.part[session == k]) == {0, 1, 2} for k in range(2))
+
+
 def test_few_long_trajectories_are_cut_with_gaps() -> None:
     """Fewer than ten trajectories are cut into blocks with rows left out between them."""
     time = np.arange(2000) * 0.1

@@ -95,6 +95,9 @@ def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: n
             hint="Record more trajectories, or longer ones.",
         )
     part_of_unit = _dealt(len(units), rng)
+    if 1 < n_sessions < SPLIT.min_sessions:  # a homing is new in each: none of them in one part alone
+        first = session[used][np.unique(unit[used], return_index=True)[1]]
+        part_of_unit = _spread(part_of_unit, first, rng)
     part = np.full(len(time), NOT_USED)
     part[used] = part_of_unit[np.searchsorted(units, unit[used])]
     if n_sessions >= SPLIT.min_sessions:
@@ -124,6 +127,14 @@ def _dealt(n: int, rng: np.random.Generator) -> IntArray:
     parts[n_test : n_test + n_confirmation] = 1
     shuffled: IntArray = rng.permutation(parts)
     return shuffled
+
+
+def _spread(parts: IntArray, session: IntArray, rng: np.random.Generator) -> IntArray:
+    """Deal the same parts `(n,)` so that every session of the n units has its share of each."""
+    place = np.concatenate([(np.arange(k) + rng.random()) / k for k in np.bincount(parts)])
+    spread = np.empty_like(parts)
+    spread[np.lexsort((rng.random(len(parts)), session))] = np.sort(parts)[np.argsort(place)]
+    return spread
 
 
 def _blocks(time: FloatArray, trajectory: IntArray) -> tuple[IntArray, str]:
