@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import math
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gpcorrect.atomic import PICTURE, make_folder, require_new, require_own, write_file
-from gpcorrect.cli.console import err, out, print_json, progress_bar, split_names
+from gpcorrect.cli.console import err, note, out, print_json, progress_bar, split_names
 from gpcorrect.cli.options import ArmName, Json, KeyRoot, OldArm, OldConnect, numbers
-from gpcorrect.cli.processes import free_endpoint, running
+from gpcorrect.cli.processes import end_as_interrupted, free_endpoint, running
 from gpcorrect.cli.reading import chain_of
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, LogError
 
 if TYPE_CHECKING:
     from gpcorrect.calibration import TimedPath
@@ -141,7 +141,6 @@ def collect_zigzag(
         zigzag,
     )
     from gpcorrect.cli.joint import show_joint_errors
-    from gpcorrect.logs import write_log
     from gpcorrect_service.crtk import BusSettings  # zenoh is an extra; other commands work without it
     from gpcorrect_service.crtk.robot import Robot
 
@@ -161,12 +160,12 @@ def collect_zigzag(
         at = BusSettings(place, arm, namespace)
         robot = stack.enter_context(Robot(at if endpoint else replace(at, patience=PATIENCE)))
         robot.make_ready()
+        end_as_interrupted()
         gc.freeze()  # what was imported: a collection that goes through it would stop the commands for 0.15 s
         progress = stack.enter_context(progress_bar(quiet=json))
-        train = _recorded(robot, [timed(way, fastest, RATE_HZ) for way in corners], progress, "zig-zags")
-        tested = _recorded(robot, [_sines(block, fastest, test, seed)], progress, "test run")
-    write_log(train, output / "zigzags.csv")
-    write_log(tested, output / "test.csv")
+        ways = [timed(way, fastest, RATE_HZ) for way in corners]
+        train = _recorded(robot, ways, progress, "zig-zags", output / "zigzags.csv")
+        tested = _recorded(robot, [_sines(block, fastest, test, seed)], progress, "test run", output / "test.csv")
     fitted = fit_model(train, settings, task=JointCorrector)
     save(fitted.corrector, output / "joints.gpc")
     evaluation = evaluate_model(fitted.corrector, tested)
@@ -190,18 +189,28 @@ def _sines(block: FloatArray, fastest: FloatArray, seconds: float, seed: int) ->
     return random_sinusoids(inside, fastest, seconds, RATE_HZ, np.random.default_rng([seed, 1]))
 
 
-def _recorded(robot: Robot, paths: list[TimedPath], progress: Progress, what: str) -> CalibrationLog:
-    """Drive paths, a trajectory each, and return what was recorded of them."""
+def _recorded(robot: Robot, paths: list[TimedPath], progress: Progress, what: str, target: Path) -> CalibrationLog:
+    """Drive paths, a trajectory each, and return what was recorded of them; it is written however that ended."""
+    from gpcorrect.logs import write_log
     from gpcorrect.types import LogMeta
     from gpcorrect_service.crtk.recorder import Recorder
 
-    recorder = Recorder(robot.bus, ("measured_js", "setpoint_js", "external_js"))
-    for number, path in enumerate(paths):
-        progress.step(what, number / len(paths))
-        robot.follow(path.time, path.q, number)
-    progress.step(what, 1.0)
     types = "RRP" if len(robot.setpoint) == len(UNITS) else ""
-    return recorder.recording().log(LogMeta(arm=robot.bus.settings.arm, joint_types=types))
+    meta = LogMeta(arm=robot.bus.settings.arm, joint_types=types)
+    recorder = Recorder(robot.bus, ("measured_js", "setpoint_js", "external_js"))
+    try:
+        for number, path in enumerate(paths):
+            progress.step(what, number / len(paths))
+            robot.follow(path.time, path.q, number)
+    except BaseException:  # the robot's refusal, or Ctrl-C
+        with suppress(LogError):  # nothing was driven yet
+            write_log(recorder.recording().log(meta), target)
+            note(f"what was recorded until then: {target}")
+        raise
+    progress.step(what, 1.0)
+    log = recorder.recording().log(meta)
+    write_log(log, target)
+    return log
 
 
 def _require_within(block: FloatArray, name: str) -> None:

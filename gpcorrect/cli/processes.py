@@ -62,6 +62,13 @@ def running(*words: str) -> Iterator[None]:
             process.kill()
 
 
+def end_as_interrupted() -> None:
+    """Let SIGTERM and a closed terminal do what Ctrl-C does: what was recorded until then is written."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if number == signal.SIGTERM or signal.getsignal(number) != signal.SIG_IGN:  # as nohup has it
+            signal.signal(number, signal.getsignal(signal.SIGINT))
+
+
 def stop_signal() -> threading.Event:
     """Return an event that Ctrl-C, SIGTERM and a terminal that is closed set; a second one ends the process.
 
@@ -77,7 +84,6 @@ def stop_signal() -> threading.Event:
             os._exit(128 + number)
         stop.set()
 
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
-            signal.signal(number, _stop)
+    signal.signal(signal.SIGINT, _stop)
+    end_as_interrupted()
     return stop

@@ -1,15 +1,19 @@
 """The robot tools and the debridement task as a user runs them, other processes included."""
 
 import json
+import signal
 import subprocess
 import sys
+import threading
+import time
 
 import numpy as np
 import pytest
 from cli_support import assert_refused
-from crtk_support import living_arm
+from crtk_support import PATIENT, living_arm
 
 from gpcorrect.logs import read_log
+from gpcorrect_service.crtk import Bus, BusSettings
 from gpcorrect_studies.debridement import command
 
 
@@ -129,3 +133,20 @@ def test_a_calibration_from_end_to_end(gpcorrect, tmp_path):
     assert all(c["rmse"] < r["rmse"] for c, r in zip(errors["corrected"], errors["raw"], strict=True))
     assert read_log(tmp_path / "zigzags.csv").external_jp is not None
     assert (tmp_path / "joints.gpc").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP], ids=lambda number: number.name)
+def test_a_calibration_that_is_broken_off_leaves_its_recording(arm, tmp_path, number):
+    """Ctrl-C or a closed terminal in the middle: what was driven until then is in the file."""
+    words = ("collect", "zigzag", "--endpoint", arm, "-o", str(tmp_path))
+    with (
+        Bus(BusSettings(arm)) as bus,
+        subprocess.Popen([sys.executable, "-m", "gpcorrect", *words], stderr=subprocess.DEVNULL) as driving,
+    ):
+        moved = threading.Event()
+        bus.subscribe("event", lambda event: moved.set())
+        assert moved.wait(PATIENT)
+        time.sleep(1.0)  # of recording
+        driving.send_signal(number)
+        assert driving.wait(PATIENT) == 130
+    assert len(read_log(tmp_path / "zigzags.csv")) > 0
