@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -38,20 +37,6 @@ def no_fault(log: CalibrationLog, rng: np.random.Generator) -> Faulty:
     return log, np.zeros(len(log), dtype=bool)
 
 
-def rows_of(log: CalibrationLog, mask: BoolArray) -> CalibrationLog:
-    """Take samples of a log that has time, trajectories, sessions and two signals."""
-    assert log.tracker_cp is not None
-    assert log.setpoint_cp is not None
-    return replace(
-        log,
-        time=log.time[mask],
-        trajectory=log.trajectory[mask],
-        session=log.session[mask],
-        tracker_cp=log.tracker_cp[mask],
-        setpoint_cp=log.setpoint_cp[mask],
-    )
-
-
 def shares(keep: BoolArray, faulty: BoolArray) -> tuple[float, float]:
     """Recall (NaN without faults) and false rejection."""
     recall = float((~keep)[faulty].mean()) if faulty.any() else float("nan")
@@ -70,8 +55,8 @@ def labelled_by_training(plant: Plant, world: World, seed: int) -> tuple[float, 
     rng = np.random.default_rng(seed)
     log = make_log(world, rng)
     early = log.trajectory < TRAIN_SHARE * world.reaches
-    cleaner, _ = fit_cleaner(rows_of(log, early), rng=np.random.default_rng(CLEANING_SEED))
-    held_out, faulty = plant(rows_of(log, ~early), rng)
+    cleaner, _ = fit_cleaner(log.select(early), rng=np.random.default_rng(CLEANING_SEED))
+    held_out, faulty = plant(log.select(~early), rng)
     return shares(clean_with(cleaner, held_out).keep, faulty)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,24 +16,16 @@ if TYPE_CHECKING:
 
 
 def digests(*paths: Path) -> list[tuple[str, str]]:
-    """Return names and SHA-256 of files, for the foot of a page; of a folder, that of its files' digests.
+    """Return names and SHA-256 of files and folders, for the foot of a page.
 
     Parameters
     ----------
     *paths : Path
         Files, or folders of pictures.
     """
-    found = []
-    for path in paths:
-        files = [file for file in sorted(path.iterdir()) if file.is_file()] if path.is_dir() else [path]
-        whole = hashlib.sha256()
-        for file in files:
-            with file.open("rb") as opened:
-                one = hashlib.file_digest(opened, "sha256")
-            whole.update(one.digest())
-        digest = one if len(files) == 1 and not path.is_dir() else whole
-        found.append(("file", f"{path}, SHA-256 {digest.hexdigest()}"))
-    return found
+    from gpcorrect.logs.reader import recording_digest
+
+    return [("file", f"{path}, SHA-256 {recording_digest(path)}") for path in paths]
 
 
 def write_fit_page(experiment: Experiment, page: Path) -> None:

@@ -35,19 +35,6 @@ def judged(log: CalibrationLog, settings: CleaningSettings | None = None) -> Cle
     return fit_cleaner(log, settings, rng=np.random.default_rng(7))[1]
 
 
-def rows_of(log: CalibrationLog, mask: BoolArray) -> CalibrationLog:
-    assert log.tracker_cp is not None
-    assert log.setpoint_cp is not None
-    return replace(
-        log,
-        time=log.time[mask],
-        trajectory=log.trajectory[mask],
-        session=log.session[mask],
-        tracker_cp=log.tracker_cp[mask],
-        setpoint_cp=log.setpoint_cp[mask],
-    )
-
-
 def assert_found(report: CleaningReport, faulty: BoolArray, recall: float = 0.95, false: float = 0.01) -> None:
     assert (~report.keep)[faulty].mean() >= recall
     assert (~report.keep)[~faulty].mean() <= false
@@ -58,8 +45,8 @@ def trained() -> tuple[FittedCleaner, CalibrationLog]:
     """Return a cleaner that learned from the first trajectories, and a fault-free log of the others."""
     log = make_log(WORLD, np.random.default_rng(5))
     early = log.trajectory < HELD_OUT * WORLD.reaches
-    cleaner, _ = fit_cleaner(rows_of(log, early), rng=np.random.default_rng(7))
-    return cleaner, rows_of(log, ~early)
+    cleaner, _ = fit_cleaner(log.select(early), rng=np.random.default_rng(7))
+    return cleaner, log.select(~early)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
