@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import socket
 import threading
 import time
 from pathlib import Path
@@ -18,6 +17,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from gpcorrect.calibration import FitSettings, fit_corrector, load, save
+from gpcorrect.cli.processes import free_endpoint
 from gpcorrect.sim import debridement_log, machine_of, preset
 from gpcorrect.sim.live_robot import LiveRobot
 from gpcorrect_service.crtk import ArmServer, ArmServerSettings, Bus, BusSettings, OperatingState, Pose
@@ -84,12 +84,6 @@ def prefilter_times(model: Path) -> dict[str, float]:
 def small_model(path: Path) -> Path:
     save(fit_corrector(debridement_log(3, reaches=25), FitSettings(inducing=200, marker="none")), path)
     return path
-
-
-def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 if __name__ == "__main__":

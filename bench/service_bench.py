@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-import socket
 import tempfile
 import threading
 import time
@@ -19,6 +18,7 @@ import numpy as np
 import zenoh
 
 from gpcorrect.calibration import load, save
+from gpcorrect.cli.processes import free_endpoint
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.ops.router import route
 from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose
@@ -94,12 +94,6 @@ def process(target: Callable[..., None], *arguments: Any) -> Iterator[Any]:
     finally:
         child.kill()
         child.join()
-
-
-def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 @contextmanager

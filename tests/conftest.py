@@ -6,18 +6,18 @@ import fcntl
 import io
 import os
 import socket
-import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
+from typing import Any
 
 import pytest
+from command_line import CommandLine, exit_status
 from hypothesis import settings
 from support import Fitted, Once, short_search, small_log
 from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration import CommandCorrector, load
-from gpcorrect.cli import main
 from gpcorrect.logs import write_log
 
 # How long an example takes says more of the machine's other work than of the code.
@@ -65,6 +65,22 @@ def small_corrector(small_model: Path) -> CommandCorrector:
 
 
 @pytest.fixture
+def gpcorrect(capfd: pytest.CaptureFixture[str]) -> Iterator[CommandLine]:
+    """Return the command line, with a short search for hyperparameters: no law of a command hangs on a long one."""
+    with short_search(80):
+        yield CommandLine(capfd)
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """Two worker processes of one thread each, and their scheduler."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as found:
+        yield found
+
+
+@pytest.fixture
 def ports(once: Once) -> Iterator[None]:
     """Keep the ports that documents name from other tests, in other processes too; skip where they are taken."""
     with (once.folder / "ports.lock").open("w") as lock:
@@ -80,10 +96,7 @@ def _fit(folder: Path) -> None:
     folder.mkdir()
     log = folder / "log.csv"
     write_log(small_log(), log)
-    words = ["gpcorrect", "fit", log, "--output", folder / "model.gpc", "--time-offset", "none", "--json"]
-    with pytest.MonkeyPatch.context() as patch, short_search(), redirect_stdout(io.StringIO()) as printed:
-        patch.setattr(sys, "argv", list(map(str, words)))
-        with pytest.raises(SystemExit) as stopped:
-            main()
-    assert not stopped.value.code
+    words = ("fit", log, "--output", folder / "model.gpc", "--time-offset", "none", "--json")
+    with short_search(), redirect_stdout(io.StringIO()) as printed:
+        assert exit_status(*words) == 0
     (folder / "fit.json").write_text(printed.getvalue())

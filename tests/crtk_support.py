@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gpcorrect.cli.processes import free_endpoint
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.sim import machine_of, preset
 from gpcorrect.sim.live_robot import LiveRobot
@@ -59,12 +59,6 @@ class ShiftCorrector:
 def model(corrector: ShiftCorrector) -> Model:
     """Return the corrector as a model with a name."""
     return Model(corrector, id="shift", hash="0" * 64)
-
-
-def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import get_args
 
 import pytest
-from cli.cli_support import PROGRAM
+from command_line import PROGRAM
 from support import ROOT
 
 from gpcorrect.calibration import LEARNERS, HoldOut

@@ -7,7 +7,6 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -19,15 +18,6 @@ from gpcorrect.parallel import ClusterError, each, each_as_done, workers
 from gpcorrect.types import Progress
 
 pytest.importorskip("distributed", reason="clusters need distributed: pip install 'gpcorrect[cluster]'")
-
-
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[object]:
-    """Two worker processes of one thread each, and their scheduler."""
-    from distributed import LocalCluster
-
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as found:
-        yield found
 
 
 class Recorded(Progress):

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
+import pytest
 from support import small_log
 
 import gpcorrect
+import gpcorrect.discrepancy
+import gpcorrect_service
 
 
-def test_every_public_name_is_there() -> None:
+@pytest.mark.parametrize("door", [gpcorrect, gpcorrect.discrepancy, gpcorrect_service], ids=lambda door: door.__name__)
+def test_every_public_name_is_there(door: ModuleType) -> None:
     """`__all__` names what exists, once, in order."""
-    assert list(gpcorrect.__all__) == sorted(set(gpcorrect.__all__))
-    assert all(hasattr(gpcorrect, name) for name in gpcorrect.__all__)
+    assert list(door.__all__) == sorted(set(door.__all__))
+    assert all(hasattr(door, name) for name in door.__all__)
+    assert not hasattr(door, "nonsense")
 
 
 def test_write_read_fit_save_load_and_correct(tmp_path: Path) -> None:

@@ -36,24 +36,6 @@ def test_short_runs_use_fewer_points(n):
     np.testing.assert_allclose(got[:, 0], polynomial.deriv()(time), rtol=1e-9)
 
 
-def test_even_times_give_the_textbook_stencil():
-    """Inside an even grid the weights are (1, -8, 0, 8, -1) / 12 h."""
-    values = np.random.default_rng(0).normal(size=9)
-    got = derivative(np.arange(9) * 0.1, values[:, None], np.zeros(9, dtype=int))
-    expected = (values[2] - 8 * values[3] + 8 * values[5] - values[6]) / (12 * 0.1)
-    assert got[4, 0] == pytest.approx(expected, rel=1e-12)
-
-
-def test_error_falls_with_the_fourth_power_of_the_step():
-    """Halving the step divides the error of a sine's derivative by sixteen."""
-    errors = []
-    for n in (101, 201):
-        time = np.linspace(0, 2 * np.pi, n)
-        got = derivative(time, np.sin(time)[:, None], np.zeros(n, dtype=int))
-        errors.append(np.abs(got[:, 0] - np.cos(time))[2:-2].max())
-    assert errors[0] / errors[1] == pytest.approx(16, rel=0.05)
-
-
 @given(st.integers(0, 10_000), st.integers(6, 300), st.sampled_from([0.4, 1.0, 10.0]))
 def test_quadratics_are_differentiated_exactly(seed, n, step):
     """On any spacing, however many samples a step holds, the derivative of a parabola is exact everywhere."""

@@ -21,17 +21,6 @@ def random_chain(convention, seed=0, kinds="RPRRPR"):
     return Chain(joints, convention, base, tool)
 
 
-def test_planar_arm_has_its_textbook_tip():
-    """Two links of 0.3 and 0.2 m in a plane reach l1 e(q1) + l2 e(q1 + q2)."""
-    links = tuple(Joint("R", 0.0, length, 0.0, 0.0, -np.pi, np.pi) for length in (0.3, 0.2))
-    q = random_joints(Chain(links, "standard").limits, 50)
-    total = q.cumsum(axis=1)
-    expected = 0.3 * np.exp(1j * total[:, 0]) + 0.2 * np.exp(1j * total[:, 1])
-    tip = Chain(links, "standard").forward(q)
-    np.testing.assert_allclose(tip[:, 0, 3] + 1j * tip[:, 1, 3], expected, atol=1e-15)
-    np.testing.assert_allclose(se3.rotvec_from_matrix(tip[:, :3, :3])[:, 2] % (2 * np.pi), total[:, 1] % (2 * np.pi))
-
-
 def test_the_two_conventions_describe_the_same_arm():
     """A standard table equals the modified one with alpha and a moved down a row and the last in the tool."""
     standard = random_chain("standard")
@@ -49,32 +38,6 @@ def test_the_two_conventions_describe_the_same_arm():
     q = random_joints(standard.limits, 30)
     np.testing.assert_allclose(modified.forward(q), standard.forward(q), atol=1e-13)
     np.testing.assert_allclose(modified.jacobian(q), standard.jacobian(q), atol=1e-13)
-
-
-@pytest.mark.parametrize("convention", ["standard", "modified"])
-def test_forward_is_the_product_of_screw_motions(convention):
-    """T(q) = exp(S_1 q_1) ... exp(S_n q_n) T(0), with screws read off at joint zero."""
-    chain = random_chain(convention, seed=3)
-    directions, points = chain.axes(np.zeros(chain.dof))
-    turning = chain.revolute[:, None]
-    linear = np.where(turning, np.cross(points, directions), directions)
-    screws = np.concatenate([linear, np.where(turning, directions, 0.0)], axis=1)
-    for q in random_joints(chain.limits, 20):
-        motions = [se3.exp(screw * value) for screw, value in zip(screws, q, strict=True)]
-        expected = se3.compose(*motions, chain.forward(np.zeros(chain.dof)))
-        np.testing.assert_allclose(chain.forward(q), expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_jacobian_is_the_derivative_of_the_forward_map(name):
-    """Columns equal the central difference of log(T(q)^-1 T(q +- h)), turned into base axes."""
-    chain, h = arm_named(name).chain, 1e-5
-    for q in random_joints(chain.limits, 20):
-        T = chain.forward(q)
-        ahead, behind = (se3.log(se3.invert(T) @ chain.forward(q + s * np.eye(chain.dof))) for s in (h, -h))
-        body = (ahead - behind) / (2 * h)
-        expected = np.concatenate([body[:, :3] @ T[:3, :3].T, body[:, 3:] @ T[:3, :3].T], axis=1).T
-        np.testing.assert_allclose(chain.jacobian(q), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])

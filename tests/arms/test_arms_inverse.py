@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gpcorrect import se3
-from gpcorrect.arms import DA_VINCI_TOOL, Chain, Joint, RemoteCentreArm, arm_named, dvrk_psm, raven2
+from gpcorrect.arms import DA_VINCI_TOOL, Chain, Joint, RemoteCentreArm, dvrk_psm, raven2
 from gpcorrect.errors import DataError
 
 TOOL = se3.exp(np.array([0.004, -0.002, 0.015, 0.3, -0.8, 0.5]))
@@ -166,12 +166,3 @@ def test_arms_without_a_remote_centre_are_refused_with_the_broken_law():
         changed(4, a=0.0)
     with pytest.raises(DataError, match="RRRRRR"):
         changed(2, kind="R")
-
-
-def test_arm_delegates_to_its_chain():
-    """Forward map, limits and kinds are the chain's."""
-    arm = arm_named("raven2_left")
-    q = random_joints(arm, 2)
-    np.testing.assert_array_equal(arm.forward(q), arm.chain.forward(q))
-    assert (arm.dof, arm.joint_types) == (6, "RRPRRR")
-    np.testing.assert_array_equal(arm.limits, arm.chain.limits)

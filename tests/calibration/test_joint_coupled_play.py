@@ -36,16 +36,6 @@ def test_no_joint_is_pulled_harder_than_friction_bears() -> None:
     np.testing.assert_allclose(np.abs(pull[1:])[slips], np.broadcast_to(limit, slips.shape)[slips], atol=1e-6)
 
 
-def test_only_the_path_counts_not_its_speed() -> None:
-    """Samples put between two others on a straight line change no lag where joints do not pull on each other."""
-    path = walk(2, 100)
-    fine = np.repeat(path, 2, axis=0)[:-1]
-    fine[1::2] = (path[:-1] + path[1:]) / 2
-    play = CoupledPlay(np.eye(3), PLAY.gap)
-    coarse = play.lags(path, np.arange(len(path)) == 0)
-    np.testing.assert_allclose(play.lags(fine, np.arange(len(fine)) == 0)[::2], coarse, atol=1e-12)
-
-
 def test_a_path_in_steps_is_the_path_at_once() -> None:
     """Advancing sample by sample, as a stream does, leaves the joints where the whole path leaves them."""
     path = walk(3, 60)

@@ -22,7 +22,7 @@ from gpcorrect.calibration import (
     save,
 )
 from gpcorrect.calibration.learners.network import NetworkMap
-from gpcorrect.errors import ArtifactError, DataError, DegenerateError, LogError
+from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog, FloatArray
 
@@ -208,13 +208,6 @@ def test_missing_numbers_are_passed_over() -> None:
         assert np.isfinite(answer.joints[120:140]).any()
         assert (np.array(answer.status)[100:110] == "MISSING").all()
         assert np.isfinite(rmse(experiment)).all()
-
-
-def test_another_file_is_no_joint_model(tmp_path: Path) -> None:
-    """Bytes that are no model are refused with the reason."""
-    (tmp_path / "m.gpc").write_bytes(b"nothing")
-    with pytest.raises(ArtifactError, match="refused"):
-        load(tmp_path / "m.gpc", JointCorrector)
 
 
 @pytest.mark.slow

@@ -29,23 +29,6 @@ def test_a_state_is_how_far_the_play_lags_behind(seed: int) -> None:
             np.testing.assert_allclose(states[:, h, k], path[:, k] - play(path[:, k], RADII[h, k]), atol=1e-12)
 
 
-def test_states_do_not_depend_on_the_speed() -> None:
-    """Samples between two samples of a straight piece change nothing at its ends: hysteresis knows no rate."""
-    path = walk(7)
-    fine = np.repeat(path, 4, axis=0)[:-3]
-    for part in range(1, 4):
-        fine[part::4] = path[:-1] + (path[1:] - path[:-1]) * part / 4
-    np.testing.assert_allclose(states_of(fine)[::4], states_of(path), atol=1e-12)
-
-
-def test_a_long_way_wipes_out_what_was_before() -> None:
-    """Two paths that differ only before a stroke of twice the largest radius have the same states after it."""
-    one, other = walk(1, 50), walk(2, 50)
-    stroke = np.linspace(0, 1.2, 30)[:, None] * np.ones(2)
-    ends = [states_of(np.concatenate([p, p[-1] + stroke]))[-1] for p in (one, other)]
-    np.testing.assert_allclose(ends[0], ends[1], atol=1e-12)
-
-
 def test_every_label_is_a_path_of_its_own() -> None:
     """Two paths in one array have the states that each has alone, and start in the middle of the slack."""
     one, other = walk(3), walk(4)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gpcorrect.sim.effects import play
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
 WORKSPACE = np.array([0.08, 0.08, 0.02])  # Mahler et al. 2014, Sec. V: 8 x 8 x 2 cm
@@ -56,24 +57,15 @@ def smooth_field(inputs: FloatArray, rng: np.random.Generator, waves: int = 6) -
     return values / np.linalg.norm(values, axis=1).max()
 
 
-def play(path: FloatArray, half_width: float) -> FloatArray:
-    """Backlash: what is lost of each coordinate in a play operator of the given half width."""
-    out = np.empty_like(path)
-    state = path[0]
-    for k, value in enumerate(path):
-        state = np.clip(state, value - half_width, value + half_width)
-        out[k] = value - state
-    return out
-
-
 def make_log(world: World, rng: np.random.Generator) -> CalibrationLog:
     """Make a fault-free log: the command moved by field, viscous lag, play and noise, in an arbitrary tracker frame."""
     position, rotvec, trajectory = reaching_command(world, rng)
     time = np.arange(len(position)) / world.rate
     velocity = np.gradient(position, time, axis=0)
     inputs = np.hstack([position / 0.04, rotvec / world.tilt_rad, 0.5 * velocity / SPEED])
-    shift = world.field_m * smooth_field(inputs, rng) + world.viscous_s * velocity + play(position, world.play_m)
-    turn = world.field_rad * smooth_field(inputs, rng) + play(rotvec, world.play_rad)
+    lost, unturned = position - play(position, world.play_m), rotvec - play(rotvec, world.play_rad)
+    shift = world.field_m * smooth_field(inputs, rng) + world.viscous_s * velocity + lost
+    turn = world.field_rad * smooth_field(inputs, rng) + unturned
     base = np.array([0.1, -0.02, -0.15])
     R_command = Rotation.from_rotvec(rotvec) * Rotation.from_euler("y", 90, degrees=True)
     seen = position + base - shift + world.noise_m * rng.normal(size=position.shape)

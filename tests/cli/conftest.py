@@ -1,20 +1,12 @@
-"""The command line, and the small recording as a file, as fixtures."""
+"""The small recording as a file."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from cli_support import CommandLine, written
-from support import short_search, small_log
-
-
-@pytest.fixture
-def gpcorrect(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Iterator[CommandLine]:
-    """Return the command line, with a short search for hyperparameters: no law of a command hangs on a long one."""
-    with short_search(80):
-        yield CommandLine(monkeypatch, capfd)
+from command_line import written
+from support import small_log
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from cli_support import CommandLine, assert_refused, written
+from command_line import CommandLine, assert_refused, written
 from support import small_log
 
 from gpcorrect.calibration import load, save

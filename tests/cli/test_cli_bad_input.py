@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import CommandLine, assert_refused, written
+from command_line import CommandLine, assert_refused, written
 from support import small_log
 
 from gpcorrect.types import CalibrationLog, PoseSignal
@@ -53,15 +53,6 @@ def test_an_end_unlike_its_beginning_is_not_measured_on(gpcorrect: CommandLine, 
     assert_refused(gpcorrect(*words), "rejects all 40", "--holdout 0")
     assert not (tmp_path / "m.gpc").exists()
     assert gpcorrect(*words, "--holdout", 0).code == 0
-
-
-def test_collinear_positions_are_refused(gpcorrect: CommandLine, tmp_path: Path) -> None:
-    """A line of positions without orientations does not fix a rotation about itself."""
-    log = small_log()
-    line = np.outer(np.linspace(0, 0.1, len(log)), [1.0, 2.0, 2.0])
-    assert log.setpoint_cp is not None
-    bad = replace(log, setpoint_cp=PoseSignal(line), tracker_cp=PoseSignal(line + 0.01))
-    assert_refused(gpcorrect("fit", written(bad, tmp_path / "line.csv"), "--output", tmp_path / "m.gpc"), "line")
 
 
 def test_a_tracker_that_saw_nothing_is_named(gpcorrect: CommandLine, tmp_path: Path) -> None:

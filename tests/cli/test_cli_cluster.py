@@ -7,12 +7,11 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_support import CommandLine, assert_refused
+from command_line import CommandLine
 
 pytest.importorskip("distributed", reason="clusters need distributed: pip install 'gpcorrect[cluster]'")
 pytestmark = pytest.mark.slow
@@ -39,15 +38,6 @@ seconds = 4.0
 cases = 2
 effect_to_noise = [2.0]
 """
-
-
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[Any]:
-    """Two worker processes of one thread each, and their scheduler."""
-    from distributed import LocalCluster
-
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as found:
-        yield found
 
 
 def test_blind_cases_are_the_same_from_a_cluster(gpcorrect: CommandLine, tmp_path: Path, cluster: Any) -> None:
@@ -85,12 +75,3 @@ def test_a_run_is_the_same_from_a_cluster_that_loses_a_worker(
     assert here.pop("provenance")["seconds"] > 0  # seconds alone differ
     spread.pop("provenance")
     assert spread == here
-
-
-def test_a_scheduler_that_does_not_answer_is_said(gpcorrect: CommandLine, tmp_path: Path, monkeypatch) -> None:
-    """With how to start one; nothing is computed."""
-    monkeypatch.setattr("gpcorrect.parallel.PATIENCE", 0.5)
-    (tmp_path / "nominal.toml").write_text(NOMINAL)
-    (tmp_path / "spec.toml").write_text(SPEC)
-    words = ("--spec", tmp_path / "spec.toml", "--output", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
-    assert_refused(gpcorrect("discrepancy", "generate", *words), "no Dask scheduler answers", "dask worker")

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from cli_support import CommandLine, assert_refused, written
+from command_line import CommandLine, assert_refused, written
 from joint_logs import joint_log
 from support import Fitted, Once, small_log
 

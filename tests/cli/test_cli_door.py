@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 import pytest
-from cli_support import PROGRAM, CommandLine, assert_refused
+from command_line import PROGRAM, CommandLine, assert_refused
 
 import gpcorrect as package
 import gpcorrect_studies
@@ -81,8 +81,9 @@ def test_the_programs_help_loads_no_library_of_the_commands() -> None:
 
 
 def test_reading_a_log_needs_no_regression() -> None:
-    """The door to recordings does not open the one to models."""
+    """The door to recordings does not open the one to models; that to the search for effects opens none."""
     assert not loaded_by("import gpcorrect; gpcorrect.CalibrationLog") & {"sklearn", "numba"}
+    assert not loaded_by("import gpcorrect.discrepancy") & HEAVY
 
 
 @pytest.mark.parametrize("name", LINES)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import CommandLine, assert_refused
+from command_line import CommandLine, assert_refused
 from support import Fitted
 
 from gpcorrect.calibration import load, save

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import CommandLine, assert_refused, written
+from command_line import CommandLine, assert_refused, written
 from joint_logs import joint_log
 
 from gpcorrect.logs import read_log
@@ -112,7 +112,7 @@ def test_a_homing_is_noticed_and_mixed_ones_set_no_zero(gpcorrect: CommandLine, 
     outcome = gpcorrect("joint", "evaluate", tmp_path / "m.gpc", joints, after, "--json")
     moved = {(row["session"], row["joint"]) for row in outcome.json["zeros"] if row["moved"]}
     assert moved == {(1, 2)}
-    assert "session 1: the zero of joint 2" in " ".join(outcome.err.split())
+    assert "session 1: the zero of joint 2" in outcome.said
     both = gpcorrect("joint", "rezero", tmp_path / "m.gpc", joints, after, "--output", tmp_path / "n.gpc")
     assert_refused(both, "2 sessions")
 

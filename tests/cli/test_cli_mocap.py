@@ -7,9 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from cli_support import CommandLine, assert_refused, written
-from scipy.io import savemat
-from support import ROOT, small_log
+from command_line import CommandLine, assert_refused, written
+from support import ROOT
 
 from gpcorrect.types import CalibrationLog, PoseSignal
 
@@ -54,14 +53,3 @@ def test_a_file_of_the_cameras_alone_says_what_is_missing(gpcorrect: CommandLine
     assert_refused(gpcorrect("fit", take, "--output", tmp_path / "m.gpc"), "2 bodies", "body")
     tool = mapping(tmp_path / "tool.toml", {"body": "tool"})
     assert_refused(gpcorrect("fit", take, "--columns", tool, "--output", tmp_path / "m.gpc"), "setpoint_cp")
-
-
-def test_a_matlab_file_is_the_same_recording(gpcorrect: CommandLine, tmp_path: Path) -> None:
-    """The same table saved by MATLAB gives the same findings and figures."""
-    log = small_log(trajectories=3)
-    poses = {n: np.hstack([p.position, p.quaternion]) for n in log.POSES if (p := getattr(log, n)) is not None}
-    savemat(tmp_path / "log.mat", {"time": log.time[:, None], "trajectory": log.trajectory[:, None], **poses})
-    files = (tmp_path / "log.mat", written(log, tmp_path / "log.csv"))
-    first, second = (gpcorrect("validate", file, "--json").json for file in files)
-    assert first["findings"] == second["findings"]
-    assert first["facts"]["signals"] == second["facts"]["signals"]

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from cli_support import CommandLine, assert_refused
+from command_line import CommandLine, assert_refused
 
 from gpcorrect.atomic import require_own
 from gpcorrect.calibration import CommandCorrector, save

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from cli_support import assert_refused
+from command_line import assert_refused
 from crtk_support import PATIENT, living_arm
 
 from gpcorrect.logs import read_log

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from cli_support import PROGRAM, CommandLine
+from command_line import PROGRAM, CommandLine
 from rich.table import Table
 
 from gpcorrect.cli.console import out, plain_table

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import CommandLine, assert_refused, written
+from command_line import CommandLine, assert_refused, written
 from support import small_log
 
 from gpcorrect.logs import read_log

@@ -16,55 +16,9 @@ from truth import Spec, make_case
 
 from gpcorrect.discrepancy import Level
 from gpcorrect.discrepancy.run import find_discrepancy
-from gpcorrect.sim import EFFECTS, Model, machine_of, model_from_dict, read_model, simulate, write_model
-from gpcorrect.sim.model import model_text
+from gpcorrect.sim import Model, machine_of, model_from_dict, read_model, simulate, write_model
 from gpcorrect.sim.plan import Segment, plan_of
 from gpcorrect.types import CalibrationLog, FloatArray
-
-WHOLE: dict[str, Any] = {
-    "arm": "raven2_left",
-    "joints": [1, 2, 3],
-    "wrist": [0.0, 0.1, 0.0],
-    "theta_offset_deg": [205, 180, 0, 0, -90, 0],
-    "gravity": [-9.7, 0.1, 0.2],
-    "payload": 0.25,
-    "log_rate_hz": 50.0,
-    "T_tracker_base": {"translation": [0.1, 0.2, 0.3], "rotvec": [0.0, 0.5, 0.0]},
-    "T_tip_marker": {"translation": [0.0, 0.0, 0.01]},
-    "controller": {"kp": [400.0, 400.0, 1e5], "kd": [20.0, 20.0, 6e3], "rate_hz": 500.0, "feedforward": "rigid-body"},
-    "transmission": {"motor_inertia": [0.2, 0.2, 60.0]},
-    "links": {"mass": [0.4, 0.7], "com": [[0.0, 0.1, -0.1], [0.0, -0.2, -0.2]]},
-    "noise": {"external_jp_white": [1e-4, 1e-4, 1e-5], "tracker_white": 2e-4, "encoder_step": [1e-5, 1e-5, 1e-6]},
-    "faults": {"outlier_share": 0.01, "outlier_shift": 0.02},
-    "effects": [
-        {"name": "homing_offset", "joint": 1, "offset": [0.01, 0.02]},
-        {"name": "cable_coupling", "joint": 2, "source": 1, "coefficient": 0.01},
-    ],
-}
-
-
-def test_a_model_written_back_keeps_everything(tmp_path: Path) -> None:
-    """Payload, tables, noise, faults and effects (one value a session among them) come back from the file unchanged."""
-    model = model_from_dict(WHOLE)
-    write_model(model, tmp_path / "model.toml")
-    again = read_model(tmp_path / "model.toml")
-    assert again == model
-    assert model_text(again) == model_text(model)
-
-
-@pytest.mark.parametrize("name", sorted(EFFECTS))
-def test_every_effect_can_be_written_and_read_again(name: str, tmp_path: Path) -> None:
-    """Each of the 29, in the shapes in which the search would insert it, survives the model file."""
-    from gpcorrect.sim.effects import Scope, candidates
-
-    scope = Scope((1, 2, 3), "RRP", np.array([[0.3, 1.0], [1.0, 1.9], [0.3, 0.4]]), 300.0)
-    shapes = [c for c in candidates(scope) if c.kind.about.name == name]
-    assert shapes, f"{name} has no place in an arm of three joints"
-    model = model_from_dict(WHOLE)
-    for shape in shapes[:3]:
-        changed = model.with_effects(*model.effects, shape.typical())
-        write_model(changed, tmp_path / "model.toml")
-        assert read_model(tmp_path / "model.toml") == changed
 
 
 def bare_case(name: str, seed: int) -> tuple[CalibrationLog, Model, dict[str, Any]]:

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gpcorrect import se3
-from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import FeatureMap
 from gpcorrect.gpr.features import fixed_axes_angles
@@ -130,16 +129,6 @@ def test_position_only_data_give_linear_features() -> None:
     assert not features.has_orientation
     assert features.transform(positions, None, twists).shape == (50, 6)
     assert features.groups == ((0, 1, 2), (3, 4, 5))
-
-
-def test_a_map_survives_storing() -> None:
-    """Taken apart and rebuilt as a model file does it, it gives the same features to the last bit."""
-    positions, rotations, twists = motion(60, 9)
-    features = FeatureMap(POSE_VELOCITY).fit(positions, rotations, twists)
-    again = unpack(FeatureMap, *pack(features, "features"))
-    np.testing.assert_array_equal(
-        again.transform(positions, rotations, twists), features.transform(positions, rotations, twists)
-    )
 
 
 def test_a_spread_of_another_length_is_refused() -> None:

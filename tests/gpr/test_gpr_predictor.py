@@ -58,14 +58,6 @@ def test_what_is_stored_holds_everything(predictor: Predictor) -> None:
         np.testing.assert_array_equal(a, b)
 
 
-def test_a_missing_array_is_told(predictor: Predictor) -> None:
-    """Half a predictor is none."""
-    data, arrays = pack(predictor, "predictor")
-    del arrays["predictor.parts.0.alpha"]
-    with pytest.raises(DataError, match="alpha"):
-        unpack(Predictor, data, arrays)
-
-
 @pytest.mark.parametrize("name", ["basis", "alpha", "offset", "projection", "explained", "signal", "noise"])
 def test_arrays_that_do_not_fit_together_are_refused(predictor: Predictor, name: str) -> None:
     """Compiled code does not look at shapes: one array of another shape is no predictor."""

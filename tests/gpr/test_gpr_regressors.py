@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from gpr_fields import correlated_noise, planted, stretches
-from sklearn.exceptions import NotFittedError
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from sklearn.utils.estimator_checks import parametrize_with_checks
@@ -134,13 +133,6 @@ def test_one_row_is_refused_with_the_reason(make: Any) -> None:
     """One sample does not make a regression."""
     with pytest.raises(ValueError, match="1 sample"):
         make().fit(np.zeros((1, 3)), np.zeros(1))
-
-
-@BOTH
-def test_prediction_before_fit_is_refused(make: Any) -> None:
-    """An unfitted model does not answer."""
-    with pytest.raises(NotFittedError):
-        make().predict(np.zeros((1, 3)))
 
 
 def test_exact_refuses_more_than_it_can_bear() -> None:

@@ -12,6 +12,7 @@ from sync_support import wandering
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import align, match_clocks
 from gpcorrect.sim import random_reaches_log
+from gpcorrect.sim.effects import play
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 N, RATE = 1000, 50.0
@@ -28,14 +29,6 @@ def poses(lag: float, rng: np.random.Generator) -> CalibrationLog:
     seen = PoseSignal(path(t - lag) + 1e-4 * rng.normal(size=(N, 3)))
     command = PoseSignal(path(t))
     return CalibrationLog(t, np.zeros(N), np.zeros(N), setpoint_cp=command, measured_cp=command, tracker_cp=seen)
-
-
-def play(x: FloatArray, width: float) -> FloatArray:
-    """Return what a drive with play of this width leaves of a motion (n, k)."""
-    y = x.copy()
-    for i in range(1, len(x)):
-        y[i] = np.clip(y[i - 1], x[i] - width / 2, x[i] + width / 2)
-    return y
 
 
 @pytest.fixture
@@ -66,7 +59,7 @@ def test_play_in_the_drive_is_not_taken_for_a_clock():
     """Slow joints with play look late by more than a servo is, but a shift hardly explains them; a clock does."""
     rng = np.random.default_rng(2)
     motor = 10 * wandering(rng)(np.arange(4000) / 150.0)
-    log = joints(play(motor, 0.08 * np.ptp(motor)), motor, RATE)
+    log = joints(play(motor, 0.04 * np.ptp(motor)), motor, RATE)
     same, clocks = match_clocks(log, "external_jp", "measured_jp", "auto", plausible_lag=(-0.02, 0.05))
     assert clocks.offset.ci95[0] > 0.07
     assert same is log

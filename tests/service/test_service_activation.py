@@ -119,13 +119,6 @@ def test_a_bad_file_leaves_the_old_model_serving(
         assert client.model().hash == model_hash(model_files[0])
 
 
-def test_an_unknown_model_is_named(operator: Operator) -> None:
-    """Activating what the store does not hold is BAD_INPUT with what there is."""
-    with pytest.raises(ServiceError, match="sunday") as caught:
-        operator.activate("sunday")
-    assert "monday" in caught.value.hint
-
-
 def test_a_paused_server_refuses_and_goes_on(server: ServerProcess, operator: Operator) -> None:
     """PAUSED refuses corrections, health and the operator still answer; ENABLED answers again."""
     operator.set_state("PAUSED")

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import CommandLine
 from service_support import PATIENT, endpoint_of, free_port, store_process
 
 from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, fit_model, load_any, save
-from gpcorrect.cli import main
 from gpcorrect.types import CalibrationLog, LogMeta
 from gpcorrect_service import CorrectionClient
 from gpcorrect_service.server.models import load_joint_model
@@ -24,17 +24,12 @@ Run = Callable[..., tuple[int, str]]
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Run:
+def run(gpcorrect: CommandLine) -> Run:
     """Call `gpcorrect` with words; its exit status and all it printed."""
 
     def call(*words: object) -> tuple[int, str]:
-        monkeypatch.setattr(sys, "argv", ["gpcorrect", *(str(word) for word in words)])
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        result = capfd.readouterr()
-        code = stopped.value.code
-        return (code if isinstance(code, int) else 0), result.out + result.err
+        outcome = gpcorrect(*words)
+        return outcome.code, outcome.out + outcome.err
 
     return call
 

@@ -13,18 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from service_support import endpoint_of, free_port
 
-import gpcorrect_service
 from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect_service import ClientSettings, CorrectionClient, EndpointError, ServerSettings
 from gpcorrect_service.protocol.sessions import client_config, read_config, server_config
 from gpcorrect_service.server.service import Server
 
 DEPLOY = Path(__file__).resolve().parents[2] / "service" / "deploy" / "single_host"
-
-
-def test_public_names_exist() -> None:
-    """Every name that the package promises is there."""
-    assert all(hasattr(gpcorrect_service, name) for name in gpcorrect_service.__all__)
 
 
 def test_a_missing_library_is_named() -> None:

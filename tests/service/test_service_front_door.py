@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import CommandLine, assert_refused
 from service_support import PATIENT, endpoint_of, free_port
 
 from gpcorrect.calibration import CommandCorrector, load, model_hash
-from gpcorrect.cli import main
 from gpcorrect.types import FloatArray
 from gpcorrect_service import CorrectionClient
 
@@ -141,25 +141,14 @@ def test_sigterm_ends_well(model: Path) -> None:
 
 
 @pytest.mark.parametrize("fault", ["taken", "open", "truncated", "missing"])
-def test_refused_at_the_start(
-    fault: str,
-    model: Path,
-    endpoint: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_refused_at_the_start(fault: str, model: Path, endpoint: str, tmp_path: Path, gpcorrect: CommandLine) -> None:
     """A taken or an open address, a truncated or a missing model: status 2 and one message that says so."""
     broken = tmp_path / "broken.gpc"
     broken.write_bytes(model.read_bytes()[:-100])
     arguments, words = {
-        "taken": ([str(model), "--endpoint", endpoint], "cannot listen"),
-        "open": ([str(model), "--endpoint", "tcp/0.0.0.0:7447"], "other machines"),
-        "truncated": ([str(broken)], "refused"),
-        "missing": ([str(tmp_path / "none.gpc")], "no model file"),
+        "taken": ((model, "--endpoint", endpoint), "cannot listen"),
+        "open": ((model, "--endpoint", "tcp/0.0.0.0:7447"), "other machines"),
+        "truncated": ((broken,), "refused"),
+        "missing": ((tmp_path / "none.gpc",), "no model file"),
     }[fault]
-    monkeypatch.setattr(sys, "argv", ["gpcorrect", "serve", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    assert words in capsys.readouterr().err
+    assert_refused(gpcorrect("serve", *arguments), words)

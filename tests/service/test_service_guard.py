@@ -126,25 +126,6 @@ def refused(active: Active) -> tuple[str, str]:
     return active.state, caught.value.status
 
 
-@pytest.mark.parametrize("error", [SystemExit(1), KeyboardInterrupt(), BaseException("a panic of compiled code")])
-def test_a_worker_survives_whatever_its_work_raises(error: BaseException) -> None:
-    """No exception ends a worker for good: the next item is worked on, by as many threads as before."""
-    worked: list[int] = []
-
-    def work(item: int) -> None:
-        if item == 0:
-            raise error
-        worked.append(item)
-
-    queue = WorkerQueue("one", work, lambda _: None, workers=1, capacity=9, logger=open_logger(io.StringIO()))
-    queue.start()
-    queue.offer(0)
-    queue.offer(1)
-    queue.close()
-    assert queue.join(time.monotonic() + PATIENT)
-    assert worked == [1]
-
-
 def test_a_dead_worker_is_a_fault() -> None:
     """When a thread that answers is gone, health says FAULT though the model is well."""
     queue: WorkerQueue[int] = WorkerQueue(

@@ -83,16 +83,6 @@ def test_a_damaged_model_is_not_activated(store: ModelStore, damage: str) -> Non
     assert names(store) == ["monday"]
 
 
-def test_a_pickle_is_no_model(tmp_path: Path, store: ModelStore) -> None:
-    """A file with an object array inside is refused unread: loading runs no code."""
-    path = tmp_path / "trap.gpc"
-    with path.open("wb") as file:
-        np.savez(file, header=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(ArtifactError):
-        store.add(path, now=0.0)
-    assert len(store.models()) == 2
-
-
 @pytest.mark.parametrize("step", ["write", "sync", "rename"])
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS], ids=["full disk", "read-only disk"])
 def test_a_disk_that_takes_nothing_changes_nothing(

@@ -23,6 +23,7 @@ class Works:
         self.gate, self.began = threading.Event(), threading.Semaphore(0)
         self.done: list[int] = []
         self.refused: list[int] = []
+        self.error: BaseException = ValueError("a bad item")
         self.log = log or io.StringIO()
         self.queue: WorkerQueue[int] = WorkerQueue(
             "test",
@@ -38,7 +39,7 @@ class Works:
         """Note an item once the gate is open; fail on negative ones."""
         self.began.release()
         if item < 0:
-            raise ValueError("a bad item")
+            raise self.error
         self.gate.wait(PATIENT)
         self.done.append(item)
 
@@ -65,15 +66,19 @@ def test_every_item_is_handled_exactly_once(workers: int) -> None:
     assert sorted(works.done + works.refused) == list(range(50))
 
 
-def test_a_failing_item_leaves_the_worker_alive() -> None:
-    """An exception in the work is logged, and the next item is worked on."""
+@pytest.mark.parametrize(
+    "error", [ValueError("a bad item"), SystemExit(1), KeyboardInterrupt(), BaseException("a panic of compiled code")]
+)
+def test_a_failing_item_leaves_the_worker_alive(error: BaseException) -> None:
+    """Whatever the work raises is logged, and the next item is worked on."""
     works = Works()
+    works.error = error
     works.gate.set()
     works.queue.offer(-1)
     works.queue.offer(7)
     assert works.end()
     assert works.done == [7]
-    assert json.loads(works.log.getvalue())["exception"][0]["exc_value"] == "a bad item"
+    assert json.loads(works.log.getvalue())["exception"][0]["exc_type"] == type(error).__name__
 
 
 class FullDisk(io.StringIO):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sim_machines import raven
 
-from gpcorrect.arms import Chain, arm_named, gravity_torque
+from gpcorrect.arms import Chain, arm_named
 from gpcorrect.sim.body import Body, Links
 from gpcorrect.sim.dynamics import posture_at
 
@@ -24,28 +24,6 @@ def states(count=20, seed=0):
     rng = np.random.default_rng(seed)
     q = rng.uniform([0, 0.8, 0.25, -1, -1, -1], [1.5, 2.3, 0.5, 1, 1, 1], (count, 6))
     return q[:, None], rng.standard_normal((count, 1, 6)), rng.standard_normal((count, 1, 6))
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_gravity_load_balances_the_arm_module(name):
-    """What holds the arm up is the opposite of what the arms' own module says gravity does."""
-    arm, (q, _, _) = arm_named(name), states()
-    links = arm.links
-    body = Body(
-        tuple(range(1, 7)),
-        arm.joint_types,
-        arm.chain,
-        np.zeros(0),
-        Links(
-            np.array([link.mass for link in links]),
-            np.array([link.com for link in links]).reshape(-1, 3),
-            np.zeros((len(links), 3)),
-            np.array([0.4]),
-        ),
-        arm.gravity,
-    )
-    expected = -gravity_torque(arm.chain, links, q, arm.gravity, 0.4)
-    np.testing.assert_allclose(posture_at(body, q).gravity_load(), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -1,4 +1,4 @@
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,22 +9,12 @@ from gpcorrect.sim import run, simulate
 from gpcorrect.sim.effects import (
     Backlash,
     CableStretch,
-    ChainEffect,
     CoulombFriction,
-    Description,
-    Family,
     GravitySag,
     HomingOffset,
-    LoadEffect,
-    ReadingEffect,
-    Stage,
-    TipEffect,
+    Payload,
     ViscousFriction,
 )
-
-
-def about(name):
-    return Description(name, 99, "T", Family.LIMIT, "", "", (), (), (), ())
 
 
 def test_a_perfect_machine_goes_where_it_is_told():
@@ -109,71 +99,13 @@ def test_homing_offset_shows_outside_only():
     np.testing.assert_allclose((log.measured_jp - log.external_jp)[:, 0], 0.1, atol=1e-12)
 
 
-# One effect for each stage, as a further file of the catalogue would define it.
-
-
-@dataclass(frozen=True)
-class ExtraPayload(LoadEffect):
-    mass: float
-    about = about("payload")
-
-    def act(self, links):
-        return replace(links, payload=links.payload + self.mass)
-
-
-@dataclass(frozen=True)
-class LongerTool(ChainEffect):
-    about = about("dh_error")
-
-    def act(self, chain):
-        tool = np.array(chain.tool)
-        tool[:3, 3] += [0.0, 0.0, 0.01]
-        return replace(chain, tool=tool)
-
-
-@dataclass(frozen=True)
-class BentShaft(TipEffect):
-    stage = Stage.TIP
-    about = about("shaft_bending")
-
-    def act(self, T_base_tip, motion):
-        T = np.array(T_base_tip)
-        T[..., 2, 3] -= 0.001
-        return T
-
-
-@dataclass(frozen=True)
-class CoarseEncoder(ReadingEffect):
-    about = about("encoder_quantisation")
-
-    def advance(self, readings, motion, rng, memory):
-        return replace(readings, measured_jp=np.round(readings.measured_jp, 2))
-
-
 def test_a_load_effect_is_unknown_to_the_controller():
     """Payload as an effect loads the arm but not the feedforward; known payload loads both."""
     q = np.array([0.6, 1.5, 0.33])
-    hidden = run(raven(ExtraPayload("all", 0.3), drive=drive("gravity")), hold(q), passes=6)
+    hidden = run(raven(Payload("all", 0.3), drive=drive("gravity")), hold(q), passes=6)
     known = run(raven(drive=drive("gravity")), hold(q, payload=0.3), passes=6)
     np.testing.assert_allclose(known.motion.position[-1, 0], q, atol=1e-6)
     sag = q - hidden.motion.position[-1, 0]
     expected = (hidden.motion.gravity_load[-1, 0] - run(raven(), hold(q)).motion.gravity_load[-1, 0]) / drive().kp
     np.testing.assert_allclose(sag, expected, atol=2e-5)
     assert np.abs(sag).max() > 1e-4
-
-
-def test_tip_chain_and_reading_effects_leave_the_joints_alone():
-    """What happens at the tool is seen by the tracker only, and what happens to a sensor by that sensor only."""
-    plan = moves(runs=1, seconds=1.0)
-    machine = raven(drive=drive("gravity"))
-    plain = simulate(machine, plan)
-    bent = simulate(machine.with_effects(BentShaft("tool")), plan)
-    np.testing.assert_array_equal(bent.external_jp, plain.external_jp)
-    np.testing.assert_allclose(bent.tracker_cp.position - plain.tracker_cp.position, [[0, 0, -0.001]] * len(plain))
-    longer = simulate(machine.with_effects(LongerTool("tool")), plan)
-    np.testing.assert_array_equal(longer.setpoint_cp.position, plain.setpoint_cp.position)
-    gap = np.linalg.norm(longer.tracker_cp.position - plain.tracker_cp.position, axis=1)
-    np.testing.assert_allclose(gap, 0.01, rtol=1e-3)
-    coarse = simulate(machine.with_effects(CoarseEncoder("all")), plan)
-    np.testing.assert_array_equal(coarse.external_jp, plain.external_jp)
-    assert len(np.unique(coarse.measured_jp[:, 0])) < 30

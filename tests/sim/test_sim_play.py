@@ -52,14 +52,6 @@ def test_odd_symmetry(path, radius):
     np.testing.assert_array_equal(play(-path, radius), -play(path, radius))
 
 
-@given(st.integers(2, 30), radii, st.integers(0, 100))
-def test_columns_do_not_mix(n, radius, seed):
-    """Each column is played on its own."""
-    path = np.random.default_rng(seed).standard_normal((n, 4))
-    alone = np.stack([play(path[:, j], radius) for j in range(4)], axis=1)
-    np.testing.assert_array_equal(play(path, radius), alone)
-
-
 def test_loop_width_is_the_gap():
     """On a large enough sweep forth and back the branches lie two radii apart."""
     path = np.concatenate([np.linspace(-1, 1, 201), np.linspace(1, -1, 201)])

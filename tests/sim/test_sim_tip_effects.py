@@ -89,6 +89,7 @@ def test_dh_error_is_seen_by_the_tracker_only():
     plan = moves(runs=1, seconds=1.0)
     plain, changed = (simulate(raven(*e), plan) for e in ((), (DhError(1, 0.005, 0.0, 0.0, 0.0),)))
     np.testing.assert_allclose(changed.external_jp, plain.external_jp, atol=1e-4)
+    np.testing.assert_array_equal(changed.setpoint_cp.position, plain.setpoint_cp.position)
     assert np.abs(changed.tracker_cp.position - plain.tracker_cp.position).max() > 2e-3
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -11,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import CommandLine, assert_refused, exit_status
 from support import without_pictures
 
-from gpcorrect.cli import main
 from gpcorrect.errors import DataError
 from gpcorrect_studies.claims import number_at
 from gpcorrect_studies.mahler2014 import Scope, study
@@ -23,15 +22,6 @@ from gpcorrect_studies.mahler2014.table1 import COMPONENTS, FULL, MEMORY, METHOD
 
 SEED = 21
 pytestmark = pytest.mark.slow
-
-
-def _run(*words: object) -> int:
-    """Call `gpcorrect reproduce mahler2014` and return its exit status."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["gpcorrect", "reproduce", "mahler2014", *map(str, words)])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-    return int(stopped.value.code or 0)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         # What little the limits differ by is lost in hyperparameters of a shorter search.
         patch.setattr(study, "limits", lambda n, own, progress: limits(n, replace(own, search_samples=300), progress))
         patch.setattr(Scope, "quick", classmethod(lambda _: small))
-        assert _run("--quick", "--seed", SEED, "--output", output) == 0
+        assert exit_status("reproduce", "mahler2014", "--quick", "--seed", SEED, "--output", output) == 0
     return output
 
 
@@ -159,10 +149,10 @@ def test_every_claim_has_a_verdict_that_follows_from_the_figures(folder: Path, f
     assert sum(figures["counts"].values()) == len(verdicts)
 
 
-def test_too_few_reaches_are_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_too_few_reaches_are_refused(tmp_path: Path, gpcorrect: CommandLine) -> None:
     """Exit status 2 and one message, before any work."""
-    assert _run("--reaches", 5, "--output", tmp_path / "m") == 2
-    assert "at least 30 reaches" in " ".join(capfd.readouterr().err.split())
+    words = ("reproduce", "mahler2014", "--reaches", 5, "--output", tmp_path / "m")
+    assert_refused(gpcorrect(*words), "at least 30 reaches")
     with pytest.raises(DataError, match="at least 30"):
         Scope(reaches=29)
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
+from command_line import exit_status
 
-from gpcorrect.cli import main
 from gpcorrect_studies import peng2020
 
 SEED = 31
@@ -18,12 +17,7 @@ def test_the_study_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     """Single ball and end effector within the printed RMS, every method's reductions, every claim with its verdict."""
     small = peng2020.Peng2020Scope(3, 24, (20, 10), 10, 50)
     monkeypatch.setattr(peng2020.Peng2020Scope, "quick", classmethod(lambda _: small))
-    monkeypatch.setattr(
-        sys, "argv", ["gpcorrect", "reproduce", "peng2020", "--quick", "--seed", str(SEED), "-o", str(tmp_path)]
-    )
-    with pytest.raises(SystemExit) as stopped:
-        main()
-    assert not stopped.value.code
+    assert exit_status("reproduce", "peng2020", "--quick", "--seed", SEED, "-o", tmp_path) == 0
     figures = json.loads((tmp_path / "reproduce.json").read_text())
     printed = figures["printed"]["table1"]
     assert figures["table1"]["single ball"]["length_mm"]["rms"] < printed["single ball"]["length_mm"]["rms"]

@@ -4,33 +4,27 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from command_line import CommandLine, Outcome, assert_refused
 from vision_support import COVER, board_before, cameras_of, path_of, place_of, record
 
 from gpcorrect import se3
-from gpcorrect.cli import main
 from gpcorrect.logs import read_log
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import read_cameras, write_cameras
 from gpcorrect.vision.opencv import cv2
 from gpcorrect_studies.rendering import Ball, Board, Stage, Studio, backdrop, board_picture, four_cameras, marker_points
 
+Vision = Callable[..., Outcome]
 SEED = 405
 FRAMES = 8
-
-
-@dataclass(frozen=True)
-class _Outcome:
-    code: int
-    out: str
-    err: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,30 +34,10 @@ class _Recorded:
     poses: FloatArray
 
 
-class _Shell:
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
-        self._patch, self._capture = monkeypatch, capfd
-
-    def __call__(self, *words: object) -> _Outcome:
-        self._patch.setattr(sys, "argv", ["gpcorrect", "vision", *(str(word) for word in words)])
-        self._capture.readouterr()
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        captured = self._capture.readouterr()
-        return _Outcome(int(stopped.value.code or 0), captured.out, " ".join(captured.err.split()))
-
-    def refused(self, *words: object, saying: Sequence[str]) -> None:
-        """Exit status 2, the words expected, no traceback."""
-        outcome = self(*words)
-        assert outcome.code == 2, outcome
-        assert "Traceback" not in outcome.err
-        for word in saying:
-            assert word in outcome.err, outcome.err
-
-
 @pytest.fixture
-def vision(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> _Shell:
-    return _Shell(monkeypatch, capfd)
+def vision(gpcorrect: CommandLine) -> Vision:
+    """Call `gpcorrect vision` with words."""
+    return partial(gpcorrect, "vision")
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +52,7 @@ def _track(recorded: _Recorded, output: Path, *more: object) -> list[object]:
     return ["track", *recorded.views, "--cameras", recorded.folder / "cameras.json", "--output", output, *more]
 
 
-def test_a_recording_becomes_a_log(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
+def test_a_recording_becomes_a_log(vision: Vision, recorded: _Recorded, tmp_path: Path) -> None:
     """Within a fifth of a millimetre, with the status of every row, an annotated video and a page."""
     output, video, page = tmp_path / "log.parquet", tmp_path / "look.avi", tmp_path / "page.html"
     outcome = vision(*_track(recorded, output, "--annotated", video, "--report", page, "--fps", 30, "--json"))
@@ -99,17 +73,17 @@ def test_a_recording_becomes_a_log(vision: _Shell, recorded: _Recorded, tmp_path
     assert "Which camera saw what" in text
 
 
-def test_swapped_cameras_are_named(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
+def test_swapped_cameras_are_named(vision: Vision, recorded: _Recorded, tmp_path: Path) -> None:
     """Two folders in each other's place: the message says which, and the right order; no log appears."""
     a, b, c, d = recorded.views
     words = ["track", b, a, c, d, "--cameras", recorded.folder / "cameras.json", "--output", tmp_path / "log.csv"]
-    vision.refused(
-        *words, saying=["cameras are swapped", "view1 shows what camera cam1 sees", "view0 view1 view2 view3"]
+    assert_refused(
+        vision(*words), "cameras are swapped", "view1 shows what camera cam1 sees", "view0 view1 view2 view3"
     )
     assert not (tmp_path / "log.csv").exists()
 
 
-def test_another_rig_s_calibration_is_named(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
+def test_another_rig_s_calibration_is_named(vision: Vision, recorded: _Recorded, tmp_path: Path) -> None:
     """Cameras that stand elsewhere: the calibration does not fit, in this order or any other."""
     other = Stage.standard(SEED + 50, pieces=0)
     turned = cameras_of(other)[2:] + cameras_of(other)[:2]
@@ -123,15 +97,15 @@ def test_another_rig_s_calibration_is_named(vision: _Shell, recorded: _Recorded,
     ]
     write_cameras(moved, tmp_path / "wrong.json")
     words = ["track", *recorded.views, "--cameras", tmp_path / "wrong.json", "--output", tmp_path / "log.csv"]
-    vision.refused(*words, saying=["calibration does not fit the pictures"])
+    assert_refused(vision(*words), "calibration does not fit the pictures")
 
 
-def test_wrong_colours_and_wrong_sizes_are_named(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
+def test_wrong_colours_and_wrong_sizes_are_named(vision: Vision, recorded: _Recorded, tmp_path: Path) -> None:
     """A colour that is nowhere (with those that are there), balls of other sizes or distances: no camera is blamed."""
     target = tmp_path / "target.toml"
     target.write_text('[[ball]]\nname = "violet"\nhue = 285.0\nhue_tolerance = 8.0\n')
-    vision.refused(
-        *_track(recorded, tmp_path / "l.csv", "--target", target), saying=["ball violet cannot be found", "red (hue"]
+    assert_refused(
+        vision(*_track(recorded, tmp_path / "l.csv", "--target", target)), "ball violet cannot be found", "red (hue"
     )
     rows = {"green": (0, -0.038, 0), "yellow": (0.038, 0, 0), "red": (0, 0.038, 0)}
     wrong = [(1.0, r, "has a radius of") for r in (0.004, 0.006, 0.014, 0.019)]
@@ -139,12 +113,12 @@ def test_wrong_colours_and_wrong_sizes_are_named(vision: _Shell, recorded: _Reco
     for scale, radius, word in wrong:
         balls = [{"name": n, "place": [scale * v for v in p], "radius": radius} for n, p in rows.items()]
         (tmp_path / "target.json").write_text(json.dumps({"ball": balls}))
-        vision.refused(
-            *_track(recorded, tmp_path / "l.csv", "--target", tmp_path / "target.json"), saying=[word, "target file"]
+        assert_refused(
+            vision(*_track(recorded, tmp_path / "l.csv", "--target", tmp_path / "target.json")), word, "target file"
         )
 
 
-def test_a_recording_that_breaks_off_is_named_and_kept(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
+def test_a_recording_that_breaks_off_is_named_and_kept(vision: Vision, recorded: _Recorded, tmp_path: Path) -> None:
     """One camera ends early and one picture is unreadable: both reported, every frame in the log, none invented."""
     views = [shutil.copytree(view, tmp_path / view.name) for view in recorded.views]
     for i in range(5, FRAMES):
@@ -153,8 +127,8 @@ def test_a_recording_that_breaks_off_is_named_and_kept(vision: _Shell, recorded:
     broken = _Recorded(recorded.folder, views, recorded.poses)
     outcome = vision(*_track(broken, tmp_path / "log.csv"))
     assert outcome.code == 0, outcome.err
-    assert "view3 ends after 5 of 8 frames" in outcome.err
-    assert "view2: 1 pictures cannot be read, the first is number 3" in outcome.err
+    assert "view3 ends after 5 of 8 frames" in outcome.said
+    assert "view2: 1 pictures cannot be read, the first is number 3" in outcome.said
     log = read_log(tmp_path / "log.csv")
     assert log.tracker_cp is not None
     assert len(log) == FRAMES
@@ -164,23 +138,18 @@ def test_a_recording_that_breaks_off_is_named_and_kept(vision: _Shell, recorded:
     assert error[known].max() < 0.4
 
 
-def test_a_truncated_video_is_named(vision: _Shell, recorded: _Recorded, tmp_path: Path) -> None:
+def test_a_truncated_video_is_named(vision: Vision, recorded: _Recorded, tmp_path: Path) -> None:
     """A video cut in its middle is read as far as it goes, or refused when nothing of it can be read."""
     videos = [_video(view, tmp_path / f"{view.name}.avi") for view in recorded.views]
     whole = videos[1].read_bytes()
     videos[1].write_bytes(whole[: len(whole) * 6 // 10])
     outcome = vision("track", *videos, "--cameras", recorded.folder / "cameras.json", "--output", tmp_path / "log.csv")
     assert outcome.code == 0, outcome.err
-    assert "view1.avi ends after" in outcome.err
+    assert "view1.avi ends after" in outcome.said
     videos[1].write_bytes(whole[:60])
-    vision.refused(
-        "track",
-        *videos,
-        "--cameras",
-        recorded.folder / "cameras.json",
-        "--output",
-        tmp_path / "l.csv",
-        saying=["truncated"],
+    assert_refused(
+        vision("track", *videos, "--cameras", recorded.folder / "cameras.json", "--output", tmp_path / "l.csv"),
+        "truncated",
     )
 
 
@@ -192,7 +161,7 @@ def _video(view: Path, path: Path) -> Path:
     return path
 
 
-def test_a_ball_out_of_sight_leaves_rows_empty(vision: _Shell, tmp_path: Path) -> None:
+def test_a_ball_out_of_sight_leaves_rows_empty(vision: Vision, tmp_path: Path) -> None:
     """Without one of its balls the tool has no pose: those rows are coasted and marked, then empty."""
     stage, poses = Stage.standard(SEED + 1), path_of(SEED + 1, 6)
     views = record(tmp_path, stage, poses)
@@ -203,7 +172,7 @@ def test_a_ball_out_of_sight_leaves_rows_empty(vision: _Shell, tmp_path: Path) -
     words = ["track", *views, "--cameras", tmp_path / "cameras.json", "--output", tmp_path / "log.csv", "--fps", 4]
     outcome = vision(*words)
     assert outcome.code == 0, outcome.err
-    assert "Ball yellow is seen by fewer than two cameras" in outcome.err
+    assert "Ball yellow is seen by fewer than two cameras" in outcome.said
     log = read_log(tmp_path / "log.csv")
     assert log.tracker_cp is not None
     assert log.extra["tracking_status"].tolist() == [0, 0, 1, 1, 2, 2]
@@ -216,34 +185,22 @@ def test_a_ball_out_of_sight_leaves_rows_empty(vision: _Shell, tmp_path: Path) -
 
 
 def test_files_that_are_not_what_they_should_be_are_refused(
-    vision: _Shell, recorded: _Recorded, tmp_path: Path
+    vision: Vision, recorded: _Recorded, tmp_path: Path
 ) -> None:
     """Missing, empty or foreign files, wrong counts and wrong sizes: each says what was expected."""
     calibration = recorded.folder / "cameras.json"
-    vision.refused(*_track(recorded, tmp_path / "log.txt"), saying=[".csv or .parquet"])
-    vision.refused(
-        "track", *recorded.views[:2], "-c", calibration, "-o", tmp_path / "l.csv", saying=["2 recordings", "4 cameras"]
+    assert_refused(vision(*_track(recorded, tmp_path / "log.txt")), ".csv or .parquet")
+    assert_refused(
+        vision("track", *recorded.views[:2], "-c", calibration, "-o", tmp_path / "l.csv"), "2 recordings", "4 cameras"
     )
-    vision.refused(
-        "track",
-        tmp_path / "no",
-        *recorded.views[1:],
-        "-c",
-        calibration,
-        "-o",
-        tmp_path / "l.csv",
-        saying=["no such video"],
+    assert_refused(
+        vision("track", tmp_path / "no", *recorded.views[1:], "-c", calibration, "-o", tmp_path / "l.csv"),
+        "no such video",
     )
     (tmp_path / "empty").mkdir()
-    vision.refused(
-        "track",
-        tmp_path / "empty",
-        *recorded.views[1:],
-        "-c",
-        calibration,
-        "-o",
-        tmp_path / "l.csv",
-        saying=["no images"],
+    assert_refused(
+        vision("track", tmp_path / "empty", *recorded.views[1:], "-c", calibration, "-o", tmp_path / "l.csv"),
+        "no images",
     )
     plain = json.loads(calibration.read_text())
     for change, word in (
@@ -253,22 +210,18 @@ def test_files_that_are_not_what_they_should_be_are_refused(
     ):
         row: dict[str, Any] = {**plain["cameras"][0], **change}
         (tmp_path / "bad.json").write_text(json.dumps({**plain, "cameras": [row, *plain["cameras"][1:]]}))
-        vision.refused(
-            "track", *recorded.views, "-c", tmp_path / "bad.json", "-o", tmp_path / "l.csv", saying=["bad.json", word]
+        assert_refused(
+            vision("track", *recorded.views, "-c", tmp_path / "bad.json", "-o", tmp_path / "l.csv"), "bad.json", word
         )
     small = [
         type(c)(c.name, type(c.intrinsics)(320, 240, c.intrinsics.matrix), c.T_camera_tracker)
         for c in read_cameras(calibration)
     ]
     write_cameras(small, tmp_path / "small.json")
-    vision.refused(
-        "track",
-        *recorded.views,
-        "-c",
-        tmp_path / "small.json",
-        "-o",
-        tmp_path / "l.csv",
-        saying=["320 x 240", "640 x 480"],
+    assert_refused(
+        vision("track", *recorded.views, "-c", tmp_path / "small.json", "-o", tmp_path / "l.csv"),
+        "320 x 240",
+        "640 x 480",
     )
 
 
@@ -299,7 +252,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "rig.toml"
 
 
-def test_pictures_become_a_calibration(vision: _Shell, rig: Path, tmp_path: Path) -> None:
+def test_pictures_become_a_calibration(vision: Vision, rig: Path, tmp_path: Path) -> None:
     """Boards, one board at its rough place and dots at known points place both cameras to a millimetre, with a page."""
     output, page = tmp_path / "cameras.json", tmp_path / "page.html"
     outcome = vision("calibrate", rig, "--output", output, "--report", page, "--json")
@@ -314,7 +267,7 @@ def test_pictures_become_a_calibration(vision: _Shell, rig: Path, tmp_path: Path
     assert "Where each marker is seen" in page.read_text()
 
 
-def test_calibrations_that_cannot_be_are_refused(vision: _Shell, rig: Path, tmp_path: Path) -> None:
+def test_calibrations_that_cannot_be_are_refused(vision: Vision, rig: Path, tmp_path: Path) -> None:
     """No chessboard of that size, markers without a place, swapped pictures of places, and pictures not there."""
     text, folder = rig.read_text(), rig.parent
     cases = [
@@ -327,11 +280,11 @@ def test_calibrations_that_cannot_be_are_refused(vision: _Shell, rig: Path, tmp_
     ]
     for i, (changed, saying) in enumerate(cases):
         (folder / f"bad{i}.toml").write_text(changed)
-        vision.refused("calibrate", folder / f"bad{i}.toml", "--output", tmp_path / "c.json", saying=saying)
+        assert_refused(vision("calibrate", folder / f"bad{i}.toml", "--output", tmp_path / "c.json"), *saying)
     assert not (tmp_path / "c.json").exists()
 
 
-def test_swapped_markers_are_named(vision: _Shell, rig: Path, tmp_path: Path) -> None:
+def test_swapped_markers_are_named(vision: Vision, rig: Path, tmp_path: Path) -> None:
     """Marker pixels of two cameras in each other's place: both are named, and which would fit."""
     rng = np.random.default_rng(SEED)
     lenses = four_cameras(rng)[:2]
@@ -340,10 +293,9 @@ def test_swapped_markers_are_named(vision: _Shell, rig: Path, tmp_path: Path) ->
         seen = ", ".join(f"m{i} = {p.tolist()}" for i, p in enumerate(lenses[1 - k].pixels(marker_points())))
         text = text.replace(f'"markers{k}.png"', f"{{{seen}}}")
     (rig.parent / "swapped.toml").write_text(text)
-    vision.refused(
-        "calibrate",
-        rig.parent / "swapped.toml",
-        "-o",
-        tmp_path / "c.json",
-        saying=["cameras are swapped", "cam0", "cam1"],
+    assert_refused(
+        vision("calibrate", rig.parent / "swapped.toml", "-o", tmp_path / "c.json"),
+        "cameras are swapped",
+        "cam0",
+        "cam1",
     )

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 import zlib
 from pathlib import Path
 
 import numpy as np
-import pytest
+from command_line import exit_status
 from vision_support import board_before, path_of, place_of, record
 
 from gpcorrect import se3
-from gpcorrect.cli import main
 from gpcorrect.logs import read_log
 from gpcorrect.vision import read_cameras
 from gpcorrect.vision.opencv import cv2
@@ -20,16 +18,9 @@ from gpcorrect_studies.rendering import Board, Stage, Studio, backdrop, board_pi
 SEED = 407
 
 
-def _run(monkeypatch: pytest.MonkeyPatch, *words: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["gpcorrect", "vision", *(str(word) for word in words)])
-    with pytest.raises(SystemExit) as stopped:
-        main()
-    return int(stopped.value.code or 0)
-
-
-def test_the_printed_board_has_its_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_printed_board_has_its_size(tmp_path: Path) -> None:
     """The PDF is one page of A4 with 35 dark squares of 20 mm; what does not fit, or turns alike, is refused."""
-    assert _run(monkeypatch, "board", "--output", tmp_path / "board.pdf") == 0
+    assert exit_status("vision", "board", "--output", tmp_path / "board.pdf") == 0
     pdf = (tmp_path / "board.pdf").read_bytes()
     assert b"/MediaBox [ 0 0 841.88" in pdf
     streams = [part.split(b"endstream")[0].strip(b"\r\n") for part in pdf.split(b"stream\n")[1:]]
@@ -40,8 +31,8 @@ def test_the_printed_board_has_its_size(monkeypatch: pytest.MonkeyPatch, tmp_pat
         corners = np.array([line.split()[:2] for line in shape.splitlines() if line[-2:] in (b" m", b" l")], float)
         sizes.append(np.ptp(corners, axis=0) * 25.4 / 72.0)
     assert np.isclose(sizes, 20.0, atol=0.01).all(axis=1).sum() == 35
-    assert _run(monkeypatch, "board", "--square", 40, "--output", tmp_path / "b.pdf") == 2
-    assert _run(monkeypatch, "board", "--columns", 8, "--output", tmp_path / "b.pdf") == 2
+    assert exit_status("vision", "board", "--square", 40, "--output", tmp_path / "b.pdf") == 2
+    assert exit_status("vision", "board", "--columns", 8, "--output", tmp_path / "b.pdf") == 2
 
 
 def _inflated(stream: bytes) -> bytes:
@@ -51,7 +42,7 @@ def _inflated(stream: bytes) -> bytes:
         return b""
 
 
-def test_a_printed_board_alone_calibrates(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_printed_board_alone_calibrates(tmp_path: Path) -> None:
     """Two cameras on opposite sides of a board at rest, without markers: their places in its frame to 1.5 mm."""
     rng = np.random.default_rng(SEED)
     lenses = [four_cameras(rng)[k] for k in (0, 2)]
@@ -64,8 +55,8 @@ def test_a_printed_board_alone_calibrates(monkeypatch: pytest.MonkeyPatch, tmp_p
         for i in range(8):
             cv2.imwrite(str(folder / f"{i}.png"), board_picture(studio, board_before(lens, rng, square=0.02)))
         cv2.imwrite(str(folder / "place.png"), board_picture(studio, rest))
-    assert _run(monkeypatch, "rig", *folders, "--output", tmp_path / "rig.toml") == 0
-    assert _run(monkeypatch, "calibrate", tmp_path / "rig.toml", "--output", tmp_path / "cameras.json") == 0
+    assert exit_status("vision", "rig", *folders, "--output", tmp_path / "rig.toml") == 0
+    assert exit_status("vision", "calibrate", tmp_path / "rig.toml", "--output", tmp_path / "cameras.json") == 0
     for lens, camera in zip(lenses, read_cameras(tmp_path / "cameras.json"), strict=True):
         true = se3.invert(se3.compose(place_of(lens), T_world_board))
         assert np.linalg.norm(camera.position - true[:3, 3]) < 1.5e-3
@@ -73,10 +64,10 @@ def test_a_printed_board_alone_calibrates(monkeypatch: pytest.MonkeyPatch, tmp_p
     (folders[0] / "place.png").unlink()
     for i in range(8):
         (folders[1] / f"{i}.png").rename(folders[1] / f"other{i}.png")
-    assert _run(monkeypatch, "rig", *folders, "--output", tmp_path / "rig.toml") == 2
+    assert exit_status("vision", "rig", *folders, "--output", tmp_path / "rig.toml") == 2
 
 
-def test_a_recording_is_a_folder_that_is_tracked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_recording_is_a_folder_that_is_tracked(tmp_path: Path) -> None:
     """Video files in the place of cameras are recorded with times and tracked; what cannot be opened is refused."""
     stage, poses = Stage.standard(SEED, pieces=5), path_of(SEED, 5)
     videos = []
@@ -86,11 +77,11 @@ def test_a_recording_is_a_folder_that_is_tracked(monkeypatch: pytest.MonkeyPatch
         for file in sorted(view.iterdir()):
             writer.write(cv2.imread(str(file)))
         writer.release()
-    assert _run(monkeypatch, "record", *videos, "--output", tmp_path / "monday") == 0
+    assert exit_status("vision", "record", *videos, "--output", tmp_path / "monday") == 0
     words = ["track", tmp_path / "monday", "--cameras", tmp_path / "cameras.json", "--output", tmp_path / "log.csv"]
-    assert _run(monkeypatch, *words, "--fps", 30) == 0
+    assert exit_status("vision", *words, "--fps", 30) == 0
     log = read_log(tmp_path / "log.csv")
     assert log.tracker_cp is not None
     assert np.linalg.norm(log.tracker_cp.position - poses[:, :3, 3], axis=1).max() < 0.3e-3
     assert len((tmp_path / "monday" / "times.csv").read_text().splitlines()) == 6
-    assert _run(monkeypatch, "record", tmp_path / "none.avi", "--output", tmp_path / "tuesday") == 2
+    assert exit_status("vision", "record", tmp_path / "none.avi", "--output", tmp_path / "tuesday") == 2

@@ -27,6 +27,11 @@ class Outcome:
     err: str
 
     @property
+    def said(self) -> str:
+        """What it told the user, however the lines were broken."""
+        return " ".join(self.err.split())
+
+    @property
     def json(self) -> Any:
         """Standard output as JSON."""
         return json.loads(self.out)
@@ -64,30 +69,35 @@ class Program:
 PROGRAM = Program()
 
 
-class CommandLine:
-    """Calls `gpcorrect` with words, as from a shell."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
-        self._monkeypatch = monkeypatch
-        self._capfd = capfd
-
-    def __call__(self, *words: object) -> Outcome:
-        self._monkeypatch.setattr(sys, "argv", ["gpcorrect", *(str(word) for word in words)])
-        self._capfd.readouterr()
+def exit_status(*words: object) -> int:
+    """Call `gpcorrect` with words, as from a shell, and return its exit status."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["gpcorrect", *map(str, words)])
         with pytest.raises(SystemExit) as stopped:
             main()
-        output = self._capfd.readouterr()
-        code = stopped.value.code
-        return Outcome(code if isinstance(code, int) else 0, output.out, output.err)
+    code = stopped.value.code
+    return code if isinstance(code, int) else 0
+
+
+@dataclass(frozen=True)
+class CommandLine:
+    """Calls `gpcorrect` with words, and hears what it says."""
+
+    capfd: pytest.CaptureFixture[str]
+
+    def __call__(self, *words: object) -> Outcome:
+        self.capfd.readouterr()
+        code = exit_status(*words)
+        output = self.capfd.readouterr()
+        return Outcome(code, output.out, output.err)
 
 
 def assert_refused(outcome: Outcome, *words: str) -> None:
     """Exit status 2, one message that holds the words and says what to do, and no traceback."""
     assert outcome.code == 2, outcome.err
     assert "Traceback" not in outcome.err
-    said = " ".join(outcome.err.split())
     for word in words:
-        assert word in said, said
+        assert word in outcome.said, outcome.said
 
 
 def written(log: CalibrationLog, path: Path) -> Path:
