@@ -103,8 +103,9 @@ class Kernel(ABC):
     def with_gradient(self, X: FloatArray) -> tuple[FloatArray, Pullback]:
         """Return the correlation matrix R `(n, n)` of inputs `(n, d)`, and the chain rule through it.
 
-        The latter takes the symmetric gradient `(n, n)` of a number with respect to R, and returns its gradients with
-        respect to the log length scales `(c, d)` and the log odds of the weights `(c,)`.
+        The latter takes a matrix U `(n, n)`, of which it may be that only a triangle is not zero, and returns the
+        gradients of `sum_ij U_ij R_ij` with respect to the log length scales `(c, d)` and the log odds of the weights
+        `(c,)`.
 
         Parameters
         ----------
@@ -112,18 +113,19 @@ class Kernel(ABC):
             Inputs.
         """
         parts = [self.profile_and_slope(squared_distances(X / scales, X / scales)) for scales in self.length_scales]
-        R = np.zeros((len(X), len(X)))
-        for weight, (part, _) in zip(self.weights, parts, strict=True):
+        R = self.weights[0] * parts[0][0]
+        for weight, (part, _) in zip(self.weights[1:], parts[1:], strict=True):
             R += weight * part
 
         def pullback(upstream: FloatArray) -> tuple[FloatArray, FloatArray]:
             by_scale, by_weight = np.empty(self.length_scales.shape), np.empty(len(parts))
             for c, (part, slope) in enumerate(parts):
                 by_weight[c] = np.vdot(upstream, part)
-                H = self.weights[c] * upstream * slope
+                H = upstream * slope
                 A = X / self.length_scales[c]
                 # sum_ij H_ij (A_i - A_j)^2 for each feature, without the n x n x d differences
-                by_scale[c] = 2.0 * (H.sum(axis=1) @ (A * A) - np.einsum("nd,nd->d", A, H @ A))
+                squares = (H.sum(axis=0) + H.sum(axis=1)) @ (A * A)
+                by_scale[c] = self.weights[c] * (squares - 2.0 * np.einsum("nd,nd->d", A, H @ A))
             return by_scale, self.weights * (by_weight - self.weights @ by_weight)
 
         return R, pullback
@@ -287,7 +289,8 @@ def squared_distances(A: FloatArray, B: FloatArray) -> FloatArray:
     A, B : (n, d) and (m, d) arrays
         Points.
     """
-    squares: FloatArray = A @ (-2.0 * B.T)
-    squares += np.einsum("nd,nd->n", A, A)[:, None]
-    squares += np.einsum("md,md->m", B, B)
+    one = np.ones((max(len(A), len(B)), 1))
+    left = np.hstack([A, np.einsum("nd,nd->n", A, A)[:, None], one[: len(A)]])
+    right = np.hstack([-2.0 * B, one[: len(B)], np.einsum("md,md->m", B, B)[:, None]])
+    squares: FloatArray = left @ right.T  # norms in the product: each pass over the result costs as much as it
     return np.maximum(squares, 0.0, out=squares)

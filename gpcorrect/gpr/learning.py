@@ -173,10 +173,9 @@ def learn(
         There is no such kernel.
     """
     kinds = list(KERNELS.values()) if kernel == "auto" else [kernel_named(kernel)]
-    data = LearningData(X, Y, None if groups is None else sample_lags(groups, times))
-    correlated = data.lags is not None
-    time_range = _time_range(data.lags) if correlated and times is not None else None
-    layout = Layout(masks, Y.shape[1], correlated, time_range, kinds[0])
+    data = LearningData(X, Y, sample_lags(groups, times))
+    time_range = None if groups is None or times is None else _time_range(data.lags.seconds)
+    layout = Layout(masks, Y.shape[1], groups is not None, time_range, kinds[0])
     starts = [_start(layout, start, attempt, rng) for attempt in range(1 + restarts)]
     best = _search(data, layout, starts, progress)
     for kind in kinds[1:]:
@@ -222,10 +221,9 @@ def _start(layout: Layout, known: FloatArray | None, attempt: int, rng: np.rando
     return np.clip(layout.start + RESTART_SPREAD * rng.standard_normal(len(layout.start)), low, high)
 
 
-def _time_range(lags: FloatArray | None) -> tuple[float, float]:
+def _time_range(lags: FloatArray) -> tuple[float, float]:
     """Correlation times that these samples can tell: from their shortest step to their longest stretch."""
-    assert lags is not None
-    known = lags[np.isfinite(lags) & (lags > 0)]
+    known = lags[lags > 0]
     if known.size == 0:
         return 1.0, 1.0
     return float(known.min()), float(10.0 * known.max())

@@ -13,8 +13,10 @@ fine-grained field: length scales and noise come out far too small, and interval
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import blas
 
 from gpcorrect.gpr.kernels import AdditiveRBF, Kernel
 from gpcorrect.gpr.linalg import inverse_and_log_determinant
@@ -175,6 +177,16 @@ class Layout:
         return 0.5 * float(z @ z), gradient
 
 
+class Lags(NamedTuple):
+    """Pairs of samples of one trajectory: places in the upper triangle `(k,)`, row by row, and seconds between `(k,)`.
+
+    E is one on its diagonal and zero elsewhere, so that a recording of many trajectories costs little.
+    """
+
+    places: IntArray
+    seconds: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class LearningData:
     """What the likelihood is taken of.
@@ -185,28 +197,30 @@ class LearningData:
         Inputs of unit spread.
     Y : (n, m) array
         Centred outputs of unit spread.
-    lags : (n, n) array or None
-        Seconds between samples of one trajectory, infinite between two; None for white noise.
+    lags : Lags
+        Between samples of one trajectory; none for white noise.
     """
 
     X: FloatArray
     Y: FloatArray
-    lags: FloatArray | None = None
+    lags: Lags
 
 
-def sample_lags(groups: IntArray, times: FloatArray | None) -> FloatArray:
-    """Lags `(n, n)`, s, infinite between groups; zero inside a group when there are no times.
+def sample_lags(groups: IntArray | None, times: FloatArray | None) -> Lags:
+    """Return the pairs of samples of one group, zero seconds apart when there are no times.
 
     Parameters
     ----------
-    groups : (n,) array
-        Group of each sample.
+    groups : (n,) array or None
+        Group of each sample; None for no pairs.
     times : (n,) array or None
         Seconds.
     """
-    same = groups[:, None] == groups[None, :]
-    gaps = np.zeros(same.shape) if times is None else np.abs(times[:, None] - times[None, :])
-    return np.where(same, gaps, np.inf)
+    if groups is None:
+        return Lags(np.zeros(0, dtype=np.int64), np.zeros(0))
+    first, second = np.nonzero(np.triu(groups[:, None] == groups, k=1))
+    seconds = np.zeros(len(first)) if times is None else np.abs(times[first] - times[second])
+    return Lags(first * len(groups) + second, seconds)
 
 
 def negative_log_posterior(theta: FloatArray, data: LearningData, layout: Layout) -> tuple[float, FloatArray]:
@@ -227,13 +241,13 @@ def negative_log_posterior(theta: FloatArray, data: LearningData, layout: Layout
     """
     kernel, noise = layout.kernel(theta), layout.noise(theta)
     R, pullback = kernel.with_gradient(data.X)
-    E = None if data.lags is None else np.exp(-data.lags / noise.time)
-    value, slope_R, slopes = _outputs(data.Y, R, E, noise)
+    E = np.exp(-data.lags.seconds / noise.time)
+    value, slope_R, slopes = _outputs(data, R, E, noise)
     gradient = layout.pack(
         *pullback(slope_R),
         slopes.log_ratio,
         slopes.share * noise.share * (1.0 - noise.share),
-        0.0 if data.lags is None else _time_gradient(slopes.E, E, data.lags, noise.time),
+        float(slopes.E @ (E * data.lags.seconds)) / noise.time,
     )
     penalty, penalty_gradient = layout.penalty(theta)
     return value + penalty, gradient + penalty_gradient
@@ -252,67 +266,49 @@ def profiled_signal(theta: FloatArray, data: LearningData, layout: Layout) -> Fl
         Order of the parameters.
     """
     kernel, noise = layout.kernel(theta), layout.noise(theta)
-    R = kernel(data.X, data.X)
-    E = None if data.lags is None else np.exp(-data.lags / noise.time)
-    quadratic = [y @ np.linalg.solve(_covariance(R, E, noise, o), y) / len(y) for o, y in enumerate(data.Y.T)]
-    return np.maximum(quadratic, TINY)
+    R, E = kernel(data.X, data.X), np.exp(-data.lags.seconds / noise.time)
+    signal = []
+    for o, y in enumerate(data.Y.T):
+        inverse, _ = inverse_and_log_determinant(_covariance(R, data.lags, E, noise, o))
+        signal.append(float(y @ blas.dsymv(1.0, inverse.T, y, lower=1)) / len(y))
+    return np.maximum(signal, TINY)
 
 
 @dataclass(frozen=True, eq=False)
 class _NoiseSlopes:
-    """Gradients with respect to the noise of each output, and to the matrix E."""
+    """Gradients with respect to the noise of each output, and to the pairs of samples in E."""
 
     log_ratio: FloatArray
     share: FloatArray
     E: FloatArray
 
 
-def _covariance(R: FloatArray, E: FloatArray | None, noise: NoiseModel, output: int) -> FloatArray:
-    ratio, share = noise.ratio[output], noise.share[output]
-    C = np.array(R) if E is None else R + (ratio * share) * E
-    C[np.diag_indices_from(C)] += ratio if E is None else ratio * (1.0 - share)
+def _covariance(R: FloatArray, lags: Lags, E: FloatArray, noise: NoiseModel, output: int) -> FloatArray:
+    """Covariance over signal variance in the upper triangle."""
+    C = np.array(R)
+    C[np.diag_indices_from(C)] += noise.ratio[output]
+    C.reshape(-1)[lags.places] += noise.ratio[output] * noise.share[output] * E
     return C
 
 
 def _outputs(
-    Y: FloatArray, R: FloatArray, E: FloatArray | None, noise: NoiseModel
+    data: LearningData, R: FloatArray, E: FloatArray, noise: NoiseModel
 ) -> tuple[float, FloatArray, _NoiseSlopes]:
-    """Sum the likelihood over outputs; slopes with respect to R and E come as full symmetric matrices."""
-    n, m = Y.shape
-    value, by_ratio, by_share = 0.0, np.zeros(m), np.zeros(m)
-    weights, inverses, inverses_E = np.empty((n, m)), np.zeros((n, n)), np.zeros((n, n))
-    for o in range(m):
+    """Sum the likelihood over outputs; the slope with respect to R is an upper triangle `(n, n)`."""
+    n, m = data.Y.shape
+    value, by_ratio, by_share, by_E = 0.0, np.zeros(m), np.zeros(m), np.zeros(len(E))
+    by_R = np.zeros((n, n))
+    for o, y in enumerate(data.Y.T):
         ratio, share = float(noise.ratio[o]), float(noise.share[o])
-        inverse, log_determinant = inverse_and_log_determinant(_covariance(R, E, noise, o))
-        a = inverse @ Y[:, o] + inverse.T @ Y[:, o] - np.diagonal(inverse) * Y[:, o]
-        signal = max(float(Y[:, o] @ a) / n, TINY)
+        inverse, log_determinant = inverse_and_log_determinant(_covariance(R, data.lags, E, noise, o))
+        a = blas.dsymv(1.0, inverse.T, y, lower=1)
+        signal = max(float(y @ a) / n, TINY)
         value += 0.5 * (n * np.log(signal) + log_determinant)
-        weights[:, o] = a / np.sqrt(signal)
-        trace = 0.5 * (np.trace(inverse) - weights[:, o] @ weights[:, o])
-        inner = trace if E is None else _inner(inverse, weights[:, o], E)
-        by_ratio[o] = ratio * ((1.0 - share) * trace + share * inner)
-        by_share[o] = ratio * (inner - trace)
-        inverses += inverse
-        if E is not None:
-            inverses_E += (ratio * share) * inverse
-    slope_R = _symmetric(inverses) - weights @ weights.T
-    slope_E = _symmetric(inverses_E) - (weights * (noise.ratio * noise.share)) @ weights.T
-    return value, 0.5 * slope_R, _NoiseSlopes(by_ratio, by_share, 0.5 * slope_E)
-
-
-def _inner(inverse: FloatArray, weights: FloatArray, E: FloatArray) -> float:
-    """`tr[(C^-1 - a a^T / s) E] / 2` from the upper triangle of C^-1; the diagonal of E is one."""
-    return float(np.vdot(inverse, E) - 0.5 * np.trace(inverse) - 0.5 * (weights @ (E @ weights)))
-
-
-def _symmetric(triangle: FloatArray) -> FloatArray:
-    full: FloatArray = triangle + triangle.T
-    full[np.diag_indices_from(full)] *= 0.5
-    return full
-
-
-def _time_gradient(slope: FloatArray, E: FloatArray | None, lags: FloatArray, time: float) -> float:
-    """Gradient with respect to the log of the correlation time."""
-    assert E is not None
-    finite = np.where(np.isfinite(lags), lags, 0.0)
-    return float(np.vdot(slope, E * finite) / time)
+        slope = blas.dsyr(-1.0 / signal, a, a=inverse.T, lower=1, overwrite_a=1).T  # C^-1 - a a^T / s
+        pairs = slope.reshape(-1)[data.lags.places]
+        inner = float(pairs @ E)
+        by_ratio[o] = ratio * (0.5 * float(np.trace(slope)) + share * inner)
+        by_share[o] = ratio * inner
+        by_E += ratio * share * pairs
+        by_R += slope
+    return value, by_R, _NoiseSlopes(by_ratio, by_share, by_E)

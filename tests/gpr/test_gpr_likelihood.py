@@ -17,7 +17,7 @@ def case(kind: str) -> tuple[LearningData, Layout]:
     groups, times = stretches(4, 10, 0.1)
     masks = component_masks(3, [(0, 1), (2,)])
     if kind == "white":
-        return LearningData(X, Y), Layout(masks, 2)
+        return LearningData(X, Y, sample_lags(None, None)), Layout(masks, 2)
     if kind == "groups":
         return LearningData(X, Y, sample_lags(groups, None)), Layout(masks, 2, correlated=True)
     return LearningData(X, Y, sample_lags(groups, times)), Layout(masks, 2, correlated=True, time_range=(0.01, 10.0))
@@ -43,7 +43,7 @@ def test_the_value_is_that_of_scikit_learn_at_the_best_signal_variance() -> None
     X, Y, _ = planted(30, seed=4)
     layout = Layout(component_masks(3, None), 2)
     theta = layout.start + 0.2
-    data = LearningData(X, Y)
+    data = LearningData(X, Y, sample_lags(None, None))
     kernel, noise, signal = layout.kernel(theta), layout.noise(theta), profiled_signal(theta, data, layout)
     expected = 0.0
     for o in range(2):
