@@ -28,9 +28,11 @@ __all__ = [
     "KernelTable",
     "WithLinear",
     "component_masks",
+    "half_squares",
     "kernel_named",
-    "squared_distances",
 ]
+
+ROWS = 128  # of a matrix at once: what is worked on stays in the processor's cache; changes the speed only
 
 Pullback = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
@@ -73,21 +75,23 @@ class Kernel(ABC):
 
     @staticmethod
     @abstractmethod
-    def profile(squares: FloatArray) -> FloatArray:
-        """Return f of squared distances `(n, m)`, which it may use up."""
+    def profile(halves: FloatArray) -> FloatArray:
+        """Return f of `-s / 2` `(n, m)`, which it may use up."""
 
     @staticmethod
     @abstractmethod
-    def profile_and_slope(squares: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return f and `-2 df/ds` of squared distances `(n, m)`, which it may use up."""
+    def profile_and_slope(halves: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return f and `-2 df/ds` of `-s / 2` `(n, m)`, which it may use up."""
 
     def __call__(self, A: FloatArray, B: FloatArray) -> FloatArray:
         """Return the correlation matrix `(n, m)` of inputs `(n, d)` and `(m, d)`."""
         total = np.zeros((len(A), len(B)))
-        for weight, scales in zip(self.weights, self.length_scales, strict=True):
-            part = self.profile(squared_distances(A / scales, B / scales))
-            part *= weight
-            total += part
+        for start in range(0, len(A), ROWS):
+            rows = slice(start, start + ROWS)
+            for weight, scales in zip(self.weights, self.length_scales, strict=True):
+                part = self.profile(half_squares(A[rows] / scales, B / scales))
+                part *= weight
+                total[rows] += part
         return total
 
     def diagonal(self, A: FloatArray) -> FloatArray:
@@ -112,7 +116,7 @@ class Kernel(ABC):
         X : (n, d) array
             Inputs.
         """
-        parts = [self.profile_and_slope(squared_distances(X / scales, X / scales)) for scales in self.length_scales]
+        parts = [self.profile_and_slope(half_squares(X / scales, X / scales)) for scales in self.length_scales]
         R = self.weights[0] * parts[0][0]
         for weight, (part, _) in zip(self.weights[1:], parts[1:], strict=True):
             R += weight * part
@@ -168,13 +172,12 @@ class AdditiveRBF(Kernel):
     code = 0.0
 
     @staticmethod
-    def profile(squares: FloatArray) -> FloatArray:  # noqa: D102  # documented on the base
-        squares *= -0.5
-        return np.exp(squares, out=squares)
+    def profile(halves: FloatArray) -> FloatArray:  # noqa: D102  # documented on the base
+        return np.exp(halves, out=halves)
 
     @staticmethod
-    def profile_and_slope(squares: FloatArray) -> tuple[FloatArray, FloatArray]:  # noqa: D102
-        part = AdditiveRBF.profile(squares)
+    def profile_and_slope(halves: FloatArray) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        part = AdditiveRBF.profile(halves)
         return part, part
 
 
@@ -188,13 +191,13 @@ class AdditiveMatern52(Kernel):
     code = 1.0
 
     @staticmethod
-    def profile(squares: FloatArray) -> FloatArray:  # noqa: D102  # documented on the base
-        r = np.sqrt(5.0 * squares)
+    def profile(halves: FloatArray) -> FloatArray:  # noqa: D102  # documented on the base
+        r = np.sqrt(-10.0 * halves)
         return (1.0 + r + r * r / 3.0) * np.exp(-r)
 
     @staticmethod
-    def profile_and_slope(squares: FloatArray) -> tuple[FloatArray, FloatArray]:  # noqa: D102
-        r = np.sqrt(5.0 * squares)
+    def profile_and_slope(halves: FloatArray) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        r = np.sqrt(-10.0 * halves)
         decay = np.exp(-r)
         return (1.0 + r + r * r / 3.0) * decay, 5.0 / 3.0 * (1.0 + r) * decay
 
@@ -281,16 +284,16 @@ def component_masks(n_features: int, groups: Sequence[Sequence[int]] | None) -> 
     return np.array([*masks, np.ones(n_features, dtype=bool)])
 
 
-def squared_distances(A: FloatArray, B: FloatArray) -> FloatArray:
-    """Return squared Euclidean distances `(n, m)` between rows, never below zero.
+def half_squares(A: FloatArray, B: FloatArray) -> FloatArray:
+    """Minus half the squared Euclidean distances `(n, m)` between rows, never above zero.
 
     Parameters
     ----------
     A, B : (n, d) and (m, d) arrays
         Points.
     """
-    one = np.ones((max(len(A), len(B)), 1))
-    left = np.hstack([A, np.einsum("nd,nd->n", A, A)[:, None], one[: len(A)]])
-    right = np.hstack([-2.0 * B, one[: len(B)], np.einsum("md,md->m", B, B)[:, None]])
-    squares: FloatArray = left @ right.T  # norms in the product: each pass over the result costs as much as it
-    return np.maximum(squares, 0.0, out=squares)
+    # The norms are part of the product, for a pass over the result costs as much as it.
+    left = np.hstack([A, -0.5 * np.einsum("nd,nd->n", A, A)[:, None], np.ones((len(A), 1))])
+    right = np.hstack([B, np.ones((len(B), 1)), -0.5 * np.einsum("md,md->m", B, B)[:, None]])
+    halves: FloatArray = left @ right.T
+    return np.minimum(halves, 0.0, out=halves)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from scipy.linalg import blas, cho_factor, cho_solve, solve_triangular
+from scipy.linalg import blas, cho_factor, cho_solve, lapack, solve_triangular
 
 from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.gpr.linalg import cholesky
@@ -161,9 +161,10 @@ def collect(
         Updated after each block.
     """
     G, Vy = np.zeros((len(basis), len(basis)), order="F"), np.zeros((len(basis), Y.shape[1]))
+    inverse, _ = lapack.dtrtri(L, lower=1)
     for start in range(0, len(X), BLOCK):
         rows = slice(start, start + BLOCK)
-        V = solve_triangular(L, kernel(X[rows], basis).T, lower=True, overwrite_b=True, check_finite=False)
+        V = blas.dtrmm(1.0, inverse, kernel(X[rows], basis).T, lower=1, overwrite_b=1)
         G = blas.dsyrk(1.0, V, beta=1.0, c=G, lower=1, overwrite_c=1)
         Vy += V @ (Y[rows] - offset)
         progress.step("posterior", min(1.0, (start + BLOCK) / len(X)))
