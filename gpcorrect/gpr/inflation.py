@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -97,11 +96,10 @@ def learn_inflation(
 
 
 def _less(regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray) -> Iterator[SparseGPR]:
-    """Models without each fold, under the hyperparameters and points of all: the sums of the other folds."""
-    sums = [regressor.collected(X[folds == fold], Y[folds == fold]) for fold in np.unique(folds)]
-    for left in range(len(sums)):
-        others = [part for fold, part in enumerate(sums) if fold != left]
-        yield regressor.resting_on([reduce(Statistics.plus, parts) for parts in zip(*others, strict=True)])
+    """Models without each fold, under the hyperparameters and points of all: the sums of all less those of the fold."""
+    for fold in np.unique(folds):
+        own = regressor.collected(X[folds == fold], Y[folds == fold])
+        yield regressor.resting_on([a.minus(b) for a, b in zip(regressor.statistics_, own, strict=True)])
 
 
 def _afresh(

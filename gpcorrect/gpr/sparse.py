@@ -120,7 +120,7 @@ class SparseGPR(GaussianProcess):
         other.predictor_ = Predictor(tuple(map(updated, self.predictor_.parts, other.statistics_)))
         return other
 
-    def collected(self, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
+    def collected(self, X: FloatArray, Y: FloatArray, terms: FloatArray | None = None) -> tuple[Statistics, ...]:
         """Return the statistics of samples `(n, d)` and `(n, m)` under this model's points and hyperparameters.
 
         Parameters
@@ -129,9 +129,11 @@ class SparseGPR(GaussianProcess):
             Inputs.
         Y : (n, m) array
             Outputs.
+        terms : (n, k) array, optional
+            Further columns that stand behind each group's outputs, not centred.
         """
         pairs = zip(self.predictor_.parts, self.learned_, strict=True)
-        return tuple(statistics_of(part, X, Y[:, learned.columns]) for part, learned in pairs)
+        return tuple(statistics_of(part, X, Y[:, learned.columns], terms) for part, learned in pairs)
 
     def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
         self.jitter_, self.unseen_, self.statistics_ = 0.0, 0.0, ()

@@ -216,7 +216,7 @@ def posterior(
     )
 
 
-def statistics_of(part: SharedPredictor, X: FloatArray, Y: FloatArray) -> Statistics:
+def statistics_of(part: SharedPredictor, X: FloatArray, Y: FloatArray, terms: FloatArray | None = None) -> Statistics:
     """Return the statistics of samples `(n, d)` and `(n, m)` under a predictor's points and hyperparameters.
 
     Parameters
@@ -227,9 +227,13 @@ def statistics_of(part: SharedPredictor, X: FloatArray, Y: FloatArray) -> Statis
         Inputs.
     Y : (n, m) array
         Outputs.
+    terms : (n, k) array, optional
+        Further columns that stand behind the outputs, not centred.
     """
     L = cholesky(part.kernel(part.basis, part.basis))[0]
-    return collect(part.kernel, part.basis, L, part.offset, X, Y, Progress())
+    terms = np.zeros((len(X), 0)) if terms is None else terms
+    offset = np.append(part.offset, np.zeros(terms.shape[1]))
+    return collect(part.kernel, part.basis, L, offset, X, np.hstack([Y, terms]), Progress())
 
 
 def updated(part: SharedPredictor, statistics: Statistics) -> SharedPredictor:

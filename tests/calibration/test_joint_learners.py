@@ -21,8 +21,12 @@ from gpcorrect.calibration import (
     run_experiment,
     save,
 )
+from gpcorrect.calibration.dataset import Layout
+from gpcorrect.calibration.learners.gp import _left_out
 from gpcorrect.calibration.learners.network import NetworkMap
+from gpcorrect.calibration.learners.polynomial import PolynomialMap, Scaler
 from gpcorrect.errors import DataError, DegenerateError, LogError
+from gpcorrect.gpr import SparseGPR
 from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog, FloatArray
 
@@ -45,6 +49,33 @@ def fitted_to(log: CalibrationLog, method: str, **changes: object) -> Experiment
 def rmse(experiment: Experiment, name: str = "corrected") -> FloatArray:
     assert experiment.evaluation is not None
     return np.array([row["rmse"] for row in experiment.evaluation.dirty_errors[name]], dtype=np.float64)
+
+
+def test_a_linear_law_says_the_same_of_inputs_scaled_otherwise() -> None:
+    """Its weights under another scaler give the same means."""
+    rng = np.random.default_rng(0)
+    X, Y = rng.normal(2.0, 3.0, (40, 3)), rng.normal(size=(40, 2))
+    law, scaler = PolynomialMap.fit(X[:20], Y[:20], 1), Scaler.of(X)
+    terms = np.column_stack([np.ones(len(X)), scaler.apply(X)])
+    np.testing.assert_allclose(terms @ law.weights_under(scaler), law.mean(X), atol=1e-12)
+
+
+def test_left_out_predictions_are_those_of_law_and_regression_of_the_other_folds() -> None:
+    """Sums over folds, of targets and of the law's terms, give what a fit to the other folds' samples gives."""
+    rng = np.random.default_rng(1)
+    X, folds = rng.normal(size=(120, 3)), np.arange(120) // 30
+    Y = X @ rng.normal(size=(3, 2)) + np.sin(2 * X[:, :2]) + 0.1 * rng.normal(size=(120, 2))
+    layout = Layout((1, 1), None, np.array([0, 1]), np.full((3, 2), 1e-6), np.zeros(3), 40, np.zeros(0, dtype=np.int64))
+    linear = PolynomialMap.fit(X, Y, 1, layout.penalties)
+    regressor = SparseGPR(40, 20, output_groups=(1, 1)).fit(X[:, :2], Y - linear.mean(X))
+    left_out, of_law = _left_out(regressor, linear, X, Y, layout, folds)
+    out = folds == 2
+    law = PolynomialMap.fit(X[~out], Y[~out], 1, layout.penalties)
+    others = regressor.collected(X[~out, :2], Y[~out] - law.mean(X[~out]))
+    mean, std, _ = regressor.resting_on(others).predictor_.mean_std_batch(X[out, :2])
+    np.testing.assert_allclose(of_law[out], Y[out] - law.mean(X[out]), atol=1e-12)
+    np.testing.assert_allclose(left_out.errors[out], of_law[out] - mean, atol=1e-8)
+    np.testing.assert_allclose(left_out.std[out], std, rtol=1e-8)
 
 
 def test_a_network_learns_a_smooth_function() -> None:

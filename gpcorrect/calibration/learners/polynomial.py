@@ -111,6 +111,18 @@ class PolynomialMap:
         values: FloatArray = _terms(self.scaler.apply(X), self.degree) @ self.weights
         return values
 
+    def weights_under(self, scaler: Scaler) -> FloatArray:
+        """Return the weights `(1 + d, m)` of the same linear law in inputs scaled otherwise.
+
+        Parameters
+        ----------
+        scaler : Scaler
+            Of the inputs.
+        """
+        first, others = self.weights[0], self.weights[1:]
+        shifted = first + self.scaler.apply(scaler.centre) @ others
+        return np.vstack([shifted, (scaler.spread / self.scaler.spread)[:, None] * others])
+
     @property
     def extrapolates(self) -> bool:
         """True: it extrapolates outside its training inputs."""
