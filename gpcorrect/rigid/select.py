@@ -296,6 +296,7 @@ def _errors(
     n_units = int(units.max()) + 1
     position, rotation = np.full(n_units, np.nan), np.full(n_units, np.nan)
     rows_of = np.split(np.argsort(units, kind="stable"), np.cumsum(np.bincount(units))[:-1])
+    judged = [rows[evenly_spaced(len(rows), MAX_JUDGED)] for rows in rows_of]
     for fold in range(folds):
         held = units * folds // n_units == fold
         rows = np.flatnonzero(~held | (folds == 1))
@@ -305,13 +306,20 @@ def _errors(
         except DegenerateError as error:
             nothing = np.full(n_units, np.nan)
             return _UnitErrors(kind, nothing, nothing, refused=error.message)
-        for unit in np.unique(units[held]):
-            position[unit], rotation[unit] = _median_errors(model, observed, command, rows_of[unit])
+        asked = np.unique(units[held])
+        position[asked], rotation[asked] = _median_errors(model, observed, command, [judged[unit] for unit in asked])
     return _UnitErrors(kind, position, rotation)
 
 
-def _median_errors(model: RigidModel, observed: PoseSignal, command: PoseSignal, rows: IntArray) -> tuple[float, float]:
-    rows = rows[evenly_spaced(len(rows), MAX_JUDGED)]
+def _median_errors(
+    model: RigidModel, observed: PoseSignal, command: PoseSignal, units: list[IntArray]
+) -> tuple[list[float], list[float]]:
+    """Return the median position and rotation error in each unit, given by its rows."""
+    rows = np.concatenate(units)
     residual = pose_residual(model.apply(observed[rows]), command[rows])
-    position, rotation = (np.linalg.norm(part, axis=1) for part in (residual[:, :3], residual[:, 3:]))
-    return float(np.median(position)), float(np.median(rotation))
+    parts = np.split(residual, np.cumsum([len(unit) for unit in units])[:-1])
+    position, rotation = (
+        [float(np.median(np.linalg.norm(part[:, columns], axis=1))) for part in parts]
+        for columns in (slice(None, 3), slice(3, None))
+    )
+    return position, rotation
