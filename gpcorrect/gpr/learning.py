@@ -21,8 +21,8 @@ MOST_STEPS = 80  # of L-BFGS-B: searches end by the tolerance before
 # Relative change of the objective. Ten times as much takes 0.7 of the evaluations, and errors at held-out data of a
 # dVRK and of simulated reaches change by less than 1 %; but of 240 samples it left one search a tenfold error away.
 TOLERANCE = 1e-5
-# The same of a search that starts where one of data of the same kind ended: half the evaluations, no change of what is
-# predicted, and coverage from eight trajectories 96.0, 98.5 and 91.5 % becomes 96.6, 96.5 and 91.5 % (docs/design/0002).
+# The same of a search that starts where one of data of the same kind ended: half the evaluations and the same errors;
+# from eight trajectories 96.0, 98.5 and 91.5 % covered become 96.6, 96.5 and 91.5 % (docs/design/0002).
 TOLERANCE_FROM_KNOWN = 1e-4
 RESTART_SPREAD = 0.7  # log units around the first start
 FLAT = 1e-12  # a column whose spread is this small beside its values is constant but for rounding
