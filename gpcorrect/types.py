@@ -142,6 +142,8 @@ class CalibrationLog:
         SHA-256 of the source file, empty for logs that never were a file.
     recordings : tuple of str
         SHA-256 of each file that the log was joined of.
+    contents : tuple of str
+        SHA-256 of what each of them holds: the same for a recording that was converted or copied by hand.
     remarks : tuple of str
         What reading had to decide or leave out, a sentence each.
     static : bool
@@ -167,6 +169,7 @@ class CalibrationLog:
     name: str = ""
     digest: str = ""
     recordings: tuple[str, ...] = ()
+    contents: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     static: bool = False
 

@@ -191,7 +191,12 @@ def _summary(
         "arm": log.meta.arm,
         "method": settings.method,
         **outcome.report,
-        "data": {"source": log.name, "sha256": log.digest, "recordings": list(log.recordings)},
+        "data": {
+            "source": log.name,
+            "sha256": log.digest,
+            "recordings": list(log.recordings),
+            "contents": list(log.contents),
+        },
         "fit": {
             "n_train": len(outcome.samples.rows),
             "n_trajectories": len(np.unique(outcome.samples.trajectory[outcome.samples.rows])),

@@ -27,6 +27,8 @@ OPTIONAL: dict[str, Any] = {
     "training_region": {"position_min": Three, "position_max": Three},
 }
 """That are written of some tasks."""
+KNOWN = {"contents": Sequence[str]}
+"""Of data and updates, in models of this version."""
 UPDATE: dict[str, Any] = {"source": str, "sha256": str, "recordings": Sequence[str], "n_added": int, "keep": float}
 """Of each of the `updates`, where there are any."""
 
@@ -53,6 +55,8 @@ def check_summary(summary: Mapping[str, Any]) -> None:
         raise DataError("its updates are no list.")
     for update in updates:
         _check(UPDATE, update, "one of its updates")
+    for entry in (summary["data"], *updates):
+        _check({name: part for name, part in KNOWN.items() if name in entry}, entry, "what it says of its data")
 
 
 def _check(parts: Mapping[str, Any], found: Any, where: str) -> None:

@@ -388,8 +388,9 @@ class Corrector(ABC):
 
     def _caution_seen(self, log: CalibrationLog) -> str:
         learned = [self.summary.get("data", {}), *self.summary.get("updates", [])]
-        known = {digest for entry in learned for digest in entry.get("recordings", [])}
-        again = sum(digest in known for digest in log.recordings)
+        known = {digest for entry in learned for part in ("recordings", "contents") for digest in entry.get(part, [])}
+        # A file by its bytes, as models of before know it, or by what it holds.
+        again = max(sum(digest in known for digest in part) for part in (log.recordings, log.contents))
         if not again:
             return ""
         what = "this recording" if len(log.recordings) == 1 else f"{again} of these {len(log.recordings)} recordings"

@@ -121,7 +121,8 @@ def update_model(
             route, samples, weight, unseen = _learn_route(corrector.route, train.select(pairs.rows), pair, progress)
             changed = replace(corrector, law=changed.law, route=route)
     n = len(samples.rows)
-    entry = {"source": log.name, "sha256": log.digest, "recordings": list(log.recordings), "n_added": n, "keep": weight}
+    known = {"sha256": log.digest, "recordings": list(log.recordings), "contents": list(log.contents)}
+    entry = {"source": log.name, **known, "n_added": n, "keep": weight}
     summary = {**corrector.summary, "updates": [*corrector.summary.get("updates", []), entry]}
     path = corrector.query_path(train)
     moved = TrainingMotion.of(path, train.time, train.trajectory, keep, joints=False, static=True)

@@ -61,6 +61,7 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
         static=logs[0].static,
         name=", ".join(log.name for log in logs),
         recordings=tuple(recording for log in logs for recording in log.recordings),
+        contents=tuple(content for log in logs for content in log.contents),
         digest=digest if all(log.digest for log in logs) else "",
         remarks=(*_remarks(logs, common), *(f"{log.name}: {r}" for log in logs for r in log.remarks)),
     )
@@ -69,7 +70,7 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
 def _refuse_twice(logs: Sequence[CalibrationLog]) -> None:
     first: dict[str, str] = {}
     for log in logs:
-        for digest in log.recordings:
+        for digest in (*log.recordings, *log.contents):
             if digest in first:
                 raise LogError(
                     f"{log.name} is the same recording as {first[digest]}: its second copy would be held out, and "

@@ -30,6 +30,7 @@ Reader = Callable[[Path, ReadSettings], CalibrationLog | Take]
 It raises a LogError where the file is damaged, cut off, too large or of another layout, and a MissingExtraError where
 the library that reads it is not installed."""
 FARTHEST = 1e6  # m or rad: beyond it, in whatever unit, no arm has been
+SAME_DECIMALS = 8  # of a mean: far below what noise makes of two recordings, far above rounding; chosen by hand
 HEAD = 1 << 16  # bytes that tell a format: the header of a motion capture export names hundreds of markers
 
 
@@ -143,7 +144,9 @@ def read_log(
         stated = {name: value for name, value in asdict(meta).items() if value}  # the sidecar comes first
         digest = recording_digest(source)
         meta = replace(log.meta, **stated)
-        return replace(log, name=str(source), meta=meta, digest=digest, recordings=(digest,))
+        return replace(
+            log, name=str(source), meta=meta, digest=digest, recordings=(digest,), contents=(_contents(log),)
+        )
 
 
 def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path: Path, settings: ReadSettings) -> T:
@@ -258,6 +261,22 @@ def _check_size(path: Path, max_bytes: int) -> None:
         raise LogError(f"expected at most {max_bytes / 1e9:.3g} GB, got {size / 1e9:.3g} GB.", hint=hint)
     if size == 0:
         raise LogError("the file is empty.")
+
+
+def _contents(log: CalibrationLog) -> str:
+    """SHA-256 of three moments of each column of a log's signals: no format, time or last digit changes them."""
+    whole, late = hashlib.sha256(), np.linspace(0.0, 1.0, len(log))[:, None]
+    for name in log.signals:
+        values = getattr(log, name)
+        parts = (values.position, values.quaternion) if isinstance(values, PoseSignal) else (values,)
+        for part in (part.reshape(len(log), -1) for part in parts if part is not None):
+            there = np.isfinite(part)
+            with np.errstate(over="ignore", invalid="ignore"):
+                known = np.where(there, part, 0.0)
+                moments = np.mean([known, known * late, known**2], axis=1)
+            whole.update(f"{name} {part.shape} {there.sum(axis=0).tolist()}".encode())
+            whole.update((np.round(moments, SAME_DECIMALS) + 0.0).tobytes())  # no zero below zero
+    return whole.hexdigest()
 
 
 def recording_digest(path: Path) -> str:

@@ -12,7 +12,7 @@ from validate_support import clean_log
 from gpcorrect.calibration import FitSettings, JointCorrector, evaluate_model, fit_model, run_experiment
 from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import LogError
-from gpcorrect.logs import write_log
+from gpcorrect.logs import read_log, write_log
 from gpcorrect.types import PoseSignal
 
 
@@ -31,6 +31,26 @@ def test_the_same_recording_twice_is_refused(recordings: list[Path]) -> None:
     assert len(read_logs([monday, tuesday])) == len(clean_log())
     with pytest.raises(LogError, match="same recording"):
         read_logs([monday, tuesday, copy])
+
+
+@pytest.mark.parametrize("kind", ["Parquet", "spreadsheet", "by number"])
+def test_a_copy_in_another_format_is_the_same_recording(recordings: list[Path], tmp_path: Path, kind: str) -> None:
+    """Converted, or written again by a program with other line ends and fewer digits: refused, and said of a model."""
+    monday, copy = recordings[0], tmp_path / "other.csv"
+    if kind == "Parquet":
+        copy = tmp_path / "other.parquet"
+        write_log(read_log(monday), copy)
+    else:
+        table = np.genfromtxt(monday, delimiter=",", names=True)
+        lines = [",".join("" if np.isnan(v) else f"{v:.13g}" for v in row) for row in table]
+        head = ",".join(table.dtype.names) if kind == "spreadsheet" else ",".join(table.dtype.names[::-1])
+        lines = lines if kind == "spreadsheet" else [",".join(line.split(",")[::-1]) for line in lines]
+        copy.write_text("\ufeff" + "\r\n".join([head, *lines]), encoding="utf-8")
+    with pytest.raises(LogError, match="same recording"):
+        read_logs([monday, copy])
+    settings = FitSettings(method="offset", time_offset="none", clean=False)
+    corrector = fit_model(read_logs([monday]), settings, task=JointCorrector).corrector
+    assert "was made from" in evaluate_model(corrector, read_logs([copy])).cautions[0]
 
 
 def test_measuring_on_the_training_is_said(recordings: list[Path]) -> None:
