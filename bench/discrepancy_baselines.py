@@ -14,8 +14,6 @@ from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.sim import Model
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["BASELINES", "Library", "library_of"]
-
 Array = NDArray[np.float64]
 Place = tuple[str, object]
 

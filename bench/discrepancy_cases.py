@@ -21,8 +21,6 @@ from gpcorrect.types import CalibrationLog
 if TYPE_CHECKING:
     from truth_mujoco import Spec as MujocoSpec
 
-__all__ = ["ADVISED", "Job", "case_of", "label_of", "outcome_of", "solve"]
-
 ADVISED = "advised"
 AHEAD = "ahead"  # causes that the catalogue is to learn
 GROUPS = {"null_awkward": "awkward_null", "one": "single", "pairs": "pair", "triples": "triple"}

@@ -14,8 +14,6 @@ from discrepancy_cases import Job
 from truth import write_case
 from truth.spec import Case
 
-__all__ = ["FIRST_SEED", "NUMBERS", "TRUTHS", "jobs_of", "truth_named", "write_files"]
-
 TRUTHS = ("numpy", "mujoco")
 FIRST_SEED = {"numpy": 930_000, "mujoco": 500_000}
 NUMBERS = {

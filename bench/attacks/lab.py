@@ -14,8 +14,6 @@ from service_bench import free_endpoint
 
 from attacks.programs import Program
 
-__all__ = ["Lab", "Scenario", "Seen", "fitted"]
-
 
 @dataclass(frozen=True)
 class Seen:

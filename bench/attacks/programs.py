@@ -17,8 +17,6 @@ from typing import Any, Self
 
 from service_bench import PATIENT
 
-__all__ = ["ENDS", "Program", "SettableClock", "accepted", "held", "ran", "refused", "waited"]
-
 ENDS = 30.0  # s that a command has to end by itself
 FAREWELL = 10.0  # s that a program has to end when it is asked to
 # The date alone, as an operator or a time server sets it: every wait goes by the kernel's monotonic clock. Debian's

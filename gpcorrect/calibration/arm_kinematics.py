@@ -18,8 +18,6 @@ from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal, frozen_array
 
-__all__ = ["GRIPPER", "SOURCES", "ArmKinematics", "pose_matrices", "require_determined"]
-
 SOURCES = (("setpoint_cp", "setpoint_jp"), ("measured_cp", "measured_jp"))
 """Pairs of which one kinematics made the first from the second."""
 STARTS = 300

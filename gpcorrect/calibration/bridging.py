@@ -17,8 +17,6 @@ from gpcorrect import se3
 from gpcorrect.cleaning import FittedCleaner
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal
 
-__all__ = ["MotionLimits"]
-
 REACH = 200  # pieces that the chain looks back; chosen by hand
 POSSIBLE_FRACTION = 0.7
 """Least part of a run that must be possible motion, or it is left as it is; chosen by hand."""

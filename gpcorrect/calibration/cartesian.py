@@ -29,8 +29,6 @@ from gpcorrect.rigid import RigidModel, apply_residual, pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
 from gpcorrect.velocity import twists
 
-__all__ = ["CommandCorrector"]
-
 POSITION, POSE, TWIST = 3, 7, 6  # numbers of a pose without orientation and with it, and of a velocity
 NO_MEMORY = np.zeros(0)
 

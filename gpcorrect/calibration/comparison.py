@@ -12,8 +12,6 @@ from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.history import last_measured
 from gpcorrect.errors import DataError
 
-__all__ = ["compare"]
-
 
 def compare(one: Any, other: Any) -> dict[str, Any]:
     """Return in what two models differ: what they say of themselves, their errors, how far apart their commands are.

@@ -22,8 +22,6 @@ from scipy.optimize import least_squares
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
-__all__ = ["CoupledPlay", "learn_coupled_play"]
-
 FIRST_GAP = 0.08  # half gap that learning starts from, in units of half the range; chosen by hand
 GAPS = (-9.0, 1.0)  # logarithms of the half gaps that may be found, in the same units; chosen by hand
 STRONGEST = 0.9  # coupling, as a correlation of stiffness; chosen by hand

@@ -12,8 +12,6 @@ from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Layout", "Samples", "path_starts", "pieces", "scores_by_piece"]
-
 
 @dataclass(frozen=True, eq=False)
 class Samples:

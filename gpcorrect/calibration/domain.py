@@ -11,8 +11,6 @@ from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
-__all__ = ["Bounds", "Domain"]
-
 
 @dataclass(frozen=True, eq=False)
 class Domain:

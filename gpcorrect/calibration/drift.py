@@ -18,8 +18,6 @@ from gpcorrect.calibration.metrics import Z95
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["Ageing", "Detection", "conformal_p_values", "detect", "e_values", "estimate_ageing"]
-
 RESAMPLES = 1000  # of the bootstrap: 25 of them lie beyond each end of a 95 % interval
 ENOUGH_LOGS = 5  # from which whole logs are resampled, for trajectories of one day err together; chosen by hand
 TAIL = 2.5  # per cent on each side of a 95 % interval

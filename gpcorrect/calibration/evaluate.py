@@ -23,17 +23,6 @@ from gpcorrect.errors import LogError
 from gpcorrect.logs.sync import match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
-__all__ = [
-    "COMPONENTS",
-    "METHODS",
-    "Evaluation",
-    "Experiment",
-    "evaluate_model",
-    "part_errors",
-    "position_reductions",
-    "run_experiment",
-]
-
 METHODS = CommandCorrector.METHODS
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 

@@ -8,8 +8,6 @@ from gpcorrect.calibration.zigzags import TimedPath
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["random_sinusoids", "random_sweeps"]
-
 SINES = 4  # of each joint; chosen by hand
 NEAR_LIMIT = 0.2  # fraction of the range, from its ends, in which a sweep ends; chosen by hand
 TURN_SECONDS = 1.0  # over which a turn is rounded off; chosen by hand

@@ -19,8 +19,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.gpr import SharedPredictor
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["Proposal", "propose"]
-
 CANDIDATES = 1500  # bounds the covariance of candidates and so the time of a proposal; chosen by hand
 TASK_POINTS = 400  # likewise
 JITTER = 0.3  # of a feature's unit spread, for candidates between the training poses; chosen by hand

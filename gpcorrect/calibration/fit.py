@@ -23,8 +23,6 @@ from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit
 from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.types import CalibrationLog, Progress
 
-__all__ = ["FitResult", "fit_corrector", "fit_model"]
-
 C = TypeVar("C", bound=Corrector)
 
 

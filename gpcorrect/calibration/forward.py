@@ -18,8 +18,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.rigid import RigidModel, apply_residual, pose_residual
 from gpcorrect.types import FloatArray, PoseSignal
 
-__all__ = ["reached"]
-
 SOLVED = 1e-7
 """m and rad between a command and that of the pose found: far below any tracker."""
 STEPS = 50

@@ -13,8 +13,6 @@ from pathlib import Path
 
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["HeldOut", "PartErrors", "Step", "command_line", "last_measured", "now", "step_now", "versions"]
-
 PACKAGES = ("gpcorrect", "numpy", "scipy", "scikit-learn", "numba")
 """Whose versions can change a model's numbers."""
 

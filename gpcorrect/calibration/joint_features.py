@@ -21,8 +21,6 @@ from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["FeatureKind", "JointFeatures", "law_penalties"]
-
 FeatureKind = Literal["position", "velocity", "acceleration", "effort", "memory", "lags", "state"]
 
 LADDER = (0.02, 0.1, 0.3)

@@ -12,8 +12,6 @@ from gpcorrect.calibration.dataset import path_starts
 from gpcorrect.errors import LogError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
-__all__ = ["JointPath", "joint_path", "joint_signal", "state_columns", "usual_steps"]
-
 MOST_PRISMATIC, MOST_REVOLUTE = 2.0, 20.0
 """m and rad: no arm inserts 2 m, and 20 rad are over three turns, so such numbers are in millimetres or degrees."""
 JOINT_SIGNALS = ("setpoint_jp", "measured_jp", "measured_jv", "measured_jf")

@@ -31,8 +31,6 @@ from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.rigid import apply_residual, pose_residual
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
-__all__ = ["JointRoute", "joints_of"]
-
 SAME_BRANCH = 1.0
 """rad or m that a command and its pose may be apart in joints: more is another branch of the inverse. By hand."""
 

@@ -18,8 +18,6 @@ from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, frozen_array
 
-__all__ = ["InputSignal", "JointView", "ViewCorrector", "directed", "error_of", "joint_layout", "logged_path"]
-
 InputSignal = Literal["measured_jp", "setpoint_jp"]
 
 STILL = {"R": 0.05, "P": 0.005}

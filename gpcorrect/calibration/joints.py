@@ -33,8 +33,6 @@ from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.logs import validate_log
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
-__all__ = ["JointCorrector", "require_joints"]
-
 LEAST_MOTION = {"R": 1e-5, "P": 1e-6}
 """rad and m: a joint that moves less shows its encoder's noise; chosen by hand."""
 LEAST_RUN_SECONDS = 5.0

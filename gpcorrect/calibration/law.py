@@ -15,8 +15,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.gpr import IntervalCalibration
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Law", "Prediction"]
-
 
 @dataclass(frozen=True, eq=False)
 class Prediction:

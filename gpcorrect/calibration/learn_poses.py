@@ -31,8 +31,6 @@ from gpcorrect.types import BoolArray, CalibrationLog
 if TYPE_CHECKING:
     from gpcorrect.calibration.cartesian import CommandCorrector
 
-__all__ = ["learn_poses"]
-
 
 def learn_poses(
     task: type[CommandCorrector],

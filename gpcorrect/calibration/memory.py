@@ -22,18 +22,6 @@ from gpcorrect import se3
 from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
 
-__all__ = [
-    "History",
-    "MemoryMap",
-    "advance",
-    "choose_memory",
-    "lag_step",
-    "lagged",
-    "left_out_squares",
-    "play_states",
-    "steps",
-]
-
 LADDER = (1.0, 3.0)  # radii over the smallest of them; chosen by hand
 SMALLEST = (0.0125, 0.025, 0.05, 0.1, 0.2)
 """Smallest radius over half the range of training, to choose from; chosen by hand."""

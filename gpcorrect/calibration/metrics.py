@@ -6,18 +6,6 @@ import numpy as np
 
 from gpcorrect.types import FloatArray
 
-__all__ = [
-    "AXES",
-    "Z95",
-    "ErrorTable",
-    "JointErrors",
-    "coverage",
-    "error_table",
-    "joint_errors",
-    "joint_units",
-    "spread",
-]
-
 AXES = ("x", "y", "z")
 Z95 = 1.959964
 """Half width of the central 95 % of a standard normal."""

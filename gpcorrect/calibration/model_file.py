@@ -27,21 +27,6 @@ from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray
 
-__all__ = [
-    "SCHEMA",
-    "TASKS",
-    "load",
-    "load_any",
-    "model_hash",
-    "read_history",
-    "read_parts",
-    "refused",
-    "require_model_place",
-    "save",
-    "seal_of",
-    "task_of",
-]
-
 SCHEMA = 6
 """5: with the model's history. 6: with stops; memory and joints of poses are asked check queries too."""
 OLDEST = 4

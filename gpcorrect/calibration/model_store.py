@@ -26,8 +26,6 @@ from gpcorrect.calibration.model_file import TASKS, load, load_any, model_hash, 
 from gpcorrect.calibration.succession import refuse_other_use
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 
-__all__ = ["Entry", "ModelStore"]
-
 SCHEMA = 1
 """Of `store.json`."""
 LONGEST_HISTORY = 50

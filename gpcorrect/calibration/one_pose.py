@@ -16,8 +16,6 @@ from gpcorrect.gpr import FeatureMap
 from gpcorrect.rigid import RigidModel
 from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray
 
-__all__ = ["LARGEST", "Frame", "command", "frame", "inputs"]
-
 SMALL = 1e-6  # rad: below it sin(x) / x is 1 to rounding
 # m, m/s or rad/s: beyond it the numbers of a query overflow long before they mean anything. It stands beside its use,
 # for numba's cache notices changes of this file only.

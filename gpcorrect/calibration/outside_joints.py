@@ -14,8 +14,6 @@ from gpcorrect.errors import LogError
 from gpcorrect.rigid import register
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["with_outside_joints", "with_poses"]
-
 SAMPLES = 1000
 """Postures in the registration: two dozen unknowns need no more."""
 STEPS = 20

@@ -12,8 +12,6 @@ from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["PathFollower"]
-
 ALMOST = 0.9
 """Of the training's shortest step, over which a faster stream takes its velocities: clocks jitter; chosen by hand."""
 MOST_PAST = 4096

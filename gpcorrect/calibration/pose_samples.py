@@ -18,20 +18,6 @@ from gpcorrect.gpr import FeatureMap, LeftOut
 from gpcorrect.rigid import Registration, RigidModel, pose_residual, register
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
-__all__ = [
-    "INDUCING",
-    "Memory",
-    "PosePairs",
-    "best_memory",
-    "changes",
-    "changes_text",
-    "features_of",
-    "memory_remark",
-    "pose_layout",
-    "require_poses",
-    "samples_of_poses",
-]
-
 INDUCING = 700
 """Points of the Gaussian process: within a tenth of 1500 points' error on simulated reaches (bench/gpr_choices.py)."""
 CHECK_QUERIES = 8

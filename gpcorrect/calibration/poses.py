@@ -11,15 +11,6 @@ from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
 from gpcorrect.velocity import segment_labels, twists
 
-__all__ = [
-    "inverse_reference_twists",
-    "observed_twists",
-    "pose_pair",
-    "reference_twists",
-    "rotations_of",
-    "stencil_step",
-]
-
 NOISE_FRACTION = 0.03  # of the typical speed that noise may add to a velocity; chosen by hand
 WIDEST = 0.06  # s: a wider stencil blurs reversals, where friction acts; chosen by hand
 STENCIL_GAIN = np.sqrt(130.0) / 12.0  # five-point stencil: standard deviation of a derivative, times step over noise

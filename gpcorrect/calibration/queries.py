@@ -9,8 +9,6 @@ from gpcorrect.calibration.one_pose import LARGEST
 from gpcorrect.errors import DataError
 from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray, PoseSignal
 
-__all__ = ["bad_query", "checked_poses", "checked_times", "pose_numbers", "pose_rows", "twist_numbers"]
-
 POSE, POSITION, TWIST = 7, 3, 6
 
 

@@ -8,8 +8,6 @@ from typing import Literal
 from gpcorrect.cleaning import CleaningSettings
 from gpcorrect.rigid import MarkerOption
 
-__all__ = ["JOINTS", "MEMORY", "Direction", "FitSettings", "Limits"]
-
 Direction = Literal["estimate", "command"]
 
 MEMORY = "memory"

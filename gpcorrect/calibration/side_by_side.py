@@ -13,8 +13,6 @@ from gpcorrect.calibration.task import Corrector, Measured, Part
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
-__all__ = ["Difference", "SideBySide", "measure_both", "refuse_unlike"]
-
 DRAWS = 2000
 """Of whole trajectories, for the interval of a difference: its ends are known to a hundredth of it or so."""
 FEWEST = 4

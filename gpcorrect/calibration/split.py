@@ -10,8 +10,6 @@ from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import BoolArray, CalibrationLog, IntArray
 
-__all__ = ["HoldOut", "folds_of", "held_out", "hold_out_units"]
-
 
 class HoldOut(StrEnum):
     """What is held out whole."""

@@ -16,8 +16,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
-__all__ = ["Stops"]
-
 TOP = 0.4
 """Of a joint's range, next to its end: a stop is looked for in its upper half, and judged by as much below. Half and
 double find the stop of the tests too."""

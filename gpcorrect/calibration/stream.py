@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.joints import JointCorrector
     from gpcorrect.calibration.tool_position import PositionEstimator
 
-__all__ = ["JointStream", "PoseStream", "RobotState", "ToolStream"]
-
 NO_MEMORY = np.zeros(0)
 
 

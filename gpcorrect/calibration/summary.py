@@ -8,8 +8,6 @@ from typing import Any
 from gpcorrect.codec import unpack
 from gpcorrect.errors import DataError
 
-__all__ = ["check_summary"]
-
 Three = tuple[float, float, float]
 PARTS: dict[str, Any] = {
     "robot": str | None,

@@ -25,8 +25,6 @@ from gpcorrect.gpr import LeftOut
 from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
-__all__ = ["Corrector", "LearnLaw", "Measured", "Outcome", "Part"]
-
 LearnLaw = Callable[[Samples, Layout], tuple[Law, LeftOut]]
 
 

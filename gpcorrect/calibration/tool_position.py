@@ -23,8 +23,6 @@ from gpcorrect.errors import DataError, LogError
 from gpcorrect.rigid import RigidModel, fit_position
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["PositionEstimator", "ToolView"]
-
 INDUCING = 400  # points of the Gaussian process; chosen by hand
 CHECK_SAMPLES = 8  # along the swing that a model file is checked with; chosen by hand
 

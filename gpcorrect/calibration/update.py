@@ -31,8 +31,6 @@ from gpcorrect.gpr import IntervalCalibration, LeftOut, Predictor, Statistics
 from gpcorrect.gpr.statistics import statistics_of, updated
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
 
-__all__ = ["KEEPS", "Update", "update_model"]
-
 KEEPS = (1.0, 0.5, 0.2, 0.05)  # weights of the old data to choose from; chosen by hand
 WORTH_FORGETTING = 1.02  # old data lose weight only where that lowers the squared error by more; chosen by hand
 ENOUGH = 5  # new trajectories from which intervals are calibrated on them alone; chosen by hand

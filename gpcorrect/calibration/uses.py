@@ -13,8 +13,6 @@ from gpcorrect.logs import ValidationReport
 from gpcorrect.logs.checks import Finding
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["PURPOSES", "Use", "for_purpose", "uses_of", "with_uses"]
-
 
 @dataclass(frozen=True)
 class Use:

@@ -15,8 +15,6 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["DIRECTIONS", "Direction", "TimedPath", "direction_named", "rotation_to", "timed", "zigzag"]
-
 Direction = Literal["J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3"]
 DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
 RAMP_SECONDS = 0.2  # to speed up and to slow down at each corner; chosen by hand

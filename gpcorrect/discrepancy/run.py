@@ -33,8 +33,6 @@ from gpcorrect.sim.effects import in_order
 from gpcorrect.sim.model import Model, model_key
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
-__all__ = ["find_discrepancy"]
-
 EVALUATIONS = 30  # of the final refit
 
 

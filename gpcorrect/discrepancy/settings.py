@@ -8,19 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-__all__ = [
-    "ADVICE",
-    "NAMING",
-    "NOISE",
-    "SEARCH",
-    "SENSORS",
-    "SETTINGS",
-    "SPLIT",
-    "TESTS",
-    "VERDICT",
-    "DiscrepancySettings",
-]
-
 
 @dataclass(frozen=True)
 class SplitSettings:

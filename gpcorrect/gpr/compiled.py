@@ -21,8 +21,6 @@ from gpcorrect.types import FloatArray
 if TYPE_CHECKING:
     from gpcorrect.gpr.predictor import SharedPredictor
 
-__all__ = ["Tables", "predict_one", "tables"]
-
 # Sums may be taken in any order, so that they are vectorised; NaN and infinity keep their meaning.
 LOOSE = {"reassoc", "contract", "nsz"}
 ROUND = 6755399441055744.0  # 1.5 * 2^52: adding it leaves the nearest integer in the low bits of a double

@@ -19,8 +19,6 @@ from gpcorrect.gpr.learning import KernelOption, Learned, Scaling, learn
 from gpcorrect.gpr.predictor import Predictor, SharedPredictor
 from gpcorrect.types import FloatArray, IntArray, Progress
 
-__all__ = ["GaussianProcess"]
-
 
 class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]  # untyped
     """Regression of outputs that share kernels by groups and have each their own signal and noise variance.

@@ -11,8 +11,6 @@ from gpcorrect.gpr.learning import KernelOption, Learned
 from gpcorrect.gpr.predictor import SharedPredictor
 from gpcorrect.types import FloatArray, Progress
 
-__all__ = ["ExactGPR"]
-
 
 class ExactGPR(GaussianProcess):
     """Gaussian-process regression from the whole covariance of the data (Rasmussen and Williams 2006, Eq. 2.23).

@@ -17,8 +17,6 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
-__all__ = ["KINDS", "FeatureMap", "RotationKind", "fixed_axes_angles"]
-
 RotationKind = Literal["none", "rotvec", "columns", "euler"]
 
 KINDS = ("pose", "euler", "velocity")

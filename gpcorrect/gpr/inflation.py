@@ -23,8 +23,6 @@ from gpcorrect.types import FloatArray, IntArray, Progress
 if TYPE_CHECKING:
     from gpcorrect.gpr.sparse import SparseGPR
 
-__all__ = ["INFLATIONS", "LeftOut", "learn_inflation"]
-
 INFLATIONS = (1.0, 3.0, 10.0, 30.0)
 FEW = 40  # trajectories: of so few each leaves its mark on the hyperparameters, and left out it is still predicted well
 JUDGES = 4000  # left-out samples that choose: neighbours err alike, so more of them say little more

@@ -15,8 +15,6 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray, frozen_array
 
-__all__ = ["IntervalCalibration", "novelty_limit"]
-
 LEVEL = 0.95  # what an interval promises
 FOLDS = 10  # of trajectories, that the level is checked on: the usual number, each trajectory left out once
 INSIDE = 0.995  # of the left-out training samples: chosen by hand, so that the odd one of them is outside

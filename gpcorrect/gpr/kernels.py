@@ -20,18 +20,6 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
-__all__ = [
-    "KERNELS",
-    "AdditiveMatern52",
-    "AdditiveRBF",
-    "Kernel",
-    "KernelTable",
-    "WithLinear",
-    "component_masks",
-    "half_squares",
-    "kernel_named",
-]
-
 ROWS = 256  # of a matrix at once: what is worked on stays in the processor's cache; changes the speed only
 
 Pullback = Callable[[FloatArray], tuple[FloatArray, FloatArray]]

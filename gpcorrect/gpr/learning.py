@@ -13,8 +13,6 @@ from gpcorrect.gpr.kernels import KERNELS, Kernel, kernel_named
 from gpcorrect.gpr.likelihood import Layout, LearningData, negative_log_posterior, profiled_signal, sample_lags
 from gpcorrect.types import BoolArray, FloatArray, IntArray, Progress, frozen_array
 
-__all__ = ["Hyperparameters", "KernelOption", "Learned", "Scaling", "learn"]
-
 KernelOption = Literal["rbf", "matern52", "auto"]
 
 MOST_STEPS = 80  # of L-BFGS-B: searches end by the tolerance before

@@ -22,8 +22,6 @@ from gpcorrect.gpr.kernels import AdditiveRBF, Kernel
 from gpcorrect.gpr.linalg import inverse_and_log_determinant
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Layout", "LearningData", "NoiseModel", "negative_log_posterior", "profiled_signal", "sample_lags"]
-
 SCALE_RANGE = (0.05, 100.0)  # length scales in spreads of a feature: shorter is noise, longer is no dependence
 RATIO_RANGE = (1e-5, 1e4)  # noise to signal variance
 ODDS = 6.0  # weights and shares stay within 0.25 % and 99.75 % of an even split

@@ -9,8 +9,6 @@ from gpcorrect.errors import DegenerateError
 from gpcorrect.gpr.kernels import Kernel, WithLinear
 from gpcorrect.types import FloatArray
 
-__all__ = ["cholesky", "conditioned", "inverse_and_log_determinant"]
-
 FIRST_JITTER, LAST_JITTER = 1e-12, 1e-4  # relative to the mean of the diagonal; each try ten times the one before
 
 

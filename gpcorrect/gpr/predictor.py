@@ -16,8 +16,6 @@ from gpcorrect.gpr.compiled import Tables, predict_one, tables
 from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.types import FloatArray, frozen_array
 
-__all__ = ["Predictor", "SharedPredictor"]
-
 BLOCK = 2048  # rows predicted at once: memory stays flat however many are asked
 
 

@@ -21,8 +21,6 @@ from gpcorrect.gpr.predictor import Predictor, SharedPredictor
 from gpcorrect.gpr.statistics import Statistics, collect, posterior, statistics_of, updated
 from gpcorrect.types import FloatArray, IntArray, Progress
 
-__all__ = ["SparseGPR", "choose_inducing"]
-
 CANDIDATES_PER_POINT = 5  # chosen by hand, as is the next: more candidates cost time in proportion
 FEWEST_CANDIDATES = 4096  # at least, chosen by hand
 BLOCK = 64  # points drawn at once: changes the speed only

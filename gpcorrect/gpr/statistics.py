@@ -18,8 +18,6 @@ from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import SharedPredictor
 from gpcorrect.types import FloatArray, Progress
 
-__all__ = ["Statistics", "collect", "posterior", "statistics_of", "updated"]
-
 BLOCK = 2048  # rows at once: memory stays flat however many samples there are
 NEGLIGIBLE = 1e-6  # directions along which the data take away less of the prior variance are left out of the predictor
 

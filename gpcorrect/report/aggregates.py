@@ -16,8 +16,6 @@ from gpcorrect.report.trajectories import measured_parts
 from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["coverage_chart", "distribution_chart", "errors_section", "intervals_section", "map_chart"]
-
 LEAVES = {"mean": "mean", "sd": "SD", "rmse": "rmse", "p95": "p95", "max": "max"}
 SPEED_BINS = 8  # that hold equally many samples; chosen by hand
 LEVELS = 200  # points of a distribution's line; chosen by hand

@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["Chart", "Mark", "Panel", "Role", "Series", "charts_data"]
-
 DIGITS = 6
 """Of a number on the page: a thousand seconds to the millisecond or so; chosen by hand."""
 

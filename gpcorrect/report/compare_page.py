@@ -19,8 +19,6 @@ from gpcorrect.report.recordings import dropped_section
 from gpcorrect.report.tasks import method_words, words_of
 from gpcorrect.report.trajectories import inside95, listed
 
-__all__ = ["write_compare_report"]
-
 ROLES = (Role.RAW, Role.CORRECTED)
 
 

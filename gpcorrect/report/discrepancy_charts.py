@@ -17,8 +17,6 @@ from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.sim.body import Body
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["gap_chart", "likeness_chart", "loop_chart", "map_chart", "posterior_chart", "waterfall_chart"]
-
 WIDE = 30.0  # largest over smallest: beyond, a linear scale hides the small ones
 MOST_BARS = 6  # of one effect's posterior
 MOST_POINTS = 1500  # drawn of one direction in one panel; chosen by hand

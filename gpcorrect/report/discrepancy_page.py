@@ -35,8 +35,6 @@ from gpcorrect.report.discrepancy_charts import (
 from gpcorrect.report.page import Page, Section, TableData, write_page
 from gpcorrect.sim import machine_of
 
-__all__ = ["write_discrepancy_report"]
-
 MOST_CHANNELS = 6  # with a loop plot
 MOST_MAPS = 2
 MOST_FINDINGS = 10

@@ -18,8 +18,6 @@ from gpcorrect.report.tasks import method_words
 from gpcorrect.report.trajectories import trajectories_section
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["model_sources", "write_evaluation_report", "write_fit_report"]
-
 MOST_PARTS = 3
 """That the first sentence names; chosen by hand."""
 

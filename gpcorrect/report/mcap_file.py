@@ -14,8 +14,6 @@ from gpcorrect.errors import DataError, MissingExtraError
 from gpcorrect.rigid import apply_residual, pose_residual
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-__all__ = ["write_mcap"]
-
 POSE, VECTOR = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Vector3Stamped"
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 """Orientation of poses of which positions alone are known, wxyz."""

@@ -20,8 +20,6 @@ try:
 except ImportError as error:
     raise MissingExtraError("jinja2", extra="report", purpose="Writing a report page") from error
 
-__all__ = ["FigureImage", "Page", "Section", "TableData", "write_page"]
-
 
 @dataclass(frozen=True)
 class TableData:

@@ -14,8 +14,6 @@ from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
 from gpcorrect.report.tasks import reference, words_of
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
-__all__ = ["Axis", "Line", "Shown", "path_charts"]
-
 MOST_SAMPLES = 6000
 """Drawn on a page: of seven joints and two models they take three megabytes; chosen by hand."""
 MOST_TRAJECTORIES = 300

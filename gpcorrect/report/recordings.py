@@ -13,8 +13,6 @@ from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
 from gpcorrect.report.page import Section, TableData
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["clocks_section", "dropped_section", "registration_sections"]
-
 MOST_POINTS = 2500
 """Of a path that stands above the rejected samples; chosen by hand."""
 

@@ -12,8 +12,6 @@ from gpcorrect.calibration.joint_view import directed
 from gpcorrect.report.charts import Role
 from gpcorrect.types import CalibrationLog, FloatArray
 
-__all__ = ["METHOD_ROLES", "Words", "method_words", "reference", "words_of"]
-
 METHOD_ROLES = (Role.RAW, Role.RIGID, Role.CORRECTED)
 """Of the three methods that are measured: before, after the simplest remedy, corrected."""
 METHOD_WORDS = {

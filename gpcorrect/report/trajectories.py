@@ -14,8 +14,6 @@ from gpcorrect.report.paths import Line, Shown, path_charts
 from gpcorrect.report.tasks import METHOD_ROLES, method_words, words_of
 from gpcorrect.types import IntArray
 
-__all__ = ["inside95", "listed", "measured_parts", "trajectories_section"]
-
 WIDE_TABLE = 2
 """Parts up to which the table shows all three methods; chosen by hand."""
 

@@ -14,8 +14,6 @@ if TYPE_CHECKING:  # OpenCV is an extra of its own: reports of other things must
     from gpcorrect.vision import Track
     from gpcorrect.vision.calibrate import CameraReport
 
-__all__ = ["marker_chart", "path_charts", "quality_chart", "views_chart"]
-
 MOST_FRAMES = 6000
 """Drawn on a page, so that it stays near a megabyte; chosen by hand."""
 COASTING, LOST = 1, 2

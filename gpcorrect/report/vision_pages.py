@@ -14,8 +14,6 @@ from gpcorrect.report.vision_charts import marker_chart, path_charts, quality_ch
 if TYPE_CHECKING:  # OpenCV is an extra of its own: reports of other things must not ask for it
     from gpcorrect.vision import CalibrationReport, Camera, Target, TrackResult
 
-__all__ = ["write_calibration_page", "write_tracking_page"]
-
 
 def write_calibration_page(report: CalibrationReport, path: Path, sources: Sequence[tuple[str, str]] = ()) -> None:
     """Write the page of a calibration.

@@ -22,8 +22,6 @@ from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.gpr import LeftOut
 from gpcorrect.types import FloatArray, Progress
 
-__all__ = ["Auto", "MixedMap"]
-
 ONE = 1e3
 """Weight of the sum of the weights, beside errors of unit mean square: a sum off by 1e-6 costs as much as the noise."""
 

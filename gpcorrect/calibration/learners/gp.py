@@ -25,8 +25,6 @@ from gpcorrect.types import FloatArray, IntArray, Progress
 if TYPE_CHECKING:
     from gpcorrect.gpr import SparseGPR
 
-__all__ = ["GP", "GPMap", "LocalLevel", "local_level"]
-
 FEWEST_STRETCHES = 40
 """Into which a recording is cut for noise that neighbours have in common: a stretch costs its cube; chosen by hand."""
 VARIANCE_POINTS = 150

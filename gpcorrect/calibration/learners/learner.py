@@ -14,8 +14,6 @@ from gpcorrect.calibration.split import folds_of
 from gpcorrect.gpr import LeftOut
 from gpcorrect.types import FloatArray, Progress
 
-__all__ = ["Fitted", "Learner", "TargetMap", "cross_predicted"]
-
 
 class TargetMap(Protocol):
     """What was learned, as a frozen dataclass that a model file can hold."""

@@ -14,8 +14,6 @@ from gpcorrect.calibration.learners.polynomial import Scaler
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.types import FloatArray, Progress
 
-__all__ = ["Network", "NetworkMap"]
-
 L2, LEARNING_RATE, BATCH = 5e-4, 1e-3, 1024
 """Weight decay, step of Adam and samples a step (Peng et al., joint-level calibration, network of 2 x 100)."""
 

@@ -13,8 +13,6 @@ from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, Progress
 
-__all__ = ["Polynomial", "PolynomialMap", "Scaler"]
-
 RIDGE = 1e-6
 """Penalty on squared weights, of the samples and for unit spreads: keeps columns that move together apart; by hand."""
 

@@ -22,8 +22,6 @@ from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray, Progress
 
-__all__ = ["Trees", "TreesMap"]
-
 ROUNDS, RATE, LEAST_IN_LEAF = 200, 0.08, 20
 """Trees of each target, their learning rate, samples in a leaf; chosen by hand."""
 

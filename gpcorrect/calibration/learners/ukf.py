@@ -21,8 +21,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.gpr import LeftOut
 from gpcorrect.types import BoolArray, FloatArray, Progress
 
-__all__ = ["Cable", "CableFilter", "CableModel"]
-
 GAPS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
 """Half gap over half the range, to choose from: up to the slack of the dVRK wrist recorded in `dvrk_random`."""
 PROCESS = (0.01, 0.1, 1.0)

@@ -25,8 +25,6 @@ from gpcorrect.sim.effects import Effect, Run
 from gpcorrect.sim.plan import Plan
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
 
-__all__ = ["advise", "expected_nats"]
-
 STEP = 0.02  # of a coordinate, for slopes
 EVALUATIONS = 6  # of a refit: the rival starts near, and only the order of magnitude counts
 BULK = (2.0, 98.0)  # percentiles of the motor path: the range that runs stay in

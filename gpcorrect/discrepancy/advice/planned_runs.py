@@ -12,8 +12,6 @@ from gpcorrect.sim.effects import Run
 from gpcorrect.sim.plan import Plan, Segment, minimum_jerk, plan_of
 from gpcorrect.types import FloatArray
 
-__all__ = ["PlannedRun", "Site", "planned_runs"]
-
 LADDER = (0.8, 2.0, 5.0, 12.0)  # s a stroke
 AMPLITUDES = (1.0, 0.5, 0.2, 0.08)  # of the half range
 STROKE = 2.5  # s

@@ -12,8 +12,6 @@ from numba import njit
 
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["Grams", "bordered", "fold_of", "grams", "held_out_nats", "solve"]
-
 FOLDS = 5  # of cross-validation over whole trajectories: chosen by hand
 
 

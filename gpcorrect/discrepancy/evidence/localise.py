@@ -19,8 +19,6 @@ from gpcorrect.discrepancy.settings import TESTS
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["ChannelData", "Equivalence", "Finding", "Localisation", "localise"]
-
 SHOWN = 5  # findings of a channel
 
 

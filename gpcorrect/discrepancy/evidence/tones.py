@@ -15,8 +15,6 @@ from scipy.special import digamma, polygamma
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["Tone", "strongest_tone"]
-
 FEWEST_ROWS, MOST_ROWS = 40, 400  # of a piece
 FEWEST_PIECES = 4  # to average a spectrum over; chosen by hand on development cases
 CYCLES = 3.0  # in a piece, at least

@@ -14,18 +14,6 @@ from gpcorrect.discrepancy.settings import TESTS
 from gpcorrect.sim.effects import lag, play
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = [
-    "Cells",
-    "Covariates",
-    "Quantity",
-    "Span",
-    "Variable",
-    "all_cells",
-    "cells_of",
-    "covariates_of",
-    "travel_direction",
-]
-
 BINS = {1: 8, 2: 5}
 PLAYS = (0.01, 0.04, 0.16)  # half widths over a joint's travel: what Preisach's weights are sampled at
 LAGS = (0.1, 1.0, 10.0)  # s

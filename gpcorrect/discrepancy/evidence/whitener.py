@@ -22,8 +22,6 @@ from gpcorrect.discrepancy.recording.stated_noise import (
 from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["DatasetWhitener", "estimate_noises", "whitener_on"]
-
 
 @dataclass(frozen=True, eq=False)
 class DatasetWhitener:

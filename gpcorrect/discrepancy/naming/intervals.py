@@ -18,8 +18,6 @@ from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["away_from_nothing", "explained_by_others", "half_widths", "undetermined"]
-
 FEW_BLOCKS = 3  # trajectories a size: there Hotelling's limit is about twice that of known covariances
 TANGENT_ERROR = NAMING.shape_error / 2  # the part of it that a change of a single number could make
 

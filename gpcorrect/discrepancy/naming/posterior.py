@@ -15,17 +15,6 @@ from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.settings import NAMING, SEARCH
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = [
-    "Alternative",
-    "Explanation",
-    "Level",
-    "Named",
-    "fraction_closed",
-    "name_effect",
-    "overtone_nats",
-    "posterior",
-]
-
 
 class Level(StrEnum):
     """What can be concluded: of a whole recording, and (all but NONE) of an effect."""

@@ -21,8 +21,6 @@ from gpcorrect.discrepancy.search.stepwise import search as search_on
 from gpcorrect.discrepancy.settings import NAMING, SEARCH
 from gpcorrect.types import Progress
 
-__all__ = ["name_effects"]
-
 Assessment = tuple[Named, Weighed]
 TINY = 1e-12  # odds
 

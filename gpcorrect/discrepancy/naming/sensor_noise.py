@@ -30,8 +30,6 @@ from gpcorrect.sim.effects.homing_offset import HomingOffset
 from gpcorrect.sim.effects.noise_change import NoiseChange
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Growth", "NoiseEffect", "growth_of", "levels_of", "noise_effects", "roughness", "stated_level"]
-
 NORM = np.sqrt(6.0)  # deviation of a second difference of unit white noise
 
 

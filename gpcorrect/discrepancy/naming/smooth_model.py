@@ -20,8 +20,6 @@ from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["SmoothFit", "smooth_columns", "smooth_fit"]
-
 KNOTS = {1: 8, 2: 5}
 PRECISIONS = (1.0, 10.0, 100.0)  # of a column's size, in units of the residual's mean square
 

@@ -22,19 +22,6 @@ from gpcorrect.discrepancy.search.stepwise import rank
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = [
-    "Own",
-    "Rival",
-    "Unknown",
-    "View",
-    "Weighed",
-    "between_effects",
-    "own_gain",
-    "size_overdispersion",
-    "view_of",
-    "weigh",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class View:

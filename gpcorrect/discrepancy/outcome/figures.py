@@ -15,8 +15,6 @@ from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.gpr import ExactGPR
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["black_box", "closed_gap", "evidence_of", "exchanged", "gap_figures", "gaps_of", "permutation_control"]
-
 DRAWS = 1000  # of the bootstrap: its 2.5 % ends then rest on 25 draws each
 BLACK_BOX_ROWS = 250  # of the exact process, for time: its cost grows with their cube
 RIDGE = 1e-6  # of the signatures' energy: only keeps alike signatures solvable

@@ -9,8 +9,6 @@ from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.needs import Lack
 
-__all__ = ["Burst", "DataSource", "DecisionThresholds", "Provenance"]
-
 
 @dataclass(frozen=True)
 class Burst:

@@ -21,8 +21,6 @@ from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.sim.resolve import robot_of
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["provenance_of"]
-
 
 def provenance_of(
     log: CalibrationLog,

@@ -13,8 +13,6 @@ from gpcorrect.plain import json_ready
 if TYPE_CHECKING:
     from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, PlaceVerdict
 
-__all__ = ["report_of"]
-
 
 def report_of(result: DiscrepancyResult) -> dict[str, Any]:
     """Return a result as plain values.

@@ -18,18 +18,6 @@ from gpcorrect.sim.model import Model
 from gpcorrect.sim.plan import Plan
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = [
-    "ChannelGap",
-    "DiscrepancyResult",
-    "Evidence",
-    "Experiment",
-    "GapFigures",
-    "NamedEffect",
-    "PlaceVerdict",
-    "UnnamedEffect",
-    "Verdict",
-]
-
 
 @dataclass(frozen=True)
 class NamedEffect:

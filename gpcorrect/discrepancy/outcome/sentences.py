@@ -24,8 +24,6 @@ from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.discrepancy.settings import NOISE, TESTS, VERDICT
 from gpcorrect.sim.effects import Family
 
-__all__ = ["VISIBLE", "Closed", "closed_by", "next_step", "verdict_sentence"]
-
 TOLERANCES = (
     f"tolerances of table and registration ({1e3 * NOISE.table_angle:.1g} mrad, {1e3 * NOISE.table_length:.1g} mm)"
 )

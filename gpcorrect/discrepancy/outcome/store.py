@@ -21,8 +21,6 @@ from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, Step
 from gpcorrect.sim.model import model_from_dict
 
-__all__ = ["StageStore", "inputs_key", "load_or_name", "load_or_search"]
-
 ARRAYS = ("before", "after", "motor", "direction", "test", "correlation")
 APART = (
     "model",

@@ -19,8 +19,6 @@ from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.settings import VERDICT
 
-__all__ = ["bursts_of", "headline", "is_plain", "place_verdicts", "verdict_level"]
-
 SURENESS = (Level.EXACT, Level.CLASS, Level.SET)
 
 

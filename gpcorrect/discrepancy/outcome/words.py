@@ -12,18 +12,6 @@ from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource
 from gpcorrect.discrepancy.search.candidates import Estimate
 
-__all__ = [
-    "MEANING",
-    "channel_words",
-    "estimate_words",
-    "in_reader_units",
-    "noise_source_words",
-    "number",
-    "place",
-    "region_words",
-    "variable_words",
-]
-
 READER_UNITS = {
     "rad": ("°", 180.0 / np.pi),
     "m": ("mm", 1e3),

@@ -25,8 +25,6 @@ from gpcorrect.sim.resolve import rehomed
 from gpcorrect.sim.settings import NonNegative, Positive, Settings
 from gpcorrect.types import CalibrationLog, Progress
 
-__all__ = ["LABELS", "Case", "Spec", "generate", "read_spec", "seal"]
-
 LABELS = "sealed"  # folder of the labels, beside the folder of the logs
 Count = Annotated[int, Field(strict=True, ge=1)]
 

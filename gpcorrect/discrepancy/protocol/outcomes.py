@@ -10,8 +10,6 @@ from gpcorrect.discrepancy.outcome.result import ChannelGap
 from gpcorrect.discrepancy.outcome.sentences import closed_by
 from gpcorrect.discrepancy.recording.channels import Channel
 
-__all__ = ["NO_NAME", "CaseOutcome", "case_outcome"]
-
 NO_NAME = ("set", "wrong set", "unknown", "inconclusive", "none")  # columns of the confusion matrix beside the names
 Key = tuple[str, Any]
 

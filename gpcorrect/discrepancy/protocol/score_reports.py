@@ -15,8 +15,6 @@ from scipy.stats import binomtest
 from gpcorrect.discrepancy.protocol.outcomes import NO_NAME, CaseOutcome, case_outcome
 from gpcorrect.errors import DataError
 
-__all__ = ["Proportion", "Score", "Target", "read_labels", "read_reports", "score_cases", "score_reports", "score_text"]
-
 EXACT_TARGETS = {2.0: 0.97, 1.0: 0.95, 0.5: 0.90, 0.25: 0.70}  # of single effects, by effect to noise
 DETECTED = 0.7  # fraction of exact names from which on an effect counts as detected
 SURE = (0.90, 0.95)  # posterior bin whose names are checked

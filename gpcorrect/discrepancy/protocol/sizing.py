@@ -15,8 +15,6 @@ from gpcorrect.sim import Model
 from gpcorrect.sim.effects import Effect
 from gpcorrect.types import CalibrationLog, FloatArray
 
-__all__ = ["Drawn", "drawn_effect", "effect_to_noise", "noise_of"]
-
 TRIES = 40  # candidates drawn before giving up
 SECANTS = 6  # steps towards the wanted ratio
 CLOSE = 0.1  # of the wanted ratio

@@ -27,8 +27,6 @@ from gpcorrect.sim.plan import Plan, Segment, plan_of
 from gpcorrect.sim.resolve import has_controller, machine_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
-__all__ = ["RUN_OUT", "build_scene", "commanded_plan"]
-
 PIECE, WARM_UP = 200, 400  # rows; pieces of long motions are replayed after a warm-up that fills the memories
 
 

@@ -10,16 +10,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
-__all__ = [
-    "Channel",
-    "compared_channels",
-    "continuous_runs",
-    "joint_columns",
-    "motor_side",
-    "sampling_is_even",
-    "tracker_channels",
-]
-
 EVEN = 0.02  # relative spread of the time steps of a clock that a servo loop can be run on
 
 

@@ -12,8 +12,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
-__all__ = ["joint_path_of_poses", "with_joint_paths"]
-
 LENGTH = 0.1  # m that weigh as much as one radian: the reach of a surgical tool beyond its pivot
 STARTS = 48  # points of a Halton sequence over the limits, from which the first poses are sought
 SEEK, WALK, POLISH = 40, 20, 40  # Newton steps from far, from the pose before, and from between two solved poses

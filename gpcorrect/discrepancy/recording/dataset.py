@@ -17,8 +17,6 @@ from gpcorrect.discrepancy.settings import SPLIT
 from gpcorrect.sim.effects import Effect
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Dataset", "build_dataset"]
-
 REMEMBERED_BYTES = 150_000_000  # of condensed channels: memory only, no result depends on it
 REMEMBERED_SETS = 20_000  # keys, which are small
 LEVER_ROWS, LEVER_STEP = 200, 1e-5  # rows that levers are taken from, and a small move, rad or m

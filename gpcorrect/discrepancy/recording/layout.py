@@ -9,8 +9,6 @@ import numpy as np
 
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Layout", "layout_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Layout:

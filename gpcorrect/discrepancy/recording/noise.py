@@ -17,8 +17,6 @@ from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["ChannelNoise", "NoiseSource", "Whitener", "estimate_noise", "outliers", "standard_draws", "whiten"]
-
 CORRELATION_TIMES = np.geomspace(0.02, 0.5, 20)  # s; longer ones would take motion effects for noise
 NORMAL_MAD = 1.0 / MAD_TO_STD  # 0.6745: median of |z| of a standard normal
 TAILS = (3.0, 4.0, 6.0, 10.0, np.inf)

@@ -9,8 +9,6 @@ import numpy as np
 from gpcorrect.discrepancy.settings import SENSORS
 from gpcorrect.types import FloatArray
 
-__all__ = ["Quantisation", "quantisation_of"]
-
 TRIES = 25  # step sizes near a first guess
 
 

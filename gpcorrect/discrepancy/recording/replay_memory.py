@@ -14,8 +14,6 @@ from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.plant import Command, Driven, follow_command
 from gpcorrect.types import FloatArray
 
-__all__ = ["JointColumn", "PathMemory", "ReplayMemory"]
-
 REMEMBERED_BYTES = 120_000_000  # of joint paths: memory only, no result depends on it
 
 

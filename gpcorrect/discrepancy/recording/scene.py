@@ -29,8 +29,6 @@ from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.plant import Driven, tip_path
 from gpcorrect.types import FloatArray, IntArray
 
-__all__ = ["LOOP_STAGES", "Scene", "Signal"]
-
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
 
 

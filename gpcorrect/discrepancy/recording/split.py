@@ -10,8 +10,6 @@ from gpcorrect.discrepancy.settings import SPLIT
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["NOT_USED", "Parts", "Split", "split_rows"]
-
 NOT_USED = -1  # block of a row that is left out
 
 

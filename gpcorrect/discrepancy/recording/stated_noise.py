@@ -16,16 +16,6 @@ from gpcorrect.sim.effects.encoder_quantisation import EncoderQuantisation
 from gpcorrect.sim.effects.noise_change import NoiseChange
 from gpcorrect.types import IntArray
 
-__all__ = [
-    "averaged",
-    "chosen_noise",
-    "rounded_to",
-    "samples_a_row",
-    "samples_are_dense",
-    "sampling_step",
-    "stated_noises",
-]
-
 FINEST = 1e-9  # rad or m; a sensor without any white noise is rounding
 UNIFORM = np.sqrt(12.0)  # step of a rounded value over the standard deviation of its error
 

@@ -19,8 +19,6 @@ from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["Slack", "slack_of", "table_slopes"]
-
 STEP = 1e-5  # rad or m, for slopes
 ROW_TERMS = {
     "alpha": NOISE.table_angle,

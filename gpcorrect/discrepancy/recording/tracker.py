@@ -11,8 +11,6 @@ from gpcorrect import se3
 from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.types import BoolArray, FloatArray, PoseSignal
 
-__all__ = ["Tracker"]
-
 
 @dataclass(frozen=True, eq=False)
 class Tracker:

@@ -21,14 +21,6 @@ from gpcorrect.sim.effects import Effect, Family, Scope
 from gpcorrect.sim.effects import candidates as shapes
 from gpcorrect.types import FloatArray
 
-__all__ = [
-    "Candidate",
-    "Estimate",
-    "FittedEffect",
-    "all_candidates",
-    "watched",
-]
-
 
 def watched(scene: Scene, session: int) -> tuple[float, float]:
     """Session time from the end of the first motions to the start of the last ones, s; inf, -inf for too few.

@@ -8,8 +8,6 @@ import numpy as np
 
 from gpcorrect.sim.effects import Parameter
 
-__all__ = ["Coordinate", "coordinate_of"]
-
 WIDEST = np.log(1e4)  # of a shape parameter's logarithm around its typical value
 PRIOR_LOG = np.log(3.0)
 

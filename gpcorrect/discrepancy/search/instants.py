@@ -18,8 +18,6 @@ from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.types import FloatArray
 
-__all__ = ["Profile", "has_instant", "instant_half_width", "instant_profile", "with_best_instant"]
-
 POINTS = 17  # instants in a row at which the gain is computed
 COARSE, NEAR = 8, 200  # rows: of a first look, and on either side of the best of it
 AT_ONCE = 128  # traces, for memory's sake

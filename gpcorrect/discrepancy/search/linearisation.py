@@ -16,8 +16,6 @@ from gpcorrect.discrepancy.search.instants import has_instant, with_best_instant
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-__all__ = ["Linearisation", "held_out", "linearise", "refine", "signature"]
-
 STEP = 0.002  # of a coordinate, for finite differences: far below a wave's turn over the range of a joint
 SMALLEST_STEP = 5e-4  # of a coordinate near zero
 MAX_EVALUATIONS = 16  # of a set in a refinement: for time

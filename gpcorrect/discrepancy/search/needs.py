@@ -13,8 +13,6 @@ from gpcorrect.discrepancy.settings import NOISE, SEARCH
 from gpcorrect.sim.effects import EFFECTS, ChainEffect, Effect, Family, LoadEffect, Site, TipEffect
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["Lack", "lacks_of_traces", "limits_of", "split_by_needs"]
-
 
 @dataclass(frozen=True)
 class Lack:

@@ -21,8 +21,6 @@ from gpcorrect.sim import machine_of
 from gpcorrect.sim.model import Model
 from gpcorrect.types import CalibrationLog
 
-__all__ = ["PreparedData", "localise_residual", "prepare_data"]
-
 
 @dataclass(frozen=True, eq=False)
 class PreparedData:

@@ -16,8 +16,6 @@ from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.parallel import each
 from gpcorrect.types import BoolArray, FloatArray, Progress
 
-__all__ = ["Search", "Step", "Trace", "penalty", "start_search"]
-
 
 @dataclass(frozen=True, eq=False)
 class Trace:

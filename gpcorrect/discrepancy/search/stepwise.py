@@ -18,8 +18,6 @@ from gpcorrect.discrepancy.search.state import Search, Step, penalty
 from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.types import BoolArray, FloatArray, Progress
 
-__all__ = ["Ranked", "Search", "Step", "contribution", "rank", "search"]
-
 
 @dataclass(frozen=True, eq=False)
 class Ranked:

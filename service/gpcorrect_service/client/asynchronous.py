@@ -18,8 +18,6 @@ from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import HealthAnswer, ModelAnswer
 from gpcorrect_service.protocol.process import require_own_process
 
-__all__ = ["AsyncCorrectionClient"]
-
 R = TypeVar("R")
 
 

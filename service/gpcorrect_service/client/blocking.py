@@ -17,8 +17,6 @@ from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import HealthAnswer, ModelAnswer
 from gpcorrect_service.protocol.process import require_own_process
 
-__all__ = ["CorrectionClient"]
-
 # Replies of one query that may wait to be read: more than there are replicas, so that zenoh's thread never
 # waits. A RingChannel would not do: it is gone, with what it holds, when the last reply overtakes the reader.
 WAITING_REPLIES = 64

@@ -20,8 +20,6 @@ from gpcorrect_service.protocol.process import immortal_in_children, is_forked
 from gpcorrect_service.protocol.sessions import open_client
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings, OnFailure
 
-__all__ = ["POLL_SECONDS", "ClientBase", "Querier", "matched"]
-
 POLL_SECONDS = 0.002  # chosen by hand: between looks at whether a server has appeared
 SUSPICION_SECONDS = 10.0  # after which zenoh itself drops a server that hangs (its lease)
 

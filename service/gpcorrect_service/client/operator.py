@@ -24,8 +24,6 @@ from gpcorrect_service.protocol.process import require_own_process
 from gpcorrect_service.protocol.sessions import open_client
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings
 
-__all__ = ["Operator"]
-
 S = TypeVar("S", ModelListAnswer, ActivateAnswer, StateAnswer)
 
 

@@ -15,8 +15,6 @@ from gpcorrect_service.protocol.messages import Kind, ModelAnswer, ReplyMeta
 if TYPE_CHECKING:
     from gpcorrect.rigid import RigidModel
 
-__all__ = ["PinnedModels"]
-
 ASK_AGAIN = 10.0  # s, chosen by hand: between questions for a registration that nobody gives
 
 

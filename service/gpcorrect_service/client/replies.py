@@ -12,8 +12,6 @@ from gpcorrect.types import FloatArray
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import ReplyMeta
 
-__all__ = ["Reply", "identity_joints", "identity_poses"]
-
 
 class Reply(msgspec.Struct, frozen=True, eq=False):
     """The answer to one question, about one pose or n rows.

@@ -33,8 +33,6 @@ from gpcorrect_service.protocol.messages import (
 )
 from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES, ClientSettings, OnFailure
 
-__all__ = ["Question", "RequestBuilder", "no_service"]
-
 S = TypeVar("S", bound=msgspec.Struct)
 R = TypeVar("R")
 

@@ -31,8 +31,6 @@ from gpcorrect_service.protocol.clocks import OLDEST
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import checked_stamp
 
-__all__ = ["ArmServer", "ArmServerSettings", "CommandedArm", "SensedArm"]
-
 STATE_HZ = 10.0  # chosen by hand: fast enough for people
 BEAT_HZ = 2.0  # chosen by hand
 BEHIND = 0.5  # chosen by hand: s of wall time after which lost ticks are given up instead of caught up with

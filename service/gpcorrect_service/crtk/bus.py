@@ -24,8 +24,6 @@ from gpcorrect_service.protocol.rmw import DEFAULT_QOS, LATCHED_QOS, RmwNode, at
 from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_config, read_config
 from gpcorrect_service.protocol.settings import RosDistro, check_loopback
 
-__all__ = ["Bus", "BusSettings", "Inbox", "check_place", "in_namespace", "open_session", "read_message"]
-
 CLAIM_SECONDS = 2.0  # chosen by hand: in which a router says who else there is; it answers at once
 RETRY = {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 2}
 

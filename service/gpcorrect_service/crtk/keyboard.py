@@ -6,8 +6,6 @@ import numpy as np
 
 from gpcorrect.types import FloatArray
 
-__all__ = ["HELP", "KeyControl"]
-
 UP, DOWN = "qwertyu", "asdfghj"
 # What the command prints.
 HELP = (

@@ -36,8 +36,6 @@ from gpcorrect_service.protocol.limits import (
 from gpcorrect_service.protocol.live import PREFILTER
 from gpcorrect_service.server.models import Model
 
-__all__ = ["FilterServer", "Prefilter", "PrefilterSettings"]
-
 POSE = 7  # numbers of a pose
 WAITING = 64  # chosen by hand: poses that may wait; a stream that is further behind loses its oldest
 SETTLING = 1.0  # chosen by hand: s in which what waited for a process that was stopped has come in

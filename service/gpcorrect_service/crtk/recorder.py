@@ -20,8 +20,6 @@ from gpcorrect_service.crtk.robot import NO_TRAJECTORY
 from gpcorrect_service.crtk.ros import to_ros
 from gpcorrect_service.protocol.cdr import ros_types
 
-__all__ = ["RECORDED", "Recorder", "Recording", "require_mcap", "write_mcap"]
-
 RECORDED = ("measured_js", "setpoint_js", "external_js", "measured_cp", "setpoint_cp", "tracker_cp", "operating_state")
 SIGNALS = {
     "measured_js": {"position": "measured_jp", "velocity": "measured_jv", "effort": "measured_jf"},

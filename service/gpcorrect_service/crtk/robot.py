@@ -15,8 +15,6 @@ from gpcorrect.types import FloatArray
 from gpcorrect_service.crtk.bus import Bus, BusSettings
 from gpcorrect_service.crtk.messages import Event, JointState, OperatingState, Pose, Text
 
-__all__ = ["NO_TRAJECTORY", "OPERATIONS", "Robot", "RobotError"]
-
 # State commands, and whether a state obeys them.
 OPERATIONS: dict[str, Callable[[OperatingState], bool]] = {
     "enable": lambda state: state.state == "ENABLED",

@@ -18,8 +18,6 @@ from gpcorrect_service.protocol.cdr import (
     ros_types,
 )
 
-__all__ = ["from_cdr", "tf_cdr", "to_cdr", "to_ros"]
-
 
 def to_ros(message: msgspec.Struct) -> tuple[Any, str]:
     """Return the ROS message of a struct, and its type.

@@ -21,8 +21,6 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gpcorrect_service.monitor.board import Board
 
-__all__ = ["application"]
-
 EVERY = 0.2  # chosen by hand: s between snapshots
 FILES = {
     "/": ("page.html", "text/html"),

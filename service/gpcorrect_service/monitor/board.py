@@ -18,8 +18,6 @@ from gpcorrect_service.monitor.readable import require_readable
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import HealthAnswer
 
-__all__ = ["Board", "BoardSettings"]
-
 
 @dataclass(frozen=True)
 class BoardSettings:

@@ -16,8 +16,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-__all__ = ["DriftSettings", "DriftWatch", "outside"]
-
 CHI_SQUARE_95 = {1: 3.841, 2: 5.991, 3: 7.815, 4: 9.488, 5: 11.070, 6: 12.592}  # 95 % points by degrees of freedom
 NORMAL_95 = 1.96  # half width of a 95 % interval in standard deviations
 

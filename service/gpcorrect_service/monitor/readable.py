@@ -9,8 +9,6 @@ from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingStat
 from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.protocol.limits import checked_pose
 
-__all__ = ["require_readable"]
-
 AXES = 6
 LONGEST = 1000  # characters of a text, chosen by hand
 

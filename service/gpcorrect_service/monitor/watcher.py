@@ -19,8 +19,6 @@ from gpcorrect_service.protocol.codec import MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
 from gpcorrect_service.protocol.messages import HealthAnswer
 
-__all__ = ["WATCHED", "Watcher"]
-
 WATCHED = (
     "measured_cp", "setpoint_cp", "tracker_cp", "servo_cp", "operating_state", "heartbeat", "error", "corrected/report",
 )  # fmt: skip

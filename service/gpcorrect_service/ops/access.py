@@ -12,8 +12,6 @@ from gpcorrect_service.protocol.cdr import CORRECT
 from gpcorrect_service.protocol.live import LIVE_KEYS, PREFILTER
 from gpcorrect_service.protocol.rmw import dds_name
 
-__all__ = ["ROLES", "USERS", "access_rules"]
-
 ASKED = ("correct", "correct_path", "correct_joints", "model", "health")
 ROLES: dict[str, tuple[str, ...]] = {
     "server": (),

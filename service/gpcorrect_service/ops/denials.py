@@ -17,8 +17,6 @@ import zenoh
 
 from gpcorrect_service.ops.logger import Logger
 
-__all__ = ["DenialReader", "denials_logged"]
-
 # What zenoh 1.10 says, and on which level: denials among what it allows, logins and handshakes that fail.
 DIRECTIVES = (
     "zenoh::net::routing::interceptor::access_control=trace",

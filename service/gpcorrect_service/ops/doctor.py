@@ -24,8 +24,6 @@ from gpcorrect_service.protocol.process import open_zenoh
 from gpcorrect_service.protocol.sessions import client_config
 from gpcorrect_service.protocol.settings import ENDPOINT, ClientSettings
 
-__all__ = ["Finding", "examine"]
-
 PATIENCE = 3.0  # chosen by hand: s for each step
 REFUSAL_SECONDS = 0.5  # chosen by hand: in which a refusal of the client's certificate arrives
 SETTLED_SECONDS = 0.5  # chosen by hand: without change after which no further key is expected

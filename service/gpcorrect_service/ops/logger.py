@@ -10,8 +10,6 @@ from typing import Any, Protocol, TextIO, cast
 import structlog
 from structlog.tracebacks import ExceptionDictTransformer
 
-__all__ = ["Logger", "open_logger"]
-
 
 class Logger(Protocol):
     """What the service writes to: an event, and the facts that belong to it."""

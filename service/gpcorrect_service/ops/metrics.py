@@ -15,8 +15,6 @@ from prometheus_client.openmetrics.exposition import CONTENT_TYPE_LATEST, genera
 
 from gpcorrect_service.protocol.messages import HealthAnswer, State
 
-__all__ = ["OPENMETRICS", "Counters", "exposition", "metrics_of"]
-
 OPENMETRICS = str(CONTENT_TYPE_LATEST)
 # s from a query's arrival to its answer: a correction takes about 0.1 ms, a long path some 10 ms.
 LATENCY_BOUNDS = (5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5, 1.0)

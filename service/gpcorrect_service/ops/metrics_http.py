@@ -14,8 +14,6 @@ from prometheus_client import CollectorRegistry, make_wsgi_app
 
 from gpcorrect_service.protocol.errors import EndpointError
 
-__all__ = ["HOST", "PATH", "metrics_over_http"]
-
 HOST, PATH = "127.0.0.1", "/metrics"
 NAMES = (HOST, "localhost")
 """Under which it may be asked; others are turned away, so that no page in a browser can read it under its own name."""

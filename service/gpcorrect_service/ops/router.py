@@ -19,8 +19,6 @@ from gpcorrect_service.protocol.errors import EndpointError
 from gpcorrect_service.protocol.process import open_zenoh
 from gpcorrect_service.protocol.sessions import first_sentence, read_config
 
-__all__ = ["route"]
-
 SILENT_SECONDS = 60  # chosen by hand: as long as the kernel asks again (tcp_synack_retries); then it goes to zenoh
 
 

@@ -25,8 +25,6 @@ from gpcorrect.errors import DataError
 from gpcorrect_service.ops.access import USERS, access_rules
 from gpcorrect_service.protocol.sessions import CLIENT, COMMON
 
-__all__ = ["Site", "secure_site"]
-
 PASSWORD_BYTES = 24  # chosen by hand: 192 bits, beyond guessing
 HANDSHAKE_MS = 2000  # chosen by hand: two orders above a handshake in a laboratory; who is slower blocks others
 OWNER_ONLY = 0o600  # mode of files

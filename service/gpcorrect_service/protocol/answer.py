@@ -13,8 +13,6 @@ from msgspec import UNSET, UnsetType
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.types import FloatArray
 
-__all__ = ["Answer", "EstimateAnswer", "JointsAnswer", "PathAnswer", "PoseAnswer", "nullable", "pack", "unpack"]
-
 UNKNOWN = np.empty(0)
 
 Command = TypeVar("Command")  # numbers that all exist

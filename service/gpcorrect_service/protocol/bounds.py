@@ -11,8 +11,6 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray
 
-__all__ = ["CorrectionBound", "RateBound", "Throttle"]
-
 POSE = 7  # numbers of a pose: position and quaternion
 BURST_SECONDS = 0.1  # chosen by hand: of the rate that may come at once, for clients do not ask in step
 

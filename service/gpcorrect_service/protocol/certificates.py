@@ -11,8 +11,6 @@ from cryptography import x509
 
 from gpcorrect.errors import DataError
 
-__all__ = ["ExpiredError", "certificate_files", "check_certificates"]
-
 USED = ("root_ca_certificate", "listen_certificate", "connect_certificate")
 
 

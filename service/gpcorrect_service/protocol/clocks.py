@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["OLDEST", "StreamClock"]
-
 OLDEST = 0.25
 """s: nothing older moves a robot. Chosen by hand: a person reacts in 0.2 s, and a tool at 5 cm/s goes 12 mm."""
 DRIFT = 1e-3  # of a clock against ours: ten times what cheap quartz does, so that a backlog is not believed soon

@@ -10,8 +10,6 @@ import msgspec
 from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.protocol.messages import KINDS, SCHEMA_VERSION, Kind
 
-__all__ = ["CODECS", "JSON", "MSGPACK", "Codec", "Form", "codec_of", "error_codec"]
-
 Form = Kind | Literal["error", "estimate", "joint_state"]  # what an encoding names
 FORMS: tuple[Form, ...] = (*KINDS, "error", "estimate", "joint_state")
 S = TypeVar("S", bound=msgspec.Struct)

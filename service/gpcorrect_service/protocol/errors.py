@@ -6,8 +6,6 @@ from typing import Literal
 
 from gpcorrect.errors import GpCorrectError
 
-__all__ = ["EndpointError", "FailureStatus", "ServiceError", "bad_input"]
-
 FailureStatus = Literal["BAD_INPUT", "STALE", "BUSY", "NO_MODEL", "INTERNAL", "NO_SERVICE", "OTHER_MODEL"]
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-__all__ = ["LIVE_KEYS", "PREFILTER", "differing", "live_key"]
-
 LIVE_KEYS = "live/**"  # of an arm
 PREFILTER = "prefilter"  # of an arm: the tokens of those that correct its commands, of whom there is one
 NO_MODEL = "none"

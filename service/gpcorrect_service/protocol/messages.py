@@ -10,30 +10,6 @@ from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
-__all__ = [
-    "KINDS",
-    "SCHEMA_VERSION",
-    "ActivateAnswer",
-    "ActivateRequest",
-    "CorrectJointsRequest",
-    "CorrectPathRequest",
-    "CorrectRequest",
-    "ErrorAnswer",
-    "HealthAnswer",
-    "JointState",
-    "Kind",
-    "ModelAnswer",
-    "ModelEntry",
-    "ModelListAnswer",
-    "Numbers",
-    "ReplyMeta",
-    "RequestMeta",
-    "Row",
-    "State",
-    "StateAnswer",
-    "StateRequest",
-]
-
 SCHEMA_VERSION = 1  # of the messages; a server refuses a newer one
 Kind = Literal[
     "correct",

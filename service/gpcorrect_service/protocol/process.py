@@ -12,8 +12,6 @@ import zenoh
 
 from gpcorrect_service.protocol.errors import ServiceError
 
-__all__ = ["immortal_in_children", "is_forked", "open_zenoh", "require_own_process", "require_valid"]
-
 
 class _Process:
     """What this process, or the one that it was forked from, has done."""

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.settings import RosDistro
 
-__all__ = ["DEFAULT_QOS", "LATCHED_QOS", "RmwNode", "attachment", "dds_name", "gid_of", "reply_attachment", "rmw_key"]
-
 GID_BYTES = 16  # length of a sender's name
 ATTACHMENT = struct.Struct("<qqB16s")
 DEFAULT_QOS = "::,10:,:,:,,"  # reliable, volatile, keep last 10

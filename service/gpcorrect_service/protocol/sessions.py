@@ -13,17 +13,6 @@ from gpcorrect_service.protocol.errors import EndpointError, ServiceError
 from gpcorrect_service.protocol.process import open_zenoh
 from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES, ClientSettings, ServerSettings, check_loopback
 
-__all__ = [
-    "client_config",
-    "first_sentence",
-    "listen_endpoints",
-    "make_config",
-    "open_client",
-    "open_server",
-    "read_config",
-    "server_config",
-]
-
 COMMON: dict[str, Any] = {
     "mode": "peer",
     "scouting/multicast/enabled": False,

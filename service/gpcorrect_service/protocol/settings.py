@@ -14,16 +14,6 @@ from gpcorrect_service.protocol.bounds import CorrectionBound
 from gpcorrect_service.protocol.errors import EndpointError
 from gpcorrect_service.protocol.messages import Kind
 
-__all__ = [
-    "DEFAULT_ENDPOINT",
-    "MAX_MESSAGE_BYTES",
-    "ClientSettings",
-    "OnFailure",
-    "RosDistro",
-    "ServerSettings",
-    "check_loopback",
-]
-
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7449"  # on this machine only; 7447 is that of ROS 2's router, rmw_zenohd
 MAX_MESSAGE_BYTES = 4 * 1024 * 1024  # holds the longest path in JSON; what is larger is no query of ours
 

@@ -26,8 +26,6 @@ from gpcorrect_service.server.models import JointModel, Model, check_arm, load_j
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Handler, Parsed, RequestParser, Response, plain_response
 
-__all__ = ["Admin", "Health", "load_entry"]
-
 
 class Admin:
     """Answers the operator; queries under way end with the model they began with.

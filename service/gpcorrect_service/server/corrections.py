@@ -46,8 +46,6 @@ from gpcorrect_service.protocol.messages import (
 from gpcorrect_service.server.models import JointModel, Model
 from gpcorrect_service.server.requests import Handler, Parsed, RequestParser, Response, plain_response
 
-__all__ = ["Corrections"]
-
 BESIDE_CDR = ("std", "interval95", "in_domain", "status", "reason", "flags")
 
 

@@ -20,8 +20,6 @@ from gpcorrect_service.protocol.messages import Kind
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.requests import Handler, Request, Response, refusal
 
-__all__ = ["Dispatcher", "Job", "WorkerQueue"]
-
 T = TypeVar("T")
 
 

@@ -16,8 +16,6 @@ from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.messages import SCHEMA_VERSION, ErrorAnswer, Kind, ReplyMeta, RequestMeta
 from gpcorrect_service.server.models import Active, JointModel, Model
 
-__all__ = ["Clock", "Handler", "Parsed", "Request", "RequestParser", "Response", "Work", "plain_response", "refusal"]
-
 CORRECTIONS: frozenset[Kind] = frozenset({"correct", "correct_path", "correct_joints"})
 
 

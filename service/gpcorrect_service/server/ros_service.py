@@ -19,8 +19,6 @@ from gpcorrect_service.protocol.sessions import first_sentence, listen_endpoints
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.requests import Clock, Handler, Request, Response, refusal
 
-__all__ = ["RosService", "open_ros"]
-
 
 def open_ros(settings: ServerSettings) -> zenoh.Session:
     """Open a session without a namespace, for ROS's keys have none: a client of the server's own address.

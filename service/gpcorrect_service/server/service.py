@@ -47,8 +47,6 @@ from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, Reque
 from gpcorrect_service.server.ros_service import RosService, open_ros
 from gpcorrect_service.server.stream import stream_queue
 
-__all__ = ["Server", "run", "serve"]
-
 REFUSALS = 4096  # chosen by hand: BUSY answers that may wait to be sent; beyond it queries end without one
 # s, a tenth of Python's own: a thread that loads a model hands the interpreter over when a query waits for it.
 SWITCH_SECONDS = 5e-4

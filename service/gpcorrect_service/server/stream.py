@@ -24,8 +24,6 @@ from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.models import Active, JointModel, JointStream
 from gpcorrect_service.server.queues import WorkerQueue
 
-__all__ = ["Estimator", "StreamSample", "stream_queue"]
-
 CLOCK_STEP = 1.0  # chosen by hand: s that a stamp may lie behind the one before and be late; more is another clock
 SAMPLES_WAITING = 1000  # a second of a fast robot: the slack needs every sample, and a late one says that it is
 LOG_EVERY = 1000  # refused samples between two lines about them in the log
