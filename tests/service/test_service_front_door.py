@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import signal
 import subprocess
@@ -126,13 +127,18 @@ def test_example(model: Path, endpoint: str) -> None:
     assert "nobody there: NO_SERVICE" in done.stdout
 
 
-def test_sigterm_ends_well(model: Path) -> None:
-    """SIGTERM ends `gpcorrect serve` with status 0; its log is JSON and tells the model and the end."""
+@pytest.mark.parametrize("thread", ["main", "a library's"])
+def test_sigterm_ends_well(thread: str, model: Path) -> None:
+    """SIGTERM ends `gpcorrect serve` with status 0, whichever thread it reaches; the log is JSON and tells the end."""
     address = endpoint_of(free_port())
     with serving(model, address) as process:
         with client_of(address) as client:
             client.health()
-        process.send_signal(signal.SIGTERM)
+        if thread == "main":
+            process.send_signal(signal.SIGTERM)
+        else:
+            other = max(int(task.name) for task in Path(f"/proc/{process.pid}/task").iterdir())
+            assert ctypes.CDLL(None).tgkill(process.pid, other, signal.SIGTERM) == 0
         _, log = process.communicate(timeout=PATIENT)
         events = [json.loads(line) for line in log.splitlines() if line.startswith("{")]
     assert process.returncode == 0

@@ -16,7 +16,7 @@ from gpcorrect.errors import DataError
 from gpcorrect_service.ops.denials import denials_logged
 from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.protocol.errors import EndpointError
-from gpcorrect_service.protocol.process import open_zenoh
+from gpcorrect_service.protocol.process import open_zenoh, wait_for
 from gpcorrect_service.protocol.sessions import first_sentence, read_config
 
 SILENT_SECONDS = 60  # chosen by hand: as long as the kernel asks again (tcp_synack_retries); then it goes to zenoh
@@ -63,7 +63,7 @@ def route(
             _leave_silent_connections_to_the_kernel()
             if on_ready is not None:
                 on_ready()
-            stop.wait()
+            wait_for(stop)
 
 
 def _leave_silent_connections_to_the_kernel() -> None:

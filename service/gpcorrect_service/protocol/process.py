@@ -1,4 +1,4 @@
-"""zenoh and forks: its threads stay in the process that opened a session; a forked child waits for them in vain."""
+"""zenoh's threads: forks, in which they are missing, and signals, which they may be handed."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ import ctypes
 import datetime
 import json
 import os
+import threading
 from weakref import WeakSet
 
 import zenoh
 
 from gpcorrect_service.protocol.errors import ServiceError
+
+LOOK_UP = 1.0  # s, between looks whether a signal has come: a second is short for who stops a service
 
 
 class _Process:
@@ -101,3 +104,17 @@ def require_valid(config: zenoh.Config) -> None:
         from gpcorrect_service.protocol.certificates import check_certificates  # slow to import, and seldom needed
 
         check_certificates(config, datetime.datetime.now(datetime.UTC))
+
+
+def wait_for(stop: threading.Event) -> None:
+    """Wait in the main thread until an event is set, by a signal for one.
+
+    The system may hand a signal to a thread of zenoh's; that wakes nobody, and Python runs the handler only when the
+    main thread looks up.
+
+    Parameters
+    ----------
+    stop : threading.Event
+    """
+    while not stop.wait(LOOK_UP):
+        pass

@@ -29,6 +29,7 @@ from gpcorrect_service.protocol.bounds import Throttle
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.live import live_key
 from gpcorrect_service.protocol.messages import Kind
+from gpcorrect_service.protocol.process import wait_for
 from gpcorrect_service.protocol.sessions import open_server
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.admin import Admin, Health, load_entry
@@ -326,7 +327,7 @@ def run(
     with _stop_signal(stop_event) as stop, Server(corrector, settings, joints=joints, store=store) as server:
         if on_ready is not None:
             on_ready(server)
-        stop.wait()
+        wait_for(stop)
 
 
 @contextmanager
