@@ -21,6 +21,8 @@ from gpcorrect.sim.effects import Effect, Family, Scope
 from gpcorrect.sim.effects import candidates as shapes
 from gpcorrect.types import FloatArray
 
+DETAILS = ("side", "law")
+
 
 def watched(scene: Scene, session: int) -> tuple[float, float]:
     """Session time from the end of the first motions to the start of the last ones, s; inf, -inf for too few.
@@ -85,14 +87,16 @@ class Candidate:
         return (self.name, self.joint, self.fixed)
 
     def called_like(self, other: Candidate) -> bool:
-        """Return whether a report gives both the same name: on which side of the cable friction sits is a detail.
+        """Return whether a report gives both the same name.
+
+        On which side of the cable friction sits, and by which law a hysteresis is best described, are details.
 
         Parameters
         ----------
         other : Candidate
             The other one.
         """
-        own, others = ({k: v for k, v in c.fixed if k != "side"} for c in (self, other))
+        own, others = ({k: v for k, v in c.fixed if k not in DETAILS} for c in (self, other))
         return (self.name, self.joint, own) == (other.name, other.joint, others)
 
     @property
