@@ -13,7 +13,7 @@ import numpy as np
 from gpcorrect.sim import debridement_log
 from gpcorrect.types import CalibrationLog, PoseSignal
 from gpcorrect_service.crtk import JointState, Pose
-from gpcorrect_service.crtk.recorder import Recording, write_mcap
+from gpcorrect_service.crtk.recorder import Came, Recording, write_mcap
 
 EPOCH = 1.8e9  # s since 1970 at the recording's start
 
@@ -44,7 +44,7 @@ def recording_of(log: CalibrationLog) -> Recording:
         "measured_cp": poses(stamps, log.measured_cp, "base"),
         "tracker_cp": poses(stamps, log.tracker_cp, "tracker"),
     }
-    return Recording("arm1", messages, ())
+    return Recording("arm1", {name: tuple(Came(0, m) for m in sent) for name, sent in messages.items()}, ())
 
 
 def joints(stamps: np.ndarray, q: np.ndarray) -> tuple[JointState, ...]:

@@ -8,6 +8,7 @@ import threading
 import time
 from multiprocessing.synchronize import Event
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,6 +30,8 @@ from service_support import (
 )
 
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, ServiceError
+from gpcorrect_service.client.connection import Querier
+from gpcorrect_service.client.requests import Question
 from gpcorrect_service.ops.doctor import examine
 from gpcorrect_service.ops.router import route
 
@@ -107,6 +110,22 @@ def test_an_answer_counts_its_age_from_the_call(monkeypatch: pytest.MonkeyPatch)
             return question
 
         monkeypatch.setattr(client._build, "correct", _held)
+        with pytest.raises(ServiceError, match="STALE"):
+            client.correct(POSE)
+
+
+def test_an_answer_that_waits_for_the_registration_is_as_old_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Registration, for a fallback, is asked for behind the first answer: where it takes long, so did the answer."""
+    with server_process() as server, server.client(timeout=1.0, on_failure="identity") as client:
+        attempt = client._attempt
+
+        def _held(querier: Querier, target: zenoh.Querier, question: Question[Any]) -> object:
+            if question.kind == "model":
+                time.sleep(1.1)
+                return ServiceError("NO_SERVICE", "no reply came")
+            return attempt(querier, target, question)
+
+        monkeypatch.setattr(client, "_attempt", _held)
         with pytest.raises(ServiceError, match="STALE"):
             client.correct(POSE)
 

@@ -84,15 +84,17 @@ class AsyncCorrectionClient(ClientBase):
 
     async def _ask(self, question: Question[R]) -> R:
         try:
-            answer = await self._ask_servers(question)
+            answer, asked = await self._ask_servers(question)
+            if (registration := self._build.registration()) is not None:
+                with suppress(ServiceError):
+                    await self._ask_servers(registration)
+            question.require_wanted(time.monotonic() - asked)  # last thing: nothing that waits comes behind it
         except ServiceError as error:
             return question.rescue(error)
-        if (registration := self._build.registration()) is not None:
-            with suppress(ServiceError):
-                await self._ask_servers(registration)
         return answer
 
-    async def _ask_servers(self, question: Question[R]) -> R:
+    async def _ask_servers(self, question: Question[R]) -> tuple[R, float]:
+        """Return the answer, and when it was asked for, s of the monotonic clock."""
         require_own_process()
         # Connecting may wait for the network, which the event loop must not.
         querier = self._queriers.get(question.kind)
@@ -112,8 +114,7 @@ class AsyncCorrectionClient(ClientBase):
             answer = await self._attempt(querier, querier.second, question)
         if isinstance(answer, ServiceError):
             raise answer
-        question.require_wanted(time.monotonic() - asked)
-        return answer
+        return answer, asked
 
     async def _await_server(self, querier: Querier, until: float) -> None:
         while not querier.matched:

@@ -133,15 +133,17 @@ class CorrectionClient(ClientBase):
 
     def _ask(self, question: Question[R]) -> R:
         try:
-            answer = self._ask_servers(question)
+            answer, asked = self._ask_servers(question)
+            if (registration := self._build.registration()) is not None:
+                with suppress(ServiceError):
+                    self._ask_servers(registration)
+            question.require_wanted(time.monotonic() - asked)  # last thing: nothing that waits comes behind it
         except ServiceError as error:
             return question.rescue(error)
-        if (registration := self._build.registration()) is not None:
-            with suppress(ServiceError):
-                self._ask_servers(registration)
         return answer
 
-    def _ask_servers(self, question: Question[R]) -> R:
+    def _ask_servers(self, question: Question[R]) -> tuple[R, float]:
+        """Return the answer, and when it was asked for, s of the monotonic clock."""
         require_own_process()
         querier = self._queriers.get(question.kind) or self._querier(question.kind)
         asked = question.begun
@@ -159,8 +161,7 @@ class CorrectionClient(ClientBase):
             answer = self._attempt(querier, querier.second, question)
         if isinstance(answer, ServiceError):
             raise answer
-        question.require_wanted(time.monotonic() - asked)
-        return answer
+        return answer, asked
 
     def _await_server(self, querier: Querier, until: float) -> None:
         while not querier.matched:
