@@ -85,7 +85,7 @@ class Planner:
                 connect_timeout=CONNECT,
                 pin=pin,
             )
-        self._stream = next(self._streams)
+        self._stream, self._asked_before = next(self._streams), set[str]()
 
     def _close(self) -> None:
         for client in self._clients.values():
@@ -96,9 +96,10 @@ class Planner:
         client = self._clients[kind == "stream"]
         question = self._question(kind, at)
         allowed = PATH_TIMEOUT if kind == "path" else TIMEOUT
-        querier = client._queriers.get({"path": "correct_path", "health": "health"}.get(kind, "correct"))
-        if querier is None or querier.fresh:  # the first question, once there is a connection, may wait for a server
+        key = {"nonsense": "pose"}.get(kind, kind)
+        if key not in self._asked_before:  # the first question may wait for a server to appear
             allowed += CONNECT
+            self._asked_before.add(key)
         code, reply = "", None
         starved, asked = self._starved(), time.monotonic()
         try:

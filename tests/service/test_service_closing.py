@@ -88,7 +88,7 @@ def test_a_querier_in_another_threads_hands_is_closed_all_the_same() -> None:
     declared = iter(held)
     session: Any = SimpleNamespace(declare_querier=lambda *_, **__: next(declared))
     settings = ClientSettings()
-    querier = Querier(session, "arm1/health", settings, 1.0)
+    querier = Querier(session, "arm1/health", settings, 1.0, fresh=True)
     question = RequestBuilder(settings, "msgpack", "raise", PinnedModels("", hold=True)).plain("health", HealthAnswer)
     assert not querier.matched
     with pytest.raises(ServiceError, match="NO_SERVICE"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import threading
@@ -46,6 +47,22 @@ def test_nobody_there() -> None:
     assert caught.value.status == "NO_SERVICE"
     assert endpoint in caught.value.message
     assert "running" in caught.value.hint
+
+
+def test_only_the_first_question_waits_for_a_server(tmp_path: Path) -> None:
+    """A planner whose router was away at its first question is told in time at the next, with the router back."""
+    endpoint, waits = endpoint_of(free_port()), 100.0
+    quiet = {"scouting": {"multicast": {"enabled": False}}}
+    to_router = tmp_path / "client.json5"
+    to_router.write_text(json.dumps({"mode": "client", "connect": {"endpoints": [endpoint]}} | quiet))
+    router = zenoh.Config.from_json5(json.dumps({"mode": "router", "listen": {"endpoints": [endpoint]}} | quiet))
+    with CorrectionClient(config_file=to_router, timeout=1.0, connect_timeout=waits) as client:
+        with pytest.raises(ServiceError, match="NO_SERVICE"):
+            client.correct(POSE)
+        begun = time.monotonic()
+        with zenoh.open(router), pytest.raises(ServiceError, match="NO_SERVICE"):
+            client.correct(POSE)
+        assert time.monotonic() - begun < waits / 2
 
 
 def test_identity_is_the_registered_pose() -> None:

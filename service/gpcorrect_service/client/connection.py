@@ -57,9 +57,13 @@ class Querier:
     settings : ClientSettings
     timeout : float
         Seconds for one answer, the retry included.
+    fresh : bool
+        Whether nothing was asked of this key before, with or without a connection: that question may wait for a server.
     """
 
-    def __init__(self, session: zenoh.Session, key: str, settings: ClientSettings, timeout: float) -> None:
+    def __init__(
+        self, session: zenoh.Session, key: str, settings: ClientSettings, timeout: float, *, fresh: bool
+    ) -> None:
         self._nearest, self._everyone = (
             session.declare_querier(
                 key,
@@ -74,7 +78,7 @@ class Querier:
         )
         self._settings = settings
         self._trusted_from = -math.inf
-        self.fresh = True
+        self.fresh = fresh
 
     @property
     def matched(self) -> bool:
@@ -193,6 +197,7 @@ class ClientBase:
         self._stack = ExitStack()
         self._session: zenoh.Session | None = None
         self._queriers: dict[Kind, Querier] = {}
+        self._asked: set[Kind] = set()
         self._lock = threading.Lock()
         self._closed = False
 
@@ -211,12 +216,14 @@ class ClientBase:
         with self._lock:
             if self._closed:
                 raise ServiceError("NO_SERVICE", "this client was closed.", hint="Open another one.")
+            fresh = kind not in self._asked
+            self._asked.add(kind)
             if self._session is None:
                 self._session = self._stack.enter_context(open_client(self._settings))
                 immortal_in_children(self)
             if kind not in self._queriers:
                 key, timeout = f"{self._settings.arm}/{kind}", self._settings.timeout_of(kind)
-                self._queriers[kind] = Querier(self._session, key, self._settings, timeout)
+                self._queriers[kind] = Querier(self._session, key, self._settings, timeout, fresh=fresh)
             return self._queriers[kind]
 
     def _close(self) -> None:
