@@ -6,14 +6,14 @@ Rivals in the catalogue, something outside it, nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
 
-from gpcorrect.discrepancy.evidence.linear import solve
 from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
+from gpcorrect.discrepancy.naming.more_general import more_general
 from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_fit
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import held_out, linearise
@@ -82,8 +82,8 @@ class Rival:
     nats : float
         Beyond the set without either.
     is_general : bool
-        Whether the effect is a special case of it: its nats are then those of :func:`_general`, in which its further
-        numbers are paid for.
+        Whether the effect is a special case of it: its nats are then those of :func:`more_general`, in which its
+        further numbers are paid for.
     """
 
     fit: FittedEffect
@@ -202,9 +202,11 @@ def weigh(view: View, fit: FittedEffect, own: Own | None = None) -> Weighed:
     unknown = _unknown(view, own.rest, _strongest_channels(view, fit, view.search.touched(fit.candidate)))
     counts = between_effects(own.nats, own.overdispersion, unknown, penalty(view.search.n_kinds))
     rivals = _rivals(view, own, fit, NAMING.hopeless * counts)
-    general = _general(view.search, own.rest, fit, own.overdispersion)
-    rivals = [r for r in rivals if not any(r.candidate.called_like(g.candidate) for g in general)]
-    rivals += [replace(g, nats=g.nats + own.nats) for g in general]
+    general = [
+        Rival(wider, nats + own.nats, is_general=True)
+        for wider, nats in more_general(view.search, own.rest, fit, own.overdispersion)
+    ]
+    rivals = [r for r in rivals if not any(r.candidate.called_like(g.candidate) for g in general)] + general
     return Weighed(
         own.discovery,
         own.confirmation,
@@ -310,78 +312,6 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
         gains = _gains(view, reference, fitted, leader.candidate)
         found.append(Rival(fitted[-1], float(gains[0].sum() + gains[1].sum())))
     return found
-
-
-def _general(search: Search, rest: Sequence[FittedEffect], fit: FittedEffect, noisier: float) -> list[Rival]:
-    """Look-alikes in the catalogue of which an effect is a special case, with their nats beyond the effect's.
-
-    An error of the first row of a kinematic table is an error of the registration. No data rule such a one out, unless
-    they would show its further numbers, were those as large as the ones that are seen. So both are weighed by their
-    evidence as linear models (Bishop 2006, Eq. 3.86) whose numbers have a normal prior of one size, in units of what is
-    typical of each: that of the effect's own numbers. Effects that do not grow with every number are no such models.
-    """
-    if not _is_linear(fit.candidate):
-        return []
-    alike = fit.candidate.kind.about.neighbours
-    own = _Linear.of(search, rest, fit)
-    change = own.slopes @ fit.u
-    found: dict[tuple[object, ...], Rival] = {}
-    for trace in search.traces:
-        other = trace.candidate
-        wider = other.extra > fit.candidate.extra and other.name in alike and _is_linear(other)
-        if not wider or other.key in found or any(other.key == m.candidate.key for m in rest):
-            continue
-        columns = search.whitener.whiten_columns(trace.change)
-        factors = _factors(columns, change)
-        left = change - columns @ factors
-        if left @ left > NAMING.general * (change @ change):
-            continue
-        fitted = search.refit((*rest, FittedEffect(other, other.scaled(factors))), other)
-        if not fitted[-1].at_edge:
-            wide = _Linear.of(search, rest, fitted[-1])
-            nats = noisier * (wide.evidence(change, noisier) - own.evidence(change, noisier))
-            found[other.key] = Rival(fitted[-1], nats, is_general=True)
-    return list(found.values())
-
-
-@dataclass(frozen=True, eq=False)
-class _Linear:
-    """An effect as a linear model beside others.
-
-    Parameters
-    ----------
-    slopes : (M, p) array
-        Whitened tangents of its coordinates, what the others can take up taken off.
-    z : (M,) array
-        Whitened residual without it, likewise.
-    """
-
-    slopes: FloatArray
-    z: FloatArray
-
-    @classmethod
-    def of(cls, search: Search, rest: Sequence[FittedEffect], fit: FittedEffect) -> _Linear:
-        at = linearise(search.whitener, [fit], rest)
-        others = search.linearise_near(rest, fit.candidate).slopes
-        basis = np.linalg.qr(others)[0] if others.shape[1] else others
-        own = np.column_stack([at.slopes, at.z + at.slopes @ fit.u])
-        own -= basis @ (basis.T @ own)
-        return cls(own[:, :-1], own[:, -1])
-
-    def evidence(self, change: FloatArray, noisier: float) -> float:
-        """Log evidence with a normal prior of its numbers, of the mean square that their part in a change has."""
-        size = float(np.mean(_factors(self.slopes, change) ** 2))
-        precision = self.slopes.T @ self.slopes / noisier + np.eye(self.slopes.shape[1]) / size
-        moment = self.slopes.T @ self.z / noisier
-        return 0.5 * float(moment @ np.linalg.solve(precision, moment) - np.linalg.slogdet(size * precision)[1])
-
-
-def _is_linear(candidate: Candidate) -> bool:
-    return all(c.amplitude and c.identity == 0.0 for c in candidate.coordinates)
-
-
-def _factors(columns: FloatArray, change: FloatArray) -> FloatArray:
-    return solve(columns.T @ columns, columns.T @ change)
 
 
 def _is_simpler(rival: Candidate, candidate: Candidate) -> bool:
