@@ -17,7 +17,8 @@ from gpcorrect_service import ServerSettings
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.codec import CODECS, MSGPACK
-from gpcorrect_service.server.models import Active, JointModel, load_joint_model
+from gpcorrect_service.server.active import Active
+from gpcorrect_service.server.models import JointModel, load_joint_model
 from gpcorrect_service.server.stream import Estimator, StreamSample
 
 STEP = 0.01  # s between samples

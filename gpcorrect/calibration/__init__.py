@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.joints import JointCorrector
     from gpcorrect.calibration.learners import LEARNERS, learner_named
     from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_units, spread
-    from gpcorrect.calibration.model_file import load, load_any, model_hash, require_model_place, save
+    from gpcorrect.calibration.model_file import load, load_any, load_with_hash, model_hash, require_model_place, save
     from gpcorrect.calibration.model_store import Entry, ModelStore
     from gpcorrect.calibration.outside_joints import with_outside_joints, with_poses
     from gpcorrect.calibration.settings import FitSettings
@@ -63,7 +63,7 @@ __getattr__ = imported_on_demand(
         "joints": "JointCorrector",
         "learners": "LEARNERS learner_named",
         "metrics": "ErrorTable JointErrors error_table joint_units spread",
-        "model_file": "load load_any model_hash require_model_place save",
+        "model_file": "load load_any load_with_hash model_hash require_model_place save",
         "model_store": "Entry ModelStore",
         "outside_joints": "with_outside_joints with_poses",
         "settings": "FitSettings",
@@ -132,6 +132,7 @@ __all__ = [
     "learner_named",
     "load",
     "load_any",
+    "load_with_hash",
     "measure_both",
     "model_hash",
     "now",

@@ -22,6 +22,7 @@ from gpcorrect.calibration.joint_view import (
     logged_path,
 )
 from gpcorrect.calibration.metrics import joint_errors, joint_units
+from gpcorrect.calibration.queries import checked_times, numbers
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.stops import Stops
 from gpcorrect.calibration.stream import JointStream
@@ -123,15 +124,18 @@ class JointCorrector(ViewCorrector):
         Raises
         ------
         DataError
-            The numbers do not fit the model.
+            The numbers do not fit the model, or the times do not increase, or cannot be seconds.
         """
-        joints = np.array(q, dtype=np.float64)
+        joints = numbers(q, "joints")
         if joints.ndim != 2 or joints.shape[1] != len(self.types):
             raise DataError(f"the model knows {len(self.types)} joints, got an array of shape {joints.shape}.")
         n, moving = len(joints), self.view.moving
+        seconds = checked_times(times, n)
         homed = np.zeros(n, dtype=np.int64) if sessions is None else np.asarray(sessions, dtype=np.int64)
-        effort = None if efforts is None else np.array(efforts, dtype=np.float64)[:, moving]
-        seconds = np.array(times, dtype=np.float64)
+        effort = None if efforts is None else numbers(efforts, "efforts")
+        if homed.shape != (n,) or (effort is not None and effort.shape != joints.shape):
+            raise DataError(f"a path of {n} samples needs {n} sessions and as many rows of efforts as of joints.")
+        effort = None if effort is None else effort[:, moving]
         self.trained.refuse_far(joints, UNITS)
         self.trained.refuse_slow(joints, seconds, homed)
         path = joint_path(seconds, homed, self.view.reached(joints)[:, moving], effort)

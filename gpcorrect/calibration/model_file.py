@@ -8,6 +8,7 @@ at save time and are asked again at load time.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import zipfile
 from importlib.metadata import version
@@ -118,14 +119,7 @@ def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
         The file is missing, truncated, altered, of another schema or task, not a model file, or answers otherwise than
         when it was saved.
     """
-    header, arrays = read_parts(path)
-    found = task_of(header).TASK
-    if found != kind.TASK:
-        raise ArtifactError(
-            f"model file {path} corrects {found}, and a model of {kind.TASK} is needed here.",
-            hint=f"Use it with `{SERVED[found]}`, or make a model of {kind.TASK}: {MADE[kind.TASK]}",
-        )
-    return _built(path, kind, header, arrays)
+    return load_with_hash(path, kind)[0]
 
 
 def load_any(path: str | Path) -> Any:
@@ -141,8 +135,38 @@ def load_any(path: str | Path) -> Any:
     ArtifactError
         As for :func:`load`.
     """
-    header, arrays = read_parts(path)
-    return _built(path, task_of(header), header, arrays)
+    return load_with_hash(path)[0]
+
+
+def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tuple[Any, str]:
+    """Return a model and the hash of the very bytes that it was built from, though the file be replaced meanwhile.
+
+    Parameters
+    ----------
+    path : str or Path
+        Model file.
+    kind : type, optional
+        Task that it must be of; any by default.
+
+    Returns
+    -------
+    tuple
+        The model, and the SHA-256 as :func:`model_hash` returns it.
+
+    Raises
+    ------
+    ArtifactError
+        As for :func:`load`.
+    """
+    content = _read(path)
+    header, arrays = _parts(path, content)
+    found = task_of(header)
+    if kind is not None and found.TASK != kind.TASK:
+        raise ArtifactError(
+            f"model file {path} corrects {found.TASK}, and a model of {kind.TASK} is needed here.",
+            hint=f"Use it with `{SERVED[found.TASK]}`, or make a model of {kind.TASK}: {MADE[kind.TASK]}",
+        )
+    return _built(path, kind or found, header, arrays), hashlib.sha256(content).hexdigest()
 
 
 def _built(path: str | Path, kind: type[Any], header: Header, arrays: Arrays) -> Any:
@@ -175,7 +199,11 @@ def read_parts(path: str | Path) -> tuple[Header, Arrays]:
     ArtifactError
         As for :func:`load`.
     """
-    contents = _read_archive(path)
+    return _parts(path, _read(path))
+
+
+def _parts(path: str | Path, content: bytes) -> tuple[Header, Arrays]:
+    contents = _unpacked(path, content)
     header = _header_in(path, contents)
     digests: dict[str, str] = header["digests"]
     if set(digests) != set(contents):
@@ -210,7 +238,7 @@ def read_history(path: str | Path) -> tuple[Step, ...]:
     ArtifactError
         As for :func:`load`.
     """
-    header = _header_in(path, _read_archive(path, only="header"))
+    header = _header_in(path, _unpacked(path, _read(path), only="header"))
     try:
         history = unpack(tuple[Step, ...], header["model"].get("history", []), {})
     except Exception as error:  # as in load
@@ -268,17 +296,27 @@ def _header_in(path: str | Path, contents: dict[str, Any]) -> Header:
     return header
 
 
-def _read_archive(path: str | Path, only: str | None = None) -> dict[str, Any]:
+def _read(path: str | Path) -> bytes:
+    """Return the file, once it is an archive: no recording of gigabytes is read whole to be refused."""
     if not Path(path).is_file():
         raise ArtifactError(f"there is no model file {path}.", hint="Fit one with: gpcorrect fit LOG --output MODEL")
     try:
-        if not zipfile.is_zipfile(path):
-            raise refused(path, "it is truncated, or no model file at all")
-        with zipfile.ZipFile(path) as listing:
+        with Path(path).open("rb") as file:
+            if not zipfile.is_zipfile(file):
+                raise refused(path, "it is truncated, or no model file at all")
+            file.seek(0)
+            return file.read()
+    except OSError as error:
+        raise refused(path, f"it cannot be read ({error})") from error
+
+
+def _unpacked(path: str | Path, content: bytes, only: str | None = None) -> dict[str, Any]:
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as listing:
             unpacked = sum(entry.file_size for entry in listing.infolist())
-        if unpacked > Path(path).stat().st_size + SLACK_BYTES:
+        if unpacked > len(content) + SLACK_BYTES:
             raise refused(path, f"it would unpack to {unpacked / 1e6:.0f} MB, more than it is long")
-        with np.load(path, allow_pickle=False) as archive:
+        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             contents = {name: archive[name] for name in archive.files if only in (None, name)}
         if not all(isinstance(part, np.ndarray) for part in contents.values()):  # NumPy hands out other bytes as such
             raise refused(path, "it is truncated or altered")

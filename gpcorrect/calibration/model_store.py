@@ -22,7 +22,7 @@ from typing import Any
 
 from gpcorrect.atomic import atomic_path, make_folder, write_file
 from gpcorrect.calibration.history import Step
-from gpcorrect.calibration.model_file import TASKS, load, load_any, model_hash, read_history, refused
+from gpcorrect.calibration.model_file import TASKS, load_with_hash, model_hash, read_history, refused
 from gpcorrect.calibration.succession import refuse_other_use
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 
@@ -162,13 +162,15 @@ class ModelStore:
         GpCorrectError
             The store cannot be written.
         """
-        model = load_any(path)
-        entry = Entry(name or Path(path).stem, model_hash(path), model.TASK, now)
+        model, digest = load_with_hash(path)
+        entry = Entry(name or Path(path).stem, digest, model.TASK, now)
         with self._locked() as state:
             target = self.path(entry)
             if not target.exists():
                 with _writing(target), atomic_path(target) as temporary:
                     shutil.copyfile(path, temporary)
+                    if model_hash(temporary) != digest:
+                        raise refused(path, "it was replaced while it was read")
             others = tuple(one for one in state.models if one.hash != entry.hash)
             self._write(replace(state, models=(*others, entry)))
         return entry
@@ -258,8 +260,8 @@ class ModelStore:
             The file is refused, or is not the one that was added.
         """
         path = self.path(entry)
-        model = load(path, TASKS[entry.kind])
-        if model_hash(path) != entry.hash:
+        model, digest = load_with_hash(path, TASKS[entry.kind])
+        if digest != entry.hash:
             raise refused(path, "it is not the file that was added under this hash")
         return model
 

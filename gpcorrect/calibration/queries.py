@@ -12,6 +12,27 @@ from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray, PoseSignal
 POSE, POSITION, TWIST = 7, 3, 6
 
 
+def numbers(values: ArrayLike, what: str) -> FloatArray:
+    """Return a copy of what was asked as an array of whatever shape.
+
+    Parameters
+    ----------
+    values : array
+        None and NaN both mean that a number is missing.
+    what : str
+        What it is, for the message.
+
+    Raises
+    ------
+    DataError
+        They are no numbers, or rows of several lengths.
+    """
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{what} must be numbers, in rows of one length ({error}).") from error
+
+
 def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
     """Return a copy of one pose as `(7,)`, or `(3,)` where a position-only model was given no more.
 
@@ -29,7 +50,7 @@ def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
     DataError
         Wrong length.
     """
-    values = np.array(pose, dtype=np.float64)
+    values = numbers(pose, "a pose")
     if values.shape != (POSE,) and (orientation or values.shape != (POSITION,)):
         checked_poses(values[None], orientation=orientation)
     return values
@@ -61,7 +82,7 @@ def twist_numbers(twist: ArrayLike | None) -> FloatArray:
     """
     if twist is None:
         return np.zeros(TWIST)
-    values = np.array(twist, dtype=np.float64)
+    values = numbers(twist, "a twist")
     if values.shape == (POSITION,):
         values = np.concatenate([values, np.zeros(TWIST - POSITION)])
     if values.shape != (TWIST,):
@@ -109,7 +130,7 @@ def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
     DataError
         Wrong length, not finite, absurdly far away, or a quaternion that is not a unit quaternion.
     """
-    values = np.array(poses, dtype=np.float64)
+    values = numbers(poses, "poses")
     if values.ndim != 2 or values.shape[1] not in (POSITION, POSE):
         raise DataError(
             f"a pose is 7 numbers (x y z qw qx qy qz) or 3 (x y z), got an array of shape {values.shape[1:]}.",
@@ -125,7 +146,7 @@ def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
         raise DataError(
             f"the pose lies {np.abs(values[:, :POSITION]).max():.3g} m from the origin.", hint="Positions are metres."
         )
-    if values.shape[1] == POSE:
+    if len(values) and values.shape[1] == POSE:
         norms = np.linalg.norm(values[:, POSITION:], axis=1)
         worst = int(np.argmax(np.abs(norms - 1)))
         if abs(norms[worst] - 1) > QUATERNION_TOLERANCE:
@@ -145,16 +166,18 @@ def checked_times(times: ArrayLike, count: int) -> FloatArray:
     times : (count,) array
         s.
     count : int
-        Number of poses.
+        Number of poses, or of joints' samples.
 
     Raises
     ------
     DataError
-        Wrong length, not finite, or not strictly increasing.
+        No sample at all, wrong length, not finite, or not strictly increasing.
     """
-    values = np.array(times, dtype=np.float64)
+    values = numbers(times, "times")
+    if not count:
+        raise DataError("a path holds at least one sample, got none.")
     if values.shape != (count,):
-        raise DataError(f"a path of {count} poses needs {count} times, got an array of shape {values.shape}.")
+        raise DataError(f"a path of {count} samples needs {count} times, got an array of shape {values.shape}.")
     if not np.isfinite(values).all() or (np.diff(values) <= 0).any():
         raise DataError("the times of a path must be finite and strictly increasing.", hint="Times are seconds.")
     return values

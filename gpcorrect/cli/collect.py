@@ -142,11 +142,12 @@ def collect_zigzag(
     )
     from gpcorrect.cli.joint import show_joint_errors
     from gpcorrect_service.crtk import BusSettings  # zenoh is an extra; other commands work without it
+    from gpcorrect_service.crtk.journal import require_no_journal
     from gpcorrect_service.crtk.robot import Robot
 
     make_folder(output)
     for name in ("zigzags.csv", "test.csv"):
-        require_new(output / name)
+        require_no_journal(output / name)
     block, fastest = joint_limits(limits), speed_limits(speed)
     corners = [zigzag(direction_named(name), sparsity, block) for name in split_names(direction)]
     learner_named(method)
@@ -193,24 +194,28 @@ def _recorded(robot: Robot, paths: list[TimedPath], progress: Progress, what: st
     """Drive paths, a trajectory each, and return what was recorded of them; it is written however that ended."""
     from gpcorrect.logs import write_log
     from gpcorrect.types import LogMeta
+    from gpcorrect_service.crtk.journal import Journal
     from gpcorrect_service.crtk.recorder import Recorder
 
     types = "RRP" if len(robot.setpoint) == len(UNITS) else ""
     meta = LogMeta(arm=robot.bus.settings.arm, joint_types=types)
-    recorder = Recorder(robot.bus, ("measured_js", "setpoint_js", "external_js"))
-    try:
-        for number, path in enumerate(paths):
-            progress.step(what, number / len(paths))
-            robot.follow(path.time, path.q, number)
-    except BaseException:  # the robot's refusal, or Ctrl-C
-        with suppress(LogError):  # nothing was driven yet
-            write_log(recorder.recording().log(meta), target)
-            note(f"what was recorded until then: {target}")
-        raise
-    progress.step(what, 1.0)
-    log = recorder.recording().log(meta)
-    write_log(log, target)
-    return log
+    with Journal(target, meta.arm) as journal:
+        recorder = Recorder(robot.bus, ("measured_js", "setpoint_js", "external_js"), journal)
+        try:
+            for number, path in enumerate(paths):
+                progress.step(what, number / len(paths))
+                robot.follow(path.time, path.q, number)
+        except BaseException:  # the robot's refusal, or Ctrl-C
+            with suppress(LogError):  # nothing was driven yet
+                write_log(recorder.recording().log(meta), target)
+                note(f"what was recorded until then: {target}")
+            journal.remove()
+            raise
+        progress.step(what, 1.0)
+        log = recorder.recording().log(meta)
+        write_log(log, target)
+        journal.remove()
+        return log
 
 
 def _require_within(block: FloatArray, name: str) -> None:

@@ -28,10 +28,10 @@ def info(
 
     Example: gpcorrect info model.gpc
     """
-    from gpcorrect.calibration import load_any, model_hash
+    from gpcorrect.calibration import load_with_hash
 
-    corrector: Corrector = load_any(model)
-    digest = model_hash(model)
+    corrector: Corrector
+    corrector, digest = load_with_hash(model)
     if json:
         described = {"file": str(model), "hash": digest, "task": corrector.TASK, "bytes": model.stat().st_size}
         print_json({**described, "history": [asdict(s) for s in corrector.history], "model": corrector.info()})

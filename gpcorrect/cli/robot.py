@@ -21,10 +21,12 @@ from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
     from gpcorrect.types import CalibrationLog, FloatArray
+    from gpcorrect_service.crtk.recorder import Recording
     from gpcorrect_service.crtk.robot import Robot
 
 robot_app = typer.Typer(no_args_is_help=True, help="Drive and record a robot that speaks CRTK over zenoh.")
 
+Mcap = Annotated[Path | None, typer.Option(help="ROS 2 recording to write as well: a folder with an MCAP file.")]
 Sliding = Annotated[str, typer.Option(help="Numbers of the sliding joints.")]
 DEGREE = np.deg2rad(1.0)
 KEY_STEP = 0.5  # degrees, or millimetres for the insertion
@@ -205,9 +207,7 @@ def keys(place: RobotPlace, sliding: Sliding = "3") -> None:
 @takes_groups
 def record(
     output: LogOutput,
-    mcap: Annotated[
-        Path | None, typer.Option(help="ROS 2 recording to write as well: a folder with an MCAP file.")
-    ] = None,
+    mcap: Mcap = None,
     seconds: Annotated[
         float | None, typer.Option(help="How long; until Ctrl-C without it.", show_default=False)
     ] = None,
@@ -220,19 +220,50 @@ def record(
     Example: gpcorrect robot record --seconds 60 --output run.parquet --mcap run_bag
     """
     stop = stop_signal()
-    from gpcorrect.logs import require_writable, write_log
-    from gpcorrect_service.crtk.recorder import Recorder, require_mcap, write_mcap
+    from gpcorrect.logs import require_writable
+    from gpcorrect_service.crtk.journal import Journal, require_no_journal
+    from gpcorrect_service.crtk.recorder import Recorder, require_mcap
+
+    require_writable(output)
+    require_no_journal(output)
+    if mcap is not None:
+        require_mcap(mcap)
+    with _robot(place) as robot, Journal(output, robot.bus.settings.arm) as journal:
+        recorder = Recorder(robot.bus, journal=journal)
+        err.print("recording" + (f" for {seconds:g} s" if seconds is not None else "") + "; stop with Ctrl-C")
+        if stop.wait(seconds):
+            err.print("stopped")
+        _write(recorder.recording(), output, mcap, as_json=json)
+        journal.remove()
+    if journal.failed:
+        note(f"{journal.path} could not be written to its end ({journal.failed.strerror})")
+
+
+@robot_app.command()
+def recover(
+    journal: Annotated[Path, typer.Argument(help="RECORDING.unfinished, beside the recording to come.")],
+    output: LogOutput,
+    mcap: Mcap = None,
+    json: Json = False,
+) -> None:
+    """Read what `robot record` or `collect` had heard when it was killed; the file is left as it is.
+
+    Example: gpcorrect robot recover run.parquet.unfinished --output run.parquet
+    """
+    from gpcorrect.logs import require_writable
+    from gpcorrect_service.crtk.recorder import recovered, require_mcap
 
     require_writable(output)
     require_new(output)
     if mcap is not None:
         require_mcap(mcap)
-    with _robot(place) as robot:
-        recorder = Recorder(robot.bus)
-        err.print("recording" + (f" for {seconds:g} s" if seconds is not None else "") + "; stop with Ctrl-C")
-        if stop.wait(seconds):
-            err.print("stopped")
-        recording = recorder.recording()
+    _write(recovered(journal), output, mcap, as_json=json)
+
+
+def _write(recording: Recording, output: Path, mcap: Path | None, *, as_json: bool) -> None:
+    from gpcorrect.logs import write_log
+    from gpcorrect_service.crtk.recorder import write_mcap
+
     if mcap is not None:  # first: it holds all that came
         write_mcap(recording, mcap)
     log = recording.log()
@@ -241,7 +272,7 @@ def record(
         note(remark)
     words = f"{len(log)} samples: {', '.join(log.signals)} -> {output}" + (f" and {mcap}" if mcap else "")
     facts = {"samples": len(log), "signals": list(log.signals), "output": str(output), "mcap": mcap and str(mcap)}
-    print_result(facts, words, as_json=json)
+    print_result(facts, words, as_json=as_json)
 
 
 @robot_app.command()

@@ -5,13 +5,14 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support import small_log
 
-from gpcorrect.calibration import CommandCorrector, load, save
+from gpcorrect.calibration import CommandCorrector, load, load_with_hash, model_file, model_hash, save
 from gpcorrect.calibration.model_file import OLDEST, SCHEMA, seal_of
 from gpcorrect.codec import pack
 from gpcorrect.errors import ArtifactError
@@ -53,6 +54,25 @@ def test_a_loaded_model_answers_as_the_saved_one(small_corrector: CommandCorrect
     log = small_log(seed=9)
     np.testing.assert_array_equal(loaded.clean(log).reason, small_corrector.clean(log).reason)
     assert loaded.info() == json.loads(json.dumps(small_corrector.info()))
+
+
+def test_the_hash_is_that_of_the_model_that_was_read(
+    small_corrector: CommandCorrector, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file that is replaced while it is read gives the old model under the old hash, never one under the other's."""
+    expected, unpacked = model_hash(model), model_file.unpack
+    other = tmp_path / "other.gpc"
+    save(replace(small_corrector, history=()), other)
+
+    def _replaced(*given: object) -> object:
+        other.replace(model)
+        return unpacked(*given)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(model_file, "unpack", _replaced)
+        read, digest = load_with_hash(model)
+    assert (digest, read.history) == (expected, small_corrector.history)
+    assert (model_hash(model) != expected, load(model).history) == (True, ())
 
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.7, 0.999])

@@ -139,14 +139,41 @@ def test_a_calibration_from_end_to_end(gpcorrect, tmp_path):
 def test_a_calibration_that_is_broken_off_leaves_its_recording(arm, tmp_path, number):
     """Ctrl-C or a closed terminal in the middle: what was driven until then is in the file."""
     words = ("collect", "zigzag", "--endpoint", arm, "-o", str(tmp_path))
+    told = tmp_path / "told"
     with (
         Bus(BusSettings(arm)) as bus,
-        subprocess.Popen([sys.executable, "-m", "gpcorrect", *words], stderr=subprocess.DEVNULL) as driving,
+        told.open("wb") as file,
+        subprocess.Popen([sys.executable, "-m", "gpcorrect", *words], stderr=file) as driving,
     ):
         moved = threading.Event()
         bus.subscribe("event", lambda event: moved.set())
         assert moved.wait(PATIENT)
         time.sleep(1.0)  # of recording
         driving.send_signal(number)
-        assert driving.wait(PATIENT) == 130
+        assert driving.wait(PATIENT) == 130, told.read_text()
     assert len(read_log(tmp_path / "zigzags.csv")) > 0
+    assert not list(tmp_path.glob("*.unfinished"))
+
+
+def test_a_killed_recorder_leaves_what_it_heard(gpcorrect, arm, tmp_path):
+    """Killed outright: the journal holds what came, is not overwritten by the next recording, and becomes a log."""
+    run, at = tmp_path / "run.csv", ("--endpoint", arm)
+    left = tmp_path / "run.csv.unfinished"
+    with subprocess.Popen([sys.executable, "-m", "gpcorrect", "robot", "record", "-o", str(run), *at]) as recording:
+        deadline = time.monotonic() + PATIENT
+        while not (left.exists() and left.stat().st_size > 50_000):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        recording.kill()
+    assert not run.exists()
+    assert_refused(gpcorrect("robot", "record", "-o", run, *at), "robot recover", "run.csv.unfinished")
+    assert gpcorrect("robot", "recover", left, "-o", run, "--json").json["samples"] > 50
+    log = read_log(run)
+    assert {"measured_jp", "setpoint_jp"} <= set(log.signals)
+    assert left.exists()  # the user's to remove
+    torn = left.read_bytes()
+    left.write_bytes(torn[: len(torn) // 2])
+    assert 0 < gpcorrect("robot", "recover", left, "-o", tmp_path / "half.csv", "--json").json["samples"] < len(log)
+    left.write_bytes(torn[:1000] + b"\xff" * 1000 + torn[2000:])
+    assert_refused(gpcorrect("robot", "recover", left, "-o", tmp_path / "x.csv"), "altered")
+    assert_refused(gpcorrect("robot", "recover", run, "-o", tmp_path / "x.csv"), "not what a recorder leaves")

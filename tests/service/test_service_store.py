@@ -19,8 +19,8 @@ from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.codec import JSON
 from gpcorrect_service.protocol.messages import ActivateRequest
+from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.admin import Admin
-from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Clock, Request, RequestParser
 
 
@@ -155,7 +155,7 @@ def test_an_activation_reads_its_model_once(store: ModelStore, monkeypatch: pyte
     activate = Admin(parser, store, logger).handlers()["admin/activate"]
     request = Request(JSON.encode(ActivateRequest("tuesday")), JSON.encoding("admin/activate"), b"", time.monotonic())
     assert not activate(request).is_error
-    assert reads == [store.path(store.find("tuesday"))]
+    assert len(reads) == 1
     assert active.pose_model().id == names(store)[-1] == "tuesday"
 
 

@@ -16,6 +16,7 @@ from gpcorrect.errors import LogError
 from gpcorrect.logs.streams import Stream, interpolate
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 from gpcorrect_service.crtk.bus import Bus
+from gpcorrect_service.crtk.journal import Journal, read_journal
 from gpcorrect_service.crtk.robot import NO_TRAJECTORY
 from gpcorrect_service.crtk.ros import to_ros
 from gpcorrect_service.protocol.cdr import ros_types
@@ -146,10 +147,12 @@ class Recorder:
     ----------
     bus : Bus
     topics : tuple of str
+    journal : Journal, optional
+        That every message is written into as it comes.
     """
 
-    def __init__(self, bus: Bus, topics: tuple[str, ...] = RECORDED) -> None:
-        self._arm = bus.settings.arm
+    def __init__(self, bus: Bus, topics: tuple[str, ...] = RECORDED, journal: Journal | None = None) -> None:
+        self._arm, self._journal = bus.settings.arm, journal
         self._came: dict[str, list[Came]] = {name: [] for name in (*topics, "event")}
         self._epoch, self._newest = 0, -np.inf
         for name in self._came:
@@ -162,19 +165,45 @@ class Recorder:
             self._epoch += message.stamp < self._newest - CLOCK_STEP
             self._newest = message.stamp
         self._came[name].append(Came(self._epoch, message))
+        if self._journal is not None:
+            self._journal.write(name, self._epoch, message)
 
     def recording(self) -> Recording:
         """Return what came so far; of a topic's messages those that hold as many numbers as most of them."""
-        remarks, kept = [], {}
-        for name, came in ((name, tuple(came)) for name, came in self._came.items()):
-            widths = Counter(_width(c.message) for c in came)
-            usual = widths.most_common(1)[0][0] if widths else 0
-            kept[name] = tuple(c for c in came if _width(c.message) == usual)
-            if len(kept[name]) < len(came):
-                odd = f"{len(came) - len(kept[name])} messages of {name} do not hold as many numbers as the others"
-                remarks.append(f"{odd} and are left out.")
-        events = kept.pop("event")
-        return Recording(self._arm, kept, events, tuple(remarks))
+        return _recording(self._arm, {name: tuple(came) for name, came in self._came.items()})
+
+
+def recovered(path: Path) -> Recording:
+    """Return the recording of a recorder that was killed.
+
+    Parameters
+    ----------
+    path : path
+        Its journal.
+
+    Raises
+    ------
+    LogError
+        The file is no journal, or was altered.
+    """
+    arm, entries = read_journal(path)
+    came: dict[str, list[Came]] = {"event": []}
+    for name, epoch, message in entries:
+        came.setdefault(name, []).append(Came(epoch, message))
+    return _recording(arm, came)
+
+
+def _recording(arm: str, came: Mapping[str, Sequence[Came]]) -> Recording:
+    remarks, kept = [], {}
+    for name, all_of_it in came.items():
+        widths = Counter(_width(c.message) for c in all_of_it)
+        usual = widths.most_common(1)[0][0] if widths else 0
+        kept[name] = tuple(c for c in all_of_it if _width(c.message) == usual)
+        if len(kept[name]) < len(all_of_it):
+            odd = f"{len(all_of_it) - len(kept[name])} messages of {name} do not hold as many numbers as the others"
+            remarks.append(f"{odd} and are left out.")
+    events = kept.pop("event")
+    return Recording(arm, kept, events, tuple(remarks))
 
 
 def _width(message: Any) -> int:

@@ -21,7 +21,8 @@ from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.limits import check_inside, checked_joints, checked_rows, checked_stamp
 from gpcorrect_service.protocol.messages import JointState
 from gpcorrect_service.protocol.settings import ServerSettings
-from gpcorrect_service.server.models import Active, JointModel, JointStream
+from gpcorrect_service.server.active import Active
+from gpcorrect_service.server.models import JointModel, JointStream
 from gpcorrect_service.server.queues import WorkerQueue
 
 CLOCK_STEP = 1.0  # chosen by hand: s that a stamp may lie behind the one before and be late; more is another clock
