@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,7 @@ SETTINGS = FitSettings(inducing=100, search_samples=100, marker="none", clean=Fa
 BY_NAME = replace(SETTINGS, features=("pose", "velocity", "joints"))
 
 
+@cache
 def reaches(seed: int, n: int = 24) -> CalibrationLog:
     """Return a recording of a simulated dVRK, whose wrist has slack."""
     return random_reaches_log("dvrk_psm", n, seed, faults=False)
