@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -102,10 +102,15 @@ def test_another_rig_s_calibration_is_named(vision: Vision, recorded: _Recorded,
 
 def test_wrong_colours_and_wrong_sizes_are_named(vision: Vision, recorded: _Recorded, tmp_path: Path) -> None:
     """A colour that is nowhere (with those that are there), balls of other sizes or distances: no camera is blamed."""
+    for view in recorded.views:
+        (tmp_path / view.name).mkdir()
+        for i in range(3):
+            shutil.copy(view / f"{i:04d}.png", tmp_path / view.name)
+    first = replace(recorded, views=[tmp_path / view.name for view in recorded.views])
     target = tmp_path / "target.toml"
     target.write_text('[[ball]]\nname = "violet"\nhue = 285.0\nhue_tolerance = 8.0\n')
     assert_refused(
-        vision(*_track(recorded, tmp_path / "l.csv", "--target", target)), "ball violet cannot be found", "red (hue"
+        vision(*_track(first, tmp_path / "l.csv", "--target", target)), "ball violet cannot be found", "red (hue"
     )
     rows = {"green": (0, -0.038, 0), "yellow": (0.038, 0, 0), "red": (0, 0.038, 0)}
     wrong = [(1.0, r, "has a radius of") for r in (0.004, 0.006, 0.014, 0.019)]
@@ -114,7 +119,7 @@ def test_wrong_colours_and_wrong_sizes_are_named(vision: Vision, recorded: _Reco
         balls = [{"name": n, "place": [scale * v for v in p], "radius": radius} for n, p in rows.items()]
         (tmp_path / "target.json").write_text(json.dumps({"ball": balls}))
         assert_refused(
-            vision(*_track(recorded, tmp_path / "l.csv", "--target", tmp_path / "target.json")), word, "target file"
+            vision(*_track(first, tmp_path / "l.csv", "--target", tmp_path / "target.json")), word, "target file"
         )
 
 
