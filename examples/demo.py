@@ -36,7 +36,7 @@ def main() -> None:
 def demo(folder: Path, reaches: int, fragments: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     log, model, report = folder / "reaches.csv", folder / "model.gpc", folder / "report"
-    task, picture = folder / "task.html", folder / "task.png"
+    task = folder / "task.html"
     say("1. A simulated RAVEN-II reaches for foam fragments; motion capture watches, with occlusions.")
     run("simulate", "debridement", "--reaches", str(reaches), "--output", log)
     say("2. Look at the recording before using it.")
@@ -46,7 +46,7 @@ def demo(folder: Path, reaches: int, fragments: int) -> None:
     say("4. Serve the model and ask it, as a planner in another process would.")
     ask(model)
     say("5. Close the loop: two arms rehearse, learn, are served, and remove fragments, with and without correction.")
-    run("debride", "--fragments", str(fragments), "--picture", picture, "--report", task)
+    run("debride", "--fragments", str(fragments), "--report", task)
     print(f"\nThe fit, with pictures:  {report / 'report.html'}")
     print(f"The task, with pictures: {task}")
     show(task)

@@ -14,8 +14,6 @@ from gpcorrect.errors import GpCorrectError
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """Errors of the disk, not of what is done to other files meanwhile."""
-PICTURE = rb"\x89PNG"
-"""How a PNG file begins."""
 HEAD_BYTES = 256
 """Of a file, by which its kind is known; chosen by hand."""
 

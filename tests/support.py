@@ -6,7 +6,6 @@ import fcntl
 import json
 import os
 import pickle
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -79,11 +78,6 @@ def real_data(name: str) -> Path:
     if not path.exists():
         pytest.skip(f"real recording {name} is not at hand: set GPCORRECT_DATA to the folder that holds it")
     return path
-
-
-def without_pictures(page: str) -> str:
-    """Return a page without its pictures: letters of base64 spell any word of four now and then."""
-    return re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)
 
 
 @contextmanager

@@ -40,7 +40,6 @@ def outputs(lab: Lab) -> Seen:
         ("update", str(model), str(log), "-o", str(log)),
         ("explore", str(model), "-o", str(log)),
         ("explore", str(model), "-o", str(model)),
-        ("drift", str(model), str(log), "--plot", str(log)),
         ("simulate", "-o", str(log)),
         ("zigzag", "-o", str(log)),
         ("convert", str(log), str(log)),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gpcorrect.atomic import PICTURE, make_folder, require_new, require_own, write_file
+from gpcorrect.atomic import make_folder, require_new
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, split_names
 from gpcorrect.cli.options import ArmName, Json, KeyRoot, OldArm, OldConnect, numbers
 from gpcorrect.cli.processes import end_as_interrupted, free_endpoint, running
@@ -51,7 +51,6 @@ def zigzag_command(
     ] = "raven2_left",
     speed: Speed = FASTEST,
     rate: Annotated[float, typer.Option(help="Samples a second.")] = RATE_HZ,
-    plot: Annotated[Path | None, typer.Option(help="Picture to write (PNG).", show_default=False)] = None,
     old_arm: OldArm = None,
     json: Json = False,
 ) -> None:
@@ -61,7 +60,7 @@ def zigzag_command(
 
     For example:
 
-    gpcorrect zigzag --direction J2-J3 --sparsity 4 --limits 20:60,55:110,330:420 --output traj.csv --plot traj.png
+    gpcorrect zigzag --direction J2-J3 --sparsity 4 --limits 20:60,55:110,330:420 --output traj.csv
     """
     import numpy as np
 
@@ -71,8 +70,6 @@ def zigzag_command(
 
     require_writable(output)
     require_new(output)
-    if plot is not None:
-        require_own(plot, PICTURE, "picture")
     chosen, block = direction_named(direction), joint_limits(limits)
     if machine != "none":
         _require_within(block, machine)
@@ -82,10 +79,6 @@ def zigzag_command(
     log = CalibrationLog(path.time, still, still, setpoint_jp=path.q, meta=LogMeta(joint_types="RRP"))
     write_log(log, output)
     title = f"zig-zag {chosen}, sparsity 1/{sparsity}: {path.duration / 60:.1f} min"
-    if plot is not None:
-        from gpcorrect.plots import joint_trajectory, png  # drawing is an extra
-
-        write_file(plot, png(joint_trajectory(path.time, path.q, title)))
     facts = {
         "direction": chosen,
         "sparsity": sparsity,

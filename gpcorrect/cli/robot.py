@@ -1,10 +1,7 @@
-"""`gpcorrect robot`: tools of a robot's controller over CRTK: go to joints, random motion, follow, drive, record."""
+"""`gpcorrect robot`: tools of a robot's controller over CRTK: go to joints, random motion, follow, record."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -29,7 +26,6 @@ robot_app = typer.Typer(no_args_is_help=True, help="Drive and record a robot tha
 Mcap = Annotated[Path | None, typer.Option(help="ROS 2 recording to write as well: a folder with an MCAP file.")]
 Sliding = Annotated[str, typer.Option(help="Numbers of the sliding joints.")]
 DEGREE = np.deg2rad(1.0)
-KEY_STEP = 0.5  # degrees, or millimetres for the insertion
 
 
 @robot_app.command()
@@ -184,27 +180,6 @@ def draw(
 
 @robot_app.command()
 @takes_groups
-def keys(place: RobotPlace, sliding: Sliding = "3") -> None:
-    """Drive the joints from the keyboard.
-
-    Example: gpcorrect robot keys
-    """
-    from gpcorrect_service.crtk.keyboard import HELP, KeyControl
-
-    with _robot(place) as robot, _raw_keys() as strokes:
-        scale = _units(sliding, len(robot.setpoint))
-        control = KeyControl(robot.setpoint, KEY_STEP * scale)
-        err.print(HELP)
-        for stroke in strokes:
-            if control.press(stroke, robot.setpoint):
-                robot.move_jp(control.target)
-                err.print(f"{np.round(control.target / scale, 2).tolist()}  step {control.step[0] / scale[0]:.2f}")
-            if control.done:
-                return
-
-
-@robot_app.command()
-@takes_groups
 def record(
     output: LogOutput,
     mcap: Mcap = None,
@@ -352,20 +327,3 @@ def _chosen(log: CalibrationLog, signals: str | None) -> CalibrationLog:
         )
     without: dict[str, Any] = dict.fromkeys(set(log.signals) - wanted)
     return replace(log, extra={}, **without)
-
-
-@contextmanager
-def _raw_keys() -> Iterator[Iterator[str]]:
-    """Give the keys as they are pressed; a script's standard input is read as it is."""
-    if not sys.stdin.isatty():
-        yield iter(lambda: sys.stdin.read(1), "")
-        return
-    import termios
-    import tty
-
-    before = termios.tcgetattr(sys.stdin)
-    try:
-        tty.setcbreak(sys.stdin)
-        yield iter(lambda: sys.stdin.read(1), "")
-    finally:
-        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpcorrect.atomic import PICTURE, require_own, write_file
+from gpcorrect.atomic import require_own, write_file
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, styled
-from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, takes_groups
+from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Report, renamed, report_page, takes_groups
 from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 
@@ -114,7 +114,8 @@ def drift(
     ] = None,
     false_alarms: Annotated[float, typer.Option(help="Mean trajectories between false alarms, at least.")] = 1000.0,
     worn_out: Annotated[float, typer.Option(help="Worn out: errors this many times those at the fit.")] = 2.0,
-    plot: Annotated[Path | None, typer.Option(help="Figure to write (PNG).", show_default=False)] = None,
+    report: Report = None,
+    old_plot: Annotated[Path | None, renamed("--plot", "--report", "drawings are pages")] = None,
     seed: Annotated[int, typer.Option(help="Seed of tie-breaking and bootstrap.")] = 0,
     json: Json = False,
 ) -> None:
@@ -124,7 +125,7 @@ def drift(
 
     Examples
     --------
-    gpcorrect drift model.gpc monday.csv tuesday.csv wednesday.csv --plot drift.png
+    gpcorrect drift model.gpc monday.csv tuesday.csv wednesday.csv --report drift.html
 
     gpcorrect drift model.gpc week1.csv week2.csv --age 7 --age 14 --json
     """
@@ -132,8 +133,7 @@ def drift(
 
     from gpcorrect.calibration import JointCorrector, detect, estimate_ageing, load_any
 
-    if plot is not None:
-        require_own(plot, PICTURE, "picture")
+    page = None if report is None else report_page(report)
     if age is not None and len(age) != len(logs):
         raise DataError(f"give one --age a log: {len(logs)} logs, {len(age)} ages.", hint="In the order of the logs.")
     corrector = load_any(model)
@@ -157,15 +157,20 @@ def drift(
     where = np.repeat(np.arange(len(logs)), counts)
     ageing = estimate_ageing(baseline, scores, np.repeat(ages, counts), where, worn_out, rng)
     unit = "hours recorded" if age is None else "days"
-    if plot is not None:
-        from gpcorrect import plots  # the figures' library is an extra
+    words = (_drift_verdict(found, where, logs), _ageing_words(ageing, unit))
+    if page is not None:
+        from gpcorrect.report import write_drift_report  # the report's libraries are an extra
 
-        names = [path.name for path in logs]
-        write_file(plot, plots.png(plots.drift_history(baseline, found, ageing, where, names)))
+        write_drift_report(baseline, found, ageing, [logs[i].name for i in where], words, page)
     if json:
         print_json(_drift_dict(found, ageing, unit, where, logs))
-    else:
-        _show_drift(found, ageing, unit, where, logs)
+        return
+    for i, path in enumerate(logs):
+        own = found.scores[where == i]
+        size = f"score {own.mean():.2f}" if own.size else "outside the training region"
+        out.print(f"{path}: {own.size} trajectories, {size}")
+    out.print(styled((words[0], "" if found.alarm is None else "bold red")))
+    out.print(words[1])
 
 
 def _drift_dict(found: Detection, ageing: Ageing, unit: str, where: IntArray, logs: list[Path]) -> dict[str, Any]:
@@ -185,25 +190,23 @@ def _drift_dict(found: Detection, ageing: Ageing, unit: str, where: IntArray, lo
     }
 
 
-def _show_drift(found: Detection, ageing: Ageing, unit: str, where: IntArray, logs: list[Path]) -> None:
-    for i, path in enumerate(logs):
-        own = found.scores[where == i]
-        size = f"score {own.mean():.2f}" if own.size else "outside the training region"
-        out.print(f"{path}: {own.size} trajectories, {size}")
+def _drift_verdict(found: Detection, where: IntArray, logs: list[Path]) -> str:
     if found.alarm is None:
-        out.print(f"no alarm: evidence of drift reached {found.evidence.max():.3g} of {found.threshold:g}")
-    else:
-        place = f" alarm at trajectory {found.alarm + 1} of {len(found.scores)}, in {logs[int(where[found.alarm])]}"
-        rarely = f"; a false one comes at most once in {found.threshold:g} on average"
-        out.print(styled(("drift:", "bold red"), place, rarely))
+        return f"no alarm: evidence of drift reached {found.evidence.max():.3g} of {found.threshold:g}"
+    return (
+        f"drift: alarm at trajectory {found.alarm + 1} of {len(found.scores)}, in {logs[int(where[found.alarm])]}"
+        f"; a false one comes at most once in {found.threshold:g} on average"
+    )
+
+
+def _ageing_words(ageing: Ageing, unit: str) -> str:
     if ageing.remaining is None or ageing.remaining95 is None:
-        out.print("not ageing: errors do not grow with time beyond chance, so no end is in sight")
-    elif ageing.remaining == 0:
-        out.print(f"worn out already: the score is {ageing.level:.3g}, the limit {ageing.limit:.3g}")
-    else:
-        low, high = ageing.remaining95
-        until = f"{high:.3g}" if high < float("inf") else "no end in sight"
-        out.print(f"ageing: worn out in about {ageing.remaining:.3g} {unit} (95 %: {low:.3g} to {until})")
+        return "not ageing: errors do not grow with time beyond chance, so no end is in sight"
+    if ageing.remaining == 0:
+        return f"worn out already: the score is {ageing.level:.3g}, the limit {ageing.limit:.3g}"
+    low, high = ageing.remaining95
+    until = f"{high:.3g}" if high < float("inf") else "no end in sight"
+    return f"ageing: worn out in about {ageing.remaining:.3g} {unit} (95 %: {low:.3g} to {until})"
 
 
 def explore(

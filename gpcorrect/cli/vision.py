@@ -47,7 +47,7 @@ def board(
 
     Example: gpcorrect vision board --square 20 --output board.pdf
     """
-    from gpcorrect.plots.board import write_board
+    from gpcorrect.plots import write_board
 
     require_own(output, b"%PDF", "PDF")
     write_board(output, columns, rows, 1e-3 * square, paper)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gpcorrect import plots
 from gpcorrect.calibration import SideBySide, part_errors
 from gpcorrect.report.aggregates import distribution_chart
 from gpcorrect.report.charts import Mark, Role
@@ -17,7 +16,7 @@ from gpcorrect.report.page import Page, Section, TableData, write_page
 from gpcorrect.report.paths import Line, Shown, path_charts
 from gpcorrect.report.recordings import dropped_section
 from gpcorrect.report.tasks import method_words, words_of
-from gpcorrect.report.trajectories import inside95, listed
+from gpcorrect.report.trajectories import inside95, listed, typical_trajectory
 
 ROLES = (Role.RAW, Role.CORRECTED)
 
@@ -62,7 +61,7 @@ def write_compare_report(both: SideBySide, names: tuple[str, str], notes: Sequen
         *model_sources(names[1], other.corrector),
         *recording_sources(both.log),
     ]
-    chosen = "" if both.log.static else str(plots.typical_trajectory(both.measured[1]))
+    chosen = "" if both.log.static else str(typical_trajectory(both.measured[1]))
     write_page(Page("gpcorrect compare", f"Mean error, {words[0]}.", facts, sections, sources, chosen), path)
 
 

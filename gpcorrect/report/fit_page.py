@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gpcorrect import plots
-from gpcorrect.atomic import atomic_path
-from gpcorrect.calibration import CommandCorrector, Evaluation, Experiment, part_errors
-from gpcorrect.plots.style import png
+from gpcorrect.calibration import Evaluation, Experiment, part_errors
 from gpcorrect.report.aggregates import coverage_chart, errors_section, intervals_section, map_chart
 from gpcorrect.report.page import Page, Section, write_page
 from gpcorrect.report.paths import Shown
 from gpcorrect.report.recordings import clocks_section, dropped_section, registration_sections
 from gpcorrect.report.tasks import method_words
-from gpcorrect.report.trajectories import trajectories_section
+from gpcorrect.report.trajectories import trajectories_section, typical_trajectory
 from gpcorrect.types import CalibrationLog
 
 MOST_PARTS = 3
@@ -23,7 +20,7 @@ MOST_PARTS = 3
 
 
 def write_fit_report(experiment: Experiment, path: Path) -> None:
-    """Write the self-contained page of an experiment; of poses, its first picture beside it as `overview.png`.
+    """Write the self-contained page of an experiment.
 
     Parameters
     ----------
@@ -43,7 +40,7 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
     if evaluation is not None and test is not None:
         verdict = f"Mean error on held-out trajectories: {_verdict(evaluation)}."
         held_out = f"{experiment.n_test} samples that pass cleaning, {len(test.trajectory_ids)} whole trajectories"
-        chosen = "" if test.static else str(plots.typical_trajectory(evaluation.clean))
+        chosen = "" if test.static else str(typical_trajectory(evaluation.clean))
         sections = [*_measured(evaluation, test, (fit.log, fit.cleaning))]
     sections += [*registration_sections(fit), clocks_section(fit.clocks)]
     if evaluation is not None and test is not None:
@@ -61,9 +58,6 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
     ]
     sources = model_sources("model", experiment.corrector)
     write_page(Page(_title("fit", experiment.corrector), verdict, facts, sections, sources, chosen), path)
-    if evaluation is not None and test is not None and isinstance(experiment.corrector, CommandCorrector):
-        with atomic_path(path.with_name("overview.png")) as picture:
-            picture.write_bytes(png(plots.overview(evaluation.clean, test)))
 
 
 def write_evaluation_report(
@@ -98,7 +92,7 @@ def write_evaluation_report(
     ]
     sections = [*_measured(evaluation, log, None), dropped_section("Rejected samples", log, evaluation.cleaning)]
     sources = [*model_sources(name, corrector), *recording_sources(log)]
-    chosen = "" if log.static else str(plots.typical_trajectory(clean))
+    chosen = "" if log.static else str(typical_trajectory(clean))
     verdict = f"Mean error: {_verdict(evaluation)}."
     write_page(Page(_title("evaluate", corrector), verdict, facts, sections, sources, chosen), path)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -36,27 +35,13 @@ class TableData:
 
 
 @dataclass(frozen=True)
-class FigureImage:
-    """A figure as PNG, or as another kind of picture, and the sentence under it: its alternative text too."""
-
-    png: bytes
-    caption: str
-    kind: str = "png"
-
-    @property
-    def source(self) -> str:
-        """Data address of the image, so that the page needs no other file."""
-        return f"data:image/{self.kind};base64," + base64.b64encode(self.png).decode()
-
-
-@dataclass(frozen=True)
 class Section:
     """A heading, what it says, and its tables and figures."""
 
     title: str
     words: Sequence[str] = ()
     tables: Sequence[TableData] = ()
-    figures: Sequence[FigureImage | Chart] = ()
+    figures: Sequence[Chart] = ()
 
 
 @dataclass(frozen=True)
@@ -100,7 +85,7 @@ def write_page(page: Page, path: Path) -> None:
     GpCorrectError
         The folder cannot be written.
     """
-    charts = [figure for section in page.sections for figure in section.figures if isinstance(figure, Chart)]
+    charts = [figure for section in page.sections for figure in section.figures]
     data = json.dumps({**json_ready(charts_data(charts)), "chosen": page.chosen, "chooses": page.chooses})
     made = [
         ("written", now()),

@@ -43,6 +43,20 @@ def trajectories_section(shown: Shown) -> Section:
     return Section("Trajectory by trajectory", (words.errors, listed(shown)), (_table(shown, groups),), charts)
 
 
+def typical_trajectory(measured: Measured) -> int:
+    """Return the number of the trajectory whose mean corrected error is the median one.
+
+    Parameters
+    ----------
+    measured : Measured
+        Of a whole recording; joints that were not measured count nothing.
+    """
+    ids = np.unique(measured.trajectory)
+    size = np.linalg.norm(np.nan_to_num(measured.corrected[:, :3]), axis=1)
+    means = np.array([size[measured.trajectory == i].mean() for i in ids])
+    return int(ids[np.argsort(means)[len(ids) // 2]])
+
+
 def listed(shown: Shown) -> str:
     """Return what the table of trajectories does, and whether it shows all of them.
 

@@ -48,13 +48,15 @@ def test_update_writes_another_model_and_leaves_the_first(
 
 
 def test_drift_draws_and_answers(gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path) -> None:
-    """Two healthy days raise no alarm; the figure is a PNG; scores are one a trajectory of the training region."""
-    result = gpcorrect("drift", model, *days, "--age", 1, "--age", 2, "--plot", tmp_path / "d.png", "--json")
+    """Two healthy days raise no alarm, and the page says so; scores are one a trajectory of the training region."""
+    result = gpcorrect("drift", model, *days, "--age", 1, "--age", 2, "--report", tmp_path / "d.html", "--json")
     assert result.code == 0, result.err
     assert result.json["alarm"] is False
     assert len(result.json["scores"]) == 12
     assert result.json["unit"] == "days"
-    assert (tmp_path / "d.png").read_bytes().startswith(b"\x89PNG")
+    page = (tmp_path / "d.html").read_text()
+    assert "no alarm" in page
+    assert page.count('class="chart"') == 1
     assert "trajectories" in gpcorrect("drift", model, *days).out
 
 
@@ -74,7 +76,8 @@ def test_bad_input_is_refused(gpcorrect: CommandLine, model: Path, days: list[Pa
     assert_refused(gpcorrect("explore", model, "--n", 0), "between 1 and")
     assert_refused(gpcorrect("drift", model, *days, "--age", 1), "one --age a log")
     assert_refused(gpcorrect("drift", model, *days, "--false-alarms", 0.5), "more than 1")
-    assert_refused(gpcorrect("drift", model, *days, "--plot", tmp_path / "no" / "d.png"), "no")
+    assert_refused(gpcorrect("drift", model, *days, "--report", tmp_path / "no" / "d.html"), "no")
+    assert_refused(gpcorrect("drift", model, *days, "--plot", tmp_path / "d.png"), "--report instead of --plot")
 
 
 def test_recordings_of_another_arm_teach_nothing(gpcorrect: CommandLine, model: Path, tmp_path: Path) -> None:

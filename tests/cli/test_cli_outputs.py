@@ -19,10 +19,9 @@ OVER_A_LOG = (
     ("joint", "rezero", "model.gpc", "other.csv", "-o", "log.csv"),
     ("update", "model.gpc", "other.csv", "-o", "log.csv"),
     ("explore", "model.gpc", "-o", "log.csv"),
-    ("drift", "model.gpc", "other.csv", "--plot", "log.csv"),
+    ("drift", "model.gpc", "other.csv", "--report", "notes.html"),
     ("simulate", "debridement", "--reaches", "2", "-o", "log.csv"),
     ("zigzag", "-o", "log.csv"),
-    ("zigzag", "-o", "new.csv", "--plot", "log.csv"),
     ("robot", "extract", "log.csv", "--every", "2", "-o", "log.csv"),
     ("vision", "fit", "log.csv", "-o", "log.csv"),
     ("vision", "board", "-o", "log.csv"),
@@ -30,7 +29,6 @@ OVER_A_LOG = (
     ("vision", "rig", ".", "-o", "rig.toml"),
     ("fit", "log.csv", "-o", "new.gpc", "--report", "notes.html"),
     ("explore", "model.gpc", "-o", "model.gpc"),
-    ("drift", "model.gpc", "log.csv", "--plot", "model.gpc"),
     ("convert", "log.csv", "map.parquet", "--columns", "map.toml"),
 )
 

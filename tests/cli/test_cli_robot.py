@@ -93,7 +93,7 @@ def test_what_cannot_be_meant_is_refused(gpcorrect, arm, words, said):
 
 def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
     assert_refused(gpcorrect("debride", "--mode", "half"), "full or endpoints")
-    assert_refused(gpcorrect("debride", "--picture", tmp_path / "no" / "p.png"), "no folder")
+    assert_refused(gpcorrect("debride", "--picture", tmp_path / "p.png"), "--report instead of --picture")
     assert_refused(gpcorrect("monitor", "--host", "0.0.0.0"), "other machines")
     assert_refused(gpcorrect("sim", "serve", "--rate", "5000"), "1000 Hz")
     assert_refused(gpcorrect("sim", "serve", "--endpoint", "tcp/0.0.0.0:7448"), "other machines")
@@ -108,7 +108,7 @@ def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
     monkeypatch.setattr(command, "INDUCING", 100)
     done = gpcorrect(
         "debride", "--arms", 1, "--fragments", 2, "--sets", 1, "--rehearsals", 12, "--margin", 0.01,
-        "--models", tmp_path, "--picture", tmp_path / "p.png", "--json",
+        "--models", tmp_path, "--report", tmp_path / "task.html", "--json",
     )  # fmt: skip
     assert done.code == 0, done.err
     looking, knowing, blind, unsure = json.loads(done.out)["conditions"]
@@ -119,7 +119,7 @@ def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
     assert knowing["seconds_per_fragment"] < looking["seconds_per_fragment"]
     assert json.loads(done.out)["served"][0].startswith("arm1, SHA-256 ")
     assert (tmp_path / "arm1.gpc").exists()
-    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+    assert "times faster with correction" in (tmp_path / "task.html").read_text()
 
 
 def test_a_calibration_from_end_to_end(gpcorrect, tmp_path):

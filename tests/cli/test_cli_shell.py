@@ -20,7 +20,6 @@ WITHOUT_JSON = {
     ("prefilter",): "runs until stopped",
     ("router",): "runs until stopped",
     ("sim", "serve"): "runs until stopped",
-    ("robot", "keys"): "a person at the keyboard",
     ("query", "metrics"): "prints OpenMetrics text, a format of its own",
 }
 COMPLETED = """

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from crtk_support import SHIFT, ShiftCorrector, model
 
-from gpcorrect_service.crtk.keyboard import KeyControl
 from gpcorrect_service.crtk.messages import OperatingState, Pose
 from gpcorrect_service.crtk.prefilter import Prefilter, PrefilterSettings
 from gpcorrect_service.protocol.errors import ServiceError
@@ -253,20 +252,3 @@ def test_a_command_that_is_no_command_does_not_spoil_the_stream():
     corrector.shift = SHIFT
     command, _ = answering.servo(pose(1.02))
     np.testing.assert_allclose(command.pose[:3], np.array([0.1, 0.0, -0.1]) + SHIFT)
-
-
-def test_keys_move_their_joints():
-    """Each key moves its own joint one step up or down; plus and minus change the step; space stays; x leaves."""
-    control = KeyControl(np.zeros(3), np.array([0.01, 0.02, 0.001]))
-    assert control.press("w", np.zeros(3))
-    assert control.press("d", np.zeros(3))
-    np.testing.assert_allclose(control.target, [0.0, 0.02, -0.001])
-    assert not control.press("+", np.zeros(3))
-    assert control.press("q", np.zeros(3))
-    np.testing.assert_allclose(control.target, [0.015, 0.02, -0.001])
-    assert control.press(" ", np.ones(3))
-    np.testing.assert_array_equal(control.target, np.ones(3))
-    assert not control.press("y", np.zeros(3))
-    assert not control.done
-    control.press("x", np.zeros(3))
-    assert control.done

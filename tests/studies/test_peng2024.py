@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import without_pictures
 
 from gpcorrect.errors import DataError
 from gpcorrect.types import Progress
@@ -122,8 +121,8 @@ def test_the_page_is_whole_and_has_the_printed_tables(study: Peng2024, tmp_path:
     """One file without outside references, with every part, printed numbers beside ours, and that the run was short."""
     write_peng_report(study, tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
-    assert page.count("data:image/png;base64,") == 3
-    assert "http" not in without_pictures(page).replace("http-equiv", "")
+    assert page.count('class="chart"') == 3
+    assert "http" not in page.replace("http-equiv", "")
     parts = ("Table I", "Fig. 5", "Fig. 6", "Fig. 8", "Fig. 9", "Table II", "Table III", "Table IV", "Table V")
     for words in (*parts, "What is not", "A short run", "11.723", "2.539", "0.553", "1.318", "below 50"):
         assert words in page

@@ -14,10 +14,10 @@ import typer
 from joblib import Parallel, cpu_count, delayed
 from rich.table import Table
 
-from gpcorrect.atomic import atomic_path, make_folder, require_folder, write_file
+from gpcorrect.atomic import make_folder, write_file
 from gpcorrect.calibration import FitSettings, fit_corrector, save
 from gpcorrect.cli.console import err, out, print_json, progress_bar
-from gpcorrect.cli.options import Json, OldConnect, Report, one_of, report_page
+from gpcorrect.cli.options import Json, OldConnect, Report, one_of, renamed, report_page
 from gpcorrect.cli.processes import free_endpoint, running
 from gpcorrect.errors import DataError
 from gpcorrect.planning import Margins, Mode
@@ -60,9 +60,9 @@ def debride(
         list[str] | None,
         typer.Option(help="Address of a running service, one an arm or one for all; none is started then."),
     ] = None,
-    picture: Annotated[Path | None, typer.Option(help="Picture of the paths to write (PNG).")] = None,
-    animation: Annotated[Path | None, typer.Option(help="Animation of the task to write (GIF).")] = None,
     report: Report = None,
+    old_picture: Annotated[Path | None, renamed("--picture", "--report", "the page draws the paths")] = None,
+    old_animation: Annotated[Path | None, renamed("--animation", "--report", "the page draws the paths")] = None,
     seed: Annotated[int, typer.Option(help="Seed of fragments, rehearsals and noise.", min=0)] = 0,
     old_connect: OldConnect = None,
     json: Json = False,
@@ -74,13 +74,10 @@ def debride(
 
     For example:
 
-    gpcorrect debride --fragments 8 --picture paths.png --animation task.gif
+    gpcorrect debride --fragments 8 --report task.html
 
     gpcorrect debride --arms 1 --models demo/ --report task.html
     """
-    for path in (picture, animation):
-        if path is not None:
-            require_folder(path)
     page = None if report is None else report_page(report)
     chosen: Mode = one_of(mode, get_args(Mode), "the mode")
     scene, places = stations(arms)
@@ -110,7 +107,10 @@ def debride(
             progress.step("sets of fragments", len(done) / sets)
         conditions = Condition.joined(done)
     facts = _facts(conditions, [f"{m.id}, SHA-256 {m.hash}, by {m.replica}" for m in served], chosen)
-    _draw(scene, places, conditions, facts, picture, animation, page)
+    if page is not None:
+        from gpcorrect_studies.debridement.page import write_debride_page  # the report's libraries are an extra
+
+        write_debride_page(scene, conditions, facts, page)
     if json:
         print_json(facts)
     else:
@@ -196,26 +196,3 @@ def _show(conditions: Sequence[Condition], facts: dict[str, Any]) -> None:
     )
     for line in facts["served"]:
         err.print(f"served: {line}")
-
-
-def _draw(
-    scene: Scene,
-    places: Sequence[Station],
-    conditions: Sequence[Condition],
-    facts: dict[str, Any],
-    picture: Path | None,
-    animation: Path | None,
-    report: Path | None,
-) -> None:
-    if picture is None and animation is None and report is None:
-        return
-    from gpcorrect.plots.style import png  # drawing is an extra
-    from gpcorrect_studies.debridement.page import debridement_gif, debridement_paths, write_debride_page
-
-    if picture is not None:
-        write_file(picture, png(debridement_paths(scene, places, conditions)))
-    if animation is not None:
-        with atomic_path(animation) as temporary:
-            debridement_gif(scene, places, conditions[:2], temporary)
-    if report is not None:
-        write_debride_page(scene, places, conditions, facts, report)

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from gpcorrect.plots.style import COLOURS, new_figure, png
-from gpcorrect.report.page import FigureImage, Section, TableData
+from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
+from gpcorrect.report.page import Section, TableData
 from gpcorrect.report.paths import Shown
 from gpcorrect.report.trajectories import trajectories_section
 from gpcorrect.types import FloatArray
@@ -149,11 +148,8 @@ def _fig5(result: Mahler2014) -> Section:
         rows,
         "Held-out reaches, samples that pass cleaning. Times: regression alone, hyperparameters included, one thread.",
     )
-    figure = FigureImage(
-        png(_training_curves(result.fig5, {460: few, most: everything})),
-        "Error and fitting time by number of training states; the paper's second time is drawn at our full number.",
-    )
-    return Section("Fig. 5: how many training states", (), (table,), (figure,))
+    chart = _training_curves(result.fig5, {460: few, most: everything})
+    return Section("Fig. 5: how many training states", (), (table,), (chart,))
 
 
 def _table2(result: Mahler2014) -> Section:
@@ -195,11 +191,8 @@ def _table2(result: Mahler2014) -> Section:
         "The command is sent through the inverse kinematics, the servo loop and the transmission of the simulated arm, "
         "and the tool's true pose is compared with the desired one: no tracker noise is in these figures.",
     ]
-    figure = FigureImage(
-        png(_visits({name: landing.at_rest.error for name, landing in result.table2.items()})),
-        "Errors at rest, a dot a visit.",
-    )
-    return Section("Table II: the corrected command really sent", words, (as_printed, ours), (figure,))
+    chart = _visits({name: landing.at_rest.error for name, landing in result.table2.items()})
+    return Section("Table II: the corrected command really sent", words, (as_printed, ours), (chart,))
 
 
 def _limits(result: Mahler2014) -> Section:
@@ -225,40 +218,44 @@ def _limits(result: Mahler2014) -> Section:
     return Section("What limits it", words, (table,))
 
 
-def _training_curves(points: Sequence[TrainingSize], published_seconds: Mapping[int, float]) -> Figure:
+def _training_curves(points: Sequence[TrainingSize], published_seconds: Mapping[int, float]) -> Chart:
     """Position error, rotation error and fitting time; the paper's times (by number of states, s) as crosses."""
-    styles = {"exact": ("raw", "o", "exact posterior"), "sparse": ("corrected", "s", "inducing points (default)")}
-    figure, axes = new_figure(9.5, 3.2, 1, 3)
-    quantities = (
-        ("position_mm", "position error [mm]"),
-        ("rotation_deg", "rotation error [deg]"),
-        ("seconds", "fitting time [s]"),
-    )
-    for ax, (name, label) in zip(axes, quantities, strict=True):
-        for method, (colour, marker, title) in styles.items():
+    methods = {"exact": (Role.RAW, "exact posterior"), "sparse": (Role.CORRECTED, "inducing points (default)")}
+    labels = {
+        "position_mm": "position error [mm]",
+        "rotation_deg": "rotation error [deg]",
+        "seconds": "fitting time [s]",
+    }
+    panels = []
+    for name, label in labels.items():
+        series = []
+        for method, (role, title) in methods.items():
             chosen = [point for point in points if point.method == method]
             states, values = [point.states for point in chosen], [getattr(point, name) for point in chosen]
-            ax.plot(states, values, color=COLOURS[colour], marker=marker, markersize=4, linewidth=1.4, label=title)
-        ax.set(xscale="log", xlabel="training states", ylabel=label)
-        if name != "seconds":
-            ax.set_ylim(0, 1.15 * max(getattr(point, name) for point in points))
-    axes[2].plot(
-        list(published_seconds), list(published_seconds.values()), "x", color=COLOURS["ink"], label="the paper's"
+            series += [Series(title, mark, role, states, values, size=8.0) for mark in (Mark.LINE, Mark.DOTS)]
+        if name == "seconds":
+            papers = list(published_seconds), list(published_seconds.values())
+            series.append(Series("the paper's", Mark.CROSSES, Role.INK, *papers, size=9.0))
+        panels.append(Panel("training states", label, series, log_x=True, log_y=name == "seconds", height=220))
+    caption = (
+        "Error and fitting time by number of training states; the paper's second time is drawn at our full number."
     )
-    axes[2].set_yscale("log")
-    axes[2].legend(frameon=False, fontsize=7)
-    return figure
+    return Chart(caption, panels, columns=2)
 
 
-def _visits(errors: Mapping[str, FloatArray]) -> Figure:
+def _visits(errors: Mapping[str, FloatArray]) -> Chart:
     """Lengths of the errors `(repetitions, places, 6)` of each kind of command, on a logarithmic scale."""
-    figure, axes = new_figure(9.5, 3.4, 1, 2)
-    quantities = ((slice(0, 3), 1e3, "position error [mm]"), (slice(3, 6), 180 / np.pi, "rotation error [deg]"))
-    for ax, (columns, scale, label) in zip(axes, quantities, strict=True):
-        for i, ((name, error), shade) in enumerate(zip(errors.items(), ("raw", "corrected", "rigid"), strict=True)):
+    panels = []
+    for columns, scale, label in (
+        (slice(0, 3), 1e3, "position error [mm]"),
+        (slice(3, 6), 180 / np.pi, "rotation error [deg]"),
+    ):
+        series = []
+        for i, ((name, error), role) in enumerate(
+            zip(errors.items(), (Role.RAW, Role.CORRECTED, Role.RIGID), strict=True)
+        ):
             size = scale * np.linalg.norm(error[..., columns], axis=-1)
             x = np.broadcast_to(1 + np.arange(size.shape[1]) + 0.22 * (i - 1), size.shape)
-            ax.plot(x.ravel(), size.ravel(), ".", color=COLOURS[shade], markersize=5, alpha=0.75, label=name)
-        ax.set(xlabel="place", ylabel=label, yscale="log", xticks=range(1, size.shape[1] + 1))
-    axes[0].legend(frameon=False, fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
-    return figure
+            series.append(Series(name, Mark.DOTS, role, x.ravel(), size.ravel(), size=5.0))
+        panels.append(Panel("place", label, series, log_y=True, height=240))
+    return Chart("Errors at rest, a dot a visit.", panels, columns=2)

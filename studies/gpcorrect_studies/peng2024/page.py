@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator
 
-from gpcorrect.plots.style import COLOURS, new_figure, png
-from gpcorrect.report.page import FigureImage, Section, TableData
+from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
+from gpcorrect.report.page import Section, TableData
 from gpcorrect_studies.claims_page import paired, setup_section, write_study_page
 from gpcorrect_studies.peng2024.study import CLAIMS, PENG_COMPARABLE, PENG_NOT_COMPARABLE, Peng2024
 
@@ -23,8 +22,8 @@ NAMES = {
     "ukf": "UKF",
     "gp": "ours (gp)",
 }
-DRAWN = {"network": ("raw", "o"), "gp": ("corrected", "s")}  # colour and marker of a method
-ALL_DRAWN = {"linear": ("rigid", "^"), "quadratic": ("dropped", "v"), **DRAWN, "ukf": ("quiet", "D")}
+DRAWN = {"network": Role.RAW, "gp": Role.CORRECTED}
+ALL_DRAWN = {"linear": Role.RIGID, "quadratic": Role.DROPPED, **DRAWN, "ukf": Role.QUIET}
 JOINTS = ("J1 [deg]", "J2 [deg]", "J3 [mm]")
 PAPERS = tuple(NAMES)[:5]  # methods of the paper's tables, in our order of columns
 HEADLINE = CLAIMS.printed["table1"]["J2-J3"]["network"]["mean"]  # the dotted lines of the figures
@@ -110,18 +109,12 @@ def _fig5(result: Peng2024) -> Section:
     table = TableData(["sparsity", "minutes", "linear", "network", "ours (gp)"], rows, "Deg, deg, mm.")
     minutes = [point["minutes"] for point in result.fig5]
     curves = [
-        (
-            minutes,
-            [point["rmse"][method] for point in result.fig5],
-            {"color": COLOURS[colour], "marker": marker, "label": NAMES[method]},
-        )
-        for method, (colour, marker) in ALL_DRAWN.items()
+        (NAMES[method], Mark.LINE, role, minutes, [point["rmse"][method] for point in result.fig5])
+        for method, role in ALL_DRAWN.items()
     ]
-    figure = FigureImage(
-        _by_joint(curves, "zig-zag [min]", HEADLINE),
-        f"RMSE by minutes of the zig-zag along {result.scope.later}; bands are one SD of the repeats.",
-    )
-    return Section("Fig. 5: sparsity and time", (), (table,), (figure,))
+    caption = f"RMSE by minutes of the zig-zag along {result.scope.later}; bands are one SD of the repeats."
+    chart = _by_joint(caption, curves, "zig-zag [min]", HEADLINE)
+    return Section("Fig. 5: sparsity and time", (), (table,), (chart,))
 
 
 def _fig6(result: Peng2024) -> Section:
@@ -132,20 +125,16 @@ def _fig6(result: Peng2024) -> Section:
     hours = result.scope.hours
     table = TableData(["", f"after {hours[0]:g} h", f"after {hours[-1]:g} h"], rows, "RMSE, deg, deg, mm.")
     curves = [
-        (
-            hours,
-            result.fig6[use]["rmse"][method],
-            {"color": COLOURS[colour], "linestyle": line, "label": f"{NAMES[method]}, {use}"},
-        )
-        for use, line in {"idle": ":", "unloaded": "--", "loaded 500 g": "-"}.items()
-        for method, (colour, _) in DRAWN.items()
+        (f"{NAMES[method]}, {use}", mark, role, hours, result.fig6[use]["rmse"][method])
+        for use, mark in {"idle": Mark.CROSSES, "unloaded": Mark.DASH, "loaded 500 g": Mark.LINE}.items()
+        for method, role in DRAWN.items()
     ]
-    figure = FigureImage(_by_joint(curves, "hours of use"), "Errors of models of the fresh robot, hours later.")
+    chart = _by_joint("Errors of models of the fresh robot, hours later.", curves, "hours of use")
     words = [
         "How fast joint 1 drifts was chosen, with and without the load. No model was trained under load: what it does "
         "at once is seen at 0 h.",
     ]
-    return Section("Fig. 6: six hours idle, unloaded and loaded", words, (table,), (figure,))
+    return Section("Fig. 6: six hours idle, unloaded and loaded", words, (table,), (chart,))
 
 
 def _fig8(result: Peng2024) -> Section:
@@ -165,13 +154,9 @@ def _fig8(result: Peng2024) -> Section:
 def _fig9(result: Peng2024) -> Section:
     homings, rows = [point["homings"] for point in result.fig9], []
     curves = [
-        (
-            homings,
-            [point["rmse"][method][seen] for point in result.fig9],
-            {"color": COLOURS[colour], "linestyle": line, "marker": marker, "label": f"{NAMES[method]}, {seen}"},
-        )
-        for seen, line in {"none seen": "-", "one seen": "--", "new zero": ":"}.items()
-        for method, (colour, marker) in DRAWN.items()
+        (f"{NAMES[method]}, {seen}", mark, role, homings, [point["rmse"][method][seen] for point in result.fig9])
+        for seen, mark in {"none seen": Mark.LINE, "one seen": Mark.DASH, "new zero": Mark.CROSSES}.items()
+        for method, role in DRAWN.items()
     ]
     for point in result.fig9:
         for method in DRAWN:
@@ -179,12 +164,10 @@ def _fig9(result: Peng2024) -> Section:
             rows.append([f"{point['homings']}, {NAMES[method]}", *(_list(cell["mean"]) for cell in cells.values())])
     heads = list(next(iter(result.fig9[0]["rmse"].values())))
     table = TableData(["homings", *(f"{head} (deg, deg, mm)" for head in heads)], rows)
-    figure = FigureImage(
-        _by_joint(curves, "homings after the training"),
-        "Errors after homings; the zeros were set anew from one minute of the same session.",
-    )
+    caption = "Errors after homings; the zeros were set anew from one minute of the same session."
+    chart = _by_joint(caption, curves, "homings after the training")
     words = ["How far a homing shifts the joints was chosen. The new zero is ours."]
-    return Section("Fig. 9: homings", words, (table,), (figure,))
+    return Section("Fig. 9: homings", words, (table,), (chart,))
 
 
 def _table2(result: Peng2024) -> Section:
@@ -275,27 +258,24 @@ def _list(values: Sequence[float], form: str = ".3f") -> str:
 
 
 def _by_joint(
-    curves: Sequence[tuple[Sequence[float], Sequence[Mapping[str, Any]], dict[str, Any]]],
+    caption: str,
+    curves: Sequence[tuple[str, Mark, Role, Sequence[float], Sequence[Mapping[str, Any]]]],
     label: str,
     published: Sequence[float] = (),
-) -> bytes:
-    """Draw the RMSE of each of the three joints, mean and SD of the repeats, with one legend for all.
+) -> Chart:
+    """Return the RMSE of each of the three joints, mean and SD of the repeats.
 
-    A curve is its x, a cell for each, and how it is drawn; published errors are dotted lines.
+    A curve is its name, mark and role, its x, and a cell for each; published errors are dashed lines.
     """
-    figure, axes = new_figure(9.5, 3.3, 1, 3)
-    for joint, ax in enumerate(axes):
-        for x, cells, style in curves:
+    panels = []
+    for joint, unit in enumerate(("deg", "deg", "mm")):
+        series = []
+        for name, mark, role, x, cells in curves:
             mean, sd = (np.array([cell[leaf][joint] for cell in cells]) for leaf in ("mean", "sd"))
-            ax.plot(x, mean, markersize=4, linewidth=1.4, **style)
-            ax.fill_between(x, mean - sd, mean + sd, color=style["color"], alpha=0.15, linewidth=0)
+            series.append(Series(name, Mark.BAND, role, x, mean - sd, y2=mean + sd))
+            series.append(Series(name, mark, role, x, mean, size=8.0))
         for error in published[joint : joint + 1]:
-            ax.axhline(error, color=COLOURS["ink"], linestyle=":", linewidth=1.0, label="the paper's network")
-        top = max(float(np.max(np.asarray(line.get_ydata(), dtype=np.float64))) for line in ax.get_lines())
-        ax.set(xlabel=label, ylabel=f"joint {joint + 1}: RMSE [{('deg', 'deg', 'mm')[joint]}]", ylim=(0, 1.1 * top))
-        if isinstance(curves[0][0][0], int):
-            ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    handles, labels = axes[0].get_legend_handles_labels()
-    columns = 3 if len(labels) > 6 else 6
-    figure.legend(handles, labels, frameon=False, fontsize=8, ncols=columns, loc="outside upper left")
-    return png(figure)
+            ends = np.array([min(curves[0][3]), max(curves[0][3])])
+            series.append(Series("the paper's network", Mark.DASH, Role.INK, ends, np.full(2, error)))
+        panels.append(Panel(label, f"joint {joint + 1}: RMSE [{unit}]", series, height=240))
+    return Chart(caption, panels, columns=2)

@@ -1,14 +1,17 @@
-"""The chessboard that cameras are calibrated with, to be printed."""
+"""The chessboard that cameras are calibrated with, to be printed; the only place for matplotlib."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
-
 from gpcorrect.atomic import atomic_path
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, MissingExtraError
+
+try:
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+except ImportError as error:
+    raise MissingExtraError("matplotlib", extra="report", purpose="Drawing a board") from error
 
 PAPERS = {"a4": (0.297, 0.210), "a3": (0.420, 0.297), "letter": (0.2794, 0.2159)}  # m, lying on the long side
 INCH = 0.0254  # m
