@@ -50,9 +50,9 @@ def lacks(log: CalibrationLog, model: Model) -> dict[str, str]:
 
 
 def test_a_tracker_alone_lacks_the_encoders_only() -> None:
-    """Commanded and tracked poses with a payload: all but the encoder's steps can be looked for."""
+    """Commanded and tracked poses with a payload: all but the steps and the instants of encoders can be looked for."""
     lacking = lacks(recorded(arm(), tracker=True), arm())
-    assert set(lacking) == {"encoder_quantisation"}
+    assert set(lacking) == {"encoder_quantisation", "speed_noise"}
     assert "measured_jp" in lacking["encoder_quantisation"]
 
 

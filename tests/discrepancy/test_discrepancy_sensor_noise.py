@@ -11,10 +11,12 @@ from discrepancy.discrepancy_support import nominal
 from scipy.signal import lfilter
 
 from gpcorrect.discrepancy.naming.sensor_noise import Growth, growth_of, levels_of, stated_level
+from gpcorrect.discrepancy.naming.speed_noise import SpeedGrowth, speed_growth
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.quantisation import quantisation_of
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.sim.effects import EncoderQuantisation, NoiseChange
+from gpcorrect.sim.effects.speed_noise import SpeedNoise
 from gpcorrect.types import FloatArray
 
 TRAJECTORIES, SAMPLES = 16, 300
@@ -67,6 +69,49 @@ def test_noise_beyond_the_stated_is_found_and_the_stated_itself_is_not() -> None
     assert noisier.std == pytest.approx(np.sqrt(1.5**2 - 1.0), rel=0.05)
 
 
+def faster(values: FloatArray, speed: FloatArray, stated: float = 0.0) -> SpeedGrowth | None:
+    number = np.repeat(np.arange(TRAJECTORIES), SAMPLES)
+    rows = np.ones(len(number), dtype=np.bool_)
+    return speed_growth(values.ravel(), speed.ravel(), number, rows, stated=stated, rounding=0.0, channels=1)
+
+
+def speeds(rng: np.random.Generator) -> FloatArray:
+    """Sinusoidal motion, each trajectory as fast as it likes: up to 2 rad/s, unit of noise a radian."""
+    time = 0.01 * np.arange(SAMPLES)
+    fastest, frequency = rng.uniform(0.1, 2.0, (TRAJECTORIES, 1)), rng.uniform(0.5, 1.0, (TRAJECTORIES, 1))
+    return fastest * np.sin(2 * np.pi * frequency * time + rng.uniform(0, 6, (TRAJECTORIES, 1)))
+
+
+@pytest.mark.parametrize(("tail", "uneven"), [(np.inf, 0.0), (4.0, 0.0), (2.6, 0.0), (np.inf, 0.5)])
+def test_noise_that_does_not_grow_with_speed_is_called_so(tail: float, uneven: float) -> None:
+    """In 150 recordings, heavy tails or uneven trajectories included, at most one is called faster than it is."""
+    drawn = [np.random.default_rng(seed) for seed in range(150)]
+    assert sum(faster(noise(rng, tail, uneven), speeds(rng)) is not None for rng in drawn) <= 1
+
+
+@pytest.mark.parametrize("uneven", [0.0, 0.5])
+def test_noise_that_grows_with_speed_is_found_with_its_size(uneven: float) -> None:
+    """The interval holds the true instant in nine of ten recordings at least; a model that knows of it leaves none."""
+    held = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        speed = speeds(rng)
+        values = noise(rng, uneven=uneven) + 1.5 * speed * rng.standard_normal(speed.shape)
+        found = faster(values, speed)
+        assert found is not None
+        held += found.seconds_ci95[0] < 1.5 < found.seconds_ci95[1]
+        assert faster(values, speed, stated=1.5) is None
+    assert held >= 36
+
+
+def test_a_smooth_error_that_grows_with_speed_is_no_noise() -> None:
+    """What a model leaves unexplained of fast motion counts against noise, however large it is."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        speed = speeds(rng)
+        assert faster(noise(rng) + 30.0 * speed * np.abs(speed), speed) is None
+
+
 def test_softer_noise_is_no_further_noise() -> None:
     """Noise that calms down is not named: nothing can be added that makes it so."""
     values = noise(np.random.default_rng(1))
@@ -108,6 +153,19 @@ def test_noise_effects_are_named_written_and_then_known() -> None:
     assert effect.joint == 2
     assert effect.std == pytest.approx(2e-3, rel=0.1)
     assert abs(effect.since - float(np.median(log.time))) < 70.0
+
+
+def test_an_unsure_instant_is_named_written_and_then_known() -> None:
+    """A sensor that reads at unsure instants is named with their spread, not called noisier all along."""
+    log = joint_log(13)
+    seen, rng = np.array(log.external_jp), np.random.default_rng(3)
+    seen[:, 0] += 4e-3 * np.gradient(log.measured_jp[:, 0], log.time) * rng.standard_normal(len(log))
+    log = replace(log, external_jp=seen)
+    found = find_discrepancy(nominal(), log)
+    assert [(type(e), e.joint) for e in found.model.effects] == [(SpeedNoise, 1)]
+    low, high = found.effects[0].parameters["seconds"].ci95
+    assert low < 4e-3 < high
+    assert not find_discrepancy(found.model, log).effects
 
 
 def test_a_coarse_encoder_is_named_and_then_known() -> None:

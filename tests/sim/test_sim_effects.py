@@ -37,6 +37,7 @@ from gpcorrect.sim.effects import (
     RegistrationError,
     Resonance,
     ShaftBending,
+    SpeedNoise,
     StribeckFriction,
     TorqueSaturation,
     TransmissionRatio,
@@ -79,6 +80,7 @@ NEUTRAL = (
     NoiseChange(1, 0.0, tail=3.0),
     FeedforwardError(2, 0.0, "gravity"),
     GainError(2, 0.0, 0.0),
+    SpeedNoise(1, 0.0),
 )
 ACTIVE = (
     HomingOffset(1, 0.02),
@@ -112,6 +114,7 @@ ACTIVE = (
     NoiseChange(1, 0.01, tail=3.0),
     FeedforwardError(2, 0.3, "gravity"),
     GainError(2, 0.2, -0.1),
+    SpeedNoise(1, 1e-3),
 )
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]

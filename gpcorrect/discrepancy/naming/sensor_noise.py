@@ -1,4 +1,4 @@
-"""Effects that change no mean: noise that grew, and encoders that count in steps.
+"""Effects that change no mean: noise that grew, at some moment or with speed, and encoders that count in steps.
 
 The search looks for means and cannot find these. Each has a test of its own on the residual that the named effects
 leave, or on the reported values themselves.
@@ -13,6 +13,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
+from gpcorrect.discrepancy.naming.speed_noise import SpeedGrowth, speed_growth
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise
@@ -24,10 +25,11 @@ from gpcorrect.discrepancy.search.coordinates import coordinate_of
 from gpcorrect.discrepancy.search.state import penalty
 from gpcorrect.discrepancy.settings import NAMING, SENSORS
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects import Effect
+from gpcorrect.sim.effects import Effect, of_kind
 from gpcorrect.sim.effects.encoder_quantisation import EncoderQuantisation
 from gpcorrect.sim.effects.homing_offset import HomingOffset
 from gpcorrect.sim.effects.noise_change import NoiseChange
+from gpcorrect.sim.effects.speed_noise import SpeedNoise
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 NORM = np.sqrt(6.0)  # deviation of a second difference of unit white noise
@@ -231,12 +233,45 @@ def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) 
             groups.setdefault(channel.joint or "tool", []).append(i)
     residual, seen = scene.residual(effects), dataset.group >= 0
     seen[seen] = dataset.training[dataset.group[seen]]
-    found = []
+    found, known = [], of_kind(scene.model.effects, SpeedNoise)
     for joint, indices in groups.items():
-        growth = _growth(scene, residual[:, indices], seen, indices, len(groups))
+        own = residual[:, indices]
+        if isinstance(joint, int):
+            column = scene.joints.index(joint)
+            speed = scene.layout.gather(scene.motion.velocity, len(scene))[:, column]
+            faster = speed_growth(
+                own[:, 0],
+                speed,
+                scene.trajectory,
+                seen,
+                stated=float(np.linalg.norm([e.seconds for e in known if e.joint == joint])),
+                rounding=_rounding(scene, column),
+                channels=len(groups),
+            )
+            if faster is not None:
+                found.append(_speed_noise(joint, faster, len(groups)))
+                own = own / faster.times(speed)[:, None]  # of what is left a change at some moment may be seen
+        growth = _growth(scene, own, seen, indices, len(groups))
         if growth is not None:
             found.append(_noise_change(scene.channels[indices[0]], joint, growth, len(groups)))
     return found
+
+
+def _rounding(scene: Scene, column: int) -> float:
+    """Return the standard deviation of the rounding of a motor's path, as stated or as its values show it, rad or m."""
+    counts = quantisation_of(scene.motor_path()[:, column]) if scene.measured else None
+    stated = scene.model.noise.encoder_step if scene.model.noise is not None else ()
+    step = max([*stated[column : column + 1], *([] if counts is None else [counts.step])], default=0.0)
+    return step / float(UNIFORM)
+
+
+def _speed_noise(joint: int, growth: SpeedGrowth, channels: int) -> NoiseEffect:
+    (seconds,) = SpeedNoise.about.parameters
+    coordinate = coordinate_of(seconds, "R", amplitude=True)
+    u = (growth.seconds / coordinate.typical,)
+    candidate = Candidate(SpeedNoise, joint, (), (coordinate,), (1,), u, (0,))
+    numbers = {"seconds": Estimate(growth.seconds, growth.seconds_ci95, "s")}
+    return NoiseEffect(_named(FittedEffect(candidate, np.array(u)), growth.nats, channels), numbers)
 
 
 def _growth(

@@ -14,6 +14,7 @@ from gpcorrect.sim import Noise
 from gpcorrect.sim.effects import of_kind
 from gpcorrect.sim.effects.encoder_quantisation import EncoderQuantisation
 from gpcorrect.sim.effects.noise_change import NoiseChange
+from gpcorrect.sim.effects.speed_noise import SpeedNoise
 from gpcorrect.types import IntArray
 
 FINEST = 1e-9  # rad or m; a sensor without any white noise is rounding
@@ -62,10 +63,16 @@ def _of_channel(scene: Scene, index: int) -> ChannelNoise | None:
         return None
     step = sampling_step(scene)
     more = [e.std for e in of_kind(scene.model.effects, NoiseChange) if e.joint == (channel.joint or "tool")]
+    more += [_at_speed(scene, e) for e in of_kind(scene.model.effects, SpeedNoise) if e.joint == channel.joint]
     rounded = [e.step / UNIFORM for e in of_kind(scene.model.effects, EncoderQuantisation) if e.joint == channel.joint]
     time_constant = -step / np.log(phi) if 0.0 < phi < 1.0 else step / 10.0
     white = float(np.linalg.norm([white, FINEST, *more, *rounded]))
     return ChannelNoise(white, slow, time_constant)
+
+
+def _at_speed(scene: Scene, effect: SpeedNoise) -> float:
+    speed = scene.motion.velocity[..., effect.column(scene.joints)]
+    return effect.seconds * float(np.sqrt(np.nanmean(speed**2)))
 
 
 def _parts(noise: Noise, channel: Channel) -> tuple[float, float, float]:

@@ -1,0 +1,141 @@
+"""Noise that grows with speed: a test on what neighbouring samples differ by, and on nothing that is smooth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from gpcorrect.discrepancy.settings import SENSORS
+from gpcorrect.types import BoolArray, FloatArray, IntArray
+
+NEIGHBOURS = -1.5
+"""Times the mean product of neighbouring second differences (1, -2, 1 over the root of 6) is the variance of white
+noise: their weights share -4 of 6. Of what is smooth the product is positive, so that an unexplained motion, which
+grows with speed as well, counts against noise and never for it."""
+
+REWEIGHTED = 4
+"""Rounds of the regression: its weights come from the line of the round before, and stand still after three."""
+
+
+@dataclass(frozen=True)
+class SpeedGrowth:
+    """Variance of noise that goes with the square of the speed.
+
+    Parameters
+    ----------
+    seconds, seconds_ci95 : float, pair of float
+        Root of the slope: that of the instants, s; the interval by the scatter of stretches.
+    level : float
+        Standard deviation of the noise at rest, rad or m.
+    nats : float
+        Half the square of the slope's standard score.
+    """
+
+    seconds: float
+    seconds_ci95: tuple[float, float]
+    level: float
+    nats: float
+
+    def times(self, speed: FloatArray) -> FloatArray:
+        """Return how many times noisier than at rest the sensor is `(n,)`.
+
+        Parameters
+        ----------
+        speed : (n,) array
+            rad/s or m/s.
+        """
+        factor: FloatArray = np.hypot(1.0, self.seconds * speed / self.level)
+        return factor
+
+
+def speed_growth(
+    residual: FloatArray,
+    speed: FloatArray,
+    trajectory: IntArray,
+    rows: BoolArray,
+    *,
+    stated: float,
+    rounding: float,
+    channels: int,
+) -> SpeedGrowth | None:
+    """Return how noise grows with speed; None where that is not beyond doubt.
+
+    Within each trajectory the variance is regressed on the squared speed, so that a level that changes from one to the
+    next says nothing. Samples count by the variance they are expected to have, and stretches of samples are asked
+    whether they agree: Student's test of their scores.
+
+    Parameters
+    ----------
+    residual : (n,) array
+        Single samples, rad or m; NaN is missing.
+    speed : (n,) array
+        Of the joint, rad/s or m/s.
+    trajectory : (n,) int array
+        Of each sample.
+    rows : (n,) bool array
+        Samples that may be looked at.
+    stated : float
+        Standard deviation of the instants that the model knows of, s: growth is what goes beyond it.
+    rounding : float
+        Standard deviation of the error of the motor's encoder: by rounding a prediction is noisier where it moves.
+    channels : int
+        That are looked at: each has its part of the chance of a false alarm.
+    """
+    squared, variance, group, stretch = _samples(residual, speed, trajectory, rows, stated)
+    if not len(group) or group.max() + 1 < 2 * SENSORS.side or not np.ptp(squared) > 0.0:
+        return None
+    slope, level, score, info = 0.0, 0.0, np.zeros(0), np.zeros(0)
+    for _ in range(REWEIGHTED):
+        weight = (level**2 + slope * squared) ** -2 if slope > 0.0 else np.ones(len(squared))
+        apart = squared - _mean_of(squared, weight, group)
+        score = weight * apart * (variance - _mean_of(variance, weight, group))
+        info = weight * apart**2
+        slope = float(score.sum() / info.sum())
+        rest = float(np.average(variance - slope * squared, weights=weight))
+        level = np.sqrt(max(rest, SENSORS.least_change * slope * float(squared.mean())))
+    if slope <= 0.0:
+        return None
+    grown = slope * float(squared.mean())
+    if 0.5 * np.log1p(grown / level**2) < SENSORS.least_change or grown < SENSORS.coarser * rounding**2:
+        return None
+    scores, infos = np.bincount(stretch, score), np.bincount(stretch, info)
+    size = float(scores.sum() / np.sqrt((scores**2).sum()))
+    if float(student.sf(size, len(scores) - 1)) > SENSORS.chance / channels:
+        return None
+    spread = float(np.sqrt(((scores - slope * infos) ** 2).sum()) / info.sum())
+    ends = np.sqrt(np.maximum(slope + student.ppf((0.025, 0.975), len(scores) - 1) * spread, 0.0))
+    return SpeedGrowth(float(np.sqrt(slope)), (float(ends[0]), float(ends[1])), float(level), 0.5 * size**2)
+
+
+def _mean_of(values: FloatArray, weight: FloatArray, group: IntArray) -> FloatArray:
+    """Weighted mean of the own trajectory at every sample."""
+    means: FloatArray = (np.bincount(group, weight * values) / np.bincount(group, weight))[group]
+    return means
+
+
+def _samples(
+    residual: FloatArray, speed: FloatArray, trajectory: IntArray, rows: BoolArray, stated: float
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
+    """Squared speed, variance beyond what is stated, trajectory and stretch of every sample with a variance."""
+    squares, variances = list[FloatArray](), list[FloatArray]()
+    groups, stretches = list[IntArray](), list[IntArray]()
+    last = 0
+    for number in np.unique(trajectory[rows]):
+        mine = rows & (trajectory == number)
+        values, rate = residual[mine], speed[mine]
+        second = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / np.sqrt(6.0)
+        squared = 0.5 * (rate[1:-2] ** 2 + rate[2:-1] ** 2)
+        variance = NEIGHBOURS * second[1:] * second[:-1] - stated**2 * squared
+        known = np.isfinite(variance) & np.isfinite(squared)
+        if known.sum() < SENSORS.fewest:
+            continue
+        squares.append(squared[known])
+        variances.append(variance[known])
+        groups.append(np.full(known.sum(), len(groups)))
+        stretches.append(last + np.arange(known.sum()) // SENSORS.fewest)
+        last = int(stretches[-1][-1]) + 1
+    if not groups:
+        return np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64)
+    return np.concatenate(squares), np.concatenate(variances), np.concatenate(groups), np.concatenate(stretches)
