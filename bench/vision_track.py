@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
 from support import print_table, save_results
 
 from gpcorrect import se3
@@ -34,7 +35,6 @@ from gpcorrect.vision import (
     mean_midpoint,
     open_source,
     pose_closed_form,
-    pose_nelder_mead,
 )
 from gpcorrect.vision import single_ball as one_ball
 from gpcorrect.vision.opencv import cv2
@@ -79,7 +79,7 @@ def run(stage: Stage, cameras: Sequence[Camera], target: Target, poses: FloatArr
             points = midpoint_balls(frame.views, cameras)
             midpoints.append(1e3 * np.linalg.norm(points - (target.places @ pose[:3, :3].T + pose[:3, 3]), axis=1))
             if target.has_pose and np.isfinite(points).all():
-                found = pose_nelder_mead(points, target.places).T_tracker_tool
+                found = pose_nelder_mead(points, target.places)
                 closed = pose_closed_form(points, target.places).T_tracker_tool
                 paper.append([1e3 * np.linalg.norm(X[:3, 3] - pose[:3, 3]) for X in (found, closed)])
     rms = [float(np.sqrt(np.mean(np.square(v)))) if len(v) else float("nan") for v in (away, turn)]
@@ -93,6 +93,26 @@ def run(stage: Stage, cameras: Sequence[Camera], target: Target, poses: FloatArr
         "nelder_mead_rms_mm": float(np.sqrt(np.mean(np.square([p[0] for p in paper])))) if paper else float("nan"),
         "closed_form_rms_mm": float(np.sqrt(np.mean(np.square([p[1] for p in paper])))) if paper else float("nan"),
     }
+
+
+def pose_nelder_mead(points: FloatArray, places: FloatArray) -> FloatArray:
+    """Return the pose that minimises the sum of distances between balls and where they should be (Peng 2020, Eq. 7).
+
+    From the closed form: the paper begins at the frame that the balls span, and comes to the same place.
+    """
+    start = pose_closed_form(points, places).T_tracker_tool
+    reach = float(np.linalg.norm(places - places.mean(axis=0), axis=1).mean())
+
+    def moved(x: FloatArray) -> FloatArray:
+        return se3.pose(se3.matrix_from_rotvec(x[3:]) @ start[:3, :3], start[:3, 3] + reach * x[:3])
+
+    def cost(x: FloatArray) -> float:
+        T = moved(x)
+        return float(np.linalg.norm(places @ T[:3, :3].T + T[:3, 3] - points, axis=1).sum() / reach)
+
+    simplex = np.vstack([np.zeros(6), 0.02 * np.eye(6)])
+    options = {"initial_simplex": simplex, "xatol": 1e-8, "fatol": 1e-10, "maxiter": 4000, "maxfev": 4000}
+    return moved(minimize(cost, np.zeros(6), method="Nelder-Mead", options=options).x)
 
 
 def midpoint_balls(views: Any, cameras: Sequence[Camera]) -> FloatArray:

@@ -6,8 +6,8 @@ from functools import partial
 from gpcorrect.arms.arm import Arm, Transmission
 from gpcorrect.arms.chain import Chain, Joint
 from gpcorrect.arms.dvrk_psm import dvrk_psm
-from gpcorrect.arms.gravity import Link, gravity_torque
 from gpcorrect.arms.identify import identify_chain, workspace
+from gpcorrect.arms.link import Link
 from gpcorrect.arms.raven2 import DA_VINCI_TOOL, RAVEN_TOOL, Raven2Tool, raven2
 from gpcorrect.arms.remote_centre import RemoteCentreArm, Solutions
 from gpcorrect.arms.robot import JointDrives, Robot
@@ -31,7 +31,6 @@ __all__ = [
     "Transmission",
     "arm_named",
     "dvrk_psm",
-    "gravity_torque",
     "identify_chain",
     "is_robot_file",
     "raven2",

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpcorrect.arms import gravity as _gravity
 from gpcorrect.arms.chain import Chain
-from gpcorrect.arms.gravity import Link
+from gpcorrect.arms.link import Link
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, frozen_array
 
@@ -131,21 +130,6 @@ class Arm:
             Joint values, rad and m.
         """
         return self.chain.forward(q)
-
-    def gravity_torque(self, q: ArrayLike, gravity: ArrayLike | None = None, payload: ArrayLike = 0.0) -> FloatArray:
-        """Torques and forces (..., dof) of gravity on the joints: :func:`gpcorrect.arms.gravity_torque`.
-
-        Parameters
-        ----------
-        q : (..., dof) array
-            Joint values, rad and m.
-        gravity : (3,) array, optional
-            Free fall in the base frame, m/s^2; of a normally mounted arm by default.
-        payload : float or (...) array
-            Point mass at the tip, kg.
-        """
-        pull = self.gravity if gravity is None else gravity
-        return _gravity.gravity_torque(self.chain, self.links, q, pull, payload)
 
     def follow(self, T: ArrayLike, start: ArrayLike | None = None) -> FloatArray:
         """Joint path (n, dof) within limits along tip poses `T` (n, 4, 4), near to where it starts.

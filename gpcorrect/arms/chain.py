@@ -215,27 +215,11 @@ class Chain:
             Joint values, rad and m.
         """
         tip = self.forward(q)[..., None, :3, 3]
-        return self.point_jacobian(q, tip, self.dof)
-
-    def point_jacobian(self, q: ArrayLike, points: FloatArray, carrier: int) -> FloatArray:
-        """Return the Jacobian (..., 6, dof) of points that ride on a link: linear velocity, then angular.
-
-        Parameters
-        ----------
-        q : (..., dof) array
-            Joint values, rad and m.
-        points : (..., 1, 3) array
-            In the base frame, m.
-        carrier : int
-            Link that they ride on, counted from 1; joints beyond it do not move them.
-        """
         directions, origins = self.axes(q)
         turning = self.revolute[:, None]
-        linear = np.where(turning, np.cross(directions, points - origins), directions)
+        linear = np.where(turning, np.cross(directions, tip - origins), directions)
         angular = np.where(turning, directions, 0.0)
-        columns = np.concatenate([linear, angular], axis=-1)
-        columns[..., carrier:, :] = 0.0
-        return np.swapaxes(columns, -1, -2)
+        return np.swapaxes(np.concatenate([linear, angular], axis=-1), -1, -2)
 
     def inverse(self, T: ArrayLike, seed: ArrayLike | None = None) -> FloatArray:
         """Joint values (dof,) within limits that reach the tip pose `T` (4, 4), found numerically.

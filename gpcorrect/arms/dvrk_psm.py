@@ -11,7 +11,7 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.arms.chain import Chain, Joint
-from gpcorrect.arms.gravity import STANDARD_GRAVITY
+from gpcorrect.arms.link import STANDARD_GRAVITY
 from gpcorrect.arms.remote_centre import RemoteCentreArm
 
 L_RCC = 0.4318  # m, remote centre to carriage

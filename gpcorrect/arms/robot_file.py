@@ -16,7 +16,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms.arm import Arm
 from gpcorrect.arms.chain import Chain, Joint
-from gpcorrect.arms.gravity import Link
+from gpcorrect.arms.link import Link
 from gpcorrect.arms.robot import JointDrives, Robot
 from gpcorrect.arms.robot_path import ArmPath, arm_path, joint_frame, pose_of
 from gpcorrect.errors import DataError, MissingExtraError

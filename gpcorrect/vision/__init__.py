@@ -12,7 +12,6 @@ from gpcorrect.vision.pose import (
     Observations,
     pose_closed_form,
     pose_from_observations,
-    pose_nelder_mead,
 )
 from gpcorrect.vision.record import record
 from gpcorrect.vision.rigs import rig_text
@@ -63,7 +62,6 @@ __all__ = [
     "outline",
     "pose_closed_form",
     "pose_from_observations",
-    "pose_nelder_mead",
     "poses_from_board",
     "read_cameras",
     "read_rig",

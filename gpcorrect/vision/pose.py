@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
@@ -161,10 +159,8 @@ def _triangle_frame(points: FloatArray) -> FloatArray:
     return se3.pose(np.stack([x, np.cross(z, x), z], axis=1), origin)
 
 
-def pose_nelder_mead(points: FloatArray, places: FloatArray) -> PoseFit:
-    """Pose that minimises the sum of the distances between balls and where they should be (Peng et al. 2020, Eq. 7).
-
-    Nelder-Mead, as in the paper, from its initial guess: the frame that the three balls span as they are.
+def pose_closed_form(points: FloatArray, places: FloatArray) -> PoseFit:
+    """Pose with the least sum of squared distances (Arun et al. 1987).
 
     Parameters
     ----------
@@ -177,37 +173,6 @@ def pose_nelder_mead(points: FloatArray, places: FloatArray) -> PoseFit:
     ------
     DataError
         A ball is missing; :class:`DegenerateError` when they lie on a line.
-    """
-    points, places = _checked(points, places)
-    start = se3.compose(_triangle_frame(points), se3.invert(_triangle_frame(places)))
-    reach = float(np.linalg.norm(places - places.mean(axis=0), axis=1).mean())
-
-    def moved(x: FloatArray) -> FloatArray:
-        """Pose shifted by fractions of the tool's size, and turned about its own origin."""
-        return se3.pose(se3.matrix_from_rotvec(x[3:]) @ start[:3, :3], start[:3, 3] + reach * x[:3])
-
-    def cost(x: FloatArray) -> float:
-        T = moved(x)
-        return float(np.linalg.norm(places @ T[:3, :3].T + T[:3, 3] - points, axis=1).sum() / reach)
-
-    simplex = np.vstack([np.zeros(6), 0.02 * np.eye(6)])
-    options: Any = {"initial_simplex": simplex, "xatol": 1e-8, "fatol": 1e-10, "maxiter": 4000, "maxfev": 4000}
-    best: Any = minimize(cost, np.zeros(6), method="Nelder-Mead", options=options)
-    return _point_fit(moved(best.x), points, places)
-
-
-def pose_closed_form(points: FloatArray, places: FloatArray) -> PoseFit:
-    """Pose with the least sum of squared distances (Arun et al. 1987), the closed form beside the paper's cost.
-
-    Parameters
-    ----------
-    points, places : (b, 3) arrays
-        As :func:`pose_nelder_mead`.
-
-    Raises
-    ------
-    DataError
-        As :func:`pose_nelder_mead`.
     """
     points, places = _checked(points, places)
     mean_points, mean_places = points.mean(axis=0), places.mean(axis=0)
