@@ -4,9 +4,9 @@
 
 Peers see positions, velocities (from the sample before) and, where logged, efforts; `ridge + play` also slacks of three
 widths of each joint; those "of the past" also the same numbers 1, 2, 5, 10 and 20 samples ago. They are scikit-learn's,
-with its defaults but for scaled inputs; its exact Gaussian process has a thousand samples of all that there are. A
-temporal convolutional network is not among them: it would need a deep-learning library that the project does without;
-the multilayer perceptron of the past stands for its kind.
+with its defaults but for scaled inputs; its exact Gaussian process has a thousand samples of all that there are. The
+temporal convolutional network, of positions, velocities and efforts of this sample and the 31 before, is in plain numpy
+(bench/peers/temporal_network.py).
 
 The last lines say how far ours is from the best peer of each joint, chosen on the test set, as no user could.
 """
@@ -19,6 +19,8 @@ import warnings
 from typing import Any
 
 import numpy as np
+from peers.temporal_network import PAST as SEQUENCE
+from peers.temporal_network import TemporalNetwork
 from sklearn.compose import TransformedTargetRegressor
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.exceptions import ConvergenceWarning
@@ -74,7 +76,7 @@ def ids_of(log: CalibrationLog, split: str) -> IntArray:
 def compare(title: str, log: CalibrationLog, held_out: np.ndarray, ours: list[str]) -> dict[str, Any]:
     """Print the table of one set and split, and return its rows."""
     train, test = log.select(~held_out), log.select(held_out)
-    columns = {past: features(log, past) for past in ("", "play", "window")}
+    columns = {past: features(log, past) for past in ("", "play", "window", "sequence")}
     error = log.external_jp - reported(log)
     known = np.isfinite(error).all(axis=1) & np.all([np.isfinite(X).all(axis=1) for X in columns.values()], axis=0)
     unit = np.array([1e3 if kind == "P" else np.rad2deg(1.0) for kind in log.joint_types(error.shape[1])])
@@ -90,7 +92,8 @@ def compare(title: str, log: CalibrationLog, held_out: np.ndarray, ours: list[st
         X, T = columns[kind][~held_out & known], columns[kind][held_out & known]
         start = time.perf_counter()
         some = np.linspace(0, len(X) - 1, min(len(X), GP_SAMPLES) if make is gaussian_process else len(X)).astype(int)
-        predicted = np.column_stack([make().fit(X[some], y).predict(T) for y in Y[some].T])
+        targets = [Y[some]] if make is TemporalNetwork else Y[some].T
+        predicted = np.column_stack([make().fit(X[some], target).predict(T) for target in targets])
         peers.append(rms(Z - predicted))
         rows.append([name, *peers[-1], time.perf_counter() - start, ""])
     best = np.min(peers, axis=0)
@@ -131,6 +134,8 @@ def features(log: CalibrationLog, past: str) -> FloatArray:
         steps = np.nan_to_num(np.diff(q / half, axis=0, prepend=q[:1] / half))
         slacks = play_states(steps, np.outer(WIDTHS, np.ones(q.shape[1])), np.cumsum(first))
         return np.hstack([X, slacks.reshape(len(q), -1)])
+    if past == "sequence":
+        return np.hstack([X[np.maximum(np.arange(len(q)) - k, start)] for k in reversed(range(SEQUENCE))])
     if past == "window":
         return np.hstack([X, *(X[np.maximum(np.arange(len(q)) - k, start)] for k in PAST)])
     return X
@@ -159,6 +164,7 @@ PEERS = [
     ("perceptron", "", perceptron),
     ("perceptron of the past", "window", perceptron),
     ("Gaussian process", "", gaussian_process),
+    ("temporal convolutional network", "sequence", TemporalNetwork),
 ]
 
 if __name__ == "__main__":

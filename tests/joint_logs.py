@@ -6,7 +6,7 @@ import numpy as np
 
 from gpcorrect.calibration import random_sinusoids
 from gpcorrect.calibration.coupled_play import CoupledPlay
-from gpcorrect.types import CalibrationLog, LogMeta
+from gpcorrect.types import CalibrationLog, FloatArray, LogMeta
 
 LIMITS = np.array([[0.3, 1.1], [0.9, 1.9], [0.30, 0.42]])
 HALF = np.ptp(LIMITS, axis=1) / 2
@@ -25,8 +25,8 @@ def joint_log(
     middle, share = LIMITS.mean(axis=1, keepdims=True), np.array([[first], [1.0], [1.0]])
     path = random_sinusoids(middle + share * (LIMITS - middle), speed, trajectories * seconds, 10.0, rng)
     q, n = path.q, len(path.time)
-    lag = PLAY.lags((q - LIMITS.mean(axis=1)) / HALF, np.arange(n) == 0) * HALF
-    truth = q - lag + np.array([0.03, -0.14 + shift, 0.0117]) + 0.02 * q[:, [1, 0, 2]] * np.array([1.0, 1.0, 0.0])
+    truth, lag = reached(q), lag_of(q)
+    truth[:, 1] += shift
     noise = rng.standard_normal(q.shape) * np.array([2e-4, 2e-4, 2e-5])
     return CalibrationLog(
         time=path.time,
@@ -38,3 +38,15 @@ def joint_log(
         meta=LogMeta(joint_types="RRP"),
         name="joints",
     )
+
+
+def lag_of(q: FloatArray) -> FloatArray:
+    """Return by how much joints `(n, 3)` are behind a path of motors."""
+    return PLAY.lags((q - LIMITS.mean(axis=1)) / HALF, np.arange(len(q)) == 0) * HALF
+
+
+def reached(q: FloatArray) -> FloatArray:
+    """Return where a path of motors `(n, 3)` takes the joints, without noise."""
+    where: FloatArray = q - lag_of(q) + np.array([0.03, -0.14, 0.0117])
+    where[:, :2] += 0.02 * q[:, [1, 0]]
+    return where

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect import se3
+from gpcorrect.calibration.aim import Aim
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.domain import Bounds
@@ -51,14 +52,19 @@ class JointRoute:
         From desired joints to commanded ones.
     intervals : IntervalCalibration
         Of poses: errors of joints go together, so that intervals of joints say too little of those of poses.
+    aim : Aim or None
+        What moves the commanded joints on by what they would miss; None in files of before there was one.
     """
 
     kinematics: ArmKinematics
     joints: JointCorrector
     intervals: IntervalCalibration
+    aim: Aim | None = None
 
     def __post_init__(self) -> None:
         dof, types = self.kinematics.chain.dof, self.joints.view.types
+        if self.aim is not None and self.aim.reached.view.types != types:
+            raise DataError(f"commands of {types} joints are not moved by a model of {self.aim.reached.view.types}.")
         if len(types) != dof or len(self.intervals.factor) != 6 or self.joints.view.direction != "command":
             raise DataError(
                 f"poses of {dof} joints cannot be answered by a model of {len(types)} joints in direction"
@@ -118,19 +124,21 @@ class JointRoute:
                     raise DegenerateError(f"a linear law of them promises too little, {changes_text(change)}.")
             return learn_law(samples, layout)
 
-        outcome = JointCorrector.learn(
-            joints,
-            np.asarray(np.isfinite(wanted).all(axis=1)),
-            cleaner,
-            replace(settings, direction="command", features=(), input_signal="setpoint_jp", end_to_end=False),
-            promising,
-        )
-        corrector = outcome.corrector
-        assert isinstance(corrector, JointCorrector)
+        own = replace(settings, direction="command", features=(), input_signal="setpoint_jp", end_to_end=False)
+        known = np.asarray(np.isfinite(wanted).all(axis=1))
         anywhere = np.full(kinematics.chain.dof, np.inf)  # poses are looked at where they come in
         motion = TrainingMotion(-anywhere, anywhere, np.ones(kinematics.chain.dof), np.nan)
-        unknown = IntervalCalibration(np.ones(6))
-        route = cls(kinematics, replace(corrector, trained=motion), unknown)
+
+        def corrector_of(outcome: Outcome) -> JointCorrector:
+            assert isinstance(outcome.corrector, JointCorrector)
+            return replace(outcome.corrector, trained=motion)
+
+        outcome = JointCorrector.learn(joints, known, cleaner, own, promising)
+        route = cls(kinematics, corrector_of(outcome), IntervalCalibration(np.ones(6)))
+        first = route.commands(joints, outcome.samples, outcome.left_out)
+        back = JointCorrector.learn(joints, known, cleaner, replace(own, direction="estimate"), learn_law)
+        reached = corrector_of(back)
+        route = replace(route, aim=Aim.learn(reached, reached.view.wide(back.left_out.errors), joints, first))
         route, left_out = route.calibrated(joints, pair, outcome.samples, outcome.left_out)
         return route, replace(outcome, left_out=left_out, interval95=route.intervals.interval95(left_out.std))
 
@@ -144,6 +152,24 @@ class JointRoute:
         """
         assert joints.external_jp is not None
         return self.joints.samples(joints, np.asarray(np.isfinite(joints.external_jp).all(axis=1)))
+
+    def commands(self, joints: CalibrationLog, samples: Samples, left_out: LeftOut) -> FloatArray:
+        """Return commands `(n, d)` found for the reached joints of a log: left-out ones where there are any.
+
+        Parameters
+        ----------
+        joints, samples, left_out
+            As for :meth:`calibrated`.
+        """
+        wanted, asked = joints.external_jp, joints.setpoint_jp
+        assert asked is not None
+        assert wanted is not None
+        found = self.joints.correct_path(wanted, joints.time, sessions=joints.session.tolist()).joints
+        assert found is not None
+        known = np.isfinite(left_out.errors).all(axis=1)
+        cells = np.ix_(samples.rows[known], self.joints.view.moving)
+        found[cells] = asked[cells] - left_out.errors[known]
+        return found
 
     def calibrated(
         self, joints: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], samples: Samples, left_out: LeftOut
@@ -164,10 +190,14 @@ class JointRoute:
         assert joints.setpoint_jp is not None
         assert joints.external_jp is not None
         rows, view = samples.rows, self.joints.view
+        found = self.commands(joints, samples, left_out)
+        if self.aim is not None:
+            found = self.aim.moved(joints.external_jp, found, joints.time, joints.session.tolist())
+        found[rows[~np.isfinite(left_out.errors).all(axis=1)]] = np.nan
         in_joints = Correction(
             position=None,
             quaternion=None,
-            joints=joints.setpoint_jp[rows] - view.wide(left_out.errors),
+            joints=found[rows],
             std=view.wide(left_out.std),
             interval95=np.full((len(rows), len(view.types)), np.nan),
             reasons=np.zeros(len(rows), dtype=np.int64),
@@ -212,8 +242,16 @@ class JointRoute:
         bounds : Bounds
             Largest believed correction of a pose.
         """
-        q = self.kinematics.inverse(reference)
-        return self.as_poses(reference, q, self.joints.correct_path(q, time, sessions=session.tolist()), bounds)
+        q, sessions = self.kinematics.inverse(reference), session.tolist()
+        in_joints = self.joints.correct_path(q, time, sessions=sessions)
+        if self.aim is not None:
+            assert in_joints.joints is not None
+            in_joints = replace(in_joints, joints=self.aim.moved(q, in_joints.joints, time, sessions))
+        return self.as_poses(reference, q, in_joints, bounds)
+
+    def stream(self) -> RouteStream:
+        """Return a stream of the joints of poses."""
+        return RouteStream(self)
 
     def as_pose(
         self, position: FloatArray, rotation: FloatArray, q: FloatArray, in_joints: Correction, largest: FloatArray
@@ -272,6 +310,46 @@ class JointRoute:
             std[known] = np.sqrt((spread @ np.nan_to_num(in_joints.std[known])[..., None] ** 2)[..., 0])
         intervals = self.intervals.interval95(std)
         return Correction(position, quaternion, None, std, intervals, in_joints.reasons).because(Reason.LIMITED, cut)
+
+
+class RouteStream:
+    """Answers desired joints one after the other, as :meth:`JointRoute.correct` does along a path.
+
+    Parameters
+    ----------
+    route : JointRoute
+        What answers.
+    """
+
+    def __init__(self, route: JointRoute) -> None:
+        self._first, self._aim = route.joints.stream(), None if route.aim is None else route.aim.stream()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._first.reset()
+        if self._aim is not None:
+            self._aim.reset()
+
+    def correct(self, time: float, q: FloatArray) -> Correction:
+        """Return what to command `(d,)`; with a missing number NaN, and the path begins anew.
+
+        Parameters
+        ----------
+        time : float
+            s, later than that of the sample before.
+        q : (d,) array
+            Desired joints, rad or m.
+
+        Raises
+        ------
+        DataError
+            Time does not advance; the past stays.
+        """
+        answer = self._first.correct(time, q)
+        if self._aim is None:
+            return answer
+        assert answer.joints is not None
+        return replace(answer, joints=self._aim.moved(time, q, answer.joints))
 
 
 def joints_of(log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], kinematics: ArmKinematics) -> CalibrationLog:

@@ -52,7 +52,7 @@ class PoseStream:
         self._slow.reset()
         self._last: _Last | None = None
         route, memory = self._corrector.route, self._corrector.memory
-        self._joints = None if route is None else route.joints.stream()
+        self._joints = None if route is None else route.stream()
         self._q: FloatArray | None = None
         self._state = NO_MEMORY if memory is None else np.zeros(memory.states.radii.shape)
 

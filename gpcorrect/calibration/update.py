@@ -145,7 +145,12 @@ def _learn_route(
     joints = joints_of(log, pair, route.kinematics)
     samples = route.samples(joints)
     law, weight, unseen, left_out = _learn(route.joints.law, samples, progress)
-    fresh, _ = replace(route, joints=replace(route.joints, law=law)).calibrated(joints, pair, samples, left_out)
+    aim = route.aim
+    if aim is not None:
+        back = aim.reached.samples(joints, np.ones(len(joints), dtype=bool))
+        aim = replace(aim, reached=replace(aim.reached, law=_learn(aim.reached.law, back, progress)[0]))
+    route = replace(route, aim=aim, joints=replace(route.joints, law=law))
+    fresh, _ = route.calibrated(joints, pair, samples, left_out)
     if len(np.unique(samples.trajectory[samples.rows])) < ENOUGH:
         factor = np.maximum(fresh.intervals.factor, route.intervals.factor)
         fresh = replace(fresh, intervals=IntervalCalibration(factor))
