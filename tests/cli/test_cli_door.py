@@ -6,6 +6,7 @@ import errno
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from command_line import PROGRAM, CommandLine, assert_refused
@@ -32,10 +33,10 @@ HELP = "import sys; from gpcorrect.cli import main; sys.argv[1:] = ['--help']"
 
 
 def loaded_by(code: str) -> set[str]:
-    """Return the top-level modules that a Python process has loaded at its end."""
+    """Return the modules that a Python process has loaded at its end."""
     code = f"{code}\nimport sys; print('loaded', *sorted(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    return {name.partition(".")[0] for name in done.stdout.splitlines()[-1].split()}
+    return set(done.stdout.splitlines()[-1].split())
 
 
 @pytest.mark.parametrize(("given", "expected"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "2"}, "2")])
@@ -73,6 +74,12 @@ def test_a_full_disk_beneath_any_file_is_said(
 def test_importing_the_package_loads_no_library() -> None:
     """`import gpcorrect` loads nothing beyond the standard library."""
     assert not loaded_by("import gpcorrect") & HEAVY
+
+
+def test_a_model_that_answers_loads_nothing_that_only_learning_needs(small_model: Path) -> None:
+    """From file to command, as a server starts: neither scikit-learn nor statistics."""
+    answer = f"from gpcorrect import load\nload({str(small_model)!r}).correct([0.1, 0, -0.1, 1, 0, 0, 0], [0.0] * 6)"
+    assert not loaded_by(answer) & {"sklearn", "scipy.stats", "matplotlib"}
 
 
 def test_the_programs_help_loads_no_library_of_the_commands() -> None:

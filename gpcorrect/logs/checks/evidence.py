@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from gpcorrect.arms import RemoteCentreArm, arm_named
 from gpcorrect.errors import DataError
@@ -272,6 +271,8 @@ def spread_ratio(values: FloatArray, reference: FloatArray) -> float:
     a, b = values[known], reference[known]
     if len(a) < MIN_PAIRED or np.ptp(a) == 0 or np.ptp(b) == 0:
         return float("nan")
+    from scipy.stats import spearmanr  # half a second to import, and every recording that is read would pay it
+
     if abs(float(spearmanr(a, b).statistic)) < MIN_CORRELATION:
         return float("nan")
     wide_a, wide_b = (float(np.diff(np.percentile(x, [5, 95]))[0]) for x in (a, b))
