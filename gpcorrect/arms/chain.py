@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -11,11 +12,15 @@ from numpy.typing import ArrayLike
 
 from gpcorrect import se3
 from gpcorrect.arms.compiled import descend, walk
-from gpcorrect.arms.numeric_inverse import solve_pose
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
 Convention = Literal["standard", "modified"]
+
+LENGTH = 0.1  # m that weigh as much as one radian: the reach of a surgical tool beyond its pivot
+REACHED = 1e-9  # error (rad, or m / LENGTH) below which a pose counts as reached
+ROUNDING = 1e-9  # rad beyond a limit that count as on it
+STARTS = 16  # measured on random poses of the known arms: all of 900 are reached
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,22 +227,58 @@ class Chain:
         return np.swapaxes(np.concatenate([linear, angular], axis=-1), -1, -2)
 
     def inverse(self, T: ArrayLike, seed: ArrayLike | None = None) -> FloatArray:
-        """Joint values (dof,) within limits that reach the tip pose `T` (4, 4), found numerically.
+        """Joint values (dof,) within limits that reach the tip pose `T` (4, 4), by Newton's method from many starts.
 
         Parameters
         ----------
         T : (4, 4) array
             Tip pose in the base frame.
         seed : (dof,) or (k, dof) array, optional
-            Where to start; the answer is the nearest solution in practice. Further starts spread evenly over
-            the limits follow when a start fails.
+            Where to start; the answer is the nearest solution in practice. Starts spread evenly over the limits
+            follow when none arrives.
 
         Raises
         ------
         DataError
-            No start reaches the pose; the message says how near the best came.
+            `T` is not a pose, a seed has another shape, or no start reaches the pose; the message says how near the
+            best came.
         """
-        return solve_pose(self.forward, self.jacobian, self.limits, np.asarray(T, dtype=np.float64), seed)
+        pose, limits = np.asarray(T, dtype=np.float64), self.limits
+        if pose.shape != (4, 4) or not np.isfinite(pose).all():
+            raise DataError(f"the pose to reach must be a finite (4, 4) array, got shape {pose.shape}.")
+        best, nearest = np.inf, np.zeros(6)
+        for start in self._starts(seed):
+            q, _ = self.nearest(np.repeat(pose[None], len(start), axis=0), start, LENGTH)
+            beyond = self.revolute & ~((q >= limits[:, 0] - ROUNDING) & (q <= limits[:, 1] + ROUNDING))
+            q = np.where(beyond, q + 2 * np.pi * np.round((limits.mean(axis=1) - q) / (2 * np.pi)), q)
+            q = np.clip(np.where(np.isnan(q), start, q), limits[:, 0], limits[:, 1])
+            tips = self.forward(q)
+            turned = se3.rotvec_from_matrix(tips[:, :3, :3] @ pose[:3, :3].T)
+            error = np.hstack([(tips[:, :3, 3] - pose[:3, 3]) / LENGTH, turned])
+            size = np.linalg.norm(error, axis=1)
+            if size.min() < REACHED:
+                found: FloatArray = q[np.argmax(size < REACHED)]
+                return found
+            if size.min() < best:
+                best, nearest = float(size.min()), error[np.argmin(size)]
+        raise DataError(
+            f"no joint values within the limits reach the pose; the nearest misses it by "
+            f"{np.linalg.norm(nearest[:3]) * LENGTH:.3g} m and {np.linalg.norm(nearest[3:]):.3g} rad.",
+            hint="Check units and frame of the pose, or widen the joint limits.",
+        )
+
+    def _starts(self, seed: ArrayLike | None) -> Iterator[FloatArray]:
+        """Yield the caller's seeds, then points that cover the limits evenly (a Halton sequence, not random)."""
+        limits = self.limits
+        if seed is not None:
+            seeds = np.atleast_2d(np.asarray(seed, dtype=np.float64))
+            if seeds.shape[-1] != self.dof or seeds.ndim != 2:
+                raise DataError(f"a seed must have shape ({self.dof},) or (k, {self.dof}), got {np.shape(seed)}.")
+            yield np.clip(seeds, limits[:, 0], limits[:, 1])
+        from scipy.stats import qmc  # takes longer to import than a model to load, and few arms come here
+
+        spread = qmc.Halton(self.dof, scramble=False).random(STARTS + 1)[1:]  # the first point is a corner
+        yield limits[:, 0] + np.ptp(limits, axis=1) * spread
 
     def nearest(self, T: ArrayLike, start: ArrayLike, length: float) -> tuple[FloatArray, FloatArray]:
         """Return the joint values `(n, dof)` that come nearest to tip poses, by Newton's method from a start each.

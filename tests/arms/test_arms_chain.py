@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gpcorrect import se3
-from gpcorrect.arms import Chain, Joint, arm_named
+from gpcorrect.arms import Arm, Chain, Joint, arm_named
 from gpcorrect.errors import DataError
 
 ARMS = ["raven2_left", "raven2_right", "dvrk_psm"]
@@ -83,6 +83,15 @@ def test_numerical_inverse_keeps_the_branch_of_its_seed(name):
     inner = chain.limits + np.array([0.02, -0.02])
     for q in random_joints(inner, 10, seed=8):
         np.testing.assert_allclose(chain.inverse(chain.forward(q), seed=q + 0.01), q, atol=1e-7)
+
+
+def test_following_numerically_keeps_to_its_path():
+    """Pose after pose from the posture before: the joints of a path that the poses were made from, never a branch."""
+    plain = {name: getattr(arm_named("dvrk_psm"), name) for name in ("name", "chain", "home", "gravity")}
+    arm, rng = Arm(**plain), np.random.default_rng(0)
+    phase = np.linspace(0, 3, 200)[:, None] * rng.uniform(0.5, 2.0, 6)
+    path = arm.limits.mean(axis=1) + 0.4 * np.ptp(arm.limits, axis=1) * np.sin(phase)
+    np.testing.assert_allclose(arm.follow(arm.forward(path), path[0]), path, atol=1e-7)
 
 
 def test_numerical_inverse_says_how_far_a_pose_is_out_of_reach():

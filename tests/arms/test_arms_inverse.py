@@ -65,7 +65,7 @@ def test_branches_are_distinct_and_flags_agree_with_the_limits(arm):
 
 
 def test_closed_form_holds_the_numerical_solution(arm):
-    """Whatever damped least squares finds is one of the closed-form solutions."""
+    """Whatever the numerical inverse finds is one of the closed-form solutions."""
     for q in random_joints(arm, 5, seed=3):
         T = arm.forward(q)
         numerical = arm.chain.inverse(T)
