@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
@@ -19,6 +20,7 @@ Direction = Literal["J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3"]
 DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
 RAMP_SECONDS = 0.2  # to speed up and to slow down at each corner; chosen by hand
 HALF_SIDE = 1.0 / (2.0 * np.sqrt(3.0))  # of a cube whose diagonal is 1
+PUBLISHED_REACH = 0.09093521, 0.90824829  # of joint 1's range, before the study's files are stretched along it
 
 
 def direction_named(name: str) -> Direction:
@@ -41,7 +43,7 @@ def direction_named(name: str) -> Direction:
     raise DataError(f"a zig-zag runs along one of {', '.join(DIRECTIONS)}; got {name!r}.")
 
 
-def zigzag(direction: Direction, sparsity: int, limits: FloatArray) -> FloatArray:
+def zigzag(direction: Direction, sparsity: int, limits: FloatArray, *, as_published: bool = False) -> FloatArray:
     """Return the corners `(m, 3)` of the zig-zag path; every direction has the same centre and volume.
 
     Parameters
@@ -53,6 +55,11 @@ def zigzag(direction: Direction, sparsity: int, limits: FloatArray) -> FloatArra
     limits : (3, 2) array
         Lowest and highest position of each joint, rad or m. One joint moves within +-r / (2 sqrt 3) of the middle of
         its range r, two within +-sqrt 2 r / (2 sqrt 3), three within +-r / 2.
+    as_published : bool
+        Along J1-J2-J3, drive as the study's published way-point files do instead of as its Eq. (3) says: turned by 45
+        degrees about joint 3's axis and then joint 1's, so that joint 1 moves more than the others, and stretched along
+        joint 1 to its whole range. Corners differ by up to a quarter of the range. The study's files of the other
+        directions agree with its equations.
 
     Raises
     ------
@@ -68,7 +75,14 @@ def zigzag(direction: Direction, sparsity: int, limits: FloatArray) -> FloatArra
             hint="Write them as LOW:HIGH,LOW:HIGH,LOW:HIGH",
         )
     centre, reach = limits.mean(axis=1), np.ptp(limits, axis=1)
-    turned = (2.0 * HALF_SIDE) * _stripes(sparsity) @ rotation_to(direction).T
+    if as_published and direction == "J1-J2-J3":
+        turned = (
+            (2.0 * HALF_SIDE) * _stripes(sparsity) @ Rotation.from_euler("zx", [45.0, 45.0], degrees=True).as_matrix().T
+        )
+        low, high = PUBLISHED_REACH
+        turned[:, 0] = (turned[:, 0] + 0.5 - low) / (high - low) - 0.5
+    else:
+        turned = (2.0 * HALF_SIDE) * _stripes(sparsity) @ rotation_to(direction).T
     corners: FloatArray = centre + reach * turned
     return corners
 

@@ -51,6 +51,9 @@ def zigzag_command(
     ] = "raven2_left",
     speed: Speed = FASTEST,
     rate: Annotated[float, typer.Option(help="Samples a second.")] = RATE_HZ,
+    as_published: Annotated[
+        bool, typer.Option("--as-published", help="J1-J2-J3 as the study's published files drive it, not its Eq. (3).")
+    ] = False,
     old_arm: OldArm = None,
     json: Json = False,
 ) -> None:
@@ -73,7 +76,7 @@ def zigzag_command(
     chosen, block = direction_named(direction), joint_limits(limits)
     if machine != "none":
         _require_within(block, machine)
-    corners = zigzag(chosen, sparsity, block)
+    corners = zigzag(chosen, sparsity, block, as_published=as_published)
     path = timed(corners, speed_limits(speed), rate)
     still = np.zeros(len(path.time), dtype=np.int64)
     log = CalibrationLog(path.time, still, still, setpoint_jp=path.q, meta=LogMeta(joint_types="RRP"))

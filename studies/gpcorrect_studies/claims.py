@@ -9,7 +9,7 @@ import math
 import tomllib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from importlib.resources import files
 from typing import Any, ClassVar
@@ -23,6 +23,10 @@ class Verdict(StrEnum):
     NOT_REPRODUCED = "not reproduced"
     REVERSED = "reversed"
     NOT_MEASURED = "not measured"
+
+
+STAYS = "stays so"
+"""Of a claim that an ablation does not bring back."""
 
 
 class Better(StrEnum):
@@ -68,6 +72,8 @@ class Claim:
         The number itself, where the printed tables do not have it.
     missing : str
         Why `reproduce` does not measure it; empty where it does.
+    tried : sequence of str
+        Ablations that are tried where it is not reproduced: names in the table `ablations`.
     """
 
     says: str
@@ -77,6 +83,7 @@ class Claim:
     better: Better = Better.LOWER
     printed: float | None = None
     missing: str = ""
+    tried: Sequence[str] = ()
 
     def number(self, figures: Mapping[str, Any]) -> float | None:
         """Return the number, or the ratio, that these figures give; None where one of its parts was not measured."""
@@ -116,20 +123,62 @@ class Claim:
 
 
 @dataclass(frozen=True)
+class Ablated:
+    """What a claim's number becomes where something is taken away, and the verdict it then has.
+
+    Parameters
+    ----------
+    name : str
+        Of the ablation.
+    without : str
+        What was taken away: words that begin with "without" or "with".
+    ours : float
+    verdict : Verdict
+    """
+
+    name: str
+    without: str
+    ours: float
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
 class Compared:
-    """A claim, the printed number and ours (None: not measured), and the verdict."""
+    """A claim, the printed number and ours (None: not measured), the verdict, and what ablations made of it."""
 
     claim: Claim
     printed: float
     ours: float | None
     verdict: Verdict
+    ablated: Sequence[Ablated] = ()
+
+    @property
+    def failed(self) -> bool:
+        """Whether it was measured and not reproduced."""
+        return self.verdict in (Verdict.NOT_REPRODUCED, Verdict.REVERSED)
+
+    @property
+    def found(self) -> bool:
+        """Whether an ablation brought back the claim, or the order that was reversed."""
+        return any(self._outcome(one) != STAYS for one in self.ablated)
 
     @property
     def reason(self) -> str:
         """Why it was not reproduced, or not measured; empty where it was reproduced."""
         if self.verdict is Verdict.NOT_MEASURED:
             return self.claim.missing or "not part of a run of this size"
-        return "reason not known" if self.verdict in (Verdict.NOT_REPRODUCED, Verdict.REVERSED) else ""
+        if not self.failed:
+            return ""
+        if not self.ablated:
+            return "no ablation in a run of this size" if self.claim.tried else "reason not known"
+        tried = ", ".join(f"{self._outcome(one)} {one.without}: {one.ours:.3g}" for one in self.ablated)
+        return tried if self.found else f"reason not known, {tried}"
+
+    def _outcome(self, one: Ablated) -> str:
+        """Say whether the claim, or at least its order, came back."""
+        if one.verdict in (Verdict.REPRODUCED, Verdict.BEYOND):
+            return "comes back"
+        return "its order comes back" if self.verdict is Verdict.REVERSED is not one.verdict else STAYS
 
 
 @dataclass(frozen=True)
@@ -165,6 +214,7 @@ class Comparison:
                 "ours": row.ours,
                 "verdict": row.verdict,
                 "reason": row.reason,
+                "ablations": [asdict(one) for one in row.ablated],
             }
             for row in self.rows
         ]
@@ -189,12 +239,15 @@ class ClaimTable:
         Printed numbers of the set-up: no claims.
     caveat : str
         What to bear in mind with all of them.
+    ablations : mapping
+        What each ablation takes away, by its name.
     """
 
     claims: Sequence[Claim]
     printed: Mapping[str, Any]
     setup: Mapping[str, Any]
     caveat: str
+    ablations: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of_study(cls, study: str) -> ClaimTable:
@@ -207,7 +260,8 @@ class ClaimTable:
         """
         table = tomllib.loads((files("gpcorrect_studies") / study / "claims.toml").read_text(encoding="utf-8"))
         claims = [Claim(**{**row, "better": Better(row.get("better", Better.LOWER))}) for row in table["claim"]]
-        return cls(claims, table["printed"], table["setup"], " ".join(table["caveat"].split()))
+        caveat = " ".join(table["caveat"].split())
+        return cls(claims, table["printed"], table["setup"], caveat, table.get("ablations", {}))
 
     def compare(self, figures: Mapping[str, Any], settings: CompareSettings | None = None) -> Comparison:
         """Compare every claim with the figures of a run.
@@ -215,17 +269,27 @@ class ClaimTable:
         Parameters
         ----------
         figures : mapping
-            As in `reproduce.json`.
+            As in `reproduce.json`; those of the ablations by name under `ablations`.
         settings : CompareSettings, optional
             What counts as the printed number.
         """
-        settings = settings or CompareSettings()
+        settings, done = settings or CompareSettings(), figures.get("ablations", {})
         rows = []
         for claim in self.claims:
             printed = self.printed_number(claim)
             ours = None if claim.missing else claim.number(figures)
-            rows.append(Compared(claim, printed, ours, claim.verdict(printed, ours, settings.tolerance)))
+            row = Compared(claim, printed, ours, claim.verdict(printed, ours, settings.tolerance))
+            rows.append(replace(row, ablated=self._ablated(row, done, settings)) if row.failed else row)
         return Comparison(rows, self.caveat, settings)
+
+    def _ablated(self, row: Compared, done: Mapping[str, Any], settings: CompareSettings) -> list[Ablated]:
+        """Return what the ablations that were done make of a claim."""
+        numbers = {name: row.claim.number(done.get(name, {})) for name in row.claim.tried}
+        return [
+            Ablated(name, self.ablations[name], found, row.claim.verdict(row.printed, found, settings.tolerance))
+            for name, found in numbers.items()
+            if found is not None
+        ]
 
     def printed_number(self, claim: Claim) -> float:
         """Return the number that a claim prints, or the ratio of its two.

@@ -73,7 +73,15 @@ def claims_section(comparison: Comparison) -> Section:
         f"counts as reproduced. {half} {twice}"
     )
     table = TableData(["claim", "printed", "ours", "verdict"], rows, note, text=(0, 3))
-    return Section("Claim by claim", (f"{counted(comparison.counts())}. {comparison.caveat}", LEGEND), (table,))
+    words = [f"{counted(comparison.counts())}. {comparison.caveat}", LEGEND]
+    failed = [row for row in comparison.rows if row.failed]
+    if any(row.ablated for row in failed):
+        words.append(
+            f"Of the {len(failed)} that are not reproduced or reversed, {sum(row.found for row in failed)} come back, "
+            "or at least their order, where something is taken away; what, and what the number then is, stands beside "
+            "the verdict."
+        )
+    return Section("Claim by claim", words, (table,))
 
 
 def setup_section(printed: Mapping[str, float], here: Mapping[str, float]) -> Section:

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import json as json_text
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
 from gpcorrect.atomic import make_folder, write_file
-from gpcorrect.cli.console import out, plain_table, print_json, progress_bar
+from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar
 from gpcorrect.cli.options import Jobs, Json, Scheduler
 from gpcorrect.parallel import workers
 from gpcorrect.plain import json_ready
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from gpcorrect_studies.parts import Parts
 
 CLAIM_WIDTH = 60
 """Characters of a claim on one line: with the figures beside it, some 100."""
@@ -57,10 +63,11 @@ def mahler2014(
 
     scope = Scope.quick() if quick else Scope.short() if short else Scope(reaches)
     make_folder(output)
+    parts = _parts("mahler2014", scope, seed, output)
     with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
-        result = reproduce_mahler2014(scope, seed, progress)
+        result = reproduce_mahler2014(scope, seed, progress, parts)
     write_mahler_report(result, output / "report.html")
-    _finish(result.to_dict(), output, _show_mahler2014, json=json)
+    _finish(result.to_dict(), output, _show_mahler2014, parts, json=json)
 
 
 @reproduce_app.command()
@@ -82,10 +89,11 @@ def peng2020(
 
     make_folder(output)
     scope = Peng2020Scope.quick() if quick else Peng2020Scope.short() if short else Peng2020Scope()
+    parts = _parts("peng2020", scope, seed, output)
     with progress_bar(quiet=json) as progress:
-        result = reproduce_peng2020(scope, seed, progress)
+        result = reproduce_peng2020(scope, seed, progress, parts)
     write_peng2020_report(result, output / "report.html")
-    _finish(result.to_dict(), output, _show_peng2020, json=json)
+    _finish(result.to_dict(), output, _show_peng2020, parts, json=json)
 
 
 @reproduce_app.command()
@@ -94,6 +102,9 @@ def peng2024(
     seed: Annotated[int, typer.Option(help="Seed of the recordings.")] = 0,
     short: Short = False,
     quick: Quick = False,
+    as_published: Annotated[
+        bool, typer.Option("--as-published", help="J1-J2-J3 as the study's published files drive it, not its Eq. (3).")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Peng et al. 2024: joint calibration of a simulated RAVEN-II, every table and figure beside the paper's figures.
@@ -112,16 +123,30 @@ def peng2024(
 
     make_folder(output)
     scope = PengScope.quick() if quick else PengScope.short() if short else PengScope()
+    parts = _parts("peng2024", scope, seed, output, as_published=as_published)
     with progress_bar(quiet=json) as progress:
-        result = reproduce_peng2024(scope, seed, progress)
+        result = reproduce_peng2024(scope, seed, progress, parts, as_published=as_published)
     write_peng_report(result, output / "report.html")
-    _finish(result.to_dict(), output, _show_peng2024, json=json)
+    _finish(result.to_dict(), output, _show_peng2024, parts, json=json)
 
 
-def _finish(result: dict[str, Any], output: Path, show: Callable[[dict[str, Any]], None], *, json: bool) -> None:
-    """Write the figures, and print them for programs or for people."""
+def _parts(study: str, scope: DataclassInstance, seed: int, output: Path, **choices: bool) -> Parts:
+    """Go on with what an earlier run of the same study left in the folder, and say so."""
+    from gpcorrect_studies.parts import Parts
+
+    parts = Parts(output / "parts.jsonl", {"study": study, "scope": asdict(scope), "seed": seed, **choices})
+    if parts.count:
+        note(f"goes on with an earlier run: {parts.count} parts are done ({parts.seconds_before:.0f} s).")
+    return parts
+
+
+def _finish(
+    result: dict[str, Any], output: Path, show: Callable[[dict[str, Any]], None], parts: Parts, *, json: bool
+) -> None:
+    """Write the figures, and print them for programs or for people; what was kept for a run that goes on goes."""
     figures = json_ready(result)
     write_file(output / "reproduce.json", json_text.dumps(figures, indent=2))
+    parts.remove()
     if json:
         print_json(figures)
         return

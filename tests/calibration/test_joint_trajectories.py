@@ -56,6 +56,17 @@ def test_stripes_run_along_the_direction_without_jumps(direction: Direction) -> 
     np.testing.assert_allclose(np.linalg.norm(steps[1::2], axis=1), 1 / np.sqrt(3) / 3, atol=1e-12)
 
 
+def test_the_published_zigzag_starts_where_the_studys_file_does() -> None:
+    """Its first row, to every digit that is printed; joint 1 takes its whole range; other directions are the same."""
+    limits = np.array([[np.deg2rad(20), np.deg2rad(60)], [np.deg2rad(55), np.deg2rad(110)], [0.33, 0.42]])
+    published = zigzag("J1-J2-J3", 3, limits, as_published=True)
+    np.testing.assert_allclose(published[0], [0.69848042, 1.35873351, 0.33064806], atol=1e-8)
+    assert np.ptp(published[:, 0]) == pytest.approx(np.ptp(limits[0]), rel=2e-3)
+    printed = zigzag("J1-J2-J3", 3, limits)
+    assert 0.2 < np.abs((published - printed) / np.ptp(limits, axis=1)).max() < 0.25
+    np.testing.assert_array_equal(zigzag("J2-J3", 3, limits, as_published=True), zigzag("J2-J3", 3, limits))
+
+
 @pytest.mark.parametrize("ramp", [0.01, 0.2, 5.0])
 def test_timing_keeps_every_speed_limit_and_meets_every_end(ramp: float) -> None:
     """No step is faster than the limit, whatever the ramp, and the path starts and ends where the corners do."""

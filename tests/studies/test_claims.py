@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gpcorrect_studies.claims import Better, Claim, ClaimTable, CompareSettings, Verdict, number_at
+from gpcorrect_studies.mahler2014 import ablations as mahler2014
+from gpcorrect_studies.peng2024 import ablations as peng2024
 
 STUDIES = ("mahler2014", "peng2020", "peng2024")
 FIGURES = {"a": {"x": 3.0, "y": 4.0, "list": [1.0, {"n": 2.0}]}, "fig, with": {"n": 7.0}}
@@ -84,3 +88,30 @@ def test_no_reason_is_invented() -> None:
     one, two = ClaimTable(claims, {}, {}, "").compare({"x": 2.0}).rows
     assert (one.verdict, one.reason) == (Verdict.NOT_REPRODUCED, "reason not known")
     assert (two.verdict, two.reason) == (Verdict.NOT_MEASURED, "no robot")
+
+
+@pytest.mark.parametrize(
+    ("ours", "without", "found", "reason"),
+    [
+        (1.4, 0.5, True, "comes back without play: 0.5"),
+        (1.4, 0.9, True, "its order comes back without play: 0.9"),
+        (1.4, 1.2, False, "reason not known, stays so without play: 1.2"),
+        (0.8, 0.7, False, "reason not known, stays so without play: 0.7"),
+        (0.5, 1.2, False, ""),
+        (1.4, None, False, "no ablation in a run of this size"),
+    ],
+)
+def test_a_reason_is_what_brings_the_claim_back(ours: float, without: float | None, found: bool, reason: str) -> None:
+    """The number without the supposed cause is judged as the claim's own; what is reproduced needs no reason."""
+    claim = Claim("", "", "a", "b", printed=0.5, tried=("play",))
+    table = ClaimTable([claim], {}, {}, "", {"play": "without play"})
+    ablations = {} if without is None else {"play": {"a": without, "b": 1.0}}
+    row = table.compare({"a": ours, "b": 1.0, "ablations": ablations}).rows[0]
+    assert (row.found, row.reason) == (found, reason)
+
+
+@pytest.mark.parametrize(("study", "done"), [("mahler2014", mahler2014.ABLATIONS), ("peng2024", peng2024.ABLATIONS)])
+def test_every_ablation_runs_and_is_tried(study: str, done: Iterable[str]) -> None:
+    """The ablations that a table names are those that the study can do, and each is tried for some claim."""
+    table = ClaimTable.of_study(study)
+    assert {name for claim in table.claims for name in claim.tried} == set(table.ablations) == set(done)

@@ -8,16 +8,33 @@ from pathlib import Path
 import pytest
 from command_line import exit_status
 
+from gpcorrect.errors import DataError
 from gpcorrect_studies import peng2020
+from gpcorrect_studies.peng2020 import study
 
 SEED = 31
 
 
+def ended() -> None:
+    raise DataError("the run is ended here.")
+
+
 def test_the_study_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Single ball and end effector within the printed RMS, every method's reductions, every claim with its verdict."""
+    """Single ball and end effector within the printed RMS, every method's reductions, every claim with its verdict.
+
+    The first run is ended before its last part; the second one goes on without the pictures and the other estimators.
+    """
     small = peng2020.Peng2020Scope(3, 24, (20, 10), 10, 50)
     monkeypatch.setattr(peng2020.Peng2020Scope, "quick", classmethod(lambda _: small))
-    assert exit_status("reproduce", "peng2020", "--quick", "--seed", SEED, "-o", tmp_path) == 0
+    words = ("reproduce", "peng2020", "--quick", "--seed", SEED, "-o", tmp_path)
+    estimate = study._estimator
+    with monkeypatch.context() as patch:
+        patch.setattr(study, "_estimator", lambda method, *rest: ended() if method == "gp" else estimate(method, *rest))
+        assert exit_status(*words) != 0
+    with monkeypatch.context() as patch:
+        patch.setattr(study, "_tracked", lambda *_: ended())
+        assert exit_status(*words) == 0
+    assert not (tmp_path / "parts.jsonl").exists()
     figures = json.loads((tmp_path / "reproduce.json").read_text())
     printed = figures["printed"]["table1"]
     assert figures["table1"]["single ball"]["length_mm"]["rms"] < printed["single ball"]["length_mm"]["rms"]

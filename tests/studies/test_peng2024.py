@@ -29,6 +29,7 @@ SCOPE = PengScope(
     inducing=40,
     search_samples=150,
     epochs=PengScope.quick().epochs,
+    ablations=("slow", "drift of joint 2", "laws alone"),
 )
 
 
@@ -54,7 +55,7 @@ def study(recorder: Recorder) -> Peng2024:
 
 def test_every_part_is_done_and_reported(study: Peng2024, recorder: Recorder) -> None:
     """All parts hold every method with means, deviations and repeats, and progress names each to its end."""
-    names = ("Table I", "Fig. 5", "Fig. 6", "Fig. 8", "Fig. 9", "Table II", "Table IV", "Table V")
+    names = ("Table I", "Fig. 5", "Fig. 6", "Fig. 8", "Fig. 9", "Table II", "Table IV", "Table V", "ablations")
     assert tuple(recorder.stages) == names
     assert set(recorder.stages.values()) == {1.0}
     row = study.table1["J2-J3"]
@@ -100,6 +101,13 @@ def test_hours_move_joint_1_and_idling_nothing(study: Peng2024) -> None:
         for use, part in study.fig6.items()
     }
     assert drift["idle"] < 0.05 < drift["unloaded"] < drift["loaded 500 g"]
+
+
+def test_slow_joints_take_as_long_as_the_paper_says(study: Peng2024) -> None:
+    """At the lowest speeds of the controller's random motion the zig-zags take the printed 209 and 1013 s."""
+    slow = study.ablations["slow"]["zigzag_s"]
+    assert slow["2"] == pytest.approx(209, rel=0.05)
+    assert slow["2+3+4"] == pytest.approx(1013, rel=0.05)
 
 
 def test_a_new_zero_undoes_a_homing(study: Peng2024) -> None:

@@ -111,6 +111,7 @@ def closed_loop(
     repetitions: int,
     begin: float,
     rng: np.random.Generator,
+    early: float = 0.0,
 ) -> dict[str, Landing]:
     """Visit all places `repetitions` times with each kind of command.
 
@@ -128,6 +129,8 @@ def closed_loop(
         Session time of the recording's end, s: the robot has drifted since.
     rng : numpy.random.Generator
         Orders of the visits.
+    early : float
+        By how many seconds before a path's stop its last corrected command is given, and then held.
 
     Returns
     -------
@@ -137,7 +140,7 @@ def closed_loop(
     orders = [rng.permutation(len(places) - 1) for _ in range(repetitions)]
     tours: Mapping[str, Callable[[FloatArray], Tour]] = {
         "none": lambda stops: _tour(stops, machine),
-        "full trajectory": lambda stops: _corrected_path(corrector, _tour(stops, machine), machine),
+        "full trajectory": lambda stops: _corrected_path(corrector, _tour(stops, machine), machine, early),
         "endpoint": lambda stops: _tour(_corrected_stops(corrector, stops), machine),
     }
     return {
@@ -172,12 +175,18 @@ def _tour(stops: FloatArray, machine: Machine) -> Tour:
     return tour(stops, range(count), [replace(DEBRIDEMENT_PACE, pause=SETTLING)] * count, machine.log_rate_hz)
 
 
-def _corrected_path(corrector: CommandCorrector, path: Tour, machine: Machine) -> Tour:
+def _corrected_path(corrector: CommandCorrector, path: Tour, machine: Machine, early: float) -> Tour:
     times = np.arange(len(path.T_base_tip)) / machine.log_rate_hz
     answer = corrector.correct_path(np.hstack(se3.to_parts(path.T_base_tip)), times)
     assert answer.position is not None
     assert answer.quaternion is not None
-    return Tour(se3.from_parts(answer.position, answer.quaternion), path.trajectory)
+    commands = se3.from_parts(answer.position, answer.quaternion)
+    if early:
+        ends = np.flatnonzero(np.diff(path.trajectory, append=-1) != 0)
+        for end in ends:
+            last = end - round((SETTLING + early) * machine.log_rate_hz)
+            commands[last + 1 : end + 1] = commands[last]
+    return Tour(commands, path.trajectory)
 
 
 def _corrected_stops(corrector: CommandCorrector, stops: FloatArray) -> FloatArray:

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -20,11 +20,11 @@ from gpcorrect.calibration import CommandCorrector, Experiment, FitSettings, fol
 from gpcorrect.calibration.pose_samples import INDUCING
 from gpcorrect.calibration.poses import pose_pair
 from gpcorrect.gpr import ExactGPR, SparseGPR, learn_inflation
-from gpcorrect.parallel import each
 from gpcorrect.rigid import apply_residual, pose_residual
 from gpcorrect.sim import debridement_log, preset
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
+from gpcorrect_studies.parts import Parts
 
 # States; above, an exact fit takes over three times as long for the same error (docs/reproduce.md, Fig. 5).
 MOST_EXACT = 1000
@@ -90,7 +90,7 @@ class _Samples:
 
 
 def training_sizes(
-    experiment: Experiment, fractions: tuple[float, ...], settings: FitSettings, progress: Progress
+    experiment: Experiment, fractions: tuple[float, ...], settings: FitSettings, progress: Progress, parts: Parts
 ) -> tuple[TrainingSize, ...]:
     """Fit to random states of the clean training set: exactly where they are few, and sparsely from few to all.
 
@@ -104,6 +104,8 @@ def training_sizes(
         Seed, also of which states are taken, and number of inducing points.
     progress : Progress
         Receives a step after each fit.
+    parts : Parts
+        What an earlier run has done.
 
     Returns
     -------
@@ -117,9 +119,10 @@ def training_sizes(
     order = np.random.default_rng([settings.seed, 5]).permutation(len(train.X))
     counts = [max(2, round(fraction * len(order))) for fraction in fractions]
     plan = [("exact", n) for n in counts if n <= MOST_EXACT] + [("sparse", n) for n in counts]
-    tasks = [(method, order[:count]) for method, count in plan]
+    tasks = {f"{method}, {count}": (method, order[:count]) for method, count in plan}
     groups = experiment.corrector.features.groups
-    return tuple(each(partial(_training_size, groups, train, test, settings), tasks, progress, "Fig. 5"))
+    sizes = parts.each("Fig. 5", partial(_training_size, groups, train, test, settings), tasks, progress)
+    return tuple(TrainingSize(**size) for size in sizes.values())
 
 
 def _training_size(
@@ -128,7 +131,8 @@ def _training_size(
     test: _Samples,
     settings: FitSettings,
     task: tuple[str, IntArray],
-) -> TrainingSize:
+) -> dict[str, Any]:
+    """Return the fields of a :class:`TrainingSize`."""
     method, rows = task
     regressor = ExactGPR() if method == "exact" else SparseGPR(n_inducing=min(settings.inducing or INDUCING, len(rows)))
     regressor.set_params(feature_groups=groups, output_groups=OUTPUT_GROUPS, random_state=settings.seed)
@@ -137,7 +141,7 @@ def _training_size(
     start = time.perf_counter()
     regressor = _fitted(regressor, train.X[rows], train.residual[rows], train.trajectory[rows], train.time[rows])
     seconds = time.perf_counter() - start
-    return TrainingSize(len(rows), method, seconds, **test.mean_errors(regressor.predict(test.X)))
+    return asdict(TrainingSize(len(rows), method, seconds, **test.mean_errors(regressor.predict(test.X))))
 
 
 def _fitted(

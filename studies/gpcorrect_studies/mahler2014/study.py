@@ -15,9 +15,11 @@ from gpcorrect.sim import debridement_log, machine_of, preset
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.types import Progress
 from gpcorrect_studies.claims import ClaimTable, StudyResult
+from gpcorrect_studies.mahler2014.ablations import ABLATIONS, Base, ablations
 from gpcorrect_studies.mahler2014.closed_loop import Landing, closed_loop, places_to_visit
 from gpcorrect_studies.mahler2014.regressions import Limit, TrainingSize, limits, training_sizes
 from gpcorrect_studies.mahler2014.table1 import FULL, MEMORY, TableOne, table_one
+from gpcorrect_studies.parts import Parts
 
 FEWEST_REACHES = 30  # a fifth is held out, and the places to visit are taken from it
 PAPERS_FEATURES = ("pose", "velocity")  # of its last two columns
@@ -66,6 +68,8 @@ class Scope:
         Fractions of the training states for Fig. 5.
     settings : FitSettings
         What all fits have in common; their features are those of the columns.
+    ablations : tuple of str
+        Which are done.
     """
 
     reaches: int = 303
@@ -73,6 +77,7 @@ class Scope:
     repetitions: int = 10
     fractions: tuple[float, ...] = (0.006, 0.012, PAPERS_FRACTION, 0.05, 0.1, 0.25, 0.5, 1.0)
     settings: FitSettings = field(default_factory=FitSettings)
+    ablations: tuple[str, ...] = tuple(ABLATIONS)
 
     def __post_init__(self) -> None:
         if self.reaches < FEWEST_REACHES:
@@ -85,13 +90,15 @@ class Scope:
     def short(cls) -> Scope:
         """Return a third of the study: every part, with fewer reaches, visits and training sizes."""
         settings = FitSettings(search_samples=250)
-        return cls(100, places=6, repetitions=5, fractions=(PAPERS_FRACTION, 0.1, 1.0), settings=settings)
+        fractions, cheap = (PAPERS_FRACTION, 0.1, 1.0), ("least squares", "least squares, more lost", "paths end early")
+        return cls(100, places=6, repetitions=5, fractions=fractions, settings=settings, ablations=cheap)
 
     @classmethod
     def quick(cls) -> Scope:
         """Return a small scope that has every part: few reaches and inducing points, no search for a marker."""
         settings = FitSettings(marker="none", inducing=60, search_samples=100)
-        return cls(FEWEST_REACHES, places=4, repetitions=3, fractions=(PAPERS_FRACTION, 1.0), settings=settings)
+        fractions = (PAPERS_FRACTION, 1.0)
+        return cls(FEWEST_REACHES, places=4, repetitions=3, fractions=fractions, settings=settings, ablations=())
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +117,8 @@ class Mahler2014(StudyResult):
         Where the robot really came to rest.
     limits : tuple of Limit
         What is left under each assumption.
+    ablations : mapping
+        Figures of the ablations, by name.
     """
 
     CLAIMS = CLAIMS
@@ -121,6 +130,7 @@ class Mahler2014(StudyResult):
     fig5: tuple[TrainingSize, ...]
     table2: Mapping[str, Landing]
     limits: tuple[Limit, ...]
+    ablations: Mapping[str, Any]
 
     def targets(self) -> dict[str, dict[str, Any]]:
         """Return each target with what was measured on the dirty set, and whether it is met."""
@@ -190,10 +200,13 @@ class Mahler2014(StudyResult):
             },
             "limits": [asdict(limit) for limit in self.limits],
             "targets": self.targets(),
+            "ablations": dict(self.ablations),
         }
 
 
-def reproduce_mahler2014(scope: Scope, seed: int = 0, progress: Progress | None = None) -> Mahler2014:
+def reproduce_mahler2014(
+    scope: Scope, seed: int = 0, progress: Progress | None = None, parts: Parts | None = None
+) -> Mahler2014:
     """Do the whole study on a simulated recording.
 
     Parameters
@@ -203,22 +216,36 @@ def reproduce_mahler2014(scope: Scope, seed: int = 0, progress: Progress | None 
     seed : int
         Of the recording and of everything random.
     progress : Progress, optional
+    parts : Parts, optional
+        What an earlier run has done of it.
 
     Raises
     ------
     GpCorrectError
         The scope is too small for the parts to be measured.
     """
-    start, progress = time.perf_counter(), progress or Progress()
+    start, progress, parts = time.perf_counter(), progress or Progress(), parts or Parts()
     settings = replace(scope.settings, seed=seed, features=PAPERS_FEATURES)
     log = debridement_log(seed, reaches=scope.reaches)
-    table1 = table_one(log, settings, progress)
-    fig5 = training_sizes(table1.full, scope.fractions, settings, progress)
+    table1 = table_one(log, settings, progress, parts)
+    fig5 = training_sizes(table1.full, scope.fractions, settings, progress, parts)
     progress.step("Table II", 0.0)
     rng = np.random.default_rng([seed, 6])
     places = places_to_visit(table1.full, scope.places, rng)
     machine, recording_end = machine_of(preset(DEBRIDEMENT_PRESET)), float(log.time[-1])
     table2 = closed_loop(table1.full.corrector, machine, places, scope.repetitions, recording_end, rng)
     progress.step("Table II", 1.0)
-    left = limits(scope.reaches, settings, progress)
-    return Mahler2014(scope, seed, len(log), table1, fig5, table2, left, seconds=time.perf_counter() - start)
+    known = Base(log, settings, table1.full, places, scope.repetitions)
+    ablated = ablations(known, scope.ablations, progress, parts)
+    left = parts.done("limits", lambda: [asdict(limit) for limit in limits(scope.reaches, settings, progress)])
+    return Mahler2014(
+        scope,
+        seed,
+        len(log),
+        table1,
+        fig5,
+        table2,
+        tuple(Limit(**limit) for limit in left),
+        ablated,
+        seconds=parts.seconds_before + time.perf_counter() - start,
+    )

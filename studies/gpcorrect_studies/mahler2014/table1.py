@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from gpcorrect import se3
 from gpcorrect.calibration import Experiment, FitSettings, Measured, run_experiment, spread
 from gpcorrect.errors import LogError
-from gpcorrect.parallel import each
-from gpcorrect.types import CalibrationLog, FloatArray, Progress
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, Progress
+from gpcorrect_studies.parts import Parts
 
 OFFSET = "fixed offset"
 WITH_GPR, WITH_VELOCITY = f"{OFFSET} + GPR", f"{OFFSET} + GPR + velocity"
@@ -38,6 +38,7 @@ METHODS = tuple(MEASURED)
 PRINTED = METHODS[:-2]  # the columns of the paper's table, in its order
 COMPONENTS = ("x_mm", "y_mm", "z_mm", "yaw_deg", "pitch_deg", "roll_deg")  # as printed
 NORMS = ("position_mm", "rotation_deg")
+SETS, KINDS = ("clean", "dirty"), ("raw", "rigid", "corrected")
 
 Errors = dict[str, dict[str, float]]
 
@@ -104,7 +105,7 @@ class TableOne:
         return {norm: 100 * (1 - with_it[norm]["sd"] / without[norm]["sd"]) for norm in NORMS}
 
 
-def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress) -> TableOne:
+def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress, parts: Parts) -> TableOne:
     """Fit the regressions on the first 80 % of the reaches and measure all methods on the others.
 
     Parameters
@@ -115,44 +116,87 @@ def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress) ->
         What all fits have in common.
     progress : Progress
         Receives a step after each fit.
+    parts : Parts
+        What an earlier run has done; the fit of the paper's last column is always made, for further figures need it.
 
     Raises
     ------
     LogError
         Nothing was held out.
     """
-    tasks = [replace(settings, **changes) for changes in FITS.values()]
-    done = each(partial(run_experiment, log), tasks, progress, "Table I")
-    experiments = dict(zip(FITS, done, strict=True))
-    errors = {
-        which: {name: _errors(experiments[fit], which, kind) for name, (fit, kind) in MEASURED.items()}
-        for which in ("clean", "dirty")
+    full = run_experiment(log, replace(settings, **FITS[FULL]))
+    parts.done(f"Table I: {FULL}", partial(_columns, full))
+    tasks = {name: replace(settings, **changes) for name, changes in FITS.items()}
+    found = parts.each("Table I", partial(fitted_columns, log), tasks, progress)
+    return TableOne(columns_of(found), {name: columns["seconds"] for name, columns in found.items()}, full)
+
+
+def columns_of(found: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Errors]]:
+    """Return the columns of the table that some fits tell, by set.
+
+    Parameters
+    ----------
+    found : mapping
+        What :func:`fitted_columns` returns, by the name of the fit.
+    """
+    return {
+        which: {name: found[fit][which][kind] for name, (fit, kind) in MEASURED.items() if fit in found}
+        for which in SETS
     }
-    return TableOne(errors, {name: done.seconds for name, done in experiments.items()}, experiments[FULL])
+
+
+def fitted_columns(log: CalibrationLog, settings: FitSettings) -> dict[str, Any]:
+    """Return the errors of one fit by set and kind ("raw", "rigid", "corrected"), and the seconds of the experiment.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+    settings : FitSettings
+    """
+    return _columns(run_experiment(log, settings))
+
+
+def _columns(experiment: Experiment) -> dict[str, Any]:
+    errors = {which: {kind: _errors(experiment, which, kind) for kind in KINDS} for which in SETS}
+    return {**errors, "seconds": experiment.seconds}
 
 
 def _errors(experiment: Experiment, which: str, kind: str) -> Errors:
     if experiment.evaluation is None or experiment.test is None:
         raise LogError("nothing was held out to measure on.")
     measured: Measured = getattr(experiment.evaluation, which)
-    residual = measured.of(kind)
-    position, turns = 1e3 * residual[:, :3], np.rad2deg(_euler_errors(residual[:, 3:], experiment.test, measured))
-    rows = dict(zip(COMPONENTS, [*position.T, *turns.T[::-1]], strict=True))
-    rows |= {
+    return component_errors(measured.of(kind), experiment.test, measured.rows)
+
+
+def component_errors(residual: FloatArray, test: CalibrationLog, rows: IntArray) -> Errors:
+    """Return mean and SD of each component of errors and of their lengths, mm and deg.
+
+    Parameters
+    ----------
+    residual : (n, 6) array
+        Commanded minus given, m and rad.
+    test : CalibrationLog
+        That they are of.
+    rows : (n,) int array
+        Of the log.
+    """
+    position, turns = 1e3 * residual[:, :3], np.rad2deg(_euler_errors(residual[:, 3:], test, rows))
+    columns = dict(zip(COMPONENTS, [*position.T, *turns.T[::-1]], strict=True))
+    columns |= {
         "position_mm": np.linalg.norm(position, axis=1),
         "rotation_deg": np.rad2deg(np.linalg.norm(residual[:, 3:], axis=1)),
     }
-    return {name: {leaf: spread(values)[leaf] for leaf in ("mean", "sd")} for name, values in rows.items()}
+    return {name: {leaf: spread(values)[leaf] for leaf in ("mean", "sd")} for name, values in columns.items()}
 
 
-def _euler_errors(turn: FloatArray, test: CalibrationLog, measured: Measured) -> FloatArray:
+def _euler_errors(turn: FloatArray, test: CalibrationLog, rows: IntArray) -> FloatArray:
     """Differences `(n, 3)` of roll, pitch and yaw between what was commanded and what a method gives, within +-pi.
 
     Angles about fixed x, y and z, as docs/conventions.md has them.
     """
     assert test.setpoint_cp is not None
     assert test.setpoint_cp.quaternion is not None
-    R_command = se3.matrix_from_quaternion(test.setpoint_cp.quaternion[measured.rows])
+    R_command = se3.matrix_from_quaternion(test.setpoint_cp.quaternion[rows])
     R_given = np.swapaxes(se3.matrix_from_rotvec(turn), -1, -2) @ R_command
     commanded, given = (Rotation.from_matrix(R).as_euler("xyz") for R in (R_command, R_given))
     difference: FloatArray = commanded - given

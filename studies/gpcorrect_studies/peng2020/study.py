@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from gpcorrect.calibration import (
 from gpcorrect.sim import Noise, preset, random_reaches_log
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
 from gpcorrect_studies.claims import ClaimTable, StudyResult
+from gpcorrect_studies.parts import Parts
 from gpcorrect_studies.rendering import Card, Lens, Stage, looking_at, marker_points, random_motion
 from gpcorrect_studies.rendering import single_ball as one_ball
 
@@ -127,7 +129,9 @@ class Peng2020(StudyResult):
         }
 
 
-def reproduce_peng2020(scope: Peng2020Scope, seed: int = 0, progress: Progress | None = None) -> Peng2020:
+def reproduce_peng2020(
+    scope: Peng2020Scope, seed: int = 0, progress: Progress | None = None, parts: Parts | None = None
+) -> Peng2020:
     """Do both halves of the study again: the cameras' accuracy, and what an estimator makes of their labels.
 
     Parameters
@@ -137,27 +141,32 @@ def reproduce_peng2020(scope: Peng2020Scope, seed: int = 0, progress: Progress |
     seed : int
         Of scene, motion and noise.
     progress : Progress, optional
+    parts : Parts, optional
+        What an earlier run has done of it.
     """
-    begun, progress = time.perf_counter(), progress or Progress()
-    table, placed = _table1(scope, seed, progress)
+    begun, progress, parts = time.perf_counter(), progress or Progress(), parts or Parts()
+    table, placed = _table1(scope, seed, progress, parts)
     log = _recording(scope, seed, table["end effector"]["length_mm"]["rms"])
     estimators = {}
     for k, method in enumerate(METHODS):
         progress.step("estimators", k / len(METHODS))
-        settings = FitSettings(
-            method=method, layers=scope.layers, epochs=scope.epochs, inducing=scope.inducing, seed=seed
-        )
-        experiment = run_experiment(log, settings, task=PositionEstimator)
-        estimators[method] = {
-            **experiment.to_dict(),
-            **position_reductions(experiment.evaluation),
-            "microseconds_a_sample": _microseconds(experiment, log),
-        }
+        estimators[method] = parts.done(f"estimator: {method}", partial(_estimator, method, log, scope, seed))
     progress.step("estimators", 1.0)
-    return Peng2020(scope, seed, len(log), table, placed, estimators, seconds=time.perf_counter() - begun)
+    seconds = parts.seconds_before + time.perf_counter() - begun
+    return Peng2020(scope, seed, len(log), table, placed, estimators, seconds=seconds)
 
 
-def _table1(scope: Peng2020Scope, seed: int, progress: Progress) -> tuple[dict[str, Any], list[float]]:
+def _estimator(method: str, log: CalibrationLog, scope: Peng2020Scope, seed: int) -> dict[str, Any]:
+    settings = FitSettings(method=method, layers=scope.layers, epochs=scope.epochs, inducing=scope.inducing, seed=seed)
+    experiment = run_experiment(log, settings, task=PositionEstimator)
+    return {
+        **experiment.to_dict(),
+        **position_reductions(experiment.evaluation),
+        "microseconds_a_sample": _microseconds(experiment, log),
+    }
+
+
+def _table1(scope: Peng2020Scope, seed: int, progress: Progress, parts: Parts) -> tuple[dict[str, Any], list[float]]:
     from gpcorrect.vision import END_EFFECTOR, single_ball
 
     rng = np.random.default_rng([seed, 20])
@@ -175,7 +184,7 @@ def _table1(scope: Peng2020Scope, seed: int, progress: Progress) -> tuple[dict[s
     table = {}
     for k, (name, stage, target, cards) in enumerate(cases):
         progress.step("pictures", k / len(cases))
-        table[name] = _tracked(stage, cameras, target, poses, cards)
+        table[name] = parts.done(f"Table I: {name}", partial(_tracked, stage, cameras, target, poses, cards))
     progress.step("pictures", 1.0)
     return table, placed
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -11,13 +12,14 @@ import numpy as np
 from gpcorrect.calibration import DIRECTIONS, Direction, FitSettings, JointCorrector, fit_model
 from gpcorrect.errors import DataError
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
+from gpcorrect_studies.parts import Parts
 from gpcorrect_studies.peng2024.recordings import RavenStudy, whole_state
 
 METHODS = ("linear", "quadratic", "network", "ukf", "gp")
 QUICK_EPOCHS = 50  # a quarter of the paper's; chosen by hand
 UNITS = np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1e3])  # deg, deg, mm
 Cell = dict[str, Any]
-T = TypeVar("T")
+T = TypeVar("T", bound=Hashable)
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,8 @@ class PengScope:
         Of the network; the paper's by default.
     later : str
         Direction of the zig-zag of all parts after Table I; the paper's is J2-J3.
+    ablations : tuple of str or None
+        Which are done; None does all.
     """
 
     directions: tuple[str, ...] = DIRECTIONS
@@ -59,6 +63,7 @@ class PengScope:
     search_samples: int | None = None
     epochs: int = FitSettings().epochs
     later: Direction = "J2-J3"
+    ablations: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         if len(self.sparsities) < 2 or min(self.repeats, self.network_repeats) < 1 or self.minutes < 1:
@@ -72,7 +77,8 @@ class PengScope:
     @classmethod
     def quick(cls) -> PengScope:
         """Return a study of a minute: every part, one direction, short zig-zags and a network of few epochs."""
-        return cls(("J2-J3",), (1, 2), 1.0, (0.0, 5.0, 6.0), 1, 1, 1, 40, 150, QUICK_EPOCHS)
+        hours, cheap = (0.0, 5.0, 6.0), ("slow", "processor time", "laws alone", "library")
+        return cls(("J2-J3",), (1, 2), 1.0, hours, 1, 1, 1, 40, 150, QUICK_EPOCHS, ablations=cheap)
 
     @property
     def middle(self) -> Run:
@@ -120,11 +126,14 @@ class StudyFits:
         How much is done.
     progress : Progress
         Receives how far each part is.
+    parts : Parts
+        What an earlier run has done.
     """
 
     study: RavenStudy
     scope: PengScope
     progress: Progress
+    parts: Parts = field(default_factory=Parts)
     _logs: dict[Any, CalibrationLog] = field(default_factory=dict, init=False)
     _models: dict[Any, JointCorrector] = field(default_factory=dict, init=False)
 
@@ -156,20 +165,32 @@ class StudyFits:
         repeats = self.scope.network_repeats if method == "network" else self.scope.repeats
         return [self._model(run, method, repeat) for repeat in range(repeats)]
 
+    def settings(self, run: Run, method: str, repeat: int) -> FitSettings:
+        """Return how a method learns of a run.
+
+        Parameters
+        ----------
+        run : Run
+        method : str
+        repeat : int
+            Its seed.
+        """
+        return FitSettings(
+            method=method,
+            clean=False,  # a simulated encoder has no faults
+            features=("position", "state") if run.state else (),
+            end_to_end=run.end_to_end,
+            inducing=self.scope.inducing,
+            search_samples=self.scope.search_samples,
+            epochs=self.scope.epochs,
+            time_offset="none",
+            seed=repeat,
+        )
+
     def _model(self, run: Run, method: str, repeat: int) -> JointCorrector:
         key = run, method, repeat
         if key not in self._models:
-            settings = FitSettings(
-                method=method,
-                clean=False,  # a simulated encoder has no faults
-                features=("position", "state") if run.state else (),
-                end_to_end=run.end_to_end,
-                inducing=self.scope.inducing,
-                search_samples=self.scope.search_samples,
-                epochs=self.scope.epochs,
-                time_offset="none",
-                seed=repeat,
-            )
+            settings = self.settings(run, method, repeat)
             self._models[key] = fit_model(self.training(run, repeat), settings, task=JointCorrector).corrector
         return self._models[key]
 
@@ -198,19 +219,23 @@ class StudyFits:
         row = {name: cell(rmse(model, test, name) for model in linear) for name in ("raw", "fixed_offset")}
         return row | {method: self.rmse(run, method, test) for method in METHODS}
 
-    def over(self, stage: str, items: Sequence[T]) -> Iterator[T]:
-        """Yield each item, and report how far the part is.
+    def over(self, stage: str, items: Sequence[T], make: Callable[[T], Any]) -> dict[T, Any]:
+        """Return what is made of each item; what an earlier run has made is not made again.
 
         Parameters
         ----------
         stage : str
             Name of the part.
         items : sequence
+        make : callable
+            Returns what JSON can hold.
         """
+        made = {}
         for done, item in enumerate(items):
             self.progress.step(stage, done / len(items))
-            yield item
+            made[item] = self.parts.done(f"{stage}: {item}", partial(make, item))
         self.progress.step(stage, 1.0)
+        return made
 
 
 def rmse(model: JointCorrector, log: CalibrationLog, name: str = "corrected") -> list[float]:

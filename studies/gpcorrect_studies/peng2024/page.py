@@ -52,6 +52,7 @@ def write_peng_report(result: Peng2024, path: Path) -> None:
         ("robot", f"simulated RAVEN-II, joints 1 to 3, seed {result.seed}"),
         ("test", f"{scope.minutes:g} min of random sweeps, each joint for itself"),
         ("repeats", f"{scope.repeats}, of the network {scope.network_repeats}"),
+        ("zig-zag J1-J2-J3", "as the study's published files" if result.as_published else "as its Eq. (3) says"),
     ]
     sections = [
         _table1(result),

@@ -46,10 +46,16 @@ class RavenStudy:
         Of noise, homings and random motion.
     homings : int
         Homings after the first.
+    as_published : bool
+        Drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says.
+    machine : Model, optional
+        Another than the packaged one.
     """
 
     seed: int = 0
     homings: int = 5
+    as_published: bool = False
+    machine: Model | None = None
 
     def zigzags(
         self, direction: str, sparsity: int, *, sessions: Sequence[int] = (0,), repeat: int = 0
@@ -67,7 +73,7 @@ class RavenStudy:
         repeat : int
             Another repeat has other noise.
         """
-        corners = zigzag(direction_named(direction), sparsity, LIMITS)
+        corners = zigzag(direction_named(direction), sparsity, LIMITS, as_published=self.as_published)
         path = timed(corners, SPEED, self._rate()).q
         return self._log([self._from_home(path, session, SETTLED) for session in sessions], 1000 + repeat)
 
@@ -122,7 +128,7 @@ class RavenStudy:
 
     def _model(self, *, loaded: bool) -> Model:
         """Return the machine, homed anew for each session; under load its cables drift faster."""
-        model = preset(PRESET)
+        model = self.machine or preset(PRESET)
         rng = np.random.default_rng([self.seed, 1])
         homed, drifts, others = [], [], []
         for effect in model.effects:

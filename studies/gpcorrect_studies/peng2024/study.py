@@ -9,6 +9,8 @@ from typing import Any, ClassVar
 
 from gpcorrect.types import Progress
 from gpcorrect_studies.claims import ClaimTable, StudyResult
+from gpcorrect_studies.parts import Parts
+from gpcorrect_studies.peng2024.ablations import HOURS, ablations
 from gpcorrect_studies.peng2024.fits import PengScope, StudyFits
 from gpcorrect_studies.peng2024.recordings import RavenStudy
 from gpcorrect_studies.peng2024.tables import (
@@ -25,7 +27,6 @@ from gpcorrect_studies.peng2024.tables import (
 )
 
 CLAIMS = ClaimTable.of_study("peng2024")
-HOURS = 5.0  # the last hour of the paper's Tables III and IV
 PENG_COMPARABLE = (
     "The method: zig-zags in seven directions of the same volume, at the speeds of the study's public controller, "
     "30 Hz; models of the error from reported positions and efforts; tests on random motion of the same block.",
@@ -59,6 +60,10 @@ class Peng2024(StudyResult):
         A sparsity, and a number of homings, an entry.
     fig6, fig8 : mappings
         By use; few features and the whole state.
+    ablations : mapping
+        Figures of the ablations, by name.
+    as_published : bool
+        Whether the zig-zag along J1-J2-J3 was that of the study's files.
     """
 
     CLAIMS = CLAIMS
@@ -73,6 +78,8 @@ class Peng2024(StudyResult):
     fig6: Mapping[str, Any]
     fig8: Mapping[str, Any]
     fig9: list[dict[str, Any]]
+    ablations: Mapping[str, Any]
+    as_published: bool = False
 
     @property
     def table3(self) -> dict[str, Any]:
@@ -124,15 +131,24 @@ class Peng2024(StudyResult):
             "short": self.short,
             "seed": self.seed,
             "scope": asdict(self.scope),
+            "as_published": self.as_published,
             "units": ["deg", "deg", "mm"],
             "seconds": self.seconds,
             **{part: getattr(self, part) for part in parts},
             "zigzag_s": {str(n): s for n, s in seconds.items()} | together,
             "targets": self.targets(),
+            "ablations": dict(self.ablations),
         }
 
 
-def reproduce_peng2024(scope: PengScope, seed: int = 0, progress: Progress | None = None) -> Peng2024:
+def reproduce_peng2024(
+    scope: PengScope,
+    seed: int = 0,
+    progress: Progress | None = None,
+    parts: Parts | None = None,
+    *,
+    as_published: bool = False,
+) -> Peng2024:
     """Do the whole study on a simulated RAVEN-II.
 
     Parameters
@@ -142,10 +158,14 @@ def reproduce_peng2024(scope: PengScope, seed: int = 0, progress: Progress | Non
     seed : int
         Of the recordings.
     progress : Progress, optional
+    parts : Parts, optional
+        What an earlier run has done of it.
+    as_published : bool
+        Drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says.
     """
-    begun = time.perf_counter()
-    study = RavenStudy(seed, scope.homings)
-    fits = StudyFits(study, scope, progress or Progress())
+    begun, parts = time.perf_counter(), parts or Parts()
+    study = RavenStudy(seed, scope.homings, as_published)
+    fits = StudyFits(study, scope, progress or Progress(), parts)
     test = study.random_run(scope.minutes)
     tests = {"unloaded": test, "loaded 500 g": study.after_hours((0.0,), scope.minutes, LOAD, idle=False)}
     if HOURS in scope.hours:
@@ -161,5 +181,7 @@ def reproduce_peng2024(scope: PengScope, seed: int = 0, progress: Progress | Non
         table2=table_2(fits, test),
         table4=table_4(fits, tests),
         table5=table_5(fits, test),
-        seconds=time.perf_counter() - begun,
+        ablations=ablations(fits, test),
+        as_published=as_published,
+        seconds=parts.seconds_before + time.perf_counter() - begun,
     )

@@ -36,7 +36,7 @@ def table_1(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]
         Random run of the fresh robot.
     """
     sparsity = fits.scope.middle.sparsity
-    return {d: fits.all_rmse(Run(d, sparsity), test) for d in fits.over("Table I", fits.scope.directions)}
+    return fits.over("Table I", fits.scope.directions, lambda d: fits.all_rmse(Run(d, sparsity), test))
 
 
 def figure_5(fits: StudyFits, test: CalibrationLog) -> list[dict[str, Any]]:
@@ -48,12 +48,13 @@ def figure_5(fits: StudyFits, test: CalibrationLog) -> list[dict[str, Any]]:
     test : CalibrationLog
         Random run of the fresh robot.
     """
-    points = []
-    for sparsity in fits.over("Fig. 5", fits.scope.sparsities):
+
+    def point(sparsity: int) -> dict[str, Any]:
         run = Run(fits.scope.later, sparsity)
         minutes = float(np.ptp(fits.training(run, 0).time)) / 60.0
-        points.append({"sparsity": sparsity, "minutes": minutes, "rmse": fits.all_rmse(run, test)})
-    return points
+        return {"sparsity": sparsity, "minutes": minutes, "rmse": fits.all_rmse(run, test)}
+
+    return list(fits.over("Fig. 5", fits.scope.sparsities, point).values())
 
 
 def figure_6(fits: StudyFits) -> dict[str, dict[str, Any]]:
@@ -64,18 +65,18 @@ def figure_6(fits: StudyFits) -> dict[str, dict[str, Any]]:
     fits : StudyFits
     """
     run, hours = fits.scope.longest, fits.scope.hours
-    uses = {}
-    for name in fits.over("Fig. 6", tuple(USES)):
-        load, idle = USES[name]
+
+    def errors(use: str) -> dict[str, Any]:
+        load, idle = USES[use]
         log = fits.study.after_hours(hours, fits.scope.minutes, load, idle=idle)
         tests = [log.select(rows) for _, rows in log.trajectories()]
-        uses[name] = {
+        return {
             "hours": list(hours),
             "rmse": {m: [fits.rmse(run, m, test) for test in tests] for m in LASTING},
             "mean": {m: [cell(_mean(model, test) for model in fits.models(run, m)) for test in tests] for m in LASTING},
         }
 
-    return uses
+    return fits.over("Fig. 6", tuple(USES), errors)
 
 
 def figure_8(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
@@ -89,11 +90,12 @@ def figure_8(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
     """
     few = fits.scope.middle
     whole = Run(few.direction, few.sparsity, state=True)
-    everything, methods = whole_state(test), ("linear", "network")
-    pairs = {
-        method: {"few": fits.rmse(few, method, test), "whole": fits.rmse(whole, method, everything)}
-        for method in fits.over("Fig. 8", methods)
-    }
+    everything = whole_state(test)
+    pairs = fits.over(
+        "Fig. 8",
+        ("linear", "network"),
+        lambda method: {"few": fits.rmse(few, method, test), "whole": fits.rmse(whole, method, everything)},
+    )
     state = fits.training(whole, 0)
     signals = (state.setpoint_jp, state.measured_jp, state.measured_jv, state.measured_jf)
     count = len(state.extra) + sum(signal.shape[1] for signal in signals if signal is not None)
@@ -109,8 +111,8 @@ def figure_9(fits: StudyFits) -> list[dict[str, Any]]:
     """
     unseen, minutes = fits.scope.middle, fits.scope.minutes
     seen = Run(unseen.direction, unseen.sparsity, homings_seen=1)
-    points = []
-    for session in fits.over("Fig. 9", range(fits.scope.homings + 1)):
+
+    def point(session: int) -> dict[str, Any]:
         test = fits.study.random_run(minutes, session=session, salt=80 + session)
         minute = fits.study.random_run(REZERO_MINUTES, session=session, salt=60 + session)
         cells = {
@@ -121,8 +123,9 @@ def figure_9(fits: StudyFits) -> list[dict[str, Any]]:
             }
             for method in LASTING
         }
-        points.append({"homings": session, "rmse": cells})
-    return points
+        return {"homings": session, "rmse": cells}
+
+    return list(fits.over("Fig. 9", range(fits.scope.homings + 1), point).values())
 
 
 def table_2(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]:
@@ -136,10 +139,11 @@ def table_2(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]
     """
     error = fits.scope.middle
     whole = Run(error.direction, error.sparsity, end_to_end=True)
-    return {
-        method: {"error": fits.rmse(error, method, test), "end to end": fits.rmse(whole, method, test)}
-        for method in fits.over("Table II", LEARNERS)
-    }
+    return fits.over(
+        "Table II",
+        LEARNERS,
+        lambda method: {"error": fits.rmse(error, method, test), "end to end": fits.rmse(whole, method, test)},
+    )
 
 
 def table_3(fig6: Mapping[str, Any]) -> dict[str, dict[str, dict[str, Cell]]]:
@@ -168,13 +172,14 @@ def table_4(fits: StudyFits, tests: dict[str, CalibrationLog]) -> dict[str, dict
     tests : dict
         Test runs by name.
     """
-    run, table = fits.scope.longest, {}
-    for name in fits.over("Table IV", tuple(tests)):
+    run = fits.scope.longest
+
+    def row(name: str) -> dict[str, Cell]:
         test, linear = tests[name], fits.models(run, "linear")[0]
-        table[name] = {kind: cell([_tip_rmse(linear, test, kind)]) for kind in ("raw", "fixed_offset")}
-        for method in METHODS:
-            table[name][method] = cell(_tip_rmse(model, test, "corrected") for model in fits.models(run, method))
-    return table
+        given = {kind: cell([_tip_rmse(linear, test, kind)]) for kind in ("raw", "fixed_offset")}
+        return given | {m: cell(_tip_rmse(model, test, "corrected") for model in fits.models(run, m)) for m in METHODS}
+
+    return fits.over("Table IV", tuple(tests), row)
 
 
 def table_5(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Any]]:
@@ -186,18 +191,19 @@ def table_5(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Any]]:
     test : CalibrationLog
         Whose samples are estimated.
     """
-    table: dict[str, dict[str, Any]] = {}
-    for method in fits.over("Table V", METHODS):
+
+    def row(method: str) -> dict[str, Any]:
         models = fits.models(fits.scope.longest, method)
         start = time.perf_counter()
         models[0].correct_log(test)
         path = time.perf_counter() - start
-        table[method] = {
+        return {
             "fit_s": cell(float(model.summary["fit"]["seconds"]) for model in models),
             "stream_ms": _streamed_ms(models[0], test),
             "path_ms": 1e3 * path / len(test),
         }
-    return table
+
+    return fits.over("Table V", METHODS, row)
 
 
 def _mean(model: JointCorrector, log: CalibrationLog) -> list[float]:
