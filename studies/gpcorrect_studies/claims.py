@@ -171,8 +171,9 @@ class Compared:
             return ""
         if not self.ablated:
             return "no ablation in a run of this size" if self.claim.tried else "reason not known"
-        tried = ", ".join(f"{self._outcome(one)} {one.without}: {one.ours:.3g}" for one in self.ablated)
-        return tried if self.found else f"reason not known, {tried}"
+        found_first = sorted(self.ablated, key=lambda one: self._outcome(one) == STAYS)
+        tried = "; ".join(f"{self._outcome(one)} {one.without}: {one.ours:.3g}" for one in found_first)
+        return tried if self.found else f"reason not known; {tried}"
 
     def _outcome(self, one: Ablated) -> str:
         """Say whether the claim, or at least its order, came back."""
