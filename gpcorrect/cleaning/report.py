@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from gpcorrect.cleaning.settings import CleaningSettings
 from gpcorrect.rigid import RigidModel
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
-from gpcorrect.velocity import segment_labels
 
 ReasonArray = NDArray[np.str_]
 
@@ -207,16 +206,6 @@ class CleaningReport:
         """Rejected samples by reason, only reasons that occur, in the order of :class:`Reason`."""
         found = {reason.value: int(np.count_nonzero(self.reason == reason.value)) for reason in Reason}
         return {code: count for code, count in found.items() if count}
-
-    def segment_labels(self, max_gap: float | None = None) -> IntArray:
-        """Return unbroken runs (n,) of kept samples, -1 where rejected: velocities are computed inside them only.
-
-        Parameters
-        ----------
-        max_gap : float, optional
-            See :func:`gpcorrect.velocity.segment_labels`.
-        """
-        return segment_labels(self.time, self.trajectory, self.keep, max_gap)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the summary as JSON-able values; the samples are in :meth:`to_table`."""

@@ -23,6 +23,7 @@ from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.velocity import segment_labels
 
 WORLD = World(reaches=16)
 
@@ -116,7 +117,7 @@ def test_no_hand_keeps_a_missing_number(log: CalibrationLog) -> None:
 def test_no_velocity_crosses_a_rejected_sample(fitted: tuple[FittedCleaner, CleaningReport, CalibrationLog]) -> None:
     """Two samples share a label only where all between them are kept and of one trajectory."""
     _, report, dirty = fitted
-    labels = report.segment_labels()
+    labels = segment_labels(report.time, report.trajectory, report.keep)
     np.testing.assert_array_equal(labels == -1, ~report.keep)
     for label in np.unique(labels[labels >= 0]):
         rows = np.flatnonzero(labels == label)

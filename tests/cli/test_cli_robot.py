@@ -16,6 +16,53 @@ from gpcorrect.logs import read_log
 from gpcorrect_service.crtk import Bus, BusSettings
 from gpcorrect_studies.debridement import command
 
+# Tests that need no arm of this module come first: it takes half a core from its first test to the last.
+
+
+def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
+    assert_refused(gpcorrect("debride", "--mode", "half"), "full or endpoints")
+    assert_refused(gpcorrect("debride", "--picture", tmp_path / "p.png"), "--report instead of --picture")
+    assert_refused(gpcorrect("monitor", "--host", "0.0.0.0"), "other machines")
+    assert_refused(gpcorrect("sim", "serve", "--rate", "5000"), "1000 Hz")
+    assert_refused(gpcorrect("sim", "serve", "--endpoint", "tcp/0.0.0.0:7448"), "other machines")
+    assert_refused(gpcorrect("sim", "serve", "--ros-distro", "humble"), "--ros-domain")
+    assert_refused(gpcorrect("sim", "serve", "--ros-domain", 0, "--ros-distro", "foxy"), "humble, jazzy or rolling")
+    assert_refused(gpcorrect("robot", "extract", "no.csv", "-o", tmp_path / "x.csv"), "no.csv")
+
+
+@pytest.mark.slow
+def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
+    """The correction that another process serves makes the open loop work, which without it removes nothing."""
+    monkeypatch.setattr(command, "INDUCING", 100)
+    monkeypatch.setattr(command, "SEARCH", 100)
+    done = gpcorrect(
+        "debride", "--arms", 1, "--fragments", 2, "--sets", 1, "--rehearsals", 12, "--margin", 0.01,
+        "--models", tmp_path, "--report", tmp_path / "task.html", "--json",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    looking, knowing, blind, unsure = json.loads(done.out)["conditions"]
+    assert (knowing["looks"], blind["looks"]) == (0, 0)
+    assert unsure["looks"] > 0  # no correction is sure to 0.01 mm
+    assert knowing["success_rate"] >= 0.5
+    assert blind["success_rate"] == 0.0
+    assert knowing["seconds_per_fragment"] < looking["seconds_per_fragment"]
+    assert json.loads(done.out)["served"][0].startswith("arm1, SHA-256 ")
+    assert (tmp_path / "arm1.gpc").exists()
+    assert "times faster with correction" in (tmp_path / "task.html").read_text()
+
+
+def test_a_calibration_from_end_to_end(gpcorrect, tmp_path):
+    """Zig-zags are driven, recorded and learned from: errors on a random run are smaller than the raw ones."""
+    done = gpcorrect(
+        "collect", "zigzag", "--direction", "J1-J2-J3", "--sparsity", 1, "--test", 20, "--method", "linear",
+        "--time-scale", 40, "--output", tmp_path, "--json",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    errors = done.json["errors"]
+    assert all(c["rmse"] < r["rmse"] for c, r in zip(errors["corrected"], errors["raw"], strict=True))
+    assert read_log(tmp_path / "zigzags.csv").external_jp is not None
+    assert (tmp_path / "joints.gpc").exists()
+
 
 @pytest.fixture(scope="module")
 def arm():
@@ -91,50 +138,6 @@ def test_what_cannot_be_meant_is_refused(gpcorrect, arm, words, said):
     assert_refused(gpcorrect("robot", *words, "--endpoint", arm), said)
 
 
-def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
-    assert_refused(gpcorrect("debride", "--mode", "half"), "full or endpoints")
-    assert_refused(gpcorrect("debride", "--picture", tmp_path / "p.png"), "--report instead of --picture")
-    assert_refused(gpcorrect("monitor", "--host", "0.0.0.0"), "other machines")
-    assert_refused(gpcorrect("sim", "serve", "--rate", "5000"), "1000 Hz")
-    assert_refused(gpcorrect("sim", "serve", "--endpoint", "tcp/0.0.0.0:7448"), "other machines")
-    assert_refused(gpcorrect("sim", "serve", "--ros-distro", "humble"), "--ros-domain")
-    assert_refused(gpcorrect("sim", "serve", "--ros-domain", 0, "--ros-distro", "foxy"), "humble, jazzy or rolling")
-    assert_refused(gpcorrect("robot", "extract", "no.csv", "-o", tmp_path / "x.csv"), "no.csv")
-
-
-@pytest.mark.slow
-def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
-    """The correction that another process serves makes the open loop work, which without it removes nothing."""
-    monkeypatch.setattr(command, "INDUCING", 100)
-    done = gpcorrect(
-        "debride", "--arms", 1, "--fragments", 2, "--sets", 1, "--rehearsals", 12, "--margin", 0.01,
-        "--models", tmp_path, "--report", tmp_path / "task.html", "--json",
-    )  # fmt: skip
-    assert done.code == 0, done.err
-    looking, knowing, blind, unsure = json.loads(done.out)["conditions"]
-    assert (knowing["looks"], blind["looks"]) == (0, 0)
-    assert unsure["looks"] > 0  # no correction is sure to 0.01 mm
-    assert knowing["success_rate"] >= 0.5
-    assert blind["success_rate"] == 0.0
-    assert knowing["seconds_per_fragment"] < looking["seconds_per_fragment"]
-    assert json.loads(done.out)["served"][0].startswith("arm1, SHA-256 ")
-    assert (tmp_path / "arm1.gpc").exists()
-    assert "times faster with correction" in (tmp_path / "task.html").read_text()
-
-
-def test_a_calibration_from_end_to_end(gpcorrect, tmp_path):
-    """Zig-zags are driven, recorded and learned from: errors on a random run are smaller than the raw ones."""
-    done = gpcorrect(
-        "collect", "zigzag", "--direction", "J1-J2-J3", "--sparsity", 1, "--test", 20, "--method", "linear",
-        "--time-scale", 40, "--output", tmp_path, "--json",
-    )  # fmt: skip
-    assert done.code == 0, done.err
-    errors = done.json["errors"]
-    assert all(c["rmse"] < r["rmse"] for c, r in zip(errors["corrected"], errors["raw"], strict=True))
-    assert read_log(tmp_path / "zigzags.csv").external_jp is not None
-    assert (tmp_path / "joints.gpc").exists()
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP], ids=lambda number: number.name)
 def test_a_calibration_that_is_broken_off_leaves_its_recording(arm, tmp_path, number):
     """Ctrl-C or a closed terminal in the middle: what was driven until then is in the file."""
@@ -167,7 +170,7 @@ def test_a_killed_recorder_leaves_what_it_heard(gpcorrect, arm, tmp_path):
         recording.kill()
     assert not run.exists()
     assert_refused(gpcorrect("robot", "record", "-o", run, *at), "robot recover", "run.csv.unfinished")
-    assert gpcorrect("robot", "recover", left, "-o", run, "--json").json["samples"] > 50
+    assert gpcorrect("robot", "recover", left, "-o", run, "--json").json["samples"] > 20
     log = read_log(run)
     assert {"measured_jp", "setpoint_jp"} <= set(log.signals)
     assert left.exists()  # the user's to remove
