@@ -20,6 +20,7 @@ from gpcorrect.calibration.split import HoldOut, held_out
 from gpcorrect.calibration.task import Corrector, Measured
 from gpcorrect.cleaning import CleaningReport, Pair, require_segments
 from gpcorrect.errors import LogError
+from gpcorrect.logs.copies import LEAST, marks_of
 from gpcorrect.logs.sync import match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
@@ -181,6 +182,13 @@ def run_experiment(
     if not held.any():
         return Experiment(result, None, None, time.perf_counter() - start)
     measured = _measured(result, log, held, task.pair(log, settings))
+    both = np.intersect1d(marks_of(log.select(held)), marks_of(log.select(~held)), assume_unique=True)
+    if len(both) >= LEAST:
+        caution = (
+            "held-out trajectories hold samples that were learned from too: errors on them are those of a model that "
+            "knows the answers"
+        )
+        measured = replace(measured, first=(*measured.first, caution))
     step = replace(result.corrector.history[-1], held_out=measured.held_out())
     result = replace(result, corrector=replace(result.corrector, history=(step,)))
     return Experiment(result, log.select(held), measured, time.perf_counter() - start)

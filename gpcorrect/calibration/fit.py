@@ -20,6 +20,7 @@ from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import Corrector, Outcome
 from gpcorrect.cleaning import CleaningReport, Reason, fit_cleaner
 from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit
+from gpcorrect.logs.copies import Marks, marks_of, remembered
 from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.types import CalibrationLog, Progress
 
@@ -108,6 +109,7 @@ def fit_model(
     settings, progress, start = settings or FitSettings(), progress or Progress(), time.perf_counter()
     learner_named(settings.method)
     pair = task.pair(log, settings)  # refused at once, before any work
+    marks = marks_of(log)  # as it came: a sensor that is shifted in time reads other numbers
     progress.step("clean", 0.0)
     # Many small factorisations: two BLAS pools on few cores fight each other and take ten times as long as one thread.
     with threadpool_limits(limits=1):
@@ -129,7 +131,7 @@ def fit_model(
         *_too_little(outcome.samples),
         *clocks.notes,
     ]
-    summary = _summary(log, outcome, clocks, cleaning, settings, remarks, time.perf_counter() - start)
+    summary = _summary(log, outcome, clocks, cleaning, settings, remarks, marks, time.perf_counter() - start)
     return FitResult(
         corrector=replace(outcome.corrector, summary=summary, history=(step_now("fit", log),)),
         log=log,
@@ -180,6 +182,7 @@ def _summary(
     cleaning: CleaningReport,
     settings: FitSettings,
     remarks: list[str],
+    marks: Marks,
     seconds: float,
 ) -> dict[str, Any]:
     """Collect the description that the model file holds."""
@@ -194,6 +197,7 @@ def _summary(
             "sha256": log.digest,
             "recordings": list(log.recordings),
             "contents": list(log.contents),
+            "marks": remembered(marks),
         },
         "fit": {
             "n_train": len(outcome.samples.rows),

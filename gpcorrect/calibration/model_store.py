@@ -1,7 +1,7 @@
 """A folder of models: which there are, which one is active, which were before; it survives a kill at any moment.
 
     models/<SHA-256>.gpc    the files, named after what they hold: never written twice, never changed
-    store.json              names, order of arrival, active model and history of each kind
+    store.json              names, order of arrival, active model and history of each kind; whether it is paused
 
 A file enters under another name, is synced and renamed; `store.json` is replaced in one rename. So a reader finds the
 state of before or of after, whatever happens between, and a file that no state names is only a leftover.
@@ -49,6 +49,7 @@ class Entry:
 class _State:
     models: tuple[Entry, ...] = ()
     history: dict[str, tuple[str, ...]] = field(default_factory=dict)  # by kind: hashes, the active one last
+    paused: bool = False
 
 
 class ModelStore:
@@ -95,6 +96,27 @@ class ModelStore:
         state = self._read()
         by_hash = {entry.hash: entry for entry in state.models}
         return tuple(by_hash[hash_] for hash_ in state.history.get(kind, ()))
+
+    @property
+    def paused(self) -> bool:
+        """Whether an operator has paused the arm: its servers refuse corrections, those too that start later."""
+        return self._read().paused
+
+    def pause(self, *, paused: bool) -> None:
+        """Note that the arm is paused, or goes on.
+
+        Parameters
+        ----------
+        paused : bool
+
+        Raises
+        ------
+        GpCorrectError
+            The store cannot be written.
+        """
+        with self._locked() as state:
+            if state.paused != paused:
+                self._write(replace(state, paused=paused))
 
     def path(self, entry: Entry) -> Path:
         """Return the file of a model.
@@ -280,7 +302,11 @@ class ModelStore:
                     hint="It was written by a newer gpcorrect: upgrade.",
                 )
             models = tuple(Entry(**entry) for entry in stored["models"])
-            state = _State(models, {kind: tuple(hashes) for kind, hashes in stored["history"].items()})
+            state = _State(
+                models,
+                {kind: tuple(hashes) for kind, hashes in stored["history"].items()},
+                stored.get("paused", False),
+            )
             _check_state(state)
             return state
         except (KeyError, TypeError, AttributeError, ValueError) as error:
@@ -290,7 +316,8 @@ class ModelStore:
             raise DataError(f"{path} is not the state of a model store ({error}).", hint=hint) from error
 
     def _write(self, state: _State) -> None:
-        stored = {"schema": SCHEMA, "models": [asdict(entry) for entry in state.models], "history": state.history}
+        models = [asdict(entry) for entry in state.models]
+        stored = {"schema": SCHEMA, "models": models, "history": state.history, "paused": state.paused}
         target = self.folder / "store.json"
         with _writing(target):
             write_file(target, json.dumps(stored, indent=2))
@@ -328,6 +355,8 @@ def _check_state(state: _State) -> None:
         if not texts or entry.kind not in TASKS or not isinstance(entry.added, int | float):
             raise ValueError(f"what it says of model {entry.id!r} is not what a store writes")
         tasks[entry.hash] = entry.kind
+    if not isinstance(state.paused, bool):
+        raise ValueError("it does not say whether the arm is paused")
     for kind, hashes in state.history.items():
         if any(tasks.get(hash_) != kind for hash_ in hashes):
             raise ValueError(f"its history of {kind!r} names a model that is not there")

@@ -7,6 +7,7 @@ from typing import Any
 
 from gpcorrect.codec import unpack
 from gpcorrect.errors import DataError
+from gpcorrect.logs.copies import recalled
 
 Three = tuple[float, float, float]
 PARTS: dict[str, Any] = {
@@ -25,7 +26,7 @@ OPTIONAL: dict[str, Any] = {
     "training_region": {"position_min": Three, "position_max": Three},
 }
 """That are written of some tasks."""
-KNOWN = {"contents": Sequence[str]}
+KNOWN = {"contents": Sequence[str], "marks": str}
 """Of data and updates, in models of this version."""
 UPDATE: dict[str, Any] = {"source": str, "sha256": str, "recordings": Sequence[str], "n_added": int, "keep": float}
 """Of each of the `updates`, where there are any."""
@@ -55,6 +56,7 @@ def check_summary(summary: Mapping[str, Any]) -> None:
         _check(UPDATE, update, "one of its updates")
     for entry in (summary["data"], *updates):
         _check({name: part for name, part in KNOWN.items() if name in entry}, entry, "what it says of its data")
+        recalled(entry.get("marks", ""))
 
 
 def _check(parts: Mapping[str, Any], found: Any, where: str) -> None:

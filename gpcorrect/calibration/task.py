@@ -7,7 +7,7 @@ answer. Cleaning, clocks, splits, learners, regions, bounds, intervals, streams 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
@@ -22,6 +22,7 @@ from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, fit_cleaner
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import LeftOut
+from gpcorrect.logs.copies import LEAST, marks_of, recalled
 from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
@@ -390,11 +391,22 @@ class Corrector(ABC):
         # A file by its bytes, as models of before know it, or by what it holds.
         again = max(sum(digest in known for digest in part) for part in (log.recordings, log.contents))
         if not again:
-            return ""
+            return self._caution_part(log, learned)
         what = "this recording" if len(log.recordings) == 1 else f"{again} of these {len(log.recordings)} recordings"
         return (
             f"the model was made from {what}: errors on it are those of a model that knows the answers, and say "
             "nothing of new motion"
+        )
+
+    def _caution_part(self, log: CalibrationLog, learned: Sequence[Mapping[str, Any]]) -> str:
+        """Say where a log holds some of what was learned from: a part, a whole, or both in another file."""
+        own = marks_of(log)
+        found = sum(len(np.intersect1d(own, recalled(entry.get("marks", "")))) for entry in learned)
+        if found < LEAST:
+            return ""
+        return (
+            "the model was made from samples that are in this recording: errors on them are those of a model that "
+            "knows the answers, and say nothing of new motion"
         )
 
     def info(self) -> dict[str, Any]:

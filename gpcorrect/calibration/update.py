@@ -29,6 +29,7 @@ from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import IntervalCalibration, LeftOut, Predictor, Statistics
 from gpcorrect.gpr.statistics import statistics_of, updated
+from gpcorrect.logs.copies import marks_of, remembered
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
 
 KEEPS = (1.0, 0.5, 0.2, 0.05)  # weights of the old data to choose from; chosen by hand
@@ -120,7 +121,7 @@ def update_model(
             changed = replace(corrector, law=changed.law, route=route)
     n = len(samples.rows)
     known = {"sha256": log.digest, "recordings": list(log.recordings), "contents": list(log.contents)}
-    entry = {"source": log.name, **known, "n_added": n, "keep": weight}
+    entry = {"source": log.name, **known, "marks": remembered(marks_of(train)), "n_added": n, "keep": weight}
     summary = {**corrector.summary, "updates": [*corrector.summary.get("updates", []), entry]}
     path = corrector.query_path(train)
     moved = TrainingMotion.of(path, train.time, train.trajectory, keep, joints=False, static=True)

@@ -168,10 +168,13 @@ def state(
     with _operator(place) as operator:
         answers = operator.set_state(state)  # type: ignore[arg-type]  # checked above
     if json:
-        print_json([{"replica": answer.replica, "state": answer.state} for answer in answers])
+        print_json([{"replica": a.replica, "state": a.state, "stays": a.stays} for a in answers])
         return
     for answer in answers:
-        out.print(f"{answer.replica}: {answer.state}")
+        until = (
+            "" if answer.stays or state == "ENABLED" else " until it is started again: it has no store to remember it"
+        )
+        out.print(f"{answer.replica}: {answer.state}{until}")
 
 
 def _operator(place: Place | ServicePlace) -> Operator:

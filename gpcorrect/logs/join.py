@@ -5,17 +5,20 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from itertools import combinations
 from typing import Any, Literal, cast
 
 import numpy as np
 
 from gpcorrect.errors import LogError
+from gpcorrect.logs.copies import LEAST, marks_of
 from gpcorrect.logs.streams import Stream, interpolate
 from gpcorrect.logs.sync import TimeOffset, stream_offset
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
 SAME_MACHINE = ("robot", "arm", "joint_types")
 
+IN_BOTH = 0.05  # of the stretches of the shorter of two recordings, from which they hold the same samples
 SAME_MOTION = 0.9  # of the spread that one motion must explain of the other
 IN_COMMON = 0.5  # of the shorter recording: both are of one session
 REFERENCES = ("measured_cp", "setpoint_cp")  # what the robot reports comes first: a servo's lag is then left to be seen
@@ -78,6 +81,15 @@ def _refuse_twice(logs: Sequence[CalibrationLog]) -> None:
                     hint="Give each recording once.",
                 )
             first[digest] = log.name
+    marks = [marks_of(log) for log in logs]
+    for (one, some), (other, others) in combinations(zip(logs, marks, strict=True), 2):
+        count = len(np.intersect1d(some, others, assume_unique=True))
+        if count >= max(LEAST, IN_BOTH * min(len(some), len(others))):
+            raise LogError(
+                f"{other.name} holds samples that {one.name} holds too ({count} stretches of its outside sensor): "
+                "some would be held out, and measured on as if they were new.",
+                hint="Give each motion once.",
+            )
 
 
 def _renumbered(numbers: Sequence[IntArray]) -> IntArray:

@@ -27,6 +27,7 @@ ROBOT_TOPICS = {
     "measured_js": JOINT_TYPES,
     "external_js": JOINT_TYPES,
 }
+COMMANDED = {"setpoint_cp", "setpoint_js", "measured_js"}  # by which a robot is told from a tracker
 TRACKER_WORDS = (
     "track",
     "marker",
@@ -173,10 +174,14 @@ def _tracker(types: Mapping[str, str], options: BagOptions) -> tuple[str, list[s
     if stated is not None:
         return (_stated(types, "tracker_cp", stated) if stated else ""), []
     taken = {slashed(element_of(topic)[0]) for topic in options.topics.values()}
+    others = _other_robots(types, options.namespace)
     free = [
         topic
         for topic, kind in types.items()
-        if kind in POSE_TYPES and slashed(topic) not in taken and _may_track(topic, types)
+        if kind in POSE_TYPES
+        and slashed(topic) not in taken
+        and _may_track(topic, types)
+        and not _within(topic, others)
     ]
     for named in (True, False):
         for kinds in (PLAIN, OTHER):
@@ -185,6 +190,18 @@ def _tracker(types: Mapping[str, str], options: BagOptions) -> tuple[str, list[s
                 topic = _only(found, "topic that may be the tracker")
                 return topic, [f"{topic} was taken for the tracker."]
     return "", []
+
+
+def _other_robots(types: Mapping[str, str], wanted: str | None) -> set[str]:
+    """Namespaces of robots that are not the one that is wanted: what is seen there is not seen of that one."""
+    if wanted is None:
+        return set()
+    robots = {space for space, topics in _robots(types, "").items() if topics.keys() & COMMANDED}
+    return {space for space in robots if not (_within(space, {slashed(wanted)}) or _within(wanted, {space}))}
+
+
+def _within(name: str, spaces: set[str]) -> bool:
+    return any(f"{slashed(name)}/".startswith(f"{space.rstrip('/')}/") for space in spaces)
 
 
 def _may_track(topic: str, types: Mapping[str, str]) -> bool:

@@ -14,7 +14,16 @@ from gpcorrect.logs.sync import TimeOffset
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 ORDER: tuple[Severity, ...] = ("error", "warning", "info")
-MISREAD = ("time_unit", "position_unit", "joint_unit", "mirrored", "orientation_inverted", "unrelated")
+MISREAD = (
+    "time_unit",
+    "position_unit",
+    "joint_unit",
+    "mirrored",
+    "orientation_inverted",
+    "unrelated",
+    "twice",
+    "exchanged",
+)
 POSES = ("setpoint_cp", "tracker_cp")
 
 
@@ -93,7 +102,7 @@ def refuse_misread(
     """Refuse a log that cannot be what it is taken for; return the other errors of :func:`validate_log`, to be said.
 
     Refused are errors after which a fit would still run, and report figures that mean nothing: milliseconds,
-    millimetres, a left-handed tracker frame, quaternions in another order, the tracker of another motion.
+    millimetres, a left-handed tracker frame, quaternions in another order, the tracker of another motion, copies.
 
     Parameters
     ----------

@@ -251,3 +251,14 @@ def test_a_missing_library_names_the_extra_that_brings_it(tmp_path: Path, monkey
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(MissingExtraError, match=r"rosbags, which is not installed.*gpcorrect\[ros\]"):
         rosbag.read(bag, ReadSettings())
+
+
+def test_what_was_seen_of_another_arm_is_not_taken_for_this_one(tmp_path: Path):
+    """Each arm's own tracker is chosen with the arm; that of the other arm alone is none."""
+    both = robot("/PSM1") + robot("/PSM2")
+    seen = write_bag(tmp_path / "other", both + poses(pose_stamped, "/PSM2/tracker_cp"), "bag")
+    assert read_log(seen, namespace="/PSM2").tracker_cp is not None
+    assert read_log(seen, namespace="/PSM1").tracker_cp is None
+    two = both + poses(pose_stamped, "/PSM1/tracker_cp") + poses(pose_stamped, "/PSM2/tracker_cp", 1)
+    log = read_log(write_bag(tmp_path / "two", two, "bag"), namespace="/PSM1")
+    assert log.remarks == ("/PSM1/tracker_cp was taken for the tracker.",)

@@ -12,8 +12,11 @@ from validate_support import clean_log
 from gpcorrect.calibration import FitSettings, JointCorrector, evaluate_model, fit_model, run_experiment
 from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import LogError
-from gpcorrect.logs import read_log, write_log
+from gpcorrect.logs import join_logs, read_log, refuse_misread, validate_log, write_log
+from gpcorrect.sim import debridement_log
 from gpcorrect.types import PoseSignal
+
+QUICK = FitSettings(method="offset", time_offset="none", clean=False)
 
 
 @pytest.fixture
@@ -51,6 +54,55 @@ def test_a_copy_in_another_format_is_the_same_recording(recordings: list[Path], 
     settings = FitSettings(method="offset", time_offset="none", clean=False)
     corrector = fit_model(read_logs([monday]), settings, task=JointCorrector).corrector
     assert "was made from" in evaluate_model(corrector, read_logs([copy])).cautions[0]
+
+
+@pytest.mark.parametrize("kind", ["a part", "both in one", "fewer columns"])
+def test_a_recording_that_holds_samples_of_another_is_refused(
+    recordings: list[Path], tmp_path: Path, kind: str
+) -> None:
+    """Cut out, put together or with fewer signals: refused beside it, and said of a model that learned from it."""
+    monday, tuesday, _ = recordings
+    log, other = read_log(monday), tmp_path / "other.csv"
+    if kind == "both in one":
+        log = join_logs([log, read_log(tuesday)])
+    write_log(log.select(log.trajectory > 0) if kind == "a part" else replace(log, setpoint_jp=None), other)
+    with pytest.raises(LogError, match="holds samples that"):
+        read_logs([monday, other])
+    corrector = fit_model(read_logs([monday]), QUICK, task=JointCorrector).corrector
+    assert "was made from samples" in evaluate_model(corrector, read_logs([other])).cautions[0]
+
+
+def test_trajectories_that_come_twice_are_refused(tmp_path: Path) -> None:
+    """One motion under two numbers would be learned from, and held out as if it were new."""
+    log, file = clean_log(), tmp_path / "twice.csv"
+    rows = np.tile(np.arange(len(log)), 2)
+    later = np.arange(len(rows)) >= len(log)
+    doubled = log.select(rows)
+    doubled = replace(doubled, trajectory=doubled.trajectory + 9 * later, time=doubled.time + 1e4 * later, name="")
+    write_log(doubled, file)
+    with pytest.raises(LogError, match="samples of another one"):
+        read_logs([file])
+    experiment = run_experiment(doubled, QUICK, task=JointCorrector)
+    assert experiment.evaluation is not None
+    assert any("learned from too" in caution for caution in experiment.evaluation.cautions)
+
+
+def test_an_arm_that_rests_where_it_rested_before_is_no_copy(tmp_path: Path) -> None:
+    """A sensor of few digits reads the same at rest; only what moves tells one recording from another."""
+    log = clean_log()
+    assert log.tracker_cp is not None
+    step, resting = 1e-4, (np.arange(len(log)) % 50) < 25
+    coarse = np.round(np.where(resting[:, None], log.tracker_cp.position[:1], log.tracker_cp.position) / step) * step
+    assert not validate_log(replace(log, tracker_cp=PoseSignal(coarse)), ["twice"]).findings
+
+
+def test_a_robot_that_moves_before_it_is_told_to_is_refused() -> None:
+    """Commands and reports that were exchanged would be learned from as each other."""
+    log = debridement_log(1, reaches=4, faults=False)
+    assert not validate_log(log, ["exchanged"]).findings
+    swapped = replace(log, setpoint_cp=log.measured_cp, measured_cp=log.setpoint_cp)
+    with pytest.raises(LogError, match="no robot moves before"):
+        refuse_misread(swapped)
 
 
 def test_measuring_on_the_training_is_said(recordings: list[Path]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -129,6 +131,37 @@ def test_a_paused_server_refuses_and_goes_on(server: ServerProcess, operator: Op
         operator.set_state("ENABLED")
         assert client.correct([0.0, 0.0, -0.1, 1.0, 0.0, 0.0, 0.0]).fallback == ""
         assert 'gpcorrect_state{state="ENABLED"} 1.0' in client.metrics()
+
+
+def test_a_pause_outlives_the_server(tmp_path: Path, model_files: tuple[Path, Path]) -> None:
+    """Who starts from the store of a paused arm, or has run on it all the time, refuses too, until it goes on."""
+    folder = ModelStore(tmp_path / "store")
+    folder.activate(folder.add(model_files[0], now=0.0))
+    with store_process(folder.folder) as one, store_process(folder.folder) as other:
+        with Operator(ClientSettings((one.endpoint,), connect_timeout=PATIENT), patience=PATIENT) as of_one:
+            assert of_one.set_state("PAUSED")[0].stays
+        with other.client() as client:
+            wait_for(lambda: client.health().state == "PAUSED")
+    with store_process(folder.folder) as again, again.client() as client:
+        with pytest.raises(ServiceError, match="PAUSED"):
+            client.correct([0.0, 0.0, -0.1, 1.0, 0.0, 0.0, 0.0])
+        folder.pause(paused=False)
+        wait_for(lambda: client.health().state == "ENABLED")
+
+
+def test_a_server_that_does_not_answer_the_operator_is_named(tmp_path: Path, model_files: tuple[Path, Path]) -> None:
+    """A hung server lives, and goes on as before when it wakes: whoever paused it must hear of it."""
+    folder = ModelStore(tmp_path / "store")
+    folder.activate(folder.add(model_files[0], now=0.0))
+    with store_process(folder.folder, replica="well") as one, store_process(folder.folder, replica="hung") as other:
+        settings = ClientSettings((one.endpoint, other.endpoint), connect_timeout=PATIENT)
+        with Operator(settings, patience=2.0) as both:
+            wait_for(lambda: len(both.models()) == 2)
+            other.process.pid and os.kill(other.process.pid, signal.SIGSTOP)
+            with pytest.raises(ServiceError, match="hung did not answer") as caught:
+                both.set_state("PAUSED")
+            other.process.pid and os.kill(other.process.pid, signal.SIGCONT)
+    assert "well answered" in str(caught.value)
 
 
 def test_servers_that_differ_afterwards_are_named(tmp_path: Path, model_files: tuple[Path, Path]) -> None:

@@ -15,6 +15,7 @@ from service_support import endpoint_of, free_port
 
 from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect_service import ClientSettings, CorrectionClient, EndpointError, ServerSettings
+from gpcorrect_service.crtk import BusSettings, in_namespace
 from gpcorrect_service.protocol.sessions import client_config, read_config, server_config
 from gpcorrect_service.server.service import Server
 
@@ -113,6 +114,22 @@ def test_config_file_namespace_wins_and_address_is_checked(tmp_path: Path) -> No
         server_config(ServerSettings(config_file=path))
     config = server_config(ServerSettings(config_file=path, allow_remote=True))
     assert json.loads(config.get_json("namespace")) == "lab2"
+
+
+def test_two_places_at_once_are_refused(tmp_path: Path) -> None:
+    """An address, or a namespace, beside a configuration that names another would be passed over without a word."""
+    path, other = tmp_path / "mine.json5", "tcp/127.0.0.1:9999"
+    path.write_text('{mode: "client", namespace: "lab2"}')
+    for asked in (
+        lambda: ServerSettings(endpoint=other, config_file=path),
+        lambda: ClientSettings((other,), config_file=path),
+        lambda: BusSettings(other, config_file=path),
+        lambda: client_config(ClientSettings(namespace="lab1", config_file=path)),
+        lambda: in_namespace(BusSettings(namespace="lab1", config_file=path)),
+    ):
+        with pytest.raises(DataError, match=r"both say where|of namespace 'lab2'"):
+            asked()
+    assert in_namespace(BusSettings(namespace="lab2", config_file=path)).namespace == "lab2"
 
 
 def test_a_unix_socket_stays_at_home(tmp_path: Path) -> None:

@@ -35,6 +35,7 @@ from gpcorrect_service.client.connection import Querier
 from gpcorrect_service.client.requests import Question
 from gpcorrect_service.ops.doctor import examine
 from gpcorrect_service.ops.router import route
+from gpcorrect_service.protocol.bounds import CorrectionBound
 
 ROUTED = Path(__file__).resolve().parents[2] / "service" / "deploy" / "router"
 
@@ -164,6 +165,25 @@ def test_a_stream_stays_with_its_model() -> None:
         assert refused.value.status == "OTHER_MODEL"
         client.change_model()
         assert answering_pid(client) == left.process.pid
+
+
+def test_a_stream_stays_within_its_bounds() -> None:
+    """A replica of the same model that an operator bounds otherwise takes no turns either: its commands differ too."""
+    bound = CorrectionBound(position=1e-3)
+    with (
+        server_process(bound=bound) as one,
+        server_process(strict=True) as other,
+        CorrectionClient((one.endpoint, other.endpoint), timeout=1.0, connect_timeout=PATIENT) as client,
+    ):
+        held = client.correct(POSE).meta.bounds
+        assert held in ("1 mm", "strict")
+        assert {client.correct(POSE).meta.bounds for _ in range(20)} == {held}
+        hung = one if held == "1 mm" else other
+        assert hung.process.pid is not None
+        os.kill(hung.process.pid, signal.SIGSTOP)
+        with pytest.raises(ServiceError, match=f"held to answers within {held}") as refused:
+            client.correct(POSE)
+        assert refused.value.status == "OTHER_MODEL"
 
 
 def test_the_doctor_says_when_models_differ() -> None:

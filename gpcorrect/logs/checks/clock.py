@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, extent
 from gpcorrect.logs.streams import GAP_STEPS
-from gpcorrect.logs.sync import TimeOffset
+from gpcorrect.logs.sync import TimeOffset, log_offset
 
 MAX_JITTER = 0.25  # of the median step, between the 5th and 95th percentile: real clocks stay well below
 LONGEST_STEP = 600.0  # s; no one records a motion at a sample in ten minutes
@@ -21,7 +21,9 @@ BUSY = 90.0  # per cent of speeds below the one that is looked at: up to a tenth
 MIN_TRAVEL = 5e-3  # m or rad; below it speeds are not looked at
 JOINTS = ("setpoint_jp", "measured_jp", "external_jp")
 SHORT = 10  # samples of a trajectory; a five-point derivative then rests on one-sided ends
+SERVO = (("measured_cp", "setpoint_cp"), ("measured_jp", "setpoint_jp"))
 SAME_CLOCK = ("measured_cp", "measured_jp")  # stamped by the robot, as its commands are
+AHEAD = 5e-3  # s: more than cycles of a controller and rounding of stamps; 24 simulated and real logs lag by 0 to 47 ms
 MAX_OFFSET = 1.0  # median steps; a larger offset moves a sample to its neighbour's place
 
 
@@ -158,3 +160,16 @@ def _offset(offset: TimeOffset, step: float) -> Finding:
     severity: Severity = "warning" if abs(offset.offset) > MAX_OFFSET * step else "info"
     hint = "Align it if this is the clocks; a lag of the robot or backlash looks the same from motion alone."
     return Finding(severity, "time_offset", offset.observed, f"{what}.", hint)
+
+
+@check
+def _exchanged(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether the robot moves after it is told to, and not before: then the two signals are exchanged."""
+    for observed, reference in SERVO:
+        if evidence.log.static or not (evidence.has(observed) and evidence.has(reference)):
+            continue
+        known = (o for o in evidence.offsets if (o.observed, o.reference) == (observed, reference))
+        offset = next(known, None) or log_offset(evidence.log, observed, reference)
+        if offset.observable and offset.ci95[1] < -AHEAD:
+            what = f"it comes {1e3 * -offset.offset:.1f} ms after {observed}, and no robot moves before it is told to."
+            yield Finding("error", "exchanged", reference, what, "Are the columns, or topics, of the two exchanged?")

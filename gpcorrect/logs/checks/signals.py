@@ -7,13 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, runs
+from gpcorrect.logs.copies import OUTSIDE, stretches
 from gpcorrect.logs.mocap.tool import RIGIDITY, typical_misfit
 from gpcorrect.logs.sync import REFERENCES
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 MANY_MISSING = 0.1  # of the samples: more than an occlusion now and then
+MOSTLY = 0.5  # of a trajectory, from which it is a copy of others
 COPIED = 0.99  # of the samples equal to the last bit: two sensors never agree so well
-OUTSIDE = ("tracker_cp", "external_jp")
 FROZEN_SAMPLES = 5  # repeats in a row; noise alone makes a living sensor differ sooner
 MOVED_POSE = 1e-3  # m that the reference must have moved meanwhile: five times a good tracker's noise
 MOVED_JOINT = np.deg2rad(1.0)  # rad, and m times ten
@@ -84,6 +85,22 @@ def _loopback(evidence: Evidence) -> Iterator[Finding]:
             severity: Severity = "error" if name in OUTSIDE else "warning"
             what = f"it is a copy of {source} in {same.mean():.1%} of the samples: nothing was measured."
             yield Finding(severity, "loopback", name, what, "", int(same.sum()))
+
+
+@check
+def _twice(evidence: Evidence) -> Iterator[Finding]:
+    """Find trajectories that hold the samples of another one: copied, or recorded once and written twice."""
+    log = evidence.log
+    for name in (n for n in OUTSIDE if evidence.has(n)):
+        rows, marks = stretches(log, name)
+        _, place, counts = np.unique(marks, return_inverse=True, return_counts=True)
+        numbers, own = np.unique(log.trajectory[rows], return_inverse=True)
+        share = np.bincount(own, counts[place] > 1, len(numbers)) / np.maximum(np.bincount(own), 1)
+        copies = numbers[share > MOSTLY]
+        if copies.size:
+            what = f"in {copies.size} of {len(log.trajectory_ids)} trajectories it has the samples of another one."
+            hint = "Leave the copies out: errors on them are those of a model that knows the answers."
+            yield Finding("error", "twice", name, what, hint, copies.size, copies)
 
 
 @check

@@ -12,6 +12,7 @@ import zenoh
 from gpcorrect_service.client.connection import POLL_SECONDS, matched
 from gpcorrect_service.client.requests import RequestBuilder, no_service
 from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.live import LIVE_KEYS
 from gpcorrect_service.protocol.messages import (
     ActivateAnswer,
     ActivateRequest,
@@ -78,7 +79,8 @@ class Operator:
         Raises
         ------
         ServiceError
-            As :meth:`models`; OTHER_MODEL: its name means different models in the stores of different servers.
+            As :meth:`models`; NO_SERVICE also where a server that lives did not answer; OTHER_MODEL: its name means
+            different models in the stores of different servers.
         """
         answers = self._ask("admin/activate", ActivateAnswer, ActivateRequest(model, back))
         if len({answer.hash for answer in answers}) > 1:
@@ -91,7 +93,7 @@ class Operator:
         return answers
 
     def set_state(self, state: Literal["ENABLED", "PAUSED"]) -> list[StateAnswer]:
-        """Pause every server, or let it go on; raises as :meth:`models`.
+        """Pause every server, or let it go on; raises as :meth:`activate`.
 
         Parameters
         ----------
@@ -100,7 +102,7 @@ class Operator:
         return self._ask("admin/state", StateAnswer, StateRequest(state))
 
     def _ask(self, kind: Kind, form: type[S], body: msgspec.Struct | None = None) -> list[S]:
-        """Return what every server answered; the first refusal is raised when all have answered."""
+        """Return what every server answered; the first refusal, or silence, is raised when all have answered."""
         require_own_process()
         question = self._build.plain(kind, form, body, self._patience)
         answers: list[S] = []
@@ -112,6 +114,7 @@ class Operator:
             timeout=self._patience,
         ) as querier:
             self._await_server(querier)
+            living = self._living()
             for reply in querier.get(
                 payload=question.payload, encoding=question.encoding, attachment=question.attachment
             ):
@@ -126,7 +129,20 @@ class Operator:
             raise ServiceError(first.status, cause, hint=first.hint, request_id=first.request_id)
         if not answers:
             raise no_service(settings=self._settings)
+        answered = {answer.replica for answer in answers}
+        if kind != "model/list" and (silent := sorted(living - answered)):
+            raise ServiceError(
+                "NO_SERVICE",
+                f"{', '.join(silent)} did not answer, and may go on as before when it does; "
+                f"{', '.join(sorted(answered))} answered.",
+                hint="Is that process stopped, or very busy? End it, or ask again.",
+            )
         return answers
+
+    def _living(self) -> set[str]:
+        """Return the names of the servers that show that they live."""
+        replies = self._session.liveliness().get(f"{self._settings.arm}/{LIVE_KEYS}", timeout=self._settings.timeout)
+        return {str(reply.ok.key_expr).split("/")[-3] for reply in replies if reply.ok is not None}
 
     def _await_server(self, querier: zenoh.Querier) -> None:
         until = time.monotonic() + self._settings.connect_timeout

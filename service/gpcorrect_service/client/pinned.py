@@ -1,4 +1,4 @@
-"""The model that a stream of questions is held to, and its registration, for when nobody answers."""
+"""The model and bounds that a stream of questions is held to, and the registration, for when nobody answers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ASK_AGAIN = 10.0  # s, chosen by hand: between questions for a registration that
 
 
 class PinnedModels:
-    """Holds a client to the model that answered it first: commands of two models lie millimetres apart.
+    """Holds a client to the model that answered it first, and to its operator's bounds: others lie millimetres apart.
 
     Poses and joints have a model each. Safe to use from several threads.
 
@@ -47,6 +47,7 @@ class PinnedModels:
         """
         self._required = model_hash
         self._hashes: dict[str, str] = {}
+        self._bounds: dict[str, str] = {}
 
     def check(self, kind: Kind, meta: ReplyMeta) -> None:
         """Refuse the answer of another model.
@@ -76,6 +77,15 @@ class PinnedModels:
                 hint="Bring the robot to rest and call change_model(), or let all servers have the same model: "
                 "gpcorrect models activate",
             )
+        bounds = self._bounds.setdefault(task, meta.bounds)
+        if bounds != meta.bounds:
+            raise ServiceError(
+                "OTHER_MODEL",
+                f"this stream is held to answers within {bounds or 'no bounds'}, and {meta.replica} answers within "
+                f"{meta.bounds or 'none'}.",
+                hint="Bring the robot to rest and call change_model(), or serve all replicas with the same --max-mm, "
+                "--max-deg and --strict.",
+            )
 
     @property
     def wants_registration(self) -> bool:
@@ -99,7 +109,8 @@ class PinnedModels:
         ServiceError
             OTHER_MODEL: it is not the one that answers this stream.
         """
-        self.check("correct", ReplyMeta("", answer.id, answer.hash, answer.replica))
+        bounds = self._bounds.get("pose", "")
+        self.check("correct", ReplyMeta("", answer.id, answer.hash, answer.replica, bounds=bounds))
         from gpcorrect.rigid import RigidModel  # not above: most clients never need it
 
         known = None if answer.registration is None else RigidModel.from_dict(answer.registration)

@@ -21,11 +21,13 @@ from gpcorrect_service.protocol.codec import JSON, MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError, bad_input
 from gpcorrect_service.protocol.process import open_zenoh, require_valid
 from gpcorrect_service.protocol.rmw import DEFAULT_QOS, LATCHED_QOS, RmwNode, attachment, gid_of, rmw_key
-from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_config, read_config
-from gpcorrect_service.protocol.settings import RosDistro, check_loopback
+from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_config, namespace_of, read_config
+from gpcorrect_service.protocol.settings import DEFAULT_NAMESPACE, RosDistro, check_loopback, refuse_two_places
 
 CLAIM_SECONDS = 2.0  # chosen by hand: in which a router says who else there is; it answers at once
 RETRY = {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 2}
+
+DEFAULT_ROBOT = "tcp/127.0.0.1:7448"  # on this machine only
 
 
 @dataclass(frozen=True)
@@ -52,15 +54,18 @@ class BusSettings:
         A zenoh JSON5 configuration that replaces `endpoint`, of a client; its `namespace`, where given, wins.
     """
 
-    endpoint: str = "tcp/127.0.0.1:7448"
+    endpoint: str = DEFAULT_ROBOT
     arm: str = "arm1"
-    namespace: str = "gpcorrect"
+    namespace: str = DEFAULT_NAMESPACE
     role: Literal["hub", "client"] = "client"
     ros_domain: int | None = None
     ros_distro: RosDistro = "jazzy"
     allow_remote: bool = False
     patience: float = 5.0
     config_file: Path | None = None
+
+    def __post_init__(self) -> None:
+        refuse_two_places(self.config_file, given=self.endpoint != DEFAULT_ROBOT)
 
     @property
     def where(self) -> str:
@@ -366,8 +371,7 @@ def in_namespace(settings: BusSettings) -> BusSettings:
     """
     if settings.config_file is None:
         return settings
-    named = json.loads(read_config(settings.config_file).get_json("namespace"))
-    return settings if named is None else replace(settings, namespace=named)
+    return replace(settings, namespace=namespace_of(read_config(settings.config_file), settings.namespace))
 
 
 def _file_config(path: Path) -> zenoh.Config:

@@ -151,10 +151,11 @@ class StateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StateAnswer(msgspec.Struct, frozen=True):
-    """The state after the change."""
+    """The state after the change, and whether a server that is started again will know of it."""
 
     state: str
     replica: str
+    stays: bool = False
 
 
 class ErrorAnswer(msgspec.Struct, frozen=True):
@@ -192,6 +193,8 @@ class ReplyMeta(msgspec.Struct, frozen=True):
         When the server answered (its clock, s since 1970), and how long it worked, s; NaN in a fallback.
     schema_version : int
         Of the messages.
+    bounds : str
+        The operator's: what answers of the same model may differ by from server to server; empty for none.
     """
 
     request_id: str = ""
@@ -201,3 +204,4 @@ class ReplyMeta(msgspec.Struct, frozen=True):
     served_at: float = math.nan
     serving_seconds: float = math.nan
     schema_version: int = SCHEMA_VERSION
+    bounds: str = ""

@@ -7,6 +7,7 @@ import datetime
 import json
 import os
 import threading
+from collections.abc import Callable
 from weakref import WeakSet
 
 import zenoh
@@ -106,7 +107,7 @@ def require_valid(config: zenoh.Config) -> None:
         check_certificates(config, datetime.datetime.now(datetime.UTC))
 
 
-def wait_for(stop: threading.Event) -> None:
+def wait_for(stop: threading.Event, look: Callable[[], None] = lambda: None) -> None:
     """Wait in the main thread until an event is set, by a signal for one.
 
     The system may hand a signal to a thread of zenoh's; that wakes nobody, and Python runs the handler only when the
@@ -115,6 +116,8 @@ def wait_for(stop: threading.Event) -> None:
     Parameters
     ----------
     stop : threading.Event
+    look : callable, optional
+        Called every second meanwhile.
     """
     while not stop.wait(LOOK_UP):
-        pass
+        look()

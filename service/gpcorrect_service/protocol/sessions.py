@@ -11,7 +11,13 @@ import zenoh
 from gpcorrect.errors import DataError
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
 from gpcorrect_service.protocol.process import open_zenoh
-from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES, ClientSettings, ServerSettings, check_loopback
+from gpcorrect_service.protocol.settings import (
+    DEFAULT_NAMESPACE,
+    MAX_MESSAGE_BYTES,
+    ClientSettings,
+    ServerSettings,
+    check_loopback,
+)
 
 COMMON: dict[str, Any] = {
     "mode": "peer",
@@ -162,8 +168,31 @@ def read_config(path: Path) -> zenoh.Config:
 
 
 def _default_namespace(config: zenoh.Config, namespace: str) -> None:
-    if json.loads(config.get_json("namespace")) is None:
-        config.insert_json5("namespace", json.dumps(namespace))
+    config.insert_json5("namespace", json.dumps(namespace_of(config, namespace)))
+
+
+def namespace_of(config: zenoh.Config, given: str) -> str:
+    """Return the namespace that a configuration names, else the one that is given.
+
+    Parameters
+    ----------
+    config : zenoh.Config
+    given : str
+        By the user, or the default.
+
+    Raises
+    ------
+    DataError
+        Both name one, and another: whoever gave it means another robot than would move.
+    """
+    named = json.loads(config.get_json("namespace"))
+    if named is None:
+        return given
+    if given not in (named, DEFAULT_NAMESPACE):
+        raise DataError(
+            f"the configuration is of namespace {named!r}, not of {given!r}.", hint="Give the one or the other."
+        )
+    return str(named)
 
 
 def listen_endpoints(config: zenoh.Config) -> list[str]:

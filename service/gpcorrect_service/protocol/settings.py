@@ -15,6 +15,7 @@ from gpcorrect_service.protocol.errors import EndpointError
 from gpcorrect_service.protocol.messages import Kind
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7449"  # on this machine only; 7447 is that of ROS 2's router, rmw_zenohd
+DEFAULT_NAMESPACE = "gpcorrect"
 MAX_MESSAGE_BYTES = 4 * 1024 * 1024  # holds the longest path in JSON; what is larger is no query of ours
 
 OnFailure = Literal["raise", "identity"]
@@ -52,7 +53,7 @@ class ServerSettings:
     allow_remote : bool
         Whether an address other than loopback may be listened on.
     config_file : Path or None
-        A zenoh JSON5 configuration that replaces `endpoint`; its `namespace`, where given, wins.
+        A zenoh JSON5 configuration instead of `endpoint`; its `namespace`, where given, wins over the default.
     bound : CorrectionBound
         What no correction may exceed; the model's own bounds hold as well.
     max_rate : float
@@ -77,7 +78,7 @@ class ServerSettings:
 
     endpoint: str = DEFAULT_ENDPOINT
     arm: str = "arm1"
-    namespace: str = "gpcorrect"
+    namespace: str = DEFAULT_NAMESPACE
     workers: int = 1
     queue_capacity: int = 64
     drain_seconds: float = 1.5
@@ -95,6 +96,13 @@ class ServerSettings:
     ros_domain: int | None = None
     ros_distro: RosDistro = "jazzy"
 
+    @property
+    def bounds(self) -> str:
+        """The operator's bounds on single answers, in words; empty for none."""
+        most = ((1e3 * self.bound.position, "mm"), (math.degrees(self.bound.rotation), "deg"))
+        words = [f"{value:.6g} {unit}" for value, unit in most if math.isfinite(value)]
+        return ", ".join([*words, *(["strict"] if self.strict else [])])
+
     def __post_init__(self) -> None:
         _check_names(self.arm, self.namespace)
         for name in ("max_rate", "stream_max_age", "stream_rate"):
@@ -102,6 +110,7 @@ class ServerSettings:
         _at_least("workers", self.workers, 1)
         _at_least("queue_capacity", self.queue_capacity, 1)
         _at_least("drain_seconds", self.drain_seconds, 0)
+        refuse_two_places(self.config_file, given=self.endpoint != DEFAULT_ENDPOINT)
         if self.config_file is None:
             _parse_endpoint(self.endpoint)
             check_loopback(self.endpoint, allow_remote=self.allow_remote)
@@ -124,12 +133,12 @@ class ClientSettings:
     connect_timeout : float
         Seconds to wait for a server to appear, before the first query only.
     config_file : Path or None
-        A zenoh JSON5 configuration that replaces `endpoints` (through a router: mode "client").
+        A zenoh JSON5 configuration instead of `endpoints` (through a router: mode "client").
     """
 
     endpoints: tuple[str, ...] = (DEFAULT_ENDPOINT,)
     arm: str = "arm1"
-    namespace: str = "gpcorrect"
+    namespace: str = DEFAULT_NAMESPACE
     timeout: float = 0.5
     path_timeout: float = 10.0
     connect_timeout: float = 3.0
@@ -149,9 +158,28 @@ class ClientSettings:
         _check_names(self.arm, self.namespace)
         for name in ("timeout", "path_timeout", "connect_timeout"):
             _at_least(name, getattr(self, name), 0.001)
+        refuse_two_places(self.config_file, given=self.endpoints != (DEFAULT_ENDPOINT,))
         if self.config_file is None:
             for endpoint in self.endpoints:
                 _parse_endpoint(endpoint)
+
+
+def refuse_two_places(config_file: Path | None, *, given: bool) -> None:
+    """Refuse an address beside a configuration, which names one too: only one of them would be followed.
+
+    Parameters
+    ----------
+    config_file : Path or None
+    given : bool
+        Whether an address was given, other than the default.
+
+    Raises
+    ------
+    DataError
+        Both were.
+    """
+    if config_file is not None and given:
+        raise DataError(f"an address and {config_file} both say where to go.", hint="Give one of them.")
 
 
 def check_loopback(endpoint: str, *, allow_remote: bool) -> None:

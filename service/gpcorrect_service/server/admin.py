@@ -104,11 +104,18 @@ class Admin:
         return plain_response(parsed, "admin/activate", message)
 
     def _state(self, parsed: Parsed) -> Response:
-        """Pause, or go on."""
+        """Pause, or go on; where there is a store, whoever starts from it later does so too."""
         asked = parsed.codec.decode(StateRequest, parsed.request.payload)
-        self._active.pause(asked.state == "PAUSED")
+        paused, stays = asked.state == "PAUSED", self._store is not None
+        self._active.pause(paused)
+        if self._store is not None:
+            try:
+                self._store.pause(paused=paused)
+            except GpCorrectError as error:  # the disk is full: what was asked holds here and now all the same
+                stays = False
+                self._logger.error("state not stored", cause=error.message)
         self._logger.warning("state set", asked=asked.state, state=self._active.state)
-        return plain_response(parsed, "admin/state", StateAnswer(self._active.state, self._replica))
+        return plain_response(parsed, "admin/state", StateAnswer(self._active.state, self._replica, stays))
 
 
 class Health:

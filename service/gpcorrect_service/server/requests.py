@@ -74,12 +74,17 @@ class RequestParser:
     logger : Logger
         Where failures of the model are written.
     clock : Clock
+    bounds : str
+        The operator's, in words that the answers carry.
     """
 
-    def __init__(self, active: Active, *, arm: str, replica: str, logger: Logger, clock: Clock) -> None:
+    def __init__(
+        self, active: Active, *, arm: str, replica: str, logger: Logger, clock: Clock, bounds: str = ""
+    ) -> None:
         self.active = active
         self.arm = arm
         self.replica = replica
+        self._bounds = bounds
         self._logger = logger
         self._clock = clock
 
@@ -104,7 +109,7 @@ class RequestParser:
             Which one answered.
         """
         now, serving = self._clock.wall(), self._clock.monotonic() - parsed.started
-        return ReplyMeta(parsed.meta.request_id, model.id, model.hash, self.replica, now, serving)
+        return ReplyMeta(parsed.meta.request_id, model.id, model.hash, self.replica, now, serving, bounds=self._bounds)
 
     def _answer(self, kind: Kind, work: Work, request: Request) -> Response:
         started = self._clock.monotonic()

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -21,7 +21,7 @@ import zenoh
 from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration import ModelStore
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.ops.metrics_http import metrics_over_http
@@ -92,6 +92,7 @@ class Server:
         check_arm(self.settings.arm, model, joints)
         self.active = Active(model, joints)
         self._store = store
+        self._paused = False
         self._clock = clock or Clock()
         self._logger = logger or open_logger(arm=self.settings.arm, replica=self.settings.replica)
         self._counters = Counters()
@@ -125,11 +126,14 @@ class Server:
         EndpointError
             The address is taken or cannot be used.
         """
+        self.follow_store()
         with ExitStack() as stack:
             stack.enter_context(threadpool_limits(limits=1))
             session = stack.enter_context(open_server(self.settings))
             s, clock = self.settings, self._clock
-            parser = RequestParser(self.active, arm=s.arm, replica=s.replica, logger=self._logger, clock=clock)
+            parser = RequestParser(
+                self.active, arm=s.arm, replica=s.replica, logger=self._logger, clock=clock, bounds=s.bounds
+            )
             ros_session = None if s.ros_domain is None else stack.enter_context(open_ros(s))
             health = Health(parser, self._counters, self._queues, clock.monotonic)
             if s.metrics_port is not None:
@@ -138,6 +142,17 @@ class Server:
             self._declare(session, ros_session, parser, health)
             self._stack = stack.pop_all()
         self._logger.info("serving", endpoint=self.settings.endpoint, **self._identity())
+
+    def follow_store(self) -> None:
+        """Pause, or go on, where the store says so since the last look: while this server was down or hung, for one."""
+        if self._store is None:
+            return
+        with suppress(GpCorrectError):  # a store that cannot be read says nothing new
+            paused = self._store.paused
+            if paused != self._paused:
+                self._paused = paused
+                self.active.pause(paused)
+                self._logger.warning("state of the store", state=self.active.state)
 
     def stop(self) -> None:
         """Take no more queries, answer those that wait (at most `drain_seconds`), and close."""
@@ -320,7 +335,7 @@ def run(
     with _stop_signal(stop_event) as stop, Server(corrector, settings, joints=joints, store=store) as server:
         if on_ready is not None:
             on_ready(server)
-        wait_for(stop)
+        wait_for(stop, server.follow_store)
 
 
 @contextmanager
