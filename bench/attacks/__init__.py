@@ -19,4 +19,5 @@ GROUPS = (
     "histories",
     "reaching",
     "mixups",
+    "overlaps",
 )

@@ -1,25 +1,28 @@
-"""Servers of one arm that hold different models."""
+"""Servers of one arm that hold different models, are bounded otherwise, or do not hear that the arm is paused."""
 
 from __future__ import annotations
 
 import os
 import signal
 import time
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
-from service_bench import PATIENT
+from service_bench import PATIENT, free_endpoint
 
 from attacks.lab import Lab, Scenario, Seen
-from attacks.programs import ran, waited
+from attacks.programs import held, ran, waited
 from attacks.watching import page
-from gpcorrect.calibration import load
+from gpcorrect.calibration import ModelStore, load
 from gpcorrect.types import PoseSignal
-from gpcorrect_service import CorrectionClient, ServiceError
+from gpcorrect_service import ClientSettings, CorrectionClient, ServiceError
+from gpcorrect_service.client.operator import Operator
 
 RATE = 200.0  # Hz
 SECONDS = 6.0
 NEAR = 1e-9  # m
+LOOKS = 3.0  # s in which a server that wakes has looked into its store
 
 
 def mixed_stream(lab: Lab) -> Seen:
@@ -51,6 +54,58 @@ def mixed_stream(lab: Lab) -> Seen:
     switches = sum(one != other for one, other in pairwise(hashes))
     apart = 1e3 * float(np.linalg.norm(np.ptp(np.array(positions), axis=0)))
     return Seen(len(hashes), switches, f"commands up to {apart:.1f} mm apart, {refused} refused")
+
+
+def bounded_otherwise(lab: Lab) -> Seen:
+    """Ask two servers with one model for one stream, of which one has bounds, while the one that answered hangs."""
+    pose, mixed = load(lab.model).check_queries[0, :7], 0
+    with (
+        lab.server(lab.model, "--max-mm", "0.1") as (one, first),
+        lab.server(lab.model) as (other, second),
+        CorrectionClient((one, other), timeout=0.4, connect_timeout=PATIENT) as client,
+    ):
+        reply = client.correct(pose)
+        with held(first if str(first) in reply.meta.replica else second):
+            for _ in range(20):
+                with suppress(ServiceError):
+                    mixed += bool((client.correct(pose).position != reply.position).any())
+    return Seen(20, mixed)
+
+
+def paused(lab: Lab) -> Seen:
+    """Pause an arm while one of its servers hangs, and start another one later: who corrects all the same."""
+    pose, store = load(lab.model).check_queries[0, :7], lab.folder / "paused"
+    folder = ModelStore(store)
+    folder.activate(folder.add(lab.model, now=0.0))
+    ends = [free_endpoint() for _ in range(3)]
+    words = [["serve", "--store", str(store), "--endpoint", end] for end in ends]
+    with lab.program(*words[0], ready="serving") as well, lab.program(*words[1], ready="serving") as hung:
+        with Operator(ClientSettings(tuple(ends[:2]), connect_timeout=PATIENT), patience=3.0) as operator:
+            waited(lambda: len(operator.models()) == 2)
+            with held(hung.pid):
+                quiet = _says_nothing(operator)
+        time.sleep(LOOKS)
+        with lab.program(*words[2], ready="serving"):
+            answered = [_answers(end, pose) for end in ends]
+        well.stop()
+    return Seen(1 + len(ends), quiet + sum(answered))
+
+
+def _says_nothing(operator: Operator) -> bool:
+    try:
+        operator.set_state("PAUSED")
+    except ServiceError:
+        return False
+    return True
+
+
+def _answers(end: str, pose: np.ndarray) -> bool:
+    try:
+        with CorrectionClient(end, timeout=1.0, connect_timeout=PATIENT) as client:
+            client.correct(pose)
+    except ServiceError as error:
+        return "PAUSED" not in str(error)
+    return True
 
 
 def announced(lab: Lab) -> Seen:
@@ -89,5 +144,7 @@ def _off(client: CorrectionClient, pose: np.ndarray, registered: np.ndarray) -> 
 SCENARIOS = (
     Scenario("two models announced", "doctor or monitor that do not say so", announced),
     Scenario("two replicas, two models, one hangs", "changes of model in a stream", mixed_stream),
+    Scenario("one model, other bounds, one hangs", "commands within other bounds in a stream", bounded_otherwise),
+    Scenario("a pause while one server hangs", "servers that go on, or silence about it", paused),
     Scenario("fallback of a planner without a server", "commands off the registered pose", lost_server),
 )
