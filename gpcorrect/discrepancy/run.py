@@ -28,6 +28,7 @@ from gpcorrect.discrepancy.search.needs import split_by_needs
 from gpcorrect.discrepancy.search.prepared import PreparedData, localise_residual, prepare_data
 from gpcorrect.discrepancy.search.state import Search, start_search
 from gpcorrect.discrepancy.search.stepwise import search
+from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.logs.join import join_logs
 from gpcorrect.sim.effects import in_order
 from gpcorrect.sim.model import Model, model_key
@@ -157,7 +158,9 @@ def _search(
     state = start_search(prepared.dataset, candidates, progress)
     if not state.traces:
         return state, (), ()
-    state = load_or_search(state, candidates, store, lambda start: search(start, progress=progress))
+    state = load_or_search(
+        state, candidates, store, lambda start: search(start, rounds=SEARCH.rounds, progress=progress)
+    )
     return load_or_name(
         state, candidates, store, lambda done: name_effects(done, prepared.tests, prepared.inputs, progress=progress)
     )

@@ -45,7 +45,7 @@ def named(size: float, seed: int = 1) -> Named:
         c for c in all_candidates(prepared.dataset.scene)
         if (c.name, c.joint) in {("dh_error", 1), ("registration_error", "base")}
     ]  # fmt: skip
-    state = search(start_search(prepared.dataset, wanted))
+    state = search(start_search(prepared.dataset, wanted), rounds=4)
     (fit,) = state.fitted
     assert fit.candidate.name == "dh_error"
     return name_effect(view_of(state, prepared.tests, prepared.inputs), fit)[0]

@@ -45,7 +45,7 @@ def test_a_home_is_no_second_effect_elsewhere() -> None:
         if (c.name, c.joint) in {("cable_coupling", 3), ("dh_error", "tool")}
         and "drag" not in {k.parameter.name for k in c.coordinates}
     ]  # fmt: skip
-    found = search(start_search(dataset, wanted)).fitted
+    found = search(start_search(dataset, wanted), rounds=4).fitted
     assert [f.candidate.name for f in found] == ["cable_coupling"]
     assert abs(found[0].effect.home - HOME) < 0.1  # type: ignore[attr-defined]
 
@@ -55,7 +55,7 @@ def test_a_hysteresis_is_found_with_its_depth() -> None:
     log = joint_log(3, Hysteresis(1, 3.0 * NOISE, depth=0.2))
     bare = model_from_dict({"arm": "joints", "joints": [1, 2], "joint_types": "RR"})
     dataset = prepare_data(log, bare, np.random.default_rng(0)).dataset
-    found = search(start_search(dataset, [c for c in all_candidates(dataset.scene) if c.joint == 1])).fitted
+    found = search(start_search(dataset, [c for c in all_candidates(dataset.scene) if c.joint == 1]), rounds=4).fitted
     assert [f.candidate.name for f in found] == ["hysteresis"]
     assert 0.1 < found[0].effect.depth < 0.4  # type: ignore[attr-defined]
     assert abs(found[0].effect.radius / NOISE - 3.0) < 0.5  # type: ignore[attr-defined]

@@ -134,7 +134,7 @@ def localise(
     channels: Sequence[ChannelData],
     rng: np.random.Generator,
     *,
-    draws: int = TESTS.draws,
+    draws: int,
     tolerance: float = 0.0,
 ) -> Localisation:
     """Run every test of every channel, and the null law of the largest of them by parametric bootstrap from the noise.

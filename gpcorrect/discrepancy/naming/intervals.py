@@ -19,7 +19,7 @@ from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import FloatArray, IntArray
 
 FEW_BLOCKS = 3  # trajectories a size: there Hotelling's limit is about twice that of known covariances
-TANGENT_ERROR = NAMING.shape_error / 2  # the part of it that a change of a single number could make
+TANGENT = 0.5  # the part of a signature's error that a change of a single number could make
 
 
 def half_widths(
@@ -47,7 +47,8 @@ def half_widths(
     """
     sandwich, plain, freedom = _covariances(search, whitener, fitted)
     energy = _energy(search, whitener, fitted, fitted[index])
-    variance = np.maximum(np.diag(sandwich), np.diag(plain)) + TANGENT_ERROR**2 * energy * np.diag(plain)
+    variance = np.maximum(np.diag(sandwich), np.diag(plain))
+    variance += (TANGENT * NAMING.shape_error) ** 2 * energy * np.diag(plain)
     half = student.ppf(0.975, freedom) * np.sqrt(variance)
     widths: dict[int, float] = dict(enumerate(half[_own(fitted, index)].tolist()))
     others = [m for i, m in enumerate(fitted) if i != index]

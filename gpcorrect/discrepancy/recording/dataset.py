@@ -13,7 +13,6 @@ from gpcorrect.discrepancy.recording.noise import ChannelNoise, outliers
 from gpcorrect.discrepancy.recording.quantisation import quantisation_of
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Parts, Split
-from gpcorrect.discrepancy.settings import SPLIT
 from gpcorrect.sim.effects import Effect
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
@@ -193,7 +192,7 @@ class Dataset(Parts):
         return np.asarray(self.part != 2)
 
 
-def build_dataset(scene: Scene, split: Split, max_rows: int = SPLIT.most_rows) -> Dataset:
+def build_dataset(scene: Scene, split: Split, max_rows: int) -> Dataset:
     """Condense a scene to about `max_rows` rows.
 
     Parameters

@@ -16,7 +16,7 @@ from gpcorrect.discrepancy.recording.dataset import Dataset, build_dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.split import split_rows
 from gpcorrect.discrepancy.search.candidates import FittedEffect
-from gpcorrect.discrepancy.settings import TESTS
+from gpcorrect.discrepancy.settings import SPLIT, TESTS
 from gpcorrect.sim import machine_of
 from gpcorrect.sim.model import Model
 from gpcorrect.types import CalibrationLog
@@ -66,7 +66,7 @@ def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) ->
     log, remarks = with_joint_paths(log, machine_of(model).body)
     split = split_rows(log.time, log.trajectory, log.session, rng)
     scene = build_scene(log, model, split.training)
-    dataset = build_dataset(scene, split)
+    dataset = build_dataset(scene, split, SPLIT.most_rows)
     by_joint: dict[int, Covariates] = {}
     for channel in scene.channels:
         if channel.joint not in by_joint:
@@ -120,7 +120,7 @@ def localise_residual(
         )
         for i, c in enumerate(dataset.scene.channels)
     ]
-    return localise(channels, rng, tolerance=tolerance)
+    return localise(channels, rng, draws=TESTS.draws, tolerance=tolerance)
 
 
 def _condensed(dataset: Dataset, covariates: Covariates) -> Covariates:

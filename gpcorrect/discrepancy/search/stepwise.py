@@ -91,7 +91,7 @@ def _is_physical(candidate: Candidate, factors: FloatArray) -> bool:
 def search(
     state: Search,
     *,
-    rounds: int = SEARCH.rounds,
+    rounds: int,
     refused: Sequence[Candidate] = (),
     progress: Progress | None = None,
 ) -> Search:
