@@ -45,17 +45,26 @@ def half_widths(
     -----
     Sandwich with whole trajectories as units: Liang and Zeger 1986, Biometrika 73(1).
     """
-    sandwich, plain, freedom = _covariances(search, whitener, fitted)
-    energy = _energy(search, whitener, fitted, fitted[index])
-    variance = np.maximum(np.diag(sandwich), np.diag(plain))
-    variance += (TANGENT * NAMING.shape_error) ** 2 * energy * np.diag(plain)
-    half = student.ppf(0.975, freedom) * np.sqrt(variance)
-    widths: dict[int, float] = dict(enumerate(half[_own(fitted, index)].tolist()))
+    widths = _half_widths(search, whitener, fitted, index)
     others = [m for i, m in enumerate(fitted) if i != index]
     for i, coordinate in enumerate(fitted[index].candidate.coordinates):
         if coordinate.parameter.change_point:  # no slope says how well an instant is known
             widths[i] = instant_half_width(whitener, others, fitted[index])
     return widths
+
+
+def _half_widths(
+    search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], index: int, known: Sequence[int] = ()
+) -> dict[int, float]:
+    """Half widths of one effect's coordinates but some, which are taken for known."""
+    own = _own(fitted, index)
+    sandwich, plain, freedom = _covariances(search, whitener, fitted, without=own[list(known)])
+    energy = _energy(search, whitener, fitted, fitted[index])
+    variance = np.maximum(np.diag(sandwich), np.diag(plain))
+    variance += (TANGENT * NAMING.shape_error) ** 2 * energy * np.diag(plain)
+    half = student.ppf(0.975, freedom) * np.sqrt(variance)
+    left = [i for i in range(len(own)) if i not in known]
+    return dict(zip(left, half[own[0] : own[0] + len(left)].tolist(), strict=True))
 
 
 def undetermined(
@@ -64,7 +73,8 @@ def undetermined(
     """Return the names of an effect's shape parameters whose 95 % interval is no narrower than a part of their range.
 
     A shape that may be anything is a smooth curve under the effect's name: it says nothing of the machine. Numbers with
-    a default only refine what has its name without them.
+    a default only refine what has its name without them. A phase is that of a wave at zero, where the joint may never
+    have been: it is asked for with the wave's number taken for known, and is then the same wherever zero lies.
 
     Parameters
     ----------
@@ -89,7 +99,11 @@ def undetermined(
     ]
     if not shapes:
         return ()
+    phases = [i for i in shapes if candidate.coordinates[i].parameter.period is not None]
+    lengths = [i for i in shapes if i not in phases]
     widths = half_widths(search, whitener, fitted, index)
+    if phases and lengths:
+        widths |= {i: w for i, w in _half_widths(search, whitener, fitted, index, lengths).items() if i in phases}
     open_ones = [i for i in shapes if 2.0 * widths[i] > NAMING.determined * candidate.coordinates[i].width]
     return tuple(candidate.coordinates[i].parameter.name for i in open_ones)
 
