@@ -72,7 +72,9 @@ def test_noise_beyond_the_stated_is_found_and_the_stated_itself_is_not() -> None
 def faster(values: FloatArray, speed: FloatArray, stated: float = 0.0) -> SpeedGrowth | None:
     number = np.repeat(np.arange(TRAJECTORIES), SAMPLES)
     rows = np.ones(len(number), dtype=np.bool_)
-    return speed_growth(values.ravel(), speed.ravel(), number, rows, stated=stated, rounding=0.0, channels=1)
+    return speed_growth(
+        values.ravel(), speed.reshape(len(number), -1), 0, number, rows, stated=stated, rounding=0.0, channels=1
+    )
 
 
 def speeds(rng: np.random.Generator) -> FloatArray:
@@ -110,6 +112,21 @@ def test_a_smooth_error_that_grows_with_speed_is_no_noise() -> None:
         rng = np.random.default_rng(seed)
         speed = speeds(rng)
         assert faster(noise(rng) + 30.0 * speed * np.abs(speed), speed) is None
+
+
+@pytest.mark.parametrize("law", ["the arm's pace", "another joint", "any motion"])
+def test_other_noise_of_a_moving_arm_does_not_grow_with_the_joint(law: str) -> None:
+    """Noise that all joints have when the arm is fast, that another joint makes, or that rounding does."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        moved = np.stack([speeds(rng) for _ in range(3)], axis=-1)
+        size = np.abs(moved)
+        louder = {
+            "the arm's pace": 3.0 * (size / size.max(axis=(0, 1))).max(axis=-1),
+            "another joint": 2.0 * size[..., 1],
+            "any motion": 2.0 * (size[..., 0] > 0.05 * np.sqrt(np.mean(size[..., 0] ** 2))),
+        }[law]
+        assert faster(noise(rng) + louder * rng.standard_normal(louder.shape), moved) is None
 
 
 def test_softer_noise_is_no_further_noise() -> None:

@@ -233,15 +233,16 @@ def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) 
             groups.setdefault(channel.joint or "tool", []).append(i)
     residual, seen = scene.residual(effects), dataset.group >= 0
     seen[seen] = dataset.training[dataset.group[seen]]
+    speeds = scene.layout.gather(scene.motion.velocity, len(scene))
     found, known = [], of_kind(scene.model.effects, SpeedNoise)
     for joint, indices in groups.items():
         own = residual[:, indices]
         if isinstance(joint, int):
             column = scene.joints.index(joint)
-            speed = scene.layout.gather(scene.motion.velocity, len(scene))[:, column]
             faster = speed_growth(
                 own[:, 0],
-                speed,
+                speeds,
+                column,
                 scene.trajectory,
                 seen,
                 stated=float(np.linalg.norm([e.seconds for e in known if e.joint == joint])),
@@ -250,7 +251,9 @@ def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) 
             )
             if faster is not None:
                 found.append(_speed_noise(joint, faster, len(groups)))
-                own = own / faster.times(speed)[:, None]  # of what is left a change at some moment may be seen
+                own = (
+                    own / faster.times(speeds[:, column])[:, None]
+                )  # of what is left a change at some moment may be seen
         growth = _growth(scene, own, seen, indices, len(groups))
         if growth is not None:
             found.append(_noise_change(scene.channels[indices[0]], joint, growth, len(groups)))

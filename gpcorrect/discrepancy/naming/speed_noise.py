@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
+from gpcorrect.discrepancy.evidence.linear import solve
 from gpcorrect.discrepancy.settings import SENSORS
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
@@ -14,6 +15,9 @@ NEIGHBOURS = -1.5
 """Times the mean product of neighbouring second differences (1, -2, 1 over the root of 6) is the variance of white
 noise: their weights share -4 of 6. Of what is smooth the product is positive, so that an unexplained motion, which
 grows with speed as well, counts against noise and never for it."""
+
+MOVING = 0.05
+"""Of a joint's root mean square speed, from which on it counts as moving: below it creeps."""
 
 REWEIGHTED = 4
 """Rounds of the regression: its weights come from the line of the round before, and stand still after three."""
@@ -52,7 +56,8 @@ class SpeedGrowth:
 
 def speed_growth(
     residual: FloatArray,
-    speed: FloatArray,
+    speeds: FloatArray,
+    column: int,
     trajectory: IntArray,
     rows: BoolArray,
     *,
@@ -63,15 +68,18 @@ def speed_growth(
     """Return how noise grows with speed; None where that is not beyond doubt.
 
     Within each trajectory the variance is regressed on the squared speed, so that a level that changes from one to the
-    next says nothing. Samples count by the variance they are expected to have, and stretches of samples are asked
-    whether they agree: Student's test of their scores.
+    next says nothing; and it must stand beside each other law that noise of a moving arm may follow: the arm's pace,
+    another joint's speed, or any motion. Samples count by the variance they are expected to have, and stretches of
+    samples are asked whether they agree: Student's test of their scores.
 
     Parameters
     ----------
     residual : (n,) array
         Single samples, rad or m; NaN is missing.
-    speed : (n,) array
-        Of the joint, rad/s or m/s.
+    speeds : (n, k) array
+        Of all joints, rad/s or m/s.
+    column : int
+        Of the joint.
     trajectory : (n,) int array
         Of each sample.
     rows : (n,) bool array
@@ -83,13 +91,29 @@ def speed_growth(
     channels : int
         That are looked at: each has its part of the chance of a false alarm.
     """
-    squared, variance, group, stretch = _samples(residual, speed, trajectory, rows, stated)
+    found: list[SpeedGrowth] = []
+    for others in _other_laws(np.abs(speeds), column):
+        laws = np.column_stack([speeds[:, column] ** 2, others])
+        growth = _growth_beside(*_samples(residual, laws, trajectory, rows, stated), rounding, channels)
+        if growth is None:
+            return None
+        found.append(growth)
+    return min(found, key=lambda growth: growth.nats)
+
+
+def _growth_beside(
+    laws: FloatArray, variance: FloatArray, group: IntArray, stretch: IntArray, rounding: float, channels: int
+) -> SpeedGrowth | None:
+    """Growth along the first law, once what the others could say of it is taken off."""
+    squared = laws[:, 0]
     if not len(group) or group.max() + 1 < 2 * SENSORS.side or not np.ptp(squared) > 0.0:
         return None
     slope, level, score, info = 0.0, 0.0, np.zeros(0), np.zeros(0)
     for _ in range(REWEIGHTED):
         weight = (level**2 + slope * squared) ** -2 if slope > 0.0 else np.ones(len(squared))
-        apart = squared - _mean_of(squared, weight, group)
+        apart, *beside = (law - _mean_of(law, weight, group) for law in laws.T)
+        others = np.stack(beside, axis=1)
+        apart = apart - others @ solve((weight * others.T) @ others, (weight * others.T) @ apart)
         score = weight * apart * (variance - _mean_of(variance, weight, group))
         info = weight * apart**2
         slope = float(score.sum() / info.sum())
@@ -109,6 +133,17 @@ def speed_growth(
     return SpeedGrowth(float(np.sqrt(slope)), (float(ends[0]), float(ends[1])), float(level), 0.5 * size**2)
 
 
+def _other_laws(speeds: FloatArray, column: int) -> list[FloatArray]:
+    """Return what the variance may follow instead `(n, p)`: any motion, another joint, or the pace of the arm."""
+    typical = np.sqrt(np.mean(speeds**2, axis=0))
+    others = [k for k in range(speeds.shape[1]) if k != column and typical[k] > 0.0]
+    laws = [(speeds[:, [column]] > MOVING * typical[column]).astype(np.float64), *(speeds[:, [k]] ** 2 for k in others)]
+    if others:
+        pace = (speeds / np.maximum(speeds.max(axis=0), 1e-300)).max(axis=1)
+        laws.append(np.stack([pace, pace**2], axis=1))
+    return laws
+
+
 def _mean_of(values: FloatArray, weight: FloatArray, group: IntArray) -> FloatArray:
     """Weighted mean of the own trajectory at every sample."""
     means: FloatArray = (np.bincount(group, weight * values) / np.bincount(group, weight))[group]
@@ -116,26 +151,26 @@ def _mean_of(values: FloatArray, weight: FloatArray, group: IntArray) -> FloatAr
 
 
 def _samples(
-    residual: FloatArray, speed: FloatArray, trajectory: IntArray, rows: BoolArray, stated: float
+    residual: FloatArray, laws: FloatArray, trajectory: IntArray, rows: BoolArray, stated: float
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
-    """Squared speed, variance beyond what is stated, trajectory and stretch of every sample with a variance."""
-    squares, variances = list[FloatArray](), list[FloatArray]()
+    """Laws, variance beyond what is stated by the first, trajectory and stretch of every sample with a variance."""
+    followed, variances = list[FloatArray](), list[FloatArray]()
     groups, stretches = list[IntArray](), list[IntArray]()
     last = 0
     for number in np.unique(trajectory[rows]):
         mine = rows & (trajectory == number)
-        values, rate = residual[mine], speed[mine]
+        values, law = residual[mine], laws[mine]
         second = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / np.sqrt(6.0)
-        squared = 0.5 * (rate[1:-2] ** 2 + rate[2:-1] ** 2)
-        variance = NEIGHBOURS * second[1:] * second[:-1] - stated**2 * squared
-        known = np.isfinite(variance) & np.isfinite(squared)
+        between = 0.5 * (law[1:-2] + law[2:-1])
+        variance = NEIGHBOURS * second[1:] * second[:-1] - stated**2 * between[:, 0]
+        known = np.isfinite(variance) & np.isfinite(between).all(axis=1)
         if known.sum() < SENSORS.fewest:
             continue
-        squares.append(squared[known])
+        followed.append(between[known])
         variances.append(variance[known])
         groups.append(np.full(known.sum(), len(groups)))
         stretches.append(last + np.arange(known.sum()) // SENSORS.fewest)
         last = int(stretches[-1][-1]) + 1
     if not groups:
-        return np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64)
-    return np.concatenate(squares), np.concatenate(variances), np.concatenate(groups), np.concatenate(stretches)
+        return np.empty((0, laws.shape[1])), np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64)
+    return np.concatenate(followed), np.concatenate(variances), np.concatenate(groups), np.concatenate(stretches)
