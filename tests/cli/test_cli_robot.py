@@ -81,13 +81,14 @@ def test_a_robot_goes_follows_and_is_recorded(gpcorrect, arm, tmp_path):
     limits = ("--limits", "34:36,84:86,339:341")
     assert gpcorrect("zigzag", "-o", tmp_path / "zz.csv", "--sparsity", 1, *limits).code == 0
     command = [sys.executable, "-m", "gpcorrect", "robot", "record", "-o", str(tmp_path / "run.csv")]
-    words = [*command, "--seconds", "12", "--mcap", str(tmp_path / "bag"), *at]
+    words = [*command, "--seconds", "120", "--mcap", str(tmp_path / "bag"), *at]
     recording = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
     assert recording.stderr is not None
     assert "recording" in recording.stderr.readline()
     assert "trajectory 0" in gpcorrect("robot", "follow", tmp_path / "zz.csv", *at).out
     assert gpcorrect("robot", "random", "--seconds", 2, *limits, *at).code == 0
-    assert recording.wait(120) == 0
+    recording.send_signal(signal.SIGINT)
+    assert recording.wait(PATIENT) == 0
     log = read_log(tmp_path / "run.csv")
     assert {"setpoint_jp", "measured_jp", "external_jp", "tracker_cp"} <= set(log.signals)
     assert log.setpoint_jp is not None
