@@ -181,7 +181,7 @@ class Chain:
         values = self.joint_values(q)
         frames = np.empty((values.size // self.dof, last, 4, 4))
         modified = self.convention == "modified"
-        rows = values.reshape(-1, self.dof)
+        rows = np.require(values.reshape(-1, self.dof), requirements=["C", "W"])  # of one kind: compiled once
         walk(self._table, self.placements, self.revolute, modified, self.base, rows, frames)
         return frames.reshape(*values.shape[:-1], last, 4, 4)
 
@@ -301,7 +301,7 @@ class Chain:
         left : (n,) array
             Error that is left, rad (and m over `length`).
         """
-        poses, q = np.array(T, dtype=np.float64), np.array(start, dtype=np.float64)
+        poses, q = (np.array(given, dtype=np.float64, order="C") for given in (T, start))
         left = np.empty(len(q))
         modified = self.convention == "modified"
         walked = (self._table, self.placements, self.revolute, modified, np.array(self.base), np.array(self.tool))

@@ -85,11 +85,12 @@ def posture_at(body: Body, q: FloatArray) -> Posture | None:
     links = body.links
     if body.chain is None or not (links.mass.any() or links.payload.any()):
         return None
-    payload = np.broadcast_to(links.payload, q.shape[:-1]).reshape(-1)
+    # Copies: machine code is made again for arrays that may not be written to.
+    payload = np.array(np.broadcast_to(links.payload, q.shape[:-1]).reshape(-1))
     values = body.all_joints(q).reshape(-1, body.chain.dof)
     moving = q.reshape(-1, q.shape[-1])
     springs = None if body.springs is None else body.springs[0] * (moving - body.springs[1])
-    return Posture(_tables(body), np.ascontiguousarray(payload), values, q.shape, springs)
+    return Posture(_tables(body), payload, values, q.shape, springs)
 
 
 @lru_cache(maxsize=8)
@@ -115,7 +116,7 @@ def _tables(body: Body) -> Tables:
         mass=mass,
         com=com,
         moments=moments,
-        gravity=np.asarray(body.gravity, dtype=np.float64),
+        gravity=np.array(body.gravity, dtype=np.float64),
     )
 
 
