@@ -143,10 +143,19 @@ def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray) -> Float
     labels : (n,) int array
         Path of each row.
     """
-    states = np.zeros((len(steps), *radii.shape))
-    for i in range(1, len(steps)):
+    states: FloatArray = _followed(np.ascontiguousarray(steps), np.ascontiguousarray(radii), np.asarray(labels))
+    return states
+
+
+@njit(cache=True)
+def _followed(steps: FloatArray, radii: FloatArray, labels: IntArray) -> FloatArray:
+    n, d = steps.shape
+    states = np.zeros((n, len(radii), d))
+    for i in range(1, n):
         if labels[i] == labels[i - 1]:
-            states[i] = advance(states[i - 1], steps[i], radii)
+            for h in range(len(radii)):
+                for j in range(d):
+                    states[i, h, j] = min(max(states[i - 1, h, j] + steps[i, j], -radii[h, j]), radii[h, j])
     return states
 
 
