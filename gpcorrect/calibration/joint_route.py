@@ -139,12 +139,13 @@ class JointRoute:
 
         outcome = JointCorrector.learn(joints, known, cleaner, own, promising)
         route = cls(kinematics, corrector_of(outcome), IntervalCalibration(np.ones(6)))
-        route, left_out = route.calibrated(joints, pair, outcome.samples, outcome.left_out)
+        first = route.commands(joints, outcome.samples, outcome.left_out)
+        route, left_out = route.calibrated(joints, pair, outcome.samples, outcome.left_out, first)
         if alone is None or changes(left_out, alone).mean() <= -WORTH_IT:
             back = JointCorrector.learn(joints, known, cleaner, replace(own, direction="estimate"), learn_law)
-            reached, first = corrector_of(back), route.commands(joints, outcome.samples, outcome.left_out)
+            reached = corrector_of(back)
             aim = Aim.learn(reached, reached.view.wide(back.left_out.errors), joints, first)
-            aimed = replace(route, aim=aim).calibrated(joints, pair, outcome.samples, outcome.left_out)
+            aimed = replace(route, aim=aim).calibrated(joints, pair, outcome.samples, outcome.left_out, first)
             if changes(aimed[1], left_out).mean() <= AWAY:
                 route, left_out = aimed
         return route, replace(outcome, left_out=left_out, interval95=route.intervals.interval95(left_out.std))
@@ -179,7 +180,12 @@ class JointRoute:
         return found
 
     def calibrated(
-        self, joints: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], samples: Samples, left_out: LeftOut
+        self,
+        joints: CalibrationLog,
+        pair: tuple[PoseSignal, PoseSignal],
+        samples: Samples,
+        left_out: LeftOut,
+        first: FloatArray,
     ) -> tuple[JointRoute, LeftOut]:
         """Return the route with intervals that hold for left-out samples as poses, and what it leaves of these.
 
@@ -193,13 +199,15 @@ class JointRoute:
             The same as the law of joints sees them.
         left_out : LeftOut
             Of the law of joints, at those of them that it learns from.
+        first : (n, d) array
+            From :meth:`commands`.
         """
         assert joints.setpoint_jp is not None
         assert joints.external_jp is not None
         rows, view = samples.rows, self.joints.view
-        found = self.commands(joints, samples, left_out)
+        found = np.array(first)
         if self.aim is not None:
-            found = self.aim.moved(joints.external_jp, found, joints.time, joints.session.tolist())
+            found = self.aim.moved(joints.external_jp, first, joints.time, joints.session.tolist())
         found[rows[~np.isfinite(left_out.errors).all(axis=1)]] = np.nan
         in_joints = Correction(
             position=None,

@@ -151,7 +151,7 @@ def _learn_route(
         back = aim.reached.samples(joints, np.ones(len(joints), dtype=bool))
         aim = replace(aim, reached=replace(aim.reached, law=_learn(aim.reached.law, back, progress)[0]))
     route = replace(route, aim=aim, joints=replace(route.joints, law=law))
-    fresh, _ = route.calibrated(joints, pair, samples, left_out)
+    fresh, _ = route.calibrated(joints, pair, samples, left_out, route.commands(joints, samples, left_out))
     if len(np.unique(samples.trajectory[samples.rows])) < ENOUGH:
         factor = np.maximum(fresh.intervals.factor, route.intervals.factor)
         fresh = replace(fresh, intervals=IntervalCalibration(factor))
