@@ -16,7 +16,15 @@ from attacks.lab import Lab, Scenario, Seen
 from attacks.programs import accepted, ran
 from gpcorrect import se3
 from gpcorrect.arms import raven2
-from gpcorrect.calibration import FitSettings, JointCorrector, evaluate_model, fit_corrector, load, run_experiment
+from gpcorrect.calibration import (
+    FitSettings,
+    JointCorrector,
+    evaluate_model,
+    fit_corrector,
+    load,
+    reached,
+    run_experiment,
+)
 from gpcorrect.cli.app import THREADS
 from gpcorrect.logs import write_log
 from gpcorrect.sim import debridement_log, joint_motion_log, preset
@@ -152,10 +160,22 @@ def _turned(log: CalibrationLog, R: np.ndarray) -> CalibrationLog:
     return replace(log, **signals)
 
 
+def shared_commands(lab: Lab) -> Seen:
+    """Ask which pose a command reaches, of a model so steep that two poses have one command: a wrong one called OK."""
+    model = load(lab.model)
+    desired = model.check_queries[:, :7]
+    answers = [model.correct(pose) for pose in desired]
+    back = reached(model, [[*answer.position, *answer.quaternion] for answer in answers])
+    off = np.abs(back.position - desired[:, :3])
+    wrong = back.in_domain & (off > back.interval95[:, :3] + 1e-6).any(axis=1)
+    return Seen(len(desired), int(wrong.sum()), f"{int(back.in_domain.sum())} called OK")
+
+
 SCENARIOS = (
     Scenario("other units at the commands", "believed", units),
     Scenario("a tracker of another motion, degrees", "learned from in silence", another_motion),
     Scenario("hysteresis that looks like a clock", "held-out truth shifted", hysteresis),
+    Scenario("commands that two poses share", "the wrong one, called OK", shared_commands),
     Scenario("drift alarm of a model of 8 reaches", "alarms without a change, none after one", drift),
     Scenario("threads of linear algebra", "more than one", threads),
     Scenario("half a turn, and the remote centre", "jumps of corrections, poses without an inverse", turns),

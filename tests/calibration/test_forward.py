@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from support import small_log
 
-from gpcorrect.calibration import CommandCorrector, reached
+from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector, reached
 from gpcorrect.errors import DataError
 from gpcorrect.rigid import RigidModel, pose_residual
+from gpcorrect.sim import debridement_log
 from gpcorrect.types import FloatArray, PoseSignal
 
 
@@ -47,6 +48,18 @@ def test_other_reaches_end_where_it_says(small_corrector: CommandCorrector) -> N
     before = pose_residual(small_corrector.rigid.inverse(log.setpoint_cp), log.tracker_cp)
     assert np.linalg.norm(own[:, :3]) < 0.2 * np.linalg.norm(before[:, :3])
     assert (np.abs(own) <= answer.interval95).mean() > 0.9
+
+
+def test_a_command_that_two_poses_share_is_no_known_one() -> None:
+    """Of a model so steep that other poses have the same command, none is called inside with an interval that misses."""
+    settings = FitSettings(
+        features=("pose", "velocity"), clean=False, inducing=20, marker="none", time_offset="none", search_samples=60
+    )
+    steep = fit_corrector(debridement_log(reaches=4), settings)
+    desired = steep.check_queries[:, :7]
+    back = reached(steep, commands(steep, desired, np.zeros((len(desired), 6))))
+    missed = np.abs(back.position - desired[:, :3]) > back.interval95[:, :3] + 1e-6
+    assert not (back.in_domain & missed.any(axis=1)).any()
 
 
 def test_what_was_not_used_is_said(small_corrector: CommandCorrector) -> None:
