@@ -9,17 +9,23 @@ import numpy as np
 
 from attacks.lab import Lab, Scenario, Seen
 from attacks.programs import ran
-from gpcorrect.calibration import FitSettings, evaluate_model, fit_model, run_experiment
+from gpcorrect import se3
+from gpcorrect.calibration import FitSettings, evaluate_model, fit_model, load, run_experiment, update_model
 from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import LogError
 from gpcorrect.logs import join_logs, read_log, refuse_misread, validate_log, write_log
 from gpcorrect.logs.columns import BagOptions
 from gpcorrect.logs.topics import choose_topics
 from gpcorrect.sim import debridement_log, random_reaches_log
-from gpcorrect.types import CalibrationLog
+from gpcorrect.types import CalibrationLog, PoseSignal
 
 QUICK = FitSettings(method="offset", time_offset="none", clean=False, marker="none", features=("pose", "velocity"))
 POSE, JOINTS = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"
+MOVED = (
+    ((0.0, 0.0, 0.35), (0.0, 0.0, 0.0)),
+    ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0)),
+    ((0.0, 1.57, 0.0), (0.0, 0.0, 0.0)),
+)  # rad, m
 KNOWN = "knows the answers"
 
 
@@ -71,6 +77,23 @@ def _misread(log: CalibrationLog) -> bool:
     return False
 
 
+def moved_tracker(lab: Lab) -> Seen:
+    """Update a model with recordings of a tracker that was turned or moved meanwhile: learned as the robot's error."""
+    model, log = load(lab.model), debridement_log(7, reaches=6, faults=False)
+    seen, wrong = log.tracker_cp, 0
+    assert seen is not None
+    assert seen.quaternion is not None
+    for turn, shift in MOVED:
+        R = se3.matrix_from_rotvec(np.array(turn))
+        turned = se3.quaternion_from_matrix(R @ se3.matrix_from_quaternion(seen.quaternion))
+        try:
+            update_model(model, replace(log, tracker_cp=PoseSignal(seen.position @ R.T + shift, turned)))
+        except LogError:
+            continue
+        wrong += 1
+    return Seen(len(MOVED), wrong)
+
+
 def other_arms(_: Lab) -> Seen:
     """Choose an arm of recordings in which a tracker saw the other one."""
     topics = {f"/{arm}/{name}": POSE for arm in ("PSM1", "PSM2") for name in ("setpoint_cp", "measured_cp")}
@@ -96,6 +119,7 @@ def two_places(lab: Lab) -> Seen:
 SCENARIOS = (
     Scenario("parts of recordings", "measured on as if they were new, or refused though new", parts),
     Scenario("commands and reports exchanged", "learned from, or right recordings refused", exchanged),
+    Scenario("a tracker that was moved", "learned as the robot's error by update", moved_tracker),
     Scenario("a tracker of the other arm", "taken for this one's", other_arms),
     Scenario("two places at once", "one of them followed without a word", two_places),
 )

@@ -26,7 +26,7 @@ from gpcorrect.calibration.pose_samples import PosePairs
 from gpcorrect.calibration.split import folds_of, held_out
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.training_motion import TrainingMotion
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut, Predictor, Statistics
 from gpcorrect.gpr.statistics import statistics_of, updated
 from gpcorrect.logs.copies import marks_of, remembered
@@ -96,7 +96,7 @@ def update_model(
     Raises
     ------
     LogError
-        The log lacks signals, or too few trajectories to hold one out; or it names another arm.
+        The log lacks signals, or too few trajectories to hold one out; or it names another arm, or is of another frame.
     DataError
         The model's method cannot take more data, or the log's stamps cannot be seconds.
     """
@@ -106,6 +106,12 @@ def update_model(
     progress = progress or Progress()
     # By its own thresholds: the training's would reject an arm that changed.
     keep = corrector.clean_afresh(train).keep
+    if not corrector.clean(train).keep.any():
+        raise LogError(
+            f"by the training's thresholds none of the {len(train)} samples is of the same robot and frames.",
+            hint="Where tracker, base or tool were moved, or the arm was rebuilt, fit anew: gpcorrect fit",
+            path=log.name,
+        )
     with threadpool_limits(limits=1):
         samples = corrector.samples(train, keep)
         law, weight, unseen, _ = _learn(corrector.law, samples, progress)

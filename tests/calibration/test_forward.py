@@ -51,7 +51,7 @@ def test_other_reaches_end_where_it_says(small_corrector: CommandCorrector) -> N
 
 
 def test_a_command_that_two_poses_share_is_no_known_one() -> None:
-    """Of a model so steep that other poses have the same command, none is called inside with an interval that misses."""
+    """Of a model so steep that poses share commands, none is called inside with an interval that misses."""
     settings = FitSettings(
         features=("pose", "velocity"), clean=False, inducing=20, marker="none", time_offset="none", search_samples=60
     )

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from adaptation_support import aged_log
 
+from gpcorrect import se3
 from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector, load, save, update_model
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import SparseGPR
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.statistics import collect, updated
-from gpcorrect.types import Progress
+from gpcorrect.types import PoseSignal, Progress
 
 
 @pytest.fixture(scope="module")
@@ -111,3 +112,15 @@ def test_a_method_that_takes_no_more_data_is_refused() -> None:
     linear = fit_corrector(aged_log(0, 0.0, trajectories=6), FitSettings(method="linear", marker="none"))
     with pytest.raises(DataError, match="take more data"):
         update_model(linear, aged_log(1, 0.0))
+
+
+def test_a_tracker_that_was_moved_is_not_learned_as_the_robots_error(corrector: CommandCorrector) -> None:
+    """A recording in another frame is refused, whatever is forced: the registration stays, and would be corrected."""
+    log = aged_log(1, 0.0)
+    assert log.tracker_cp is not None
+    assert log.tracker_cp.quaternion is not None
+    turn = se3.matrix_from_rotvec(np.array([0.0, 0.0, np.deg2rad(20.0)]))
+    turned = se3.quaternion_from_matrix(turn @ se3.matrix_from_quaternion(log.tracker_cp.quaternion))
+    moved = replace(log, tracker_cp=PoseSignal(log.tracker_cp.position @ turn.T, turned))
+    with pytest.raises(LogError, match="robot and frames"):
+        update_model(corrector, moved)
