@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from gpcorrect.discrepancy.evidence.linear import solve
-from gpcorrect.discrepancy.settings import SENSORS
+from gpcorrect.discrepancy.settings import SENSORS, TESTS
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 NEIGHBOURS = -1.5
@@ -91,29 +91,44 @@ def speed_growth(
     channels : int
         That are looked at: each has its part of the chance of a false alarm.
     """
-    found: list[SpeedGrowth] = []
+    own = speeds[:, [column]] ** 2
+    line = _line(*_samples(residual, own, trajectory, rows, stated))
+    if line is None or line.chance > SENSORS.chance / channels:
+        return None
+    if 0.5 * np.log1p(line.grown / line.level**2) < SENSORS.least_change or line.grown < SENSORS.coarser * rounding**2:
+        return None
     for others in _other_laws(np.abs(speeds), column):
-        laws = np.column_stack([speeds[:, column] ** 2, others])
-        growth = _growth_beside(*_samples(residual, laws, trajectory, rows, stated), rounding, channels)
-        if growth is None:
+        beside = _line(*_samples(residual, np.column_stack([own, others]), trajectory, rows, stated))
+        if beside is None or beside.chance > 1.0 - TESTS.level:
             return None
-        found.append(growth)
-    return min(found, key=lambda growth: growth.nats)
+    low, high = np.sqrt(np.maximum(line.ci95, 0.0))
+    return SpeedGrowth(float(np.sqrt(line.slope)), (float(low), float(high)), line.level, 0.5 * line.score**2)
 
 
-def _growth_beside(
-    laws: FloatArray, variance: FloatArray, group: IntArray, stretch: IntArray, rounding: float, channels: int
-) -> SpeedGrowth | None:
-    """Growth along the first law, once what the others could say of it is taken off."""
+@dataclass(frozen=True)
+class _Line:
+    """Slope of the variance along a law and its 95 % interval, its mean part and the level without it, its score."""
+
+    slope: float
+    ci95: tuple[float, float]
+    grown: float
+    level: float
+    score: float
+    chance: float
+
+
+def _line(laws: FloatArray, variance: FloatArray, group: IntArray, stretch: IntArray) -> _Line | None:
+    """Fit the variance along the first law, once what the others could say of it is taken off; None if it falls."""
     squared = laws[:, 0]
     if not len(group) or group.max() + 1 < 2 * SENSORS.side or not np.ptp(squared) > 0.0:
         return None
     slope, level, score, info = 0.0, 0.0, np.zeros(0), np.zeros(0)
     for _ in range(REWEIGHTED):
         weight = (level**2 + slope * squared) ** -2 if slope > 0.0 else np.ones(len(squared))
-        apart, *beside = (law - _mean_of(law, weight, group) for law in laws.T)
-        others = np.stack(beside, axis=1)
-        apart = apart - others @ solve((weight * others.T) @ others, (weight * others.T) @ apart)
+        centred = np.stack([law - _mean_of(law, weight, group) for law in laws.T], axis=1)
+        apart, others = centred[:, 0], centred[:, 1:]
+        if others.shape[1]:
+            apart = apart - others @ solve((weight * others.T) @ others, (weight * others.T) @ apart)
         score = weight * apart * (variance - _mean_of(variance, weight, group))
         info = weight * apart**2
         slope = float(score.sum() / info.sum())
@@ -121,16 +136,11 @@ def _growth_beside(
         level = np.sqrt(max(rest, SENSORS.least_change * slope * float(squared.mean())))
     if slope <= 0.0:
         return None
-    grown = slope * float(squared.mean())
-    if 0.5 * np.log1p(grown / level**2) < SENSORS.least_change or grown < SENSORS.coarser * rounding**2:
-        return None
     scores, infos = np.bincount(stretch, score), np.bincount(stretch, info)
-    size = float(scores.sum() / np.sqrt((scores**2).sum()))
-    if float(student.sf(size, len(scores) - 1)) > SENSORS.chance / channels:
-        return None
-    spread = float(np.sqrt(((scores - slope * infos) ** 2).sum()) / info.sum())
-    ends = np.sqrt(np.maximum(slope + student.ppf((0.025, 0.975), len(scores) - 1) * spread, 0.0))
-    return SpeedGrowth(float(np.sqrt(slope)), (float(ends[0]), float(ends[1])), float(level), 0.5 * size**2)
+    size, freedom = float(scores.sum() / np.sqrt((scores**2).sum())), len(scores) - 1
+    half = student.ppf(0.975, freedom) * float(np.sqrt(((scores - slope * infos) ** 2).sum()) / info.sum())
+    ends = slope - half, slope + half
+    return _Line(slope, ends, slope * float(squared.mean()), float(level), size, float(student.sf(size, freedom)))
 
 
 def _other_laws(speeds: FloatArray, column: int) -> list[FloatArray]:
