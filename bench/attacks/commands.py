@@ -116,7 +116,7 @@ def _stream(
 
 
 def held_estimates(lab: Lab) -> Seen:
-    """Stop a server of joints for five seconds while the robot goes on publishing them."""
+    """Stop a server of joints for five seconds while the robot goes on publishing them, homed again every second."""
     joints = lab.joint_model
     measured, rows = load(joints, JointCorrector), 0
     zeros = (0.0,) * len(measured.types)
@@ -136,7 +136,8 @@ def held_estimates(lab: Lab) -> Seen:
 
         def _robot() -> None:
             while not stop.wait(0.01):
-                state = JointState(time.monotonic(), zeros, effort=zeros)
+                now = time.monotonic()
+                state = JointState(now, zeros, effort=zeros, session=int(now))
                 session.put("arm1/measured_js", MSGPACK.encode(state), encoding=MSGPACK.encoding("joint_state"))
 
         robot = threading.Thread(target=_robot)

@@ -187,6 +187,14 @@ def test_old_samples_are_answered_and_called_stale(stream: MakeStream) -> None:
     assert live.send(2.1, [0.1 - SLACK] * 3).joints == pytest.approx([0.1 - SLACK] * 3)
 
 
+def test_a_new_session_makes_nothing_fresh(stream: MakeStream) -> None:
+    """What waited while the arm was homed is as old as it is: its session says nothing of its age."""
+    live = stream()
+    assert live.send(100.0, [0.0] * 3).status == "OK"
+    assert live.send(99.5, [0.0] * 3, session=1).status == "STALE"
+    assert live.send(100.02, [0.0] * 3, session=1).status == "OK"
+
+
 def test_missing_numbers_and_efforts(stream: MakeStream) -> None:
     """A null joint, or an effort the model needs, is MISSING; efforts of another length are refused."""
     live = stream()

@@ -127,9 +127,8 @@ class Estimator:
             self._model, self._stream = model, model.corrector.stream()
             self._bound = RateBound(np.full(len(model.corrector.types), rate)) if np.isfinite(rate) else None
         elif last is not None and (state.session != last.session or state.stamp < last.stamp - CLOCK_STEP):
+            # Not the clock: a sample that waited while the arm was homed is as old as it is.
             self._stream.reset()
-            if state.session != last.session:
-                self._clock.reset()
             if self._bound is not None:
                 self._bound.reset()
         elif last is not None and state.stamp <= last.stamp:
