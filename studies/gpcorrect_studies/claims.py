@@ -134,12 +134,15 @@ class Ablated:
         What was taken away: words that begin with "without" or "with".
     ours : float
     verdict : Verdict
+    outcome : str
+        "comes back", "its order comes back" or "stays so".
     """
 
     name: str
     without: str
     ours: float
     verdict: Verdict
+    outcome: str
 
 
 @dataclass(frozen=True)
@@ -160,7 +163,7 @@ class Compared:
     @property
     def found(self) -> bool:
         """Whether an ablation brought back the claim, or the order that was reversed."""
-        return any(self._outcome(one) != STAYS for one in self.ablated)
+        return any(one.outcome != STAYS for one in self.ablated)
 
     @property
     def reason(self) -> str:
@@ -171,15 +174,9 @@ class Compared:
             return ""
         if not self.ablated:
             return "no ablation in a run of this size" if self.claim.tried else "reason not known"
-        found_first = sorted(self.ablated, key=lambda one: self._outcome(one) == STAYS)
-        tried = "; ".join(f"{self._outcome(one)} {one.without}: {one.ours:.3g}" for one in found_first)
+        found_first = sorted(self.ablated, key=lambda one: one.outcome == STAYS)
+        tried = "; ".join(f"{one.outcome} {one.without}: {one.ours:.3g}" for one in found_first)
         return tried if self.found else f"reason not known; {tried}"
-
-    def _outcome(self, one: Ablated) -> str:
-        """Say whether the claim, or at least its order, came back."""
-        if one.verdict in (Verdict.REPRODUCED, Verdict.BEYOND):
-            return "comes back"
-        return "its order comes back" if self.verdict is Verdict.REVERSED is not one.verdict else STAYS
 
 
 @dataclass(frozen=True)
@@ -287,10 +284,19 @@ class ClaimTable:
         """Return what the ablations that were done make of a claim."""
         numbers = {name: row.claim.number(done.get(name, {})) for name in row.claim.tried}
         return [
-            Ablated(name, self.ablations[name], found, row.claim.verdict(row.printed, found, settings.tolerance))
-            for name, found in numbers.items()
-            if found is not None
+            self._outcome(name, row, found, settings.tolerance) for name, found in numbers.items() if found is not None
         ]
+
+    def _outcome(self, name: str, row: Compared, ours: float, tolerance: float) -> Ablated:
+        """Say whether the claim came back, or at least its order: by a fifth of what the paper's is away from none."""
+        verdict, neutral = row.claim.verdict(row.printed, ours, tolerance), 1.0 if row.claim.against else 0.0
+        clear = abs(ours - neutral) >= tolerance * abs(row.printed - neutral)
+        if verdict in (Verdict.REPRODUCED, Verdict.BEYOND):
+            outcome = "comes back"
+        else:
+            ordered = row.verdict is Verdict.REVERSED is not verdict
+            outcome = "its order comes back" if ordered and clear else STAYS
+        return Ablated(name, self.ablations[name], ours, verdict, outcome)
 
     def printed_number(self, claim: Claim) -> float:
         """Return the number that a claim prints, or the ratio of its two.

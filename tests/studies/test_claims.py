@@ -94,7 +94,8 @@ def test_no_reason_is_invented() -> None:
     ("ours", "without", "found", "reason"),
     [
         (1.4, 0.5, True, "comes back without play: 0.5"),
-        (1.4, 0.9, True, "its order comes back without play: 0.9"),
+        (1.4, 0.8, True, "its order comes back without play: 0.8"),
+        (1.4, 0.99, False, "reason not known; stays so without play: 0.99"),  # hardly an order
         (1.4, 1.2, False, "reason not known; stays so without play: 1.2"),
         (0.8, 0.7, False, "reason not known; stays so without play: 0.7"),
         (0.5, 1.2, False, ""),
