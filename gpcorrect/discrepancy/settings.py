@@ -1,7 +1,7 @@
 """Every number that can move a verdict, with where it comes from.
 
 One set for all runs. Development cases are simulated recordings of seeds that no published figure uses; numbers chosen
-on them have no sensitivity table yet.
+on them are halved and doubled by `bench/discrepancy_sensitivity.py`.
 """
 
 from __future__ import annotations
