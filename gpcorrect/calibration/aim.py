@@ -19,7 +19,7 @@ import numpy as np
 
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.errors import DataError
-from gpcorrect.types import CalibrationLog, FloatArray, frozen_array
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, frozen_array
 
 STEPS, SHARE = 2, 0.5
 """How often commands are moved, and by how much of what is missing; chosen by hand on `dvrk_random`, where joints 5 and
@@ -73,14 +73,18 @@ class Aim:
         assert asked is not None
         assert wanted is not None
         aim, sessions = cls(reached, np.full(asked.shape[1], SHARE)), joints.session.tolist()
-        moved = aim.moved(wanted, first, joints.time, sessions)
-        missed = aim.missed(wanted, first, joints.time, sessions)
+        moved, _ = aim.moved(wanted, first, joints.time, sessions)
+        missed, _ = aim.missed(wanted, first, joints.time, sessions)
         known = np.isfinite(moved).all(axis=1) & np.isfinite(asked).all(axis=1)
         before, after, beside = ((part[known] ** 2).mean(axis=0) for part in (first - asked, moved - asked, missed))
         return cls(reached, np.where((after <= before) | (beside > np.nanmean(errors**2, axis=0)), SHARE, 0.0))
 
-    def moved(self, q: FloatArray, first: FloatArray, time: FloatArray, sessions: Sequence[int]) -> FloatArray:
-        """Return commands `(n, d)` along a path; NaN where desired joints or first commands are.
+    def moved(
+        self, q: FloatArray, first: FloatArray, time: FloatArray, sessions: Sequence[int]
+    ) -> tuple[FloatArray, BoolArray]:
+        """Return commands `(n, d)` along a path, and where the model was asked beyond what it learned `(n,)`.
+
+        Commands are NaN where desired joints or first commands are.
 
         Parameters
         ----------
@@ -93,13 +97,16 @@ class Aim:
         sessions : n int
             Homing or day.
         """
-        found = first
+        found, beyond = first, np.zeros(len(q), dtype=bool)
         for _ in range(STEPS):
-            found = found + self.share * self.missed(q, found, time, sessions)
-        return found
+            missed, outside = self.missed(q, found, time, sessions)
+            found, beyond = found + self.share * missed, beyond | outside
+        return found, beyond
 
-    def missed(self, q: FloatArray, commands: FloatArray, time: FloatArray, sessions: Sequence[int]) -> FloatArray:
-        """Return by how much commands `(n, d)` miss the joints of a path, as the model says.
+    def missed(
+        self, q: FloatArray, commands: FloatArray, time: FloatArray, sessions: Sequence[int]
+    ) -> tuple[FloatArray, BoolArray]:
+        """Return by how much commands `(n, d)` miss the joints of a path, and where the model cannot know `(n,)`.
 
         Parameters
         ----------
@@ -110,9 +117,9 @@ class Aim:
         sessions : n int
             Homing or day.
         """
-        reached = self.reached.correct_path(commands, time, sessions=sessions).joints
-        assert reached is not None
-        return q - reached
+        reached = self.reached.correct_path(commands, time, sessions=sessions)
+        assert reached.joints is not None
+        return q - reached.joints, ~np.asarray(reached.in_domain)
 
     def stream(self) -> AimStream:
         """Return what moves commands one after the other."""
@@ -136,8 +143,10 @@ class AimStream:
         for stream in self._streams:
             stream.reset()
 
-    def moved(self, time: float, q: FloatArray, first: FloatArray) -> FloatArray:
-        """Return what to command `(d,)`; with a missing number NaN, and the path begins anew.
+    def moved(self, time: float, q: FloatArray, first: FloatArray) -> tuple[FloatArray, bool]:
+        """Return what to command `(d,)`, and whether the model was asked beyond what it learned.
+
+        With a missing number the command is NaN, and the path begins anew.
 
         Parameters
         ----------
@@ -148,9 +157,9 @@ class AimStream:
         first : (d,) array
             What to command for them without this model.
         """
-        found = first
+        found, beyond = first, False
         for stream in self._streams:
-            reached = stream.correct(time, found).joints
-            assert reached is not None
-            found = found + self._share * (q - reached)
-        return found
+            reached = stream.correct(time, found)
+            assert reached.joints is not None
+            found, beyond = found + self._share * (q - reached.joints), beyond or not reached.in_domain
+        return found, beyond

@@ -39,6 +39,10 @@ HOPELESS = 0.05
 """Of the error of poses alone that a linear law of joints may have more, the mean of position and rotation; by hand. It
 is 8 % more for 60 reaches and 13 % more for 303 of a simulated RAVEN-II, whose joints, fitted all the same, ended at 6
 and 12 % more, and 41 and 18 % less for a simulated and the real dVRK, which ended at 41 and 25 % less."""
+REACHED = ("position", "memory", "lags")
+"""What the model that moves commands knows of them. Not their velocities: commands that it moves by a degree within a
+millisecond would look fast to it, and be moved back (103 changes of more than half a degree within a millisecond in
+24,000 poses of `bench/attack.py --only reaching`; none without). Held-out degrees of `dvrk_random` are the same."""
 AWAY = 0.1
 """Of the error of left-out commands that may be added by moving them to where the arm would arrive: beyond that the
 model of where it arrives is not believed. On a planted play, where four fifths of what is missed go, it is 0.07."""
@@ -142,7 +146,9 @@ class JointRoute:
         first = route.commands(joints, outcome.samples, outcome.left_out)
         route, left_out = route.calibrated(joints, pair, outcome.samples, outcome.left_out, first)
         if alone is None or changes(left_out, alone).mean() <= -WORTH_IT:
-            back = JointCorrector.learn(joints, known, cleaner, replace(own, direction="estimate"), learn_law)
+            back = JointCorrector.learn(
+                joints, known, cleaner, replace(own, direction="estimate", features=REACHED), learn_law
+            )
             reached = corrector_of(back)
             aim = Aim.learn(reached, reached.view.wide(back.left_out.errors), joints, first)
             aimed = replace(route, aim=aim).calibrated(joints, pair, outcome.samples, outcome.left_out, first)
@@ -207,7 +213,7 @@ class JointRoute:
         rows, view = samples.rows, self.joints.view
         found = np.array(first)
         if self.aim is not None:
-            found = self.aim.moved(joints.external_jp, first, joints.time, joints.session.tolist())
+            found, _ = self.aim.moved(joints.external_jp, first, joints.time, joints.session.tolist())
         found[rows[~np.isfinite(left_out.errors).all(axis=1)]] = np.nan
         in_joints = Correction(
             position=None,
@@ -261,7 +267,8 @@ class JointRoute:
         in_joints = self.joints.correct_path(q, time, sessions=sessions)
         if self.aim is not None:
             assert in_joints.joints is not None
-            in_joints = replace(in_joints, joints=self.aim.moved(q, in_joints.joints, time, sessions))
+            moved, beyond = self.aim.moved(q, in_joints.joints, time, sessions)
+            in_joints = replace(in_joints, joints=moved).because(Reason.OUTSIDE, beyond)
         return self.as_poses(reference, q, in_joints, bounds)
 
     def stream(self) -> RouteStream:
@@ -364,7 +371,8 @@ class RouteStream:
         if self._aim is None:
             return answer
         assert answer.joints is not None
-        return replace(answer, joints=self._aim.moved(time, q, answer.joints))
+        moved, beyond = self._aim.moved(time, q, answer.joints)
+        return replace(answer, joints=moved).because(Reason.OUTSIDE, beyond)
 
 
 def joints_of(log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], kinematics: ArmKinematics) -> CalibrationLog:

@@ -45,7 +45,8 @@ def test_a_machine_arrives_nearer(models: tuple[JointCorrector, Aim]) -> None:
     first, aim = models
     q, time = desired()
     told = first.correct_path(q, time).joints
-    moved = aim.moved(q, told, time, [0] * len(q))
+    moved, beyond = aim.moved(q, told, time, [0] * len(q))
+    assert beyond.mean() < 0.05
     missed = [np.sqrt(((reached(u) - q)[5:] ** 2).mean(axis=0)) for u in (told, moved)]
     assert (missed[1] < 0.5 * missed[0]).all()
 
@@ -64,11 +65,14 @@ def test_a_stream_is_its_path(models: tuple[JointCorrector, Aim]) -> None:
     q, time = (part[:80] for part in desired())
     told = np.array(first.correct_path(q, time).joints)
     told[40] = np.nan
-    path, stream = aim.moved(q, told, time, [0] * len(q)), aim.stream()
+    told[60:] += 0.5
+    (path, beyond), stream = aim.moved(q, told, time, [0] * len(q)), aim.stream()
     for _ in range(2):
         stream.reset()
-        found = [stream.moved(*row) for row in zip(time, q, told, strict=True)]
+        found, outside = zip(*(stream.moved(*row) for row in zip(time, q, told, strict=True)), strict=True)
         np.testing.assert_allclose(found, path, atol=1e-9)
+        np.testing.assert_array_equal(outside, beyond)
+    assert beyond[62:].all()
     assert np.isnan(path[40]).all()
 
 
