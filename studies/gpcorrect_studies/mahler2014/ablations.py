@@ -21,7 +21,7 @@ from gpcorrect.sim import Model, debridement_log, machine_of, preset
 from gpcorrect.sim.faults import Fault
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
-from gpcorrect_studies.mahler2014.closed_loop import closed_loop
+from gpcorrect_studies.mahler2014.closed_loop import closed_loop, places_to_visit
 from gpcorrect_studies.mahler2014.table1 import (
     FITS,
     FULL,
@@ -143,7 +143,8 @@ def _ends_early(base: Base) -> dict[str, Any]:
     rng, end = np.random.default_rng([base.settings.seed, 6]), float(base.log.time[-1])
     machine = machine_of(preset(DEBRIDEMENT_PRESET))
     corrector = base.full.corrector
-    landings = closed_loop(corrector, machine, base.places, base.repetitions, end, rng, early=EARLY)
+    places = places_to_visit(base.full, len(base.places) - 1, rng)  # drawn again, so that they are visited as before
+    landings = closed_loop(corrector, machine, places, base.repetitions, end, rng, early=EARLY)
     return {"table2": {name: {"at_rest": landing.at_rest.to_dict()} for name, landing in landings.items()}}
 
 
