@@ -84,7 +84,10 @@ def rig(
 @vision_app.command()
 def record(
     cameras: Annotated[
-        list[str], typer.Argument(help="Numbers of cameras (0 1 2 3), or video files instead.", show_default=False)
+        list[str],
+        typer.Argument(
+            help="Numbers of cameras (0 1 2 3) or their devices, or video files instead.", show_default=False
+        ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("recording"),
     seconds: Annotated[float, typer.Option(help="How long.", min=0.0)] = 60.0,

@@ -30,7 +30,7 @@ def record(
     Parameters
     ----------
     cameras : sequence of str
-        Numbers of devices (0, 1, ...), or video files that stand for cameras.
+        Numbers of devices (0, 1, ...) or their paths, or video files that stand for cameras.
     folder : str or Path
         Gets camera0.avi, camera1.avi, ... and times.csv; made when missing.
     seconds : float
@@ -74,9 +74,10 @@ def record(
 
 
 def _opened(camera: str, fps: float) -> Any:
-    """Open a device by its number, or a video file."""
-    device = camera.isdecimal() and not Path(camera).exists()
-    opened = cv2.VideoCapture(int(camera) if device else camera)
+    """Open a device by its number or path, or a video file."""
+    number = camera.isdecimal() and not Path(camera).exists()
+    device = number or Path(camera).is_char_device()
+    opened = cv2.VideoCapture(int(camera) if number else camera)
     if not opened.isOpened():
         raise GpCorrectError(
             f"camera {camera} cannot be opened.",

@@ -84,4 +84,5 @@ def test_a_recording_is_a_folder_that_is_tracked(tmp_path: Path) -> None:
     assert log.tracker_cp is not None
     assert np.linalg.norm(log.tracker_cp.position - poses[:, :3, 3], axis=1).max() < 0.3e-3
     assert len((tmp_path / "monday" / "times.csv").read_text().splitlines()) == 6
-    assert exit_status("vision", "record", tmp_path / "none.avi", "--output", tmp_path / "tuesday") == 2
+    for missing in (tmp_path / "none.avi", 97, "/dev/video97"):
+        assert exit_status("vision", "record", missing, "--output", tmp_path / "tuesday") == 2
