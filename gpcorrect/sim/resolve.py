@@ -12,7 +12,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body, Links
 from gpcorrect.sim.dynamics import mean_inertia
 from gpcorrect.sim.effects import ChainEffect, LoadEffect, TipEffect
-from gpcorrect.sim.effects.homing_offset import HomingOffset
+from gpcorrect.sim.effects.geometry import HomingOffset
 from gpcorrect.sim.machine import Drive, Machine
 from gpcorrect.sim.model import Controller, Model, Pose
 from gpcorrect.sim.settings import Noise, TrackerFaults

@@ -7,12 +7,10 @@ from pathlib import Path
 
 from gpcorrect.arms import Chain, Joint, RobotEdit
 from gpcorrect.sim.effects import Effect, Stage
-from gpcorrect.sim.effects.coulomb_friction import CoulombFriction
-from gpcorrect.sim.effects.dh_error import DhError
-from gpcorrect.sim.effects.joint_stop import JointStop
-from gpcorrect.sim.effects.payload import Payload
-from gpcorrect.sim.effects.torque_saturation import TorqueSaturation
-from gpcorrect.sim.effects.viscous_friction import ViscousFriction
+from gpcorrect.sim.effects.compliance import Payload
+from gpcorrect.sim.effects.geometry import DhError
+from gpcorrect.sim.effects.limit import JointStop, TorqueSaturation
+from gpcorrect.sim.effects.reversal import CoulombFriction, ViscousFriction
 from gpcorrect.sim.model import Model, write_model
 
 

@@ -16,7 +16,7 @@ from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.quantisation import quantisation_of
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.sim.effects import EncoderQuantisation, NoiseChange
-from gpcorrect.sim.effects.speed_noise import SpeedNoise
+from gpcorrect.sim.effects.noise import SpeedNoise
 from gpcorrect.types import FloatArray
 
 TRAJECTORIES, SAMPLES = 16, 300

@@ -11,7 +11,7 @@ from gpcorrect import se3
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.sim import machine_of, model_from_dict, simulate
-from gpcorrect.sim.effects.gravity_sag import GravitySag
+from gpcorrect.sim.effects.compliance import GravitySag
 from gpcorrect.sim.plan import Segment, plan_of
 from gpcorrect.types import CalibrationLog, PoseSignal
 

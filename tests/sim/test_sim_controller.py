@@ -9,11 +9,10 @@ import pytest
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Model, Plan, machine_of, model_from_dict, run
-from gpcorrect.sim.effects.feedforward_error import TERMS, FeedforwardError
-from gpcorrect.sim.effects.gain_error import GainError
-from gpcorrect.sim.effects.hysteresis import Hysteresis
+from gpcorrect.sim.effects.dynamics import TERMS, FeedforwardError, GainError
+from gpcorrect.sim.effects.geometry import TransmissionRatio
 from gpcorrect.sim.effects.operators import play, plays
-from gpcorrect.sim.effects.transmission_ratio import TransmissionRatio
+from gpcorrect.sim.effects.reversal import Hysteresis
 from gpcorrect.sim.plan import Segment, plan_of
 
 KP = 400.0

@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import bouc_wen, lag, play, ring
-from gpcorrect.sim.effects.delay import shifted
+from gpcorrect.sim.effects.operators import shifted
 
 values = st.floats(-10, 10, allow_nan=False)
 paths = arrays(np.float64, st.integers(2, 30), elements=values)

@@ -16,7 +16,7 @@ NEW = """
 from dataclasses import dataclass, replace
 
 from gpcorrect.sim.effects.base import JointEffect, Stage
-from gpcorrect.sim.effects.backlash import Backlash
+from gpcorrect.sim.effects.reversal import Backlash
 
 
 @dataclass(frozen=True)
@@ -42,10 +42,11 @@ def test_a_file_dropped_in_is_an_effect(monkeypatch, tmp_path):
     assert found["loose_screw"](2, 0.1).to_dict() == {"name": "loose_screw", "joint": 2, "radius": 0.1}
 
 
-def test_every_effect_has_a_file_of_its_name():
-    """An effect's file, its name and its class say the same, and it can be imported from the package."""
+def test_the_effects_of_a_family_share_a_file():
+    """Each family of effects has one file, and no file two; name and class say the same, and the package has all."""
+    families = {(kind.about.family, kind.__module__) for kind in EFFECTS.values()}
+    assert len(families) == len(dict(families)) == len({module for _, module in families})
     for name, kind in EFFECTS.items():
-        assert kind.__module__ == f"gpcorrect.sim.effects.{name}"
         assert kind.__name__ == name.title().replace("_", "")
         assert getattr(effects, kind.__name__) is kind
 

@@ -26,10 +26,8 @@ from gpcorrect.discrepancy.search.state import penalty
 from gpcorrect.discrepancy.settings import NAMING, SENSORS
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Effect, of_kind
-from gpcorrect.sim.effects.encoder_quantisation import EncoderQuantisation
-from gpcorrect.sim.effects.homing_offset import HomingOffset
-from gpcorrect.sim.effects.noise_change import NoiseChange
-from gpcorrect.sim.effects.speed_noise import SpeedNoise
+from gpcorrect.sim.effects.geometry import HomingOffset
+from gpcorrect.sim.effects.noise import EncoderQuantisation, NoiseChange, SpeedNoise
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 NORM = np.sqrt(6.0)  # deviation of a second difference of unit white noise

@@ -12,9 +12,7 @@ from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.sim import Noise
 from gpcorrect.sim.effects import of_kind
-from gpcorrect.sim.effects.encoder_quantisation import EncoderQuantisation
-from gpcorrect.sim.effects.noise_change import NoiseChange
-from gpcorrect.sim.effects.speed_noise import SpeedNoise
+from gpcorrect.sim.effects.noise import EncoderQuantisation, NoiseChange, SpeedNoise
 from gpcorrect.types import IntArray
 
 FINEST = 1e-9  # rad or m; a sensor without any white noise is rounding

@@ -1,4 +1,4 @@
-"""The catalogue of effects: one file each, all of one form, found by themselves.
+"""The catalogue of effects: a file a family, all of one form, found by themselves.
 
 Every effect's class can be imported from here by its name; code that is type-checked imports it from its own module.
 """

@@ -115,10 +115,10 @@ class Parameter:
         Field of the effect, and what it is in one phrase.
     revolute : Range
         Unit, range and prior on a revolute joint.
-    positive : bool
-        Whether negative values have no meaning; the prior is then log-normal, else normal.
     prismatic : Range, optional
         The same on a prismatic joint, where it is another one.
+    positive : bool
+        Whether negative values have no meaning; the prior is then log-normal, else normal.
     identity : float
         The value at which the effect does nothing.
     per_session : bool
@@ -139,8 +139,8 @@ class Parameter:
     name: str
     meaning: str
     revolute: Range
-    positive: bool
     prismatic: Range | None = None
+    positive: bool = True
     identity: float = 0.0
     per_session: bool = False
     factor: float = 3.0
@@ -189,12 +189,12 @@ class Description:
         Minimal equation, and where it comes from.
     parameters : tuple of Parameter
         Its numbers.
-    needs : tuple of str
-        Log signals without which it leaves no trace; alternatives are joined by "|".
     neighbours : tuple of str
         Names of its look-alikes; docs/simulator.md says what separates them.
     separating_runs : tuple of Run
         Recordings that separate it from them.
+    needs : tuple of str
+        Log signals without which it leaves no trace; alternatives are joined by "|".
     sites : tuple of Site
         Where it may sit; empty leaves that to whoever puts it there, and a search leaves it out.
     choices : tuple of (field, values)
@@ -209,9 +209,9 @@ class Description:
     equation: str
     source: str
     parameters: tuple[Parameter, ...]
-    needs: tuple[str, ...]
     neighbours: tuple[str, ...]
     separating_runs: tuple[Run, ...]
-    sites: tuple[Site, ...] = ()
+    needs: tuple[str, ...] = ("measured_jp|setpoint_jp", "external_jp|tracker_cp")
+    sites: tuple[Site, ...] = (Site.JOINT,)
     choices: tuple[tuple[str, tuple[str, ...]], ...] = ()
     remote_centre: bool = False

@@ -1,4 +1,4 @@
-"""The effects by name. The registry fills itself: a new effect is a new file in this folder, and nothing else."""
+"""The effects by name. The registry fills itself: a new effect is a class in a file here, and nothing else."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from gpcorrect.calibration import JointCorrector, fit_model, timed, zigzag
 from gpcorrect.calibration.learners.network import BATCH, L2, LEARNING_RATE, NetworkMap
 from gpcorrect.calibration.learners.polynomial import PolynomialMap, Scaler
 from gpcorrect.sim import Segment, preset
-from gpcorrect.sim.effects.drift import Drift
+from gpcorrect.sim.effects.over_time import Drift
 from gpcorrect.types import CalibrationLog
 from gpcorrect_studies.peng2024.fits import UNITS, Run, StudyFits, cell
 from gpcorrect_studies.peng2024.recordings import LIMITS, PRESET, SLOW, RavenStudy

@@ -10,8 +10,8 @@ import numpy as np
 from gpcorrect.arms import arm_named
 from gpcorrect.calibration import direction_named, random_sweeps, timed, zigzag
 from gpcorrect.sim import Model, Segment, machine_of, plan_of, preset, simulate
-from gpcorrect.sim.effects.drift import Drift
-from gpcorrect.sim.effects.homing_offset import HomingOffset
+from gpcorrect.sim.effects.geometry import HomingOffset
+from gpcorrect.sim.effects.over_time import Drift
 from gpcorrect.sim.plan import NOT_LOGGED
 from gpcorrect.types import CalibrationLog, FloatArray
 

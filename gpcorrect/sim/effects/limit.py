@@ -1,4 +1,4 @@
-"""Joint stop: near one end of its range the joint runs into something springy."""
+"""Effects at a limit: of the torque, and of the range."""
 
 from __future__ import annotations
 
@@ -6,8 +6,41 @@ from dataclasses import dataclass
 from math import inf
 
 from gpcorrect.sim.effects.base import TorqueEffect
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run
 from gpcorrect.sim.effects.laws import TorqueLaw
+
+
+@dataclass(frozen=True)
+class TorqueSaturation(TorqueEffect):
+    """The torque that acts is the commanded one, cut at a limit; `measured_jf` still says what was commanded."""
+
+    limit: float
+
+    about = Description(
+        name="torque_saturation",
+        number=25,
+        family=Family.LIMIT,
+        equation="tau = clip(tau_commanded, -limit, limit)",
+        source="RAVEN-II control software, DAC limit; Hippe 2006, Windup in Control, Ch. 1",
+        parameters=(
+            Parameter(
+                "limit",
+                "largest torque",
+                Range("N m", 1e-3, 1e4, 3.0),
+                Range("N", 0.01, 1e6, 30.0),
+                identity=float("inf"),
+                ladder=Ladder(Per.TORQUE, (0.95, 0.85, 0.7, 0.5, 0.3)),
+            ),
+        ),
+        needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("viscous_friction", "joint_stop"),
+        separating_runs=(Run.SPEED_LADDER, Run.LOAD_SWAP),
+    )
+
+    def law(self) -> TorqueLaw:
+        """Return the limit."""
+        return TorqueLaw(limit=self.limit)
+
 
 ENDS = ("upper", "lower")
 
@@ -33,17 +66,13 @@ class JointStop(TorqueEffect):
         source="penalty contact of a unilateral constraint; Brogliato 2016, Nonsmooth Mechanics, Ch. 2",
         parameters=(
             Parameter(
-                "stiffness",
-                "stiffness of the stop",
-                revolute=Range("N m/rad", 0.0, 1e4, 100.0),
-                prismatic=Range("N/m", 0.0, 1e6, 1e4),
-                positive=True,
+                "stiffness", "stiffness of the stop", Range("N m/rad", 0.0, 1e4, 100.0), Range("N/m", 0.0, 1e6, 1e4)
             ),
             Parameter(
                 "limit",
                 "where it begins",
-                revolute=Range("rad", -6.5, 6.5, 1.0),
-                prismatic=Range("m", -1.0, 1.0, 0.2),
+                Range("rad", -6.5, 6.5, 1.0),
+                Range("m", -1.0, 1.0, 0.2),
                 positive=False,
                 ladder=Ladder(Per.END, (0.1, 0.3), within=(0.0, 0.4)),  # beyond, most of the travel would lie on it
             ),
@@ -51,7 +80,6 @@ class JointStop(TorqueEffect):
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
         neighbours=("nonlinear_stretch", "torque_saturation"),
         separating_runs=(Run.AMPLITUDES, Run.ONE_JOINT),
-        sites=(Site.JOINT,),
         choices=(("end", ENDS),),
     )
 

@@ -1,0 +1,302 @@
+"""Effects of compliance: what gives way under a load, and a load that nobody knows of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.errors import DataError
+from gpcorrect.sim.body import Links
+from gpcorrect.sim.effects.base import JointEffect, LoadEffect, Stage, TipEffect
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+
+@dataclass(frozen=True)
+class CableStretch(JointEffect):
+    """The joint lags behind the motor by the torque it takes, over the cable's stiffness."""
+
+    stiffness: float
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="cable_stretch",
+        number=7,
+        family=Family.COMPLIANCE,
+        equation="q = m - tau / stiffness",
+        source="Hooke's law; Miyasaka et al. 2020, IEEE RA-L 5(2), cable-pulley network",
+        parameters=(
+            Parameter(
+                "stiffness",
+                "stiffness of the cable pair at the joint",
+                Range("N m/rad", 2.0, 1e5, 200.0),
+                Range("N/m", 100.0, 1e7, 2e4),
+                identity=float("inf"),
+            ),
+        ),
+        neighbours=("transmission_ratio", "gravity_sag"),
+        separating_runs=(Run.LOAD_SWAP, Run.POSE_SPREAD, Run.SPEED_LADDER),
+    )
+
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return q[..., j] - motion.load[..., j] / self.stiffness
+
+
+@dataclass(frozen=True)
+class NonlinearStretch(JointEffect):
+    """The joint lags behind the motor by the stretch d of a cable that stiffens as it is pulled."""
+
+    stiffness: float
+    cubic: float
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="nonlinear_stretch",
+        number=8,
+        family=Family.COMPLIANCE,
+        equation="q = m - d, tau = stiffness d + cubic d^3",
+        source="Spong 1987, J. Dyn. Syst. Meas. Control 109(4), elastic joints; Duffing's cubic spring",
+        parameters=(
+            Parameter(
+                "stiffness",
+                "stiffness at small loads",
+                Range("N m/rad", 2.0, 1e5, 200.0),
+                Range("N/m", 100.0, 1e7, 2e4),
+                identity=float("inf"),
+            ),
+            Parameter(
+                "cubic",
+                "hardening",
+                Range("N m/rad^3", 0.0, 1e14, 2e8),
+                Range("N/m^3", 0.0, 1e18, 2e12),
+                ladder=Ladder(
+                    Per.PRIOR, (0.001, 0.03, 1.0, 30.0)
+                ),  # as stiff as the linear part at a milliradian, 0.1 mm
+            ),
+        ),
+        neighbours=("cable_stretch", "backlash"),
+        separating_runs=(Run.LOAD_SWAP, Run.SPEED_LADDER),
+    )
+
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return q[..., j] - self._stretch(motion.load[..., j])
+
+    def _stretch(self, torque: FloatArray) -> FloatArray:
+        """Stretch at torques of any shape: the real root of the cubic, by hyperbolic functions."""
+        if np.isinf(self.stiffness) or self.cubic == 0:
+            return torque / self.stiffness
+        if self.stiffness == 0:
+            return np.cbrt(torque / self.cubic)
+        knee = np.sqrt(self.stiffness / (3.0 * self.cubic))
+        root: FloatArray = 2.0 * knee * np.sinh(np.arcsinh(1.5 * torque / (self.stiffness * knee)) / 3.0)
+        return root
+
+
+@dataclass(frozen=True)
+class LengthDependentStiffness(JointEffect):
+    """The joint lags behind the motor by its torque over a stiffness that falls with the cable's length."""
+
+    source: int  # the prismatic joint that pays the cable out; it may be the joint itself
+    rigidity: float
+    length: float  # negative where the source's zero, a convention of the arm's table, lies behind the drum
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="length_dependent_stiffness",
+        number=9,
+        family=Family.COMPLIANCE,
+        equation="q = m - tau / k, k = rigidity / (length + q_source)",
+        source="Hooke's law of a rod; Miyasaka et al. 2020, IEEE RA-L 5(2), cable-pulley network",
+        parameters=(
+            Parameter(
+                "rigidity",
+                "stiffness times cable length",
+                Range("N m^2/rad", 1.0, 5e4, 80.0),
+                Range("N", 50.0, 5e6, 8e3),
+                identity=float("inf"),
+            ),
+            Parameter(
+                "length",
+                "cable length at the source's zero",
+                Range("m", -1.0, 5.0, 0.3),
+                positive=False,
+                ladder=Ladder(Per.VALUE, (0.0, 0.3)),
+            ),
+        ),
+        neighbours=("cable_stretch", "payload"),
+        separating_runs=(Run.TWO_INSERTIONS, Run.LOAD_SWAP),
+        sites=(Site.INSERTION,),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (isinstance(self.source, int) and self.source >= 1):
+            raise DataError(f"effect {self.about.name}: source must be a joint's number, got {self.source!r}.")
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """The joint and the one that pays its cable out."""
+        return (*super().joints, self.source)
+
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        k = self.column(motion.joints, self.source)
+        length = np.maximum(self.length + motion.position[..., k], 0.0)
+        return q[..., j] - motion.load[..., j] * length / self.rigidity
+
+
+@dataclass(frozen=True)
+class GravitySag(JointEffect):
+    """Links and bearings bend: the effective joint value falls behind by the gravity torque over their stiffness."""
+
+    stiffness: float
+
+    stage = Stage.LINK
+    about = Description(
+        name="gravity_sag",
+        number=10,
+        family=Family.COMPLIANCE,
+        equation="q_link = q - g(q) / stiffness",
+        source="Roth, Mooring, Ravani 1987, IEEE J. Robotics and Automation 3(5): non-geometric errors",
+        parameters=(
+            Parameter(
+                "stiffness",
+                "stiffness of the structure",
+                Range("N m/rad", 2.0, 1e5, 300.0),
+                Range("N/m", 100.0, 1e7, 3e4),
+                identity=float("inf"),
+            ),
+        ),
+        needs=("external_jp|tracker_cp",),
+        neighbours=("transmission_ratio", "registration_error", "cable_stretch"),
+        separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP, Run.SPEED_LADDER),
+    )
+
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return q[..., j] - motion.gravity_load[..., j] / self.stiffness
+
+
+@dataclass(frozen=True)
+class Payload(LoadEffect):
+    """A point mass at the tip, beyond the payload that is known; it weighs and it resists acceleration."""
+
+    mass: float
+
+    about = Description(
+        name="payload",
+        number=11,
+        family=Family.COMPLIANCE,
+        equation="tau = tau_0 + J^T mass (a - g)",
+        source="Featherstone 2008, Rigid Body Dynamics Algorithms, Ch. 5",
+        parameters=(Parameter("mass", "unknown mass at the tip", Range("kg", 0.0, 3.0, 0.1)),),
+        needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("gravity_sag", "length_dependent_stiffness"),
+        separating_runs=(Run.LOAD_SWAP, Run.TWO_INSERTIONS, Run.POSE_SPREAD),
+        sites=(Site.ALL,),
+    )
+
+    def act(self, links: Links) -> Links:
+        """Return the masses with more at the tip."""
+        return replace(links, payload=links.payload + self.mass)
+
+
+@dataclass(frozen=True)
+class ShaftBending(TipEffect):
+    """A cantilever from the remote centre of motion to the tip, loaded at its end."""
+
+    rigidity: float
+
+    stage = Stage.TIP
+    about = Description(
+        name="shaft_bending",
+        number=12,
+        family=Family.COMPLIANCE,
+        equation="d = F L^3 / (3 rigidity) across the shaft, turned by F L^2 / (2 rigidity)",
+        source="Euler-Bernoulli cantilever; Roark's Formulas for Stress and Strain, Table 8.1",
+        parameters=(
+            Parameter(
+                "rigidity", "bending stiffness EI of the shaft", Range("N m^2", 0.05, 1e4, 10.0), identity=float("inf")
+            ),
+        ),
+        needs=("tracker_cp", "payload"),
+        remote_centre=True,
+        neighbours=("cable_stretch", "rcm_shift"),
+        separating_runs=(Run.LOAD_SWAP, Run.TWO_INSERTIONS),
+        sites=(Site.TOOL,),
+    )
+
+    def act(self, T_base_tip: FloatArray, motion: Motion) -> FloatArray:
+        """Move and turn the tip across the shaft, towards the force."""
+        if np.isinf(self.rigidity):
+            return T_base_tip
+        tip = T_base_tip[..., :3, 3]
+        force, length = lateral_force(tip, motion.tip_force)
+        axis = np.cross(tip / np.maximum(length, 1e-12), force)
+        R = se3.matrix_from_rotvec(axis * length**2 / (2.0 * self.rigidity))
+        return se3.pose(R @ T_base_tip[..., :3, :3], tip + force * length**3 / (3.0 * self.rigidity))
+
+
+@dataclass(frozen=True)
+class RcmShift(TipEffect):
+    """The whole instrument moves across its shaft by the lateral force over a stiffness."""
+
+    stiffness: float
+
+    stage = Stage.BASE
+    about = Description(
+        name="rcm_shift",
+        number=13,
+        family=Family.COMPLIANCE,
+        equation="d = F_lateral / stiffness, the same along the whole shaft",
+        source="Hooke's law at the remote centre of motion",
+        parameters=(
+            Parameter(
+                "stiffness",
+                "lateral stiffness at the remote centre",
+                Range("N/m", 20.0, 1e7, 3e3),
+                identity=float("inf"),
+            ),
+        ),
+        needs=("tracker_cp", "payload"),
+        remote_centre=True,
+        neighbours=("shaft_bending", "registration_error"),
+        separating_runs=(Run.LOAD_SWAP, Run.TWO_INSERTIONS),
+        sites=(Site.BASE,),
+    )
+
+    def act(self, T_base_tip: FloatArray, motion: Motion) -> FloatArray:
+        """Move the tip across the shaft, towards the force."""
+        if np.isinf(self.stiffness):
+            return T_base_tip
+        force, _ = lateral_force(T_base_tip[..., :3, 3], motion.tip_force)
+        return se3.pose(T_base_tip[..., :3, :3], T_base_tip[..., :3, 3] + force / self.stiffness)
+
+
+def lateral_force(tip: FloatArray, tip_force: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Part of the force at the tip that acts across the shaft, and the shaft's free length.
+
+    The shaft runs from the remote centre of motion, which is the base origin of every arm here, to the tip.
+
+    Parameters
+    ----------
+    tip : (n, N, 3) array
+        Tip positions, base frame, m.
+    tip_force : (N, 3) array or None
+        Force on the tip in each run, base frame, N; None is none.
+
+    Returns
+    -------
+    force : (n, N, 3) array
+        N, base frame.
+    length : (n, N, 1) array
+        m.
+    """
+    length = np.linalg.norm(tip, axis=-1, keepdims=True)
+    if tip_force is None:
+        return np.zeros(tip.shape), length
+    along = tip / np.maximum(length, 1e-12)
+    force: FloatArray = tip_force - (along * tip_force).sum(axis=-1, keepdims=True) * along
+    return force, length

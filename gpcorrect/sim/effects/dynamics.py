@@ -1,0 +1,130 @@
+"""Effects of dynamics: swinging on the cable, and a controller that is another than the one modelled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.base import DriveEffect, JointEffect, Stage
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run
+from gpcorrect.sim.effects.operators import Memory, ring
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+if TYPE_CHECKING:
+    from gpcorrect.sim.machine import Drive  # it holds effects
+
+
+@dataclass(frozen=True)
+class Resonance(JointEffect):
+    """The joint follows the motor as a second-order system: overshoot and ringing after fast changes.
+
+    Samples slower than twice its frequency do not show it.
+    """
+
+    frequency: float
+    damping_ratio: float
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="resonance",
+        number=27,
+        family=Family.DYNAMICS,
+        equation="q'' + 2 damping_ratio w q' + w^2 q = w^2 m, w = 2 pi frequency",
+        source="Spong 1987, J. Dyn. Syst. Meas. Control 109(4), elastic joints, one mode",
+        parameters=(
+            Parameter(
+                "frequency",
+                "natural frequency",
+                Range("Hz", 3.0, 60.0, 14.0),
+                identity=float("inf"),
+                factor=1.9,
+                ladder=Ladder(Per.VALUE, (5.0, 10.0, 20.0, 40.0)),
+            ),
+            Parameter(
+                "damping_ratio",
+                "fraction of critical damping",
+                Range("1", 0.0, 0.7, 0.1),
+                ladder=Ladder(Per.VALUE, (0.03, 0.3)),
+            ),
+        ),
+        neighbours=("delay", "cable_stretch"),
+        separating_runs=(Run.SPEED_LADDER, Run.ONE_JOINT),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.frequency > 0:
+            raise DataError(f"effect resonance: frequency must be > 0, got {self.frequency!r}.")
+
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return ring(q[..., j], motion.time, self.frequency, self.damping_ratio, memory)
+
+
+TERMS = ("gravity", "inertia", "velocity")  # in the order of `Drive.beyond`
+
+
+@dataclass(frozen=True)
+class FeedforwardError(DriveEffect):
+    """The controller feeds a further fraction of one term forward; -1 is a term that the machine lacks.
+
+    Terms are "gravity", what holds the nominal arm, "inertia", what accelerates it and its motors, and "velocity", kd
+    times the commanded velocity.
+    """
+
+    fraction: float
+    term: str = "gravity"
+
+    about = Description(
+        name="feedforward_error",
+        number=30,
+        family=Family.DYNAMICS,
+        equation="tau = tau_nominal + fraction tau_term(q_commanded)",
+        source="computed-torque control with wrong terms; Siciliano et al. 2009, Robotics, Sec. 8.5",
+        parameters=(
+            Parameter("fraction", "fraction fed forward beyond the model", Range("1", -3.0, 3.0, 0.3), positive=False),
+        ),
+        needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("gain_error", "payload", "viscous_friction"),
+        separating_runs=(Run.SPEED_LADDER, Run.POSE_SPREAD, Run.GAIN_CHANGE),
+        choices=(("term", TERMS),),
+    )
+
+    def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
+        """Add the fraction to what is fed forward."""
+        beyond = np.array(np.broadcast_to(drive.beyond, (3, len(joints))))
+        beyond[TERMS.index(self.term), self.column(joints)] += self.fraction
+        return replace(drive, beyond=beyond)
+
+
+@dataclass(frozen=True)
+class GainError(DriveEffect):
+    """The controller on the machine has other gains than the model's: each is off by a fraction of its own."""
+
+    proportional: float
+    derivative: float = 0.0
+
+    about = Description(
+        name="gain_error",
+        number=31,
+        family=Family.DYNAMICS,
+        equation="tau = kp (1 + proportional) (q_d - q) + kd (1 + derivative) (v_d - v)",
+        source="PD control on the motor side, RAVEN-II control software",
+        parameters=(
+            Parameter("proportional", "relative error of kp", Range("1", -0.9, 9.0, 0.2), positive=False),
+            Parameter("derivative", "relative error of kd", Range("1", -0.9, 9.0, 0.2), positive=False),
+        ),
+        needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("feedforward_error", "viscous_friction"),
+        separating_runs=(Run.SPEED_LADDER, Run.LOAD_SWAP),
+    )
+
+    def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
+        """Scale the joint's gains."""
+        j, kp, kd = self.column(joints), np.array(drive.kp), np.array(drive.kd)
+        kp[j] *= 1.0 + self.proportional
+        kd[j] *= 1.0 + self.derivative
+        return replace(drive, kp=kp, kd=kd)

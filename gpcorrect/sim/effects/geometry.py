@@ -1,0 +1,335 @@
+"""Effects of geometry: joints, links and frames that are not where, nor as large as, the software has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from gpcorrect import se3
+from gpcorrect.arms import Chain, Joint
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.base import ChainEffect, JointEffect, Stage, TipEffect
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.operators import Memory, play
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+
+@dataclass(frozen=True)
+class HomingOffset(JointEffect):
+    """The encoder's zero is not the joint's: the robot reports the true position plus an offset, set anew by homing."""
+
+    offset: float | tuple[float, ...]
+
+    stage = Stage.ENCODER
+    about = Description(
+        name="homing_offset",
+        number=1,
+        family=Family.GEOMETRY,
+        equation="reported = q + offset, a new one each session",
+        source="Hwang et al. 2020, IEEE RA-L 5(4), offset model",
+        parameters=(
+            Parameter(
+                "offset",
+                "reported minus true position",
+                Range("rad", -0.35, 0.35, 0.05),
+                Range("m", -0.05, 0.05, 0.005),
+                positive=False,
+                per_session=True,
+            ),
+        ),
+        neighbours=("registration_error", "gravity_sag"),
+        separating_runs=(Run.POSE_SPREAD, Run.REHOMING),
+    )
+
+    def __post_init__(self) -> None:
+        if isinstance(self.offset, list):
+            object.__setattr__(self, "offset", tuple(self.offset))
+        super().__post_init__()
+
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        offsets = np.atleast_1d(np.asarray(self.offset, dtype=np.float64))
+        if len(offsets) > 1 and motion.session.max(initial=0) >= len(offsets):
+            raise DataError(
+                f"homing_offset of joint {self.joint} has {len(offsets)} offsets, the data have "
+                f"{motion.session.max() + 1} sessions.",
+                hint="Give one offset for all sessions, or one for each.",
+            )
+        return q[..., j] - (offsets[motion.session] if len(offsets) > 1 else offsets[0])
+
+
+@dataclass(frozen=True)
+class TransmissionRatio(JointEffect):
+    """The motion since homing is reported `1 + error` times as large as it is."""
+
+    error: float
+    home: float = 0.0
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="transmission_ratio",
+        number=2,
+        family=Family.GEOMETRY,
+        equation="reported = q + error (q - home)",
+        source="RAVEN-II control software, motor-to-joint map q = C^-1 m / N",
+        parameters=(
+            Parameter("error", "relative error of the ratio", Range("1", -0.2, 0.2, 0.02), positive=False),
+            Parameter(
+                "home",
+                "where the joint was homed",
+                Range("rad", -6.5, 6.5, 1.0),
+                Range("m", -1.0, 1.0, 0.2),
+                positive=False,
+                ladder=Ladder(Per.PLACE, (0.5,), absent=True),
+            ),
+        ),
+        neighbours=("gravity_sag",),
+        separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP),
+    )
+
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return (q[..., j] + self.error * self.home) / (1.0 + self.error)
+
+
+@dataclass(frozen=True)
+class CableCoupling(JointEffect):
+    """An off-diagonal term of the coupling matrix is wrong or missing; it may drag behind the source.
+
+    A cable that is wound by friction first sticks to the source's motion and lets go of it at a reversal: this part is
+    the source less its play, which follows the last bit of motion after a reversal and no more.
+    """
+
+    source: int  # number of the joint whose motion causes it
+    coefficient: float
+    drag: float = 0.0
+    drag_radius: float = 0.0
+    home: float = 0.0
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="cable_coupling",
+        number=3,
+        family=Family.GEOMETRY,
+        equation="reported_j = q_j + coefficient (q_source - home) + drag (q_source - play(q_source, drag_radius))",
+        source="RAVEN-II control software, motor-to-joint map q = C^-1 m / N; play as in backlash",
+        parameters=(
+            Parameter(
+                "coefficient",
+                "reported minus true position of this joint for each unit of the source",
+                Range("rad per unit of source", -1.0, 1.0, 0.05),
+                Range("m per unit of source", -0.05, 0.05, 0.002),
+                positive=False,
+            ),
+            Parameter(
+                "drag",
+                "reported minus true position of this joint for each unit of the source's motion since its reversal",
+                Range("rad per unit of source", -5.0, 5.0, 0.2),
+                Range("m per unit of source", -0.25, 0.25, 0.01),
+                positive=False,
+                shaped_by="drag_radius",
+            ),
+            Parameter(
+                "drag_radius",
+                "half the source's motion over which the drag turns round",
+                Range("rad or m of source", 0.0, 1.0, 0.05),
+                ladder=Ladder(Per.RANGE, (0.02, 0.06, 0.15), absent=True),
+            ),
+            Parameter(
+                "home",
+                "where the source stood when the joint was homed",
+                Range("rad or m of source", -6.5, 6.5, 1.0),
+                positive=False,
+                ladder=Ladder(Per.PLACE, (0.5,), absent=True),
+            ),
+        ),
+        neighbours=("gravity_sag", "backlash"),
+        separating_runs=(Run.ONE_JOINT, Run.AMPLITUDES),
+        sites=(Site.PAIR,),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (isinstance(self.source, int) and self.source >= 1) or self.source == self.joint:
+            raise DataError(
+                f"effect cable_coupling: source must be the number of a joint other than {self.joint}, "
+                f"got {self.source!r}."
+            )
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Both joints."""
+        return (*super().joints, self.source)
+
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        k = self.column(motion.joints, self.source)
+        wound = self.coefficient * (q[..., k] - self.home)
+        if self.drag:
+            wound = wound + self.drag * (q[..., k] - play(q[..., k], self.drag_radius, memory))
+        return q[..., j] - wound
+
+
+@dataclass(frozen=True)
+class PulleyEccentricity(JointEffect):
+    """A pulley does not run true: the reported position swings around the true one as it turns."""
+
+    amplitude: float
+    waves: float
+    phase: float
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="pulley_eccentricity",
+        number=4,
+        family=Family.GEOMETRY,
+        equation="reported = q + amplitude sin(waves reported + phase)",
+        source="first harmonic of a pulley whose axis is off its centre; the phase is counted on the motor's side",
+        parameters=(
+            Parameter(
+                "amplitude",
+                "size of the wave, reported minus true position",
+                Range("rad", -0.1, 0.1, 0.003),
+                Range("m", -0.01, 0.01, 2e-4),
+                positive=False,
+            ),
+            Parameter(
+                "waves",
+                "phase of the pulley for each unit of the joint",
+                Range("1", 1.0, 60.0, 10.0),  # the joint's own pulley turns slowest
+                Range("rad/m", 1.0, 500.0, 150.0),
+                factor=2.0,
+                # Half a wave apart: none is missed. Three quarters of a wave at least, or any bend would be one.
+                ladder=Ladder(Per.SWEEP, tuple(np.pi * k for k in range(2, 15)), within=(1.5 * np.pi, 1e9)),
+            ),
+            Parameter(
+                "phase",
+                "phase at zero",
+                Range("rad", -2 * np.pi, 2 * np.pi, 1.0),  # twice round: no wall where it may want to pass
+                positive=False,
+                ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
+                period=2 * np.pi,
+            ),
+        ),
+        neighbours=("position_dependent_friction", "transmission_ratio"),
+        separating_runs=(Run.AMPLITUDES, Run.ONE_JOINT),
+    )
+
+    def canonical(self) -> PulleyEccentricity:
+        """Return the same wave with a positive amplitude and a phase within half a turn."""
+        phase = self.phase + (np.pi if self.amplitude < 0 else 0.0)
+        return replace(self, amplitude=abs(self.amplitude), phase=float(np.angle(np.exp(1j * phase))))
+
+    def overtones(self) -> tuple[PulleyEccentricity, ...]:
+        """Return waves of two, three and four times its frequency.
+
+        A wheel off its centre has none; encoders that interpolate badly, and gears, do.
+        """
+        return tuple(
+            replace(self, waves=k * self.waves, phase=k * self.phase + shift)
+            for k in (2, 3, 4)
+            for shift in (0.0, np.pi / 2)
+        )
+
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return q[..., j] - self.amplitude * np.sin(self.waves * q[..., j] + self.phase)
+
+
+_SHIFT, _TURN, _SCALE = Range("m", -0.1, 0.1, 5e-3), Range("rad", -0.35, 0.35, 0.02), Range("1", -0.1, 0.1, 5e-3)
+_shift = partial(Parameter, revolute=_SHIFT, positive=False)
+_turn = partial(Parameter, revolute=_TURN, positive=False)
+
+
+@dataclass(frozen=True)
+class RegistrationError(TipEffect):
+    """Poses are seen through a similarity y = s R q + t, about the base origin and in base axes.
+
+    Where the tracker is registered from the same data, that registration takes all of it but the scale.
+    """
+
+    x: float
+    y: float
+    z: float
+    rx: float
+    ry: float
+    rz: float
+    scale: float
+
+    stage = Stage.BASE
+    about = Description(
+        name="registration_error",
+        number=5,
+        family=Family.GEOMETRY,
+        equation="y = (1 + scale) R p + t, t = (x, y, z), R of the rotation vector (rx, ry, rz)",
+        source="Umeyama 1991, IEEE Trans. PAMI 13(4): similarity between two sets of points",
+        parameters=(
+            _shift("x", "shift along the base's x axis"),
+            _shift("y", "shift along the base's y axis"),
+            _shift("z", "shift along the base's z axis"),
+            _turn("rx", "rotation vector, x"),
+            _turn("ry", "rotation vector, y"),
+            _turn("rz", "rotation vector, z"),
+            Parameter("scale", "relative error of lengths", _SCALE, positive=False),
+        ),
+        needs=("tracker_cp",),
+        neighbours=("dh_error", "homing_offset"),
+        separating_runs=(Run.POSE_SPREAD,),
+        sites=(Site.BASE,),
+    )
+
+    def act(self, T_base_tip: FloatArray, motion: Motion) -> FloatArray:
+        """Move the poses by the similarity."""
+        R = se3.matrix_from_rotvec(np.array([self.rx, self.ry, self.rz]))
+        position = (1.0 + self.scale) * T_base_tip[..., :3, 3] @ R.T + np.array([self.x, self.y, self.z])
+        return se3.pose(R @ T_base_tip[..., :3, :3], position)
+
+
+_LENGTH, _ANGLE = Range("m", -0.05, 0.05, 1e-3), Range("rad", -0.2, 0.2, 5e-3)
+_length = partial(Parameter, revolute=_LENGTH, positive=False)
+_angle = partial(Parameter, revolute=_ANGLE, positive=False)
+
+
+@dataclass(frozen=True)
+class DhError(ChainEffect):
+    """Small errors of one row of the Denavit-Hartenberg table, or of the tool: a further row behind the last link."""
+
+    a: float
+    alpha: float
+    d: float
+    theta: float
+
+    about = Description(
+        name="dh_error",
+        number=6,
+        family=Family.GEOMETRY,
+        equation="true row = nominal row + (a, alpha, d, theta)",
+        source="Mooring, Roth, Driels 1991, Fundamentals of Manipulator Calibration, Ch. 2",
+        parameters=(
+            _length("a", "true minus nominal link length"),
+            _angle("alpha", "true minus nominal twist"),
+            _length("d", "true minus nominal offset along the joint's axis"),
+            _angle("theta", "true minus nominal angle about the joint's axis"),
+        ),
+        needs=("tracker_cp",),
+        neighbours=("registration_error", "homing_offset", "gravity_sag"),
+        separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP),
+        sites=(Site.JOINT, Site.TOOL),
+    )
+
+    def act(self, chain: Chain) -> Chain:
+        """Return the chain with the altered row or tool."""
+        if self.joint == "tool":
+            return replace(chain, tool=self._extra_row(chain) @ chain.tool)
+        assert isinstance(self.joint, int)
+        if self.joint > chain.dof:
+            raise DataError(f"effect dh_error acts on joint {self.joint}, the arm has {chain.dof}.")
+        rows = list(chain.joints)
+        row = rows[self.joint - 1]
+        rows[self.joint - 1] = replace(
+            row, a=row.a + self.a, alpha=row.alpha + self.alpha, d=row.d + self.d, theta=row.theta + self.theta
+        )
+        return replace(chain, joints=tuple(rows))
+
+    def _extra_row(self, chain: Chain) -> FloatArray:
+        row = Joint("R", self.alpha, self.a, self.d, self.theta, -1.0, 1.0)
+        return Chain((row,), chain.convention).forward([0.0])

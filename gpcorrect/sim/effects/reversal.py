@@ -1,0 +1,284 @@
+"""Effects of reversal: play, friction and hysteresis, by which it counts from where the joint came."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.base import SIDES, FrictionEffect, JointEffect, Stage
+from gpcorrect.sim.effects.bouc_wen import bouc_wen
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run
+from gpcorrect.sim.effects.laws import FrictionLaw
+from gpcorrect.sim.effects.operators import Memory, play, plays
+from gpcorrect.sim.motion import Motion
+from gpcorrect.types import FloatArray
+
+TORQUES = ("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp")  # what friction needs to be seen
+LAWS = ("bouc_wen", "plays")
+PLAYS = 8  # in the sum: with twice as many the path changes by less than a hundredth of the radius
+
+
+@dataclass(frozen=True)
+class Backlash(JointEffect):
+    """A gap in the transmission, through which the joint follows the motor as a play."""
+
+    radius: float
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="backlash",
+        number=14,
+        family=Family.REVERSAL,
+        equation="q = play(m, radius): w = min(max(w_before, m - radius), m + radius)",
+        source="Krasnosel'skii and Pokrovskii 1989, Systems with Hysteresis, Sec. 2",
+        parameters=(
+            Parameter(
+                "radius",
+                "half the gap",
+                Range("rad", 0.0, 0.6, 0.01),
+                Range("m", 0.0, 0.02, 5e-4),
+                ladder=Ladder(Per.RANGE, (0.003, 0.01, 0.03, 0.1)),
+            ),
+        ),
+        neighbours=("coulomb_friction", "hysteresis"),
+        separating_runs=(Run.AMPLITUDES, Run.LOAD_SWAP, Run.GAIN_CHANGE, Run.SPEED_LADDER),
+    )
+
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return play(q[..., j], self.radius, memory)
+
+
+@dataclass(frozen=True)
+class CoulombFriction(FrictionEffect):
+    """Dry friction of fixed size: by a proportional gain an error of torque / kp that changes sign at reversals."""
+
+    torque: float = field(kw_only=True)
+
+    about = Description(
+        name="coulomb_friction",
+        number=15,
+        family=Family.REVERSAL,
+        equation="F = torque sign(v), |F| <= torque at rest",
+        source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
+        parameters=(
+            Parameter("torque", "size of the friction", Range("N m", 0.0, 20.0, 0.3), Range("N", 0.0, 500.0, 3.0)),
+        ),
+        needs=TORQUES,
+        neighbours=("viscous_friction", "delay", "backlash"),
+        separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
+        choices=(("side", SIDES),),
+    )
+
+    def law(self) -> FrictionLaw:
+        """Return the constant limit."""
+        return FrictionLaw(torque=self.torque)
+
+
+@dataclass(frozen=True)
+class ViscousFriction(FrictionEffect):
+    """Damping; through a proportional gain it becomes a lag of b / kp seconds in this joint."""
+
+    damping: float = field(kw_only=True)
+
+    about = Description(
+        name="viscous_friction",
+        number=16,
+        family=Family.REVERSAL,
+        equation="F = damping v",
+        source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
+        parameters=(
+            Parameter(
+                "damping",
+                "torque for each unit of speed",
+                Range("N m s/rad", 0.0, 300.0, 0.5),
+                Range("N s/m", 0.0, 2e4, 20.0),
+            ),
+        ),
+        needs=TORQUES,
+        neighbours=("delay", "coulomb_friction"),
+        separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
+        choices=(("side", SIDES),),
+    )
+
+    def law(self) -> FrictionLaw:
+        """Return the constant damping."""
+        return FrictionLaw(damping=self.damping)
+
+
+@dataclass(frozen=True)
+class StribeckFriction(FrictionEffect):
+    """Dry friction that falls from a static to a kinetic value as the joint picks up speed."""
+
+    torque: float = field(kw_only=True)
+    static_torque: float = field(kw_only=True)
+    speed: float = field(kw_only=True)
+
+    about = Description(
+        name="stribeck_friction",
+        number=17,
+        family=Family.REVERSAL,
+        equation="F = (torque + (static_torque - torque) exp(-(v / speed)^2)) sign v",
+        source="Bo and Pavelescu 1982, Wear 82(3); Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
+        parameters=(
+            Parameter("torque", "friction at speed", Range("N m", 0.0, 20.0, 0.3), Range("N", 0.0, 500.0, 3.0)),
+            Parameter("static_torque", "friction at rest", Range("N m", 0.0, 30.0, 0.5), Range("N", 0.0, 600.0, 5.0)),
+            Parameter(
+                "speed",
+                "speed over which the one becomes the other",
+                Range("rad/s", 1e-4, 2.0, 0.05),
+                Range("m/s", 1e-5, 0.2, 0.005),
+                ladder=Ladder(Per.PRIOR, (0.2, 1.0, 5.0)),
+            ),
+        ),
+        needs=TORQUES,
+        neighbours=("coulomb_friction", "viscous_friction"),
+        separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
+        choices=(("side", SIDES),),
+    )
+
+    def law(self) -> FrictionLaw:
+        """Return both limits and the speed between them."""
+        return FrictionLaw(torque=self.torque, static=self.static_torque, speed=self.speed)
+
+
+@dataclass(frozen=True)
+class CapstanFriction(FrictionEffect):
+    """Friction of a cable around pulleys and sheaths, which grows with the load, more against it than with it.
+
+    The motor pays tau exp(mu theta) to lift a load tau and tau exp(-mu theta) to let it down; in between it sticks.
+    """
+
+    wrap: float = field(kw_only=True)
+
+    about = Description(
+        name="capstan_friction",
+        number=18,
+        family=Family.REVERSAL,
+        equation="T2 = T1 exp(wrap sign v): F = tau (exp(wrap sign(v tau)) - 1)",
+        source="Euler and Eytelwein's belt; Kaneko, Yamashita, Tanie 1991, tendon transmissions, ICAR",
+        parameters=(
+            Parameter("wrap", "friction coefficient times wrap angle", Range("1", 0.0, 3.0, 0.15), positive=True),
+        ),
+        needs=TORQUES,
+        neighbours=("coulomb_friction",),
+        separating_runs=(Run.LOAD_SWAP, Run.POSE_SPREAD),
+        choices=(("side", SIDES),),
+    )
+
+    def law(self) -> FrictionLaw:
+        """Return what the wrap takes of the load."""
+        return FrictionLaw(wrap=self.wrap)
+
+
+@dataclass(frozen=True)
+class PositionDependentFriction(FrictionEffect):
+    """Dry friction whose size swings with the joint's position, never below zero."""
+
+    torque: float = field(kw_only=True)
+    swing: float = field(kw_only=True)
+    waves: float = field(kw_only=True)
+    phase: float = field(kw_only=True)
+
+    about = Description(
+        name="position_dependent_friction",
+        number=19,
+        family=Family.REVERSAL,
+        equation="F = max(0, torque + swing sin(waves q + phase)) sign v",
+        source="Armstrong 1988, ICRA, Friction: experimental determination, modeling and compensation",
+        parameters=(
+            Parameter("torque", "mean friction", Range("N m", 0.0, 20.0, 0.3), Range("N", 0.0, 500.0, 3.0)),
+            Parameter(
+                "swing",
+                "size of the part that varies",
+                Range("N m", -20.0, 20.0, 0.2),
+                Range("N", -100.0, 100.0, 2.0),
+                positive=False,
+            ),
+            Parameter(
+                "waves",
+                "phase for each unit of the joint",
+                Range("1", 0.1, 300.0, 6.0),
+                Range("rad/m", 1.0, 5000.0, 60.0),
+                ladder=Ladder(Per.SWEEP, (1.5 * np.pi, 2 * np.pi, 4 * np.pi), within=(np.pi, 1e9)),
+            ),
+            Parameter(
+                "phase",
+                "phase at zero",
+                Range("rad", -np.pi, np.pi, 1.0),
+                positive=False,
+                ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
+                period=2 * np.pi,
+            ),
+        ),
+        needs=TORQUES,
+        neighbours=("coulomb_friction", "pulley_eccentricity"),
+        separating_runs=(Run.AMPLITUDES, Run.SPEED_LADDER),
+        choices=(("side", SIDES),),
+    )
+
+    def law(self) -> FrictionLaw:
+        """Return mean and wave."""
+        return FrictionLaw(torque=self.torque, swing=self.swing, waves=self.waves, phase=self.phase)
+
+
+@dataclass(frozen=True)
+class Hysteresis(JointEffect):
+    """The joint lags behind the motor by the state of an element with memory."""
+
+    radius: float
+    sharpness: float = 1.0  # a long soft curve; a large one is a play with a corner
+    depth: float = 1.0
+    law: str = "bouc_wen"  # that element with beta = gamma; "plays": a Prandtl-Ishlinskii sum of plays
+
+    stage = Stage.TRANSMISSION
+    about = Description(
+        name="hysteresis",
+        number=20,
+        family=Family.REVERSAL,
+        equation="q = m - z, dz = depth (1 - |z / radius|^sharpness (1 + sign(z dm)) / 2) dm; "
+        "or q = (1 - depth) m + depth mean of play(m, r_i / depth), r_i mean radius",
+        source="Bouc 1967; Wen 1976; Ismail, Ikhouane, Rodellar 2009, Arch. Comput. Methods Eng. 16; "
+        "Brokate and Sprekels 1996, Hysteresis and Phase Transitions, Sec. 2.4",
+        parameters=(
+            Parameter(
+                "radius",
+                "largest lag",
+                Range("rad", 0.0, 0.6, 0.01),
+                Range("m", 0.0, 0.02, 5e-4),
+                ladder=Ladder(Per.RANGE, (0.01, 0.03, 0.1)),
+            ),
+            Parameter(
+                "sharpness",
+                "exponent of the curve",
+                Range("1", 0.3, 20.0, 1.5),
+                factor=2.0,
+                ladder=Ladder(Per.VALUE, (1.0, 3.0)),
+            ),
+            Parameter(
+                "depth",
+                "share of a motion that is lost right after a reversal",
+                Range("1", 0.02, 1.0, 0.25),
+                factor=2.0,
+                ladder=Ladder(Per.VALUE, (0.25,), absent=True),
+            ),
+        ),
+        neighbours=("backlash", "coulomb_friction"),
+        separating_runs=(Run.AMPLITUDES, Run.LOAD_SWAP, Run.GAIN_CHANGE),
+        choices=(("law", LAWS),),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.sharpness > 0:
+            raise DataError(f"effect hysteresis: sharpness must be > 0, got {self.sharpness!r}.")
+        if not 0 < self.depth <= 1:
+            raise DataError(f"effect hysteresis: depth must be above 0 and at most 1, got {self.depth!r}.")
+
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        m, width = q[..., j], self.radius / self.depth
+        if self.law == "bouc_wen":
+            return m - self.depth * bouc_wen(m, width, self.sharpness, memory)
+        spread = ((np.arange(PLAYS) + 0.5) / PLAYS) ** (1.0 / self.sharpness)
+        return m - self.depth * (m - plays(m, width * spread / spread.mean(), memory))
