@@ -11,9 +11,10 @@ import subprocess
 import sys
 import time
 import urllib.error
+import urllib.parse
 import urllib.request
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from service_support import PATIENT, ShiftCorrector, endpoint_of, free_port, wai
 from support import ROOT
 
 from gpcorrect.calibration import load
-from gpcorrect_service import CorrectionClient, ServerSettings
+from gpcorrect_service import CorrectionClient, ServerSettings, ServiceError
 from gpcorrect_service.ops.metrics_http import SILENT_SECONDS
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.service import Server
@@ -191,3 +192,54 @@ def test_promtool_takes_configuration_and_queries(tmp_path: Path) -> None:
     rules = [{"record": f"panel:{number}", "expr": one} for number, one in enumerate(expressions())]
     (tmp_path / "rules.yml").write_text(json.dumps({"groups": [{"name": "dashboard", "rules": rules}]}))
     assert f"{len(rules)} rules found" in promtool("check", "rules", tmp_path / "rules.yml")
+
+
+@contextmanager
+def prometheus(port: int, folder: Path) -> Iterator[int]:
+    """Run Prometheus as the example configures it, but at a metrics port, each second; give its own port."""
+    program = shutil.which("prometheus")
+    if program is None:
+        pytest.skip("Prometheus is not installed (Debian: prometheus)")
+    text = (EXAMPLES / "prometheus.yml").read_text()
+    (folder / "prometheus.yml").write_text(text.replace(":9464", f":{port}").replace("interval: 10s", "interval: 1s"))
+    own = free_port()
+    words = ["--config.file", "prometheus.yml", "--storage.tsdb.path", "data", "--web.listen-address"]
+    command = [program, *words, f"127.0.0.1:{own}"]
+    with (folder / "said").open("w") as said, subprocess.Popen(command, cwd=folder, stderr=said) as process:
+        try:
+            wait_for(lambda: _answers(own))
+            yield own
+        finally:
+            process.terminate()
+
+
+def found(port: int, expression: str) -> list[dict[str, Any]]:
+    """Series that Prometheus answers a query with; NaN, a quantile of nothing, is none."""
+    _, text = scraped(port, path=f"/api/v1/query?{urllib.parse.urlencode({'query': expression})}")
+    answer = json.loads(text)
+    assert answer["status"] == "success", text
+    return [series for series in answer["data"]["result"] if series["value"][1] != "NaN"]
+
+
+@pytest.mark.slow
+def test_prometheus_scrapes_a_server(small_model: Path, tmp_path: Path) -> None:
+    """Prometheus itself counts what was asked, and has an answer to the query of every panel of the dashboard."""
+    query = load(small_model).check_queries[0]
+    with (
+        serving(small_model) as (port, endpoint, _),
+        prometheus(port, tmp_path) as own,
+        CorrectionClient(endpoint, timeout=PATIENT, connect_timeout=PATIENT) as client,
+    ):
+        asked = 'gpcorrect_answers_total{key="correct",status="%s"}'
+        for status, pose in (("OK", query[:7]), ("BAD_INPUT", query[:7] * 1e3)):
+            with suppress(ServiceError):
+                client.correct(pose, query[7:])
+            wait_for(lambda: bool(found(own, asked % status)))  # noqa: B023 - waited for here
+        with suppress(ServiceError):
+            client.correct(query[:7] * 1e3, query[7:])
+        client.correct(query[:7], query[7:])
+        wait_for(lambda: [s["value"][1] for s in found(own, asked % "OK")] == ["2"])
+        wait_for(lambda: all(found(own, expression) for expression in expressions()))
+        (series,) = found(own, "gpcorrect_model")
+    assert series["metric"]["arm"] == "arm1"
+    assert series["metric"]["instance"] == f"127.0.0.1:{port}"
