@@ -176,7 +176,7 @@ def track(
     first_look: Annotated[
         bool, typer.Option("--first-look/--no-first-look", help="Check pictures, calibration and target first.")
     ] = True,
-    workers: Annotated[int, typer.Option(help="Pictures searched at the same time.", min=1)] = 2,
+    workers: Annotated[int, typer.Option(help="Whole pictures searched at the same time.", min=1)] = 2,
     json: Json = False,
 ) -> None:
     """Track coloured balls through synchronised videos into `tracker_cp` of a log.

@@ -115,11 +115,12 @@ def _rim_points(image: Image, circle: FloatArray, reach: float, settings: BallSe
 
 def _towards_ball(colours: FloatArray, r: FloatArray, radius: float, half: float) -> tuple[FloatArray, FloatArray]:
     """Colours along each ray, measured from the background (0) to the ball (1), and the contrast of the two."""
-    ball = colours[:, r <= max(radius - 0.4 * half, r[0])].mean(axis=1)
-    ground = colours[:, r > radius + 0.4 * half].mean(axis=1)
+    inside, outside = np.searchsorted(r, (max(radius - 0.4 * half, r[0]), radius + 0.4 * half), side="right")
+    ball, ground = colours[:, :inside].mean(axis=1), colours[:, outside:].mean(axis=1)
     difference = ball - ground
     length2 = (difference**2).sum(axis=1)
-    along = ((colours - ground[:, None]) * difference[:, None]).sum(axis=2) / np.maximum(length2, 1.0)[:, None]
+    above = np.einsum("ijk,ik->ij", colours, difference) - (ground * difference).sum(axis=1)[:, None]
+    along = above / np.maximum(length2, 1.0)[:, None]
     return along, np.sqrt(length2)
 
 
@@ -151,7 +152,8 @@ def fit_cone(points: FloatArray, lens: Intrinsics, settings: BallSettings = DEFA
         used = consensus
         for _ in range(3):
             m, off = _cone(d, used, lens)
-            scale = MAD_TO_STD * float(np.median(np.abs(off[used])))
+            middle = np.count_nonzero(used) // 2
+            scale = MAD_TO_STD * float(np.partition(np.abs(off[used]), middle)[middle])
             near = np.abs(off) < 3.0 * max(settings.inlier_px, scale)
             if near.sum() < fewest:
                 return None
@@ -180,12 +182,10 @@ def _consensus(d: FloatArray, lens: Intrinsics, settings: BallSettings) -> BoolA
     n = len(d)
     first = np.arange(n)
     thirds, fifths = (np.stack([first, first + n // k, first + 2 * n // k], axis=1) for k in (3, 5))
-    a, b, c = np.moveaxis(d[np.concatenate([thirds[: n // 3 + 1], fifths[::2]]) % n], 1, 0)
-    bc = np.cross(b, c)  # Cramer's rule: m = (b x c + c x a + a x b) / (a . b x c)
-    volume = (a * bc).sum(axis=1)
-    solid = np.abs(volume) > 1e-12
-    m = (bc + np.cross(c, a) + np.cross(a, b)) / np.where(solid, volume, 1.0)[:, None]
-    m = m[solid & ((m * m).sum(axis=1) > 1.0)]
+    triples = d[np.concatenate([thirds[: n // 3 + 1], fifths[::2]]) % n]
+    triples = triples[np.abs(np.linalg.det(triples)) > 1e-12]
+    m = np.linalg.solve(triples, np.ones((len(triples), 3, 1)))[..., 0]  # each of the three has d . m = 1
+    m = m[(m * m).sum(axis=1) > 1.0]
     if not len(m):
         return None
     off = lens.focal * np.abs(_distances(d, m))

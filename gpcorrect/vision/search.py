@@ -198,7 +198,7 @@ def _colour_fraction(image: Image, found: Outline, ball: BallSpec) -> float:
     if window.empty:
         return 0.0
     hsv = cv2.cvtColor(window.cut(image), cv2.COLOR_BGR2HSV)
-    v, u = np.mgrid[window.top : window.bottom, window.left : window.right]
+    v, u = np.ogrid[window.top : window.bottom, window.left : window.right]
     disc = (u - found.pixel[0]) ** 2 + (v - found.pixel[1]) ** 2 < (0.9 * found.radius) ** 2
     return float(np.count_nonzero(ball.colour.mask(hsv)[disc])) / max(int(disc.sum()), 1)
 

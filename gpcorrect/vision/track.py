@@ -36,7 +36,7 @@ class TrackSettings:
     first_look : bool
         Check before tracking that pictures, calibration and target belong together.
     workers : int
-        Pictures that are searched at the same time.
+        Whole pictures that are searched at the same time.
     vision : VisionSettings
         Every number that decides.
     """

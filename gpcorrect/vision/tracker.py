@@ -7,10 +7,10 @@ ball its search widens, and narrows again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import numpy as np
 
@@ -38,7 +38,6 @@ from gpcorrect.vision.target import Target
 from gpcorrect.vision.trust import View, agree, limit_px
 
 HELD = 1e-12  # (m/s)^2 and (rad/s)^2: variance of a velocity that is not solved for
-Result = TypeVar("Result")
 
 
 @dataclass
@@ -89,7 +88,8 @@ class Tracker:
     settings : VisionSettings
         When a ball is one, when a view is trusted, how the tool may move.
     workers : int
-        Pictures that are searched at the same time.
+        Whole pictures that are searched at the same time. Where the balls are expected they are looked for one by one:
+        threads would wait for each other there.
     clocks : Clocks, optional
         What is known already of when each camera looks; learned further.
 
@@ -208,11 +208,6 @@ class Tracker:
                     hint="Record at the size of the calibration, or calibrate at the size of the recording.",
                 )
 
-    def _map(self, job: Callable[[int], Result]) -> list[Result]:
-        """Do a job for every camera, several at the same time."""
-        cameras = range(len(self.cameras))
-        return list(map(job, cameras) if self._pool is None else self._pool.map(job, cameras))
-
     def _follow(self, images: Sequence[Image | None], time: float) -> None:
         """Find every ball where a camera should see it by the time of its own picture."""
         delays = self.clocks.delays
@@ -230,8 +225,8 @@ class Tracker:
                 )
             return found
 
-        for views, found in zip(self._views, self._map(camera_job), strict=True):
-            for view, result in zip(views, found, strict=True):
+        for k, views in enumerate(self._views):
+            for view, result in zip(views, camera_job(k), strict=True):
                 view.outline = result.outline
                 if result.outline is None:
                     view.suspend(result.reason)
@@ -244,7 +239,8 @@ class Tracker:
                 return [[] for _ in self.target.balls]
             return [detect_everywhere(images[k], self.cameras[k], ball, self.settings) for ball in self.target.balls]
 
-        candidates = self._map(camera_job)
+        cameras = range(len(self.cameras))
+        candidates = list(map(camera_job, cameras) if self._pool is None else self._pool.map(camera_job, cameras))
         if len(self.target.balls) == 1:
             options = hypotheses(
                 self.cameras, [c[0] for c in candidates], self._memory[0].radius, self.settings.agreement
