@@ -27,10 +27,7 @@ Side = Literal["left", "right"]
 ALPHA_12 = np.deg2rad(75.0)
 ALPHA_23 = np.deg2rad(52.0)
 SHAFT_OFFSET = -0.47  # m; at this insertion the wrist is in the remote centre
-THETA_OFFSET_DEG = {
-    "left": (205.0, 180.0, 90.0, 0.0, -90.0, 0.0),
-    "right": (25.0, 0.0, -90.0, 0.0, -90.0, 0.0),
-}
+THETA_OFFSET_DEG = {"left": (205.0, 180.0, 90.0, 0.0, -90.0, 0.0), "right": (25.0, 0.0, -90.0, 0.0, -90.0, 0.0)}
 
 # Soft limits and home (defines.h; tool joints: its 2023 settings), degrees and, for insertion, metres
 LIMITS_DEG = ((0.0, 90.0), (45.0, 135.0), (0.23, 0.56), (-182.0, 182.0), (-75.0, 75.0), (-89.0, 89.0))

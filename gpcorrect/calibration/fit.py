@@ -125,12 +125,7 @@ def fit_model(
         keep = cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
         learn_law = partial(_learn_law, settings=settings, progress=progress)
         outcome = task.learn(log, keep, cleaner, settings, learn_law)
-    remarks = [
-        *log.remarks,
-        *outcome.remarks,
-        *_too_little(outcome.samples),
-        *clocks.notes,
-    ]
+    remarks = [*log.remarks, *outcome.remarks, *_too_little(outcome.samples), *clocks.notes]
     summary = _summary(log, outcome, clocks, cleaning, settings, remarks, marks, time.perf_counter() - start)
     return FitResult(
         corrector=replace(outcome.corrector, summary=summary, history=(step_now("fit", log),)),

@@ -103,12 +103,7 @@ class JointView:
         return source, self.samples(path, log.trajectory, log.session, error, keep)
 
     def samples(
-        self,
-        path: JointPath,
-        trajectory: IntArray,
-        session: IntArray,
-        error: FloatArray | None,
-        keep: BoolArray,
+        self, path: JointPath, trajectory: IntArray, session: IntArray, error: FloatArray | None, keep: BoolArray
     ) -> Samples:
         """Return the samples of a path of the moving joints.
 

@@ -97,11 +97,7 @@ class JointCorrector(ViewCorrector):
         return zero
 
     def correct_path(
-        self,
-        q: ArrayLike,
-        times: ArrayLike,
-        efforts: ArrayLike | None = None,
-        sessions: Sequence[int] | None = None,
+        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: Sequence[int] | None = None
     ) -> Correction:
         """Return the true joints of a path of reported ones, or what to command, by the model's direction.
 

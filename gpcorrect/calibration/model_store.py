@@ -303,9 +303,7 @@ class ModelStore:
                 )
             models = tuple(Entry(**entry) for entry in stored["models"])
             state = _State(
-                models,
-                {kind: tuple(hashes) for kind, hashes in stored["history"].items()},
-                stored.get("paused", False),
+                models, {kind: tuple(hashes) for kind, hashes in stored["history"].items()}, stored.get("paused", False)
             )
             _check_state(state)
             return state

@@ -54,16 +54,7 @@ def frame(rigid: RigidModel, features: FeatureMap, memory: int = 0) -> Frame:
     twist = (6 if features.has_orientation else 3) if features.uses_velocity else 0
     kind = np.array([ROTATIONS[features.rotation], twist], dtype=np.float64)
     spread = np.concatenate([features.spread, np.ones(memory)])
-    parts = (
-        rigid.R_position,
-        rigid.t,
-        rigid.offset,
-        rigid.R_left,
-        rigid.R_right,
-        features.R_mean,
-        spread,
-        kind,
-    )
+    parts = (rigid.R_position, rigid.t, rigid.offset, rigid.R_left, rigid.R_right, features.R_mean, spread, kind)
     return Frame(*(np.array(part, order="C") for part in parts))
 
 

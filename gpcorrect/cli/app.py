@@ -63,10 +63,7 @@ COMMANDS = {
         "gpcorrect.cli.update:explore",
         "Propose the poses and velocities that reduce the uncertainty in the task region most, best first.",
     ),
-    "joint": (
-        "gpcorrect.cli.joint:joint_app",
-        "Joint-space calibration: reported joints to true ones, or commands.",
-    ),
+    "joint": ("gpcorrect.cli.joint:joint_app", "Joint-space calibration: reported joints to true ones, or commands."),
     "vision": (
         "gpcorrect.cli.vision:vision_app",
         "Ground truth from ordinary cameras and coloured balls, and a position estimator from it.",

@@ -48,12 +48,10 @@ def fit(
     method: Annotated[str, typer.Option(help="How to learn what the registration leaves, as in joint fit.")] = "gp",
     clean: Clean = True,
     keep: Annotated[
-        list[str] | None,
-        typer.Option(help="Never reject TRAJECTORY:START:STOP (s). Repeatable.", show_default=False),
+        list[str] | None, typer.Option(help="Never reject TRAJECTORY:START:STOP (s). Repeatable.", show_default=False)
     ] = None,
     drop: Annotated[
-        list[str] | None,
-        typer.Option(help="Always reject TRAJECTORY:START:STOP (s). Repeatable.", show_default=False),
+        list[str] | None, typer.Option(help="Always reject TRAJECTORY:START:STOP (s). Repeatable.", show_default=False)
     ] = None,
     marker: Annotated[
         str, typer.Option(help="Marker is not the tool tip: none, solve, or auto (by held-out error).")
@@ -171,8 +169,7 @@ def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
             segments.append(Segment(int(trajectory), float(start), float(stop)))
         except ValueError as error:
             raise DataError(
-                f"a segment is TRAJECTORY:START:STOP in seconds, got {text!r}.",
-                hint="For example: --drop 3:12.5:14.0",
+                f"a segment is TRAJECTORY:START:STOP in seconds, got {text!r}.", hint="For example: --drop 3:12.5:14.0"
             ) from error
     return tuple(segments)
 

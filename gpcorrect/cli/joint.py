@@ -80,14 +80,7 @@ def fit(
 
     gpcorrect joint fit ur5e.bag --machine ur5e.xml --output joints.gpc
     """
-    from gpcorrect.calibration import (
-        HoldOut,
-        JointCorrector,
-        learner_named,
-        require_model_place,
-        run_experiment,
-        save,
-    )
+    from gpcorrect.calibration import HoldOut, JointCorrector, learner_named, require_model_place, run_experiment, save
 
     require_model_place(output)
     page = None if report is None else report_page(report)

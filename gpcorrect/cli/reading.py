@@ -8,17 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gpcorrect.cli.console import note
-from gpcorrect.cli.options import (
-    Arm,
-    AsIs,
-    Clock,
-    Columns,
-    Disordered,
-    MachineName,
-    OldNamespace,
-    Tracker,
-    TrackerLog,
-)
+from gpcorrect.cli.options import Arm, AsIs, Clock, Columns, Disordered, MachineName, OldNamespace, Tracker, TrackerLog
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import CalibrationLog
 

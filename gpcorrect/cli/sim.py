@@ -87,8 +87,7 @@ def simulate(
         typer.Option(help="Further effect: its name, joint and numbers (docs/simulator.md). Repeatable."),
     ] = None,
     noise: Annotated[
-        float | None,
-        typer.Option(help="Noise of outside joint sensors, rad and m; the model's own without it.", min=0),
+        float | None, typer.Option(help="Noise of outside joint sensors, rad and m; the model's own without it.", min=0)
     ] = None,
     clean: Annotated[bool, typer.Option("--clean", help="A tracker without occlusions and outliers.")] = False,
     position_only: Annotated[bool, typer.Option("--position-only", help="A tracker that sees positions only.")] = False,

@@ -90,8 +90,7 @@ def validate(
 def topics(
     log: Annotated[Path, typer.Argument(help="Recording to look into.", show_default=False)],
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Write the proposed mapping file here.", show_default=False),
+        Path | None, typer.Option("--output", "-o", help="Write the proposed mapping file here.", show_default=False)
     ] = None,
     json: Json = False,
 ) -> None:

@@ -130,8 +130,7 @@ class FeatureMap:
         raw = raw[known.usable(raw)]
         if len(raw) < 2:
             raise DataError(
-                f"features need at least two complete samples, got {len(raw)}.",
-                hint="Look for gaps in the recording.",
+                f"features need at least two complete samples, got {len(raw)}.", hint="Look for gaps in the recording."
             )
         low, high = np.percentile(raw, SPREAD_QUANTILES, axis=0)
         return replace(known, spread=np.maximum((high - low) / 2, known._least_spread()))

@@ -14,13 +14,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.rigid.model import RigidModel
 from gpcorrect.rigid.observability import Observability, rotation_observability
 from gpcorrect.rigid.refine import MarkerState, Samples, refine, residual_norms
-from gpcorrect.rigid.registration import (
-    cauchy_weights,
-    check_pair,
-    component_scale,
-    evenly_spaced,
-    fit_robustly,
-)
+from gpcorrect.rigid.registration import cauchy_weights, check_pair, component_scale, evenly_spaced, fit_robustly
 from gpcorrect.types import FloatArray, PoseSignal
 
 START_ROUNDS = 3  # of weights before Gauss-Newton, which has its own: enough to leave gross errors behind

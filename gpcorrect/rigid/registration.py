@@ -30,11 +30,7 @@ AMBIGUOUS_RATIO = 1e-6  # the same for a cross-covariance, which is a square
 
 
 def fit_pose(
-    observed: PoseSignal,
-    command: PoseSignal,
-    *,
-    weights: FloatArray | None = None,
-    rotation_weight: float = 1.0,
+    observed: PoseSignal, command: PoseSignal, *, weights: FloatArray | None = None, rotation_weight: float = 1.0
 ) -> RigidModel:
     """Rigid motion T of the observed poses X_i with the least sum of `||T X_i - U_i||_F^2` to commands U_i.
 

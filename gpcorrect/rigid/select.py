@@ -13,13 +13,7 @@ from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.rigid.handeye import fit_marker, fit_separate, require_observable
 from gpcorrect.rigid.model import RigidKind, RigidModel, pose_residual
 from gpcorrect.rigid.observability import Observability, rotation_observability
-from gpcorrect.rigid.registration import (
-    check_pair,
-    evenly_spaced,
-    fit_balanced,
-    fit_pose,
-    fit_robustly,
-)
+from gpcorrect.rigid.registration import check_pair, evenly_spaced, fit_balanced, fit_pose, fit_robustly
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import FloatArray, IntArray, PoseSignal
 

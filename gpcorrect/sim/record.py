@@ -66,11 +66,7 @@ def simulate(machine: Machine, plan: Plan, seed: int = 0, *, position_only: bool
         payload=payload if payload.any() else None,
         extra=extra,
         meta=LogMeta(
-            robot=SIMULATED,
-            arm=machine.arm,
-            joint_types=machine.body.types,
-            tracker=SIMULATED,
-            source="gpcorrect.sim",
+            robot=SIMULATED, arm=machine.arm, joint_types=machine.body.types, tracker=SIMULATED, source="gpcorrect.sim"
         ),
         name=f"simulated {machine.arm}",
     )

@@ -15,11 +15,7 @@ DEGREES = 180 / np.pi  # in a radian
 RATIOS = ((1000.0, 2.0), (DEGREES, 1.4))  # a unit's factor, and how far calibration errors may move the ratio
 FULL_TURN = 2 * np.pi  # rad; surgical wrists turn less
 LONGEST = 5.0  # m, of a prismatic joint
-POSITION_PAIRS = (
-    ("tracker_cp", "setpoint_cp"),
-    ("tracker_cp", "measured_cp"),
-    ("measured_cp", "setpoint_cp"),
-)
+POSITION_PAIRS = (("tracker_cp", "setpoint_cp"), ("tracker_cp", "measured_cp"), ("measured_cp", "setpoint_cp"))
 JOINT_PAIRS = (("measured_jp", "setpoint_jp"), ("external_jp", "setpoint_jp"), ("external_jp", "measured_jp"))
 POSITIONS_OF_JOINTS = ("setpoint_jp", "measured_jp", "external_jp")
 BEYOND = {"R": np.deg2rad(1.0), "P": 1e-3}  # encoders and servo overshoot pass soft limits by less

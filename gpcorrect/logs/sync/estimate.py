@@ -255,10 +255,7 @@ def _fine_finding(
         fraction = f"{max(fit.explained, 0.0):.0%}"
         return "unrelated", f"{reference} explains only {fraction} of where {observed} was."
     if fit.information < MIN_INFORMATION:
-        return (
-            "steady",
-            "the motion is a line or circle at constant speed: a shift in time looks like one in space.",
-        )
+        return ("steady", "the motion is a line or circle at constant speed: a shift in time looks like one in space.")
     if rivals:
         shifts = ", ".join(f"{r:+.3f}" for r in rivals)
         return "ambiguous", f"the motion repeats: {fit.timing[0]:+.3f} s fits no better than {shifts} s."

@@ -99,11 +99,7 @@ class TimeOffset:
     def to_dict(self) -> dict[str, Any]:
         """JSON-able summary without the curve; what is not known is None."""
         known = bool(np.isfinite(self.offset))
-        drift = self.drift and {
-            "ppm": self.drift.ppm,
-            "ci95": list(self.drift.ci95),
-            "epoch": self.drift.epoch,
-        }
+        drift = self.drift and {"ppm": self.drift.ppm, "ci95": list(self.drift.ci95), "epoch": self.drift.epoch}
         return {
             "observed": self.observed,
             "reference": self.reference,

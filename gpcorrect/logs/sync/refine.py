@@ -318,16 +318,7 @@ class Timing:
         spread = float(np.sum(weight * (target - np.average(target, axis=0, weights=linear.weight)) ** 2))
         explained = 1.0 - float(np.sum(weight * linear.residual**2)) / spread if spread > 0 else 0.0
         return Refinement(
-            timing,
-            covariance,
-            dof,
-            explained,
-            linear.information,
-            valid,
-            residual,
-            linear.scale,
-            score,
-            hessian,
+            timing, covariance, dof, explained, linear.information, valid, residual, linear.scale, score, hessian
         )
 
 

@@ -56,11 +56,7 @@ class AsyncCorrectionClient(ClientBase):
         return await self._ask(self._build.correct_path(poses, times))
 
     async def correct_joints(
-        self,
-        q: ArrayLike,
-        times: ArrayLike,
-        efforts: ArrayLike | None = None,
-        sessions: Sequence[int] | None = None,
+        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: Sequence[int] | None = None
     ) -> Reply:
         """See :meth:`gpcorrect_service.CorrectionClient.correct_joints`.
 

@@ -75,11 +75,7 @@ class CorrectionClient(ClientBase):
         return self._ask(self._build.correct_path(poses, times))
 
     def correct_joints(
-        self,
-        q: ArrayLike,
-        times: ArrayLike,
-        efforts: ArrayLike | None = None,
-        sessions: Sequence[int] | None = None,
+        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: Sequence[int] | None = None
     ) -> Reply:
         """Return the true joints of a path of reported ones, or what to command, by the model's direction.
 

@@ -60,8 +60,7 @@ def application(board: Board, hosts: list[str], closing: Callable[[], bool] = la
     routes += [Route("/api/state", _state, methods=["GET"]), Route("/events", _events, methods=["GET"])]
     routes.append(Route("/favicon.ico", _no_icon, methods=["GET"]))
     return Starlette(
-        routes=routes,
-        middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts), Middleware(_Headers)],
+        routes=routes, middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts), Middleware(_Headers)]
     )
 
 

@@ -37,11 +37,7 @@ TLS_TROUBLE = (
         EXPIRED,
         "The router's certificate, or its authority's, has expired: secure the site anew (gpcorrect secure init).",
     ),
-    (
-        "NOT_YET_VALID",
-        EXPIRED,
-        "The router's certificate is not valid yet: compare the clocks of both machines.",
-    ),
+    ("NOT_YET_VALID", EXPIRED, "The router's certificate is not valid yet: compare the clocks of both machines."),
     (
         "CERTIFICATE_EXPIRED",
         EXPIRED,

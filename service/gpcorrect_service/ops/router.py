@@ -23,10 +23,7 @@ SILENT_SECONDS = 60  # chosen by hand: as long as the kernel asks again (tcp_syn
 
 
 def route(
-    config_file: Path,
-    stop: threading.Event,
-    on_ready: Callable[[], None] | None = None,
-    logger: Logger | None = None,
+    config_file: Path, stop: threading.Event, on_ready: Callable[[], None] | None = None, logger: Logger | None = None
 ) -> None:
     """Route until stopped, and log who is denied what; for a process of its own, whose standard output is taken.
 
