@@ -16,7 +16,7 @@ import numpy as np
 from support import print_table, real_data, save_results
 
 from gpcorrect.calibration import run_experiment
-from gpcorrect.gpr import inflation
+from gpcorrect.gpr import intervals
 from gpcorrect.logs import read_log
 from gpcorrect.sim import debridement_log, random_reaches_log
 from gpcorrect.types import CalibrationLog
@@ -32,7 +32,7 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
     for name, log, shuffle in recordings(options.reaches, options.seeds):
-        with patch.object(inflation, "INFLATIONS", (1.0,)):
+        with patch.object(intervals, "INFLATIONS", (1.0,)):
             rows.append([name, *scores(log, shuffle)])
         rows.append(["", *scores(log, shuffle)])
         print(f"{name}: done", flush=True)

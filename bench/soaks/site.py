@@ -19,8 +19,7 @@ from service_bench import PATIENT, router_site
 from gpcorrect.calibration import ModelStore, load
 from gpcorrect_service import ClientSettings
 from gpcorrect_service.client.operator import Operator
-from gpcorrect_service.protocol.live import LIVE_KEYS
-from gpcorrect_service.protocol.sessions import open_client
+from gpcorrect_service.protocol.sessions import LIVE_KEYS, open_client
 
 DISK_MB = 16  # of the disk that holds store and logs
 BENCH = Path(__file__).resolve().parent.parent

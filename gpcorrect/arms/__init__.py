@@ -3,16 +3,14 @@
 from collections.abc import Callable
 from functools import partial
 
-from gpcorrect.arms.arm import Arm, Transmission
+from gpcorrect.arms.arm import Arm, Link, Transmission
 from gpcorrect.arms.chain import Chain, Joint
 from gpcorrect.arms.dvrk_psm import dvrk_psm
 from gpcorrect.arms.identify import identify_chain, workspace
-from gpcorrect.arms.link import Link
 from gpcorrect.arms.raven2 import DA_VINCI_TOOL, RAVEN_TOOL, Raven2Tool, raven2
 from gpcorrect.arms.remote_centre import RemoteCentreArm, Solutions
-from gpcorrect.arms.robot import JointDrives, Robot
 from gpcorrect.arms.robot_edit import RobotEdit
-from gpcorrect.arms.robot_file import is_robot_file, read_robot
+from gpcorrect.arms.robot_file import JointDrives, Robot, is_robot_file, read_robot
 from gpcorrect.errors import DataError
 
 __all__ = [

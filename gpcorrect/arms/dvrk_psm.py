@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from gpcorrect import se3
+from gpcorrect.arms.arm import STANDARD_GRAVITY
 from gpcorrect.arms.chain import Chain, Joint
-from gpcorrect.arms.link import STANDARD_GRAVITY
 from gpcorrect.arms.remote_centre import RemoteCentreArm
 
 L_RCC = 0.4318  # m, remote centre to carriage

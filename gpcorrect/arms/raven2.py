@@ -14,9 +14,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpcorrect.arms.arm import Transmission
+from gpcorrect.arms.arm import STANDARD_GRAVITY, Link, Transmission
 from gpcorrect.arms.chain import Chain, Joint
-from gpcorrect.arms.link import STANDARD_GRAVITY, Link
 from gpcorrect.arms.remote_centre import RemoteCentreArm
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray

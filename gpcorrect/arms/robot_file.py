@@ -5,8 +5,10 @@ MuJoCo is an extra, and is imported when a file is read.
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,13 +16,83 @@ from typing import Any
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.arms.arm import Arm
+from gpcorrect.arms.arm import Arm, Link
 from gpcorrect.arms.chain import Chain, Joint
-from gpcorrect.arms.link import Link
-from gpcorrect.arms.robot import JointDrives, Robot
 from gpcorrect.arms.robot_path import ArmPath, arm_path, joint_frame, pose_of
 from gpcorrect.errors import DataError, MissingExtraError
-from gpcorrect.types import FloatArray
+from gpcorrect.types import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class JointDrives:
+    """What a robot file says of each joint's drive; all arrays `(dof,)`, N m and rad, or N and m.
+
+    Parameters
+    ----------
+    armature : array
+        Inertia of the rotor, reflected to the joint.
+    damping, friction : array
+        Viscous damping and dry friction.
+    stiffness, rest : array
+        Spring at the joint, and where it is at rest.
+    kp, kv : array
+        Of a position servo, `torque = kp (command - q) - kv q'`; NaN where the file has none.
+    limit : array
+        Largest torque or force; infinite where there is none.
+    """
+
+    armature: FloatArray
+    damping: FloatArray
+    friction: FloatArray
+    stiffness: FloatArray
+    rest: FloatArray
+    kp: FloatArray
+    kv: FloatArray
+    limit: FloatArray
+
+    @property
+    def servo(self) -> BoolArray:
+        """(dof,) whether the joint has a position servo."""
+        return np.isfinite(self.kp)
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """One serial arm of a robot file.
+
+    Parameters
+    ----------
+    arm : Arm
+        Kinematics, limits, masses, rest position and gravity.
+    joints : tuple of str
+        Names of its joints, from the base.
+    tool : str
+        Body or site whose frame is the tip.
+    drives : JointDrives
+        Of its joints.
+    step : float
+        Time step that the file asks for, s.
+    remarks : tuple of str
+        What the file says that is not simulated here.
+    """
+
+    arm: Arm
+    joints: tuple[str, ...]
+    tool: str
+    drives: JointDrives
+    step: float
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of every number that the simulator takes of it."""
+        chain, links = self.arm.chain, self.arm.links
+        numbers = [getattr(self.drives, f.name) for f in fields(self.drives)]
+        numbers += [chain.placements, chain.tool, chain.limits, self.arm.home, self.arm.gravity, np.array(self.step)]
+        numbers += [np.array([(j.theta, j.d) for j in chain.joints])]
+        numbers += [np.concatenate([[link.mass], link.com, link.inertia.ravel()]) for link in links]
+        return hashlib.sha256(b"".join(np.ascontiguousarray(n).tobytes() for n in numbers)).hexdigest()
+
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
 HOME = "home"  # key frame of the rest position, as MuJoCo's own models call it

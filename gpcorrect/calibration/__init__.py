@@ -11,7 +11,6 @@ from gpcorrect.lazy import imported_on_demand
 
 if TYPE_CHECKING:
     from gpcorrect.calibration.cartesian import CommandCorrector
-    from gpcorrect.calibration.comparison import compare
     from gpcorrect.calibration.drift import Ageing, Detection, detect, estimate_ageing
     from gpcorrect.calibration.evaluate import (
         COMPONENTS,
@@ -23,7 +22,16 @@ if TYPE_CHECKING:
         position_reductions,
         run_experiment,
     )
-    from gpcorrect.calibration.excitation import random_sinusoids, random_sweeps
+    from gpcorrect.calibration.excitation import (
+        DIRECTIONS,
+        Direction,
+        TimedPath,
+        direction_named,
+        random_sinusoids,
+        random_sweeps,
+        timed,
+        zigzag,
+    )
     from gpcorrect.calibration.explore import Proposal, propose
     from gpcorrect.calibration.fit import FitResult, fit_corrector, fit_model
     from gpcorrect.calibration.forward import reached
@@ -33,28 +41,25 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.learners import LEARNERS, learner_named
     from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_units, spread
     from gpcorrect.calibration.model_file import load, load_any, load_with_hash, model_hash, require_model_place, save
-    from gpcorrect.calibration.model_store import Entry, ModelStore
+    from gpcorrect.calibration.model_store import Entry, ModelStore, refuse_other_use
     from gpcorrect.calibration.outside_joints import with_outside_joints, with_poses
     from gpcorrect.calibration.settings import FitSettings
-    from gpcorrect.calibration.side_by_side import Difference, SideBySide, measure_both, refuse_unlike
+    from gpcorrect.calibration.side_by_side import Difference, SideBySide, compare, measure_both, refuse_unlike
     from gpcorrect.calibration.split import HoldOut, folds_of
     from gpcorrect.calibration.stream import JointStream, PoseStream, RobotState, ToolStream
-    from gpcorrect.calibration.succession import refuse_other_use
     from gpcorrect.calibration.task import Corrector, Measured
     from gpcorrect.calibration.tool_position import PositionEstimator
     from gpcorrect.calibration.update import Update, update_model
     from gpcorrect.calibration.uses import PURPOSES, Use, for_purpose, with_uses
-    from gpcorrect.calibration.zigzags import DIRECTIONS, Direction, TimedPath, direction_named, timed, zigzag
 
 __getattr__ = imported_on_demand(
     __name__,
     {
         "cartesian": "CommandCorrector",
-        "comparison": "compare",
         "drift": "Ageing Detection detect estimate_ageing",
         "evaluate": "COMPONENTS METHODS Evaluation Experiment evaluate_model part_errors position_reductions "
         "run_experiment",
-        "excitation": "random_sinusoids random_sweeps",
+        "excitation": "DIRECTIONS Direction TimedPath direction_named random_sinusoids random_sweeps timed zigzag",
         "explore": "Proposal propose",
         "fit": "FitResult fit_corrector fit_model",
         "forward": "reached",
@@ -64,18 +69,16 @@ __getattr__ = imported_on_demand(
         "learners": "LEARNERS learner_named",
         "metrics": "ErrorTable JointErrors error_table joint_units spread",
         "model_file": "load load_any load_with_hash model_hash require_model_place save",
-        "model_store": "Entry ModelStore",
+        "model_store": "Entry ModelStore refuse_other_use",
         "outside_joints": "with_outside_joints with_poses",
         "settings": "FitSettings",
-        "side_by_side": "Difference SideBySide measure_both refuse_unlike",
+        "side_by_side": "Difference SideBySide compare measure_both refuse_unlike",
         "split": "HoldOut folds_of",
-        "succession": "refuse_other_use",
         "stream": "JointStream PoseStream RobotState ToolStream",
         "task": "Corrector Measured",
         "tool_position": "PositionEstimator",
         "update": "Update update_model",
         "uses": "PURPOSES Use for_purpose with_uses",
-        "zigzags": "DIRECTIONS Direction TimedPath direction_named timed zigzag",
     },
 )
 

@@ -19,9 +19,8 @@ import numpy as np
 
 from gpcorrect.atomic import atomic_path, require_own
 from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.history import Step
+from gpcorrect.calibration.history import Step, check_summary
 from gpcorrect.calibration.joints import JointCorrector
-from gpcorrect.calibration.summary import check_summary
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.tool_position import PositionEstimator
 from gpcorrect.codec import pack, unpack

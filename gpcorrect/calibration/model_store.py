@@ -14,7 +14,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -23,7 +23,6 @@ from typing import Any
 from gpcorrect.atomic import atomic_path, make_folder, write_file
 from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.model_file import TASKS, load_with_hash, model_hash, read_history, refused
-from gpcorrect.calibration.succession import refuse_other_use
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 
 SCHEMA = 1
@@ -368,3 +367,32 @@ def _writing(path: Path) -> Iterator[None]:
         raise GpCorrectError(
             f"cannot write {path}: {error.strerror}. The active model stays.", hint="Make room, or change the rights."
         ) from error
+
+
+SAME = ("robot", "arm", "frames", "types", "direction", "input")
+"""What a description must not say otherwise where both say it."""
+
+
+def refuse_other_use(name: str, new: Mapping[str, Any], old: Mapping[str, Any]) -> None:
+    """Refuse a model that means another thing than the one it follows.
+
+    Parameters
+    ----------
+    name : str
+        What to call the new model.
+    new, old : mapping
+        Descriptions, as :meth:`gpcorrect.calibration.task.Corrector.info` gives them.
+
+    Raises
+    ------
+    ArtifactError
+        It was learned on another arm, answers in other frames, or joints of another kind, of another signal, or in
+        the other direction.
+    """
+    for what in SAME:
+        one, other = old.get(what), new.get(what)
+        if one and other and one != other:
+            raise ArtifactError(
+                f"model {name} has {what} {other}, the active model {one}.",
+                hint="Activate a model of this arm and use; another arm has its own server, store and folder.",
+            )

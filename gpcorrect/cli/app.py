@@ -39,7 +39,7 @@ COMMANDS = {
         "Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.",
     ),
     "compare": (
-        "gpcorrect.cli.compare:compare",
+        "gpcorrect.cli.fit:compare",
         "Measure two models of one task on the same samples of recordings: errors, intervals, domain, side by side.",
     ),
     "info": (

@@ -9,8 +9,7 @@ from gpcorrect.lazy import imported_on_demand
 if TYPE_CHECKING:
     from gpcorrect.gpr.exact import ExactGPR
     from gpcorrect.gpr.features import FeatureMap
-    from gpcorrect.gpr.inflation import INFLATIONS, LeftOut, learn_inflation
-    from gpcorrect.gpr.intervals import IntervalCalibration, novelty_limit
+    from gpcorrect.gpr.intervals import INFLATIONS, IntervalCalibration, LeftOut, learn_inflation, novelty_limit
     from gpcorrect.gpr.kernels import AdditiveMatern52, AdditiveRBF, Kernel, WithLinear
     from gpcorrect.gpr.linalg import conditioned
     from gpcorrect.gpr.predictor import Predictor, SharedPredictor
@@ -22,8 +21,7 @@ __getattr__ = imported_on_demand(
     {
         "exact": "ExactGPR",
         "features": "FeatureMap",
-        "inflation": "INFLATIONS LeftOut learn_inflation",
-        "intervals": "IntervalCalibration novelty_limit",
+        "intervals": "INFLATIONS IntervalCalibration LeftOut learn_inflation novelty_limit",
         "kernels": "AdditiveMatern52 AdditiveRBF Kernel WithLinear",
         "linalg": "conditioned",
         "predictor": "Predictor SharedPredictor",

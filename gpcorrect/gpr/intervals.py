@@ -1,19 +1,33 @@
-"""Intervals that hold on trajectories never seen: standard deviations scaled by what left-out trajectories showed.
+"""Deviations and intervals that hold on trajectories never seen, by what left-out trajectories showed.
 
-Conformal calibration of the normalised error `|error| / std` (Lei et al. 2018) with trajectories as the units that
-are exchangeable, for samples of one trajectory err together: every trajectory counts alike, and the quantile is
-raised until left-out trajectories are covered as promised.
+Samples of one trajectory err together (hysteresis, drift, a tracker's filter), and a posterior that takes each of them
+for new evidence follows those errors: the more samples, the closer. How many of them count as one is chosen by what
+predicts left-out data best; multiplying the noise is the cheapest remedy that keeps the spectrum shared by all outputs
+(docs/design/0002).
+
+Intervals are a conformal calibration of the normalised error `|error| / std` (Lei et al. 2018) with trajectories as the
+units that are exchangeable: every trajectory counts alike, and the quantile is raised until left-out trajectories are
+covered as promised.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.types import FloatArray, IntArray, frozen_array
+from gpcorrect.gpr.linalg import cholesky
+from gpcorrect.gpr.predictor import SharedPredictor
+from gpcorrect.gpr.statistics import Statistics
+from gpcorrect.types import FloatArray, IntArray, Progress, frozen_array
+
+if TYPE_CHECKING:
+    from gpcorrect.gpr.sparse import SparseGPR
+
 
 LEVEL = 0.95  # what an interval promises
 FOLDS = 10  # of trajectories, that the level is checked on: the usual number, each trajectory left out once
@@ -125,3 +139,126 @@ def _quantile(scores: FloatArray, weights: FloatArray, level: float) -> float:
     """Smallest score that has at least `level` of the weight at or below it; scores come sorted."""
     share = np.cumsum(weights) / weights.sum()
     return float(scores[min(int(np.searchsorted(share, level)), len(scores) - 1)])
+
+
+INFLATIONS = (1.0, 3.0, 10.0, 30.0)
+FEW = 40  # trajectories: of so few each leaves its mark on the hyperparameters, and left out it is still predicted well
+JUDGES = 4000  # left-out samples that choose: neighbours err alike, so more of them say little more
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """What a model predicts of samples whose fold it was not fitted to.
+
+    Parameters
+    ----------
+    errors, std : (n, m) arrays
+        Errors, and the standard deviations promised for them.
+    novelty : (n,) array
+    """
+
+    errors: FloatArray
+    std: FloatArray
+    novelty: FloatArray
+
+
+def learn_inflation(
+    regressor: SparseGPR,
+    X: FloatArray,
+    Y: FloatArray,
+    folds: IntArray,
+    groups: IntArray | None = None,
+    times: FloatArray | None = None,
+    progress: Progress | None = None,
+    *,
+    candidates: Sequence[float] = INFLATIONS,
+) -> tuple[SparseGPR, LeftOut]:
+    """Return a fitted regressor with the inflation that predicts left-out folds best, and what it predicts of them.
+
+    Parameters
+    ----------
+    regressor : SparseGPR
+        Fitted to X and Y; its hyperparameters stay.
+    X, Y : (n, d) and (n, m) arrays
+    folds : (n,) array
+        Which samples are left out together: whole trajectories.
+    groups, times : (n,) arrays, optional
+        Trajectories and times that it was fitted with. Where there are few trajectories, what is said of a left-out one
+        comes from hyperparameters that were not learned from it either.
+    progress : Progress, optional
+        Updated after each fold.
+    candidates : sequence of float
+        Inflations to choose from; one alone is taken as it is.
+
+    Raises
+    ------
+    DataError
+        There are fewer than two folds.
+    """
+    if len(names := np.unique(folds)) < 2:
+        raise DataError("leaving samples out needs at least two folds.", hint="Number blocks of time as folds.")
+    progress = progress or Progress()
+    stride = -(-len(X) // JUDGES)
+    without, squares = [], np.zeros((len(candidates), len(regressor.learned_)))
+    few = groups is not None and len(np.unique(groups)) < FEW
+    models = _afresh(regressor, X, Y, folds, groups, times) if few else _less(regressor, X, Y, folds)
+    for fold, model in zip(names, models, strict=True):
+        without.append(model)
+        judges = np.flatnonzero(folds == fold)[::stride]
+        squares += _squares(model, X[judges], Y[judges], candidates)
+        progress.step("left-out trajectories", len(without) / len(names))
+    inflation = tuple(candidates[best] for best in squares.argmin(axis=0))
+    return regressor.inflated(inflation), _left_out(without, inflation, X, Y, folds)
+
+
+def _less(regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray) -> Iterator[SparseGPR]:
+    """Models without each fold, under the hyperparameters and points of all: the sums of all less those of the fold."""
+    for fold in np.unique(folds):
+        own = regressor.collected(X[folds == fold], Y[folds == fold])
+        yield regressor.resting_on([a.minus(b) for a, b in zip(regressor.statistics_, own, strict=True)])
+
+
+def _afresh(
+    regressor: SparseGPR,
+    X: FloatArray,
+    Y: FloatArray,
+    folds: IntArray,
+    groups: IntArray | None,
+    times: FloatArray | None,
+) -> Iterator[SparseGPR]:
+    """Models that saw nothing of each fold, hyperparameters and points included; they search among as many fewer."""
+    for fold in np.unique(folds):
+        rows = folds != fold
+        stretches = (None if part is None else part[rows] for part in (groups, times))
+        fewer = copy(regressor).set_params(n_learn=round(regressor.n_learn * float(rows.mean())))
+        yield fewer.relearn(X[rows], Y[rows], *stretches)
+
+
+def _squares(model: SparseGPR, X: FloatArray, Y: FloatArray, candidates: Sequence[float]) -> FloatArray:
+    """Sum squared errors `(steps, groups)`, every output in its own spread, under each inflation."""
+    sums = np.empty((len(candidates), len(model.learned_)))
+    for g, (learned, part, statistics) in enumerate(
+        zip(model.learned_, model.predictor_.parts, model.statistics_, strict=True)
+    ):
+        errors = Y[:, learned.columns] - _means(part, statistics, X, candidates)
+        sums[:, g] = ((errors / learned.scaling.y_spread) ** 2).sum(axis=(1, 2))
+    return sums
+
+
+def _means(part: SharedPredictor, statistics: Statistics, X: FloatArray, candidates: Sequence[float]) -> FloatArray:
+    """Means `(steps, n, m)` under each inflation."""
+    L = cholesky(part.kernel(part.basis, part.basis))[0]
+    K = part.kernel(X, part.basis)
+    ratio = part.noise / part.signal
+    return np.array([K @ statistics.inflated(c).mean_weights(L, ratio) + part.offset for c in candidates])
+
+
+def _left_out(
+    without: Sequence[SparseGPR], inflation: tuple[float, ...], X: FloatArray, Y: FloatArray, folds: IntArray
+) -> LeftOut:
+    errors, std, novelty = np.empty(Y.shape), np.empty(Y.shape), np.empty(len(X))
+    for fold, model in zip(np.unique(folds), without, strict=True):
+        rows = folds == fold
+        mean, std[rows], novelty[rows] = model.inflated(inflation).predictor_.mean_std_batch(X[rows])
+        errors[rows] = Y[rows] - mean
+    return LeftOut(errors, std, novelty)

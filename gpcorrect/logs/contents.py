@@ -1,7 +1,12 @@
-"""What is in a recording, before anything is chosen: topics, frames, bodies, markers, columns; and a mapping file."""
+"""What is in a recording, before anything is chosen: topics, frames, bodies, markers, columns; and a mapping file.
+
+The file of a table is made of the names of its columns; what they do not say is left to the user.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +17,6 @@ from gpcorrect.logs import rosbag
 from gpcorrect.logs.columns import BagOptions, ColumnMap, ReadSettings
 from gpcorrect.logs.mocap.take import Take
 from gpcorrect.logs.mocap.tool import bodies_of
-from gpcorrect.logs.proposal import propose_columns
 from gpcorrect.logs.reader import Format, naming, parsed
 from gpcorrect.logs.table import joint_names, orientation_names, position_names
 from gpcorrect.logs.topics import JOINT_TYPES, POSE_TYPES, choose_topics
@@ -143,3 +147,122 @@ def _column(name: str, values: FloatArray) -> Part:
     known = values[np.isfinite(values)]
     span = f"{known.min():.6g}..{known.max():.6g}" if known.size else ""
     return Part(name, "column", int(known.size), span)
+
+
+CLOCK = re.compile(r"time|stamp|^t$|^sec|nsec|nanosec", re.IGNORECASE)
+UNITS = {"ns": 1e-9, "nsec": 1e-9, "nanosec": 1e-9, "us": 1e-6, "ms": 1e-3}  # of time, at the end of a name
+STEPS = ((1e15, 1e-9), (1e12, 1e-6), (1e11, 1e-3))  # larger times since 1970 are in ns, us, ms
+ROLES = {
+    "setpoint": r"set|cmd|command|des|goal|target|ref",
+    "tracker": r"track|marker|mocap|ndi|opti|vicon|qualisys|polaris|truth|gt_|camera",
+    "external": r"extern|encoder|true",
+    "measured": r"meas|act|state|curr|robot|joint_pos",
+}
+
+
+def propose_columns(columns: Mapping[str, FloatArray]) -> str:
+    """Propose a mapping file for columns that have no native names.
+
+    Parameters
+    ----------
+    columns : mapping of str to (n,) array
+        A table's.
+
+    Returns
+    -------
+    str
+        TOML. A signal whose name does not say what it is stands behind `#`.
+    """
+    left = dict(columns)
+    lines = _clock(left)
+    taken: set[str] = set()
+    for names in _triples(list(left)):
+        if set(names) <= set(left):
+            lines += _pose(names, left, taken)
+    for series in _numbered(list(left)):
+        role = _role(series[0])
+        signal = f"{role or 'measured'}_jp"
+        lines += _section(signal, [f"columns = [{', '.join(map(quoted, series))}]"], role is None or signal in taken)
+        taken.add(signal)
+    return "\n".join(lines) + "\n"
+
+
+def _clock(left: dict[str, FloatArray]) -> list[str]:
+    """Lines on the time; its columns are taken away."""
+    named = [name for name in left if CLOCK.search(name)]
+    seconds = next((n for n in named if re.search(r"sec", n, re.IGNORECASE) and not re.search(r"nsec|nano", n)), None)
+    parts = next((n for n in named if re.search(r"nsec|nano", n, re.IGNORECASE)), None)
+    if seconds and parts:
+        left.pop(seconds), left.pop(parts)
+        return [f"time = [{quoted(seconds)}, {quoted(parts)}]", "time_scale = [1, 1e-9]"]
+    if not named:
+        return ["# rate = 100.0  # Hz, or: time = ..."]
+    values = left.pop(named[0])
+    known = np.abs(values[np.isfinite(values)])
+    unit = re.split(r"[\s_\[\](]+", named[0].strip("]) "))[-1].lower()
+    large = known.max() if known.size else 0.0
+    scale = UNITS.get(unit) or next((s for least, s in STEPS if large > least), 1.0)
+    return [f"time = {quoted(named[0])}", *([f"time_scale = {scale:g}"] if scale != 1.0 else [])]
+
+
+def _triples(names: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Columns that differ by x, y and z in one place, quaternions among them."""
+    found: list[tuple[str, str, str]] = []
+    for name in names:
+        for match in re.finditer(r"[xX]", name):
+            begin, end = name[: match.start()], name[match.end() :]
+            others = "yz" if match[0] == "x" else "YZ"
+            triple = (name, *(f"{begin}{axis}{end}" for axis in others))
+            if all(n in names for n in triple) and triple not in found:
+                found.append((triple[0], triple[1], triple[2]))
+    return sorted(found, key=lambda t: re.search(r"q|rot|quat|vel|ang|^r|_r|w", t[0], re.IGNORECASE) is not None)
+
+
+def _pose(names: tuple[str, str, str], left: dict[str, FloatArray], taken: set[str]) -> list[str]:
+    """Lines on a pose; a quaternion goes with the position before it in the table."""
+    order = list(left)
+    after = order[order.index(names[2]) + 1 :]
+    w = next((n for n in after if re.search(r"w", n, re.IGNORECASE) and len(_quaternion(n, order)) == 4), None)
+    turned = _quaternion(w, order) if w else []
+    role = _role(names[0])
+    signal = f"{role or 'tracker'}_cp".replace("external", "tracker")
+    body = [f"position = [{', '.join(map(quoted, names))}]"]
+    body += ["position_scale = 1e-3"] if re.search(r"mm\b|_mm|\[mm", names[0]) else []
+    body += [f"quat_wxyz = [{', '.join(map(quoted, turned))}]"] if turned else []
+    for name in (*names, *turned):
+        left.pop(name, None)
+    doubtful = (
+        signal in taken or re.search(r"vel|acc|force|torque|twist|(^|_)v_?x", names[0], re.IGNORECASE) is not None
+    )
+    if not doubtful:
+        taken.add(signal)
+    return _section(signal, body, doubtful or (role is None and len(taken) > 1))
+
+
+def _quaternion(w: str, names: Sequence[str]) -> list[str]:
+    """Columns w, x, y, z that differ in one place."""
+    for match in re.finditer(r"[wW]", w):
+        axes = "wxyz" if match[0] == "w" else "WXYZ"
+        found = [f"{w[: match.start()]}{axis}{w[match.end() :]}" for axis in axes]
+        if all(name in names for name in found):
+            return found
+    return []
+
+
+def _numbered(names: Sequence[str]) -> list[list[str]]:
+    """Series of columns whose names differ by a number that counts up; three or more."""
+    series: dict[str, list[tuple[int, str]]] = {}
+    for name in names:
+        match = re.fullmatch(r"(.*?)(\d+)(\D*)", name)
+        if match and (match[1] or match[3]):
+            series.setdefault(f"{match[1]}#{match[3]}", []).append((int(match[2]), name))
+    return [[name for _, name in sorted(found)] for found in series.values() if len(found) >= 3]
+
+
+def _role(name: str) -> str | None:
+    return next((role for role, words in ROLES.items() if re.search(words, name, re.IGNORECASE)), None)
+
+
+def _section(signal: str, body: Sequence[str], doubtful: bool) -> list[str]:
+    lines = ["", f"[{signal}]", *body]
+    return ["", *(f"# {line}" for line in lines[1:])] if doubtful else lines

@@ -1,7 +1,6 @@
 """A cable-driven arm that misses: arm, transmission, controller and sensors simulated into a calibration log."""
 
 from gpcorrect.sim.effects import EFFECTS, Effect, effect_from_dict
-from gpcorrect.sim.faults import Fault
 from gpcorrect.sim.joint_motion import joint_motion_log
 from gpcorrect.sim.live import LiveArm, Moment
 from gpcorrect.sim.machine import Machine
@@ -9,7 +8,7 @@ from gpcorrect.sim.model import Model, model_from_dict, preset, preset_names, re
 from gpcorrect.sim.plan import Plan, Segment, plan_of
 from gpcorrect.sim.plant import Outcome, run
 from gpcorrect.sim.reaches import debridement_log, random_reaches_log
-from gpcorrect.sim.record import SIMULATED, simulate
+from gpcorrect.sim.record import SIMULATED, Fault, simulate
 from gpcorrect.sim.resolve import machine_of
 from gpcorrect.sim.settings import Noise, TrackerFaults
 

@@ -16,11 +16,11 @@ import numpy as np
 from numba import njit
 
 from gpcorrect.errors import DataError
+from gpcorrect.sim.dynamics import in_parts
 from gpcorrect.sim.effects.base import SIDES, Effect, FrictionEffect, TorqueEffect
 from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw, contact, resisting
 from gpcorrect.sim.effects.registry import of_kind
 from gpcorrect.sim.machine import Drive
-from gpcorrect.sim.threads import in_parts
 from gpcorrect.types import FloatArray, IntArray
 
 Sides = tuple[float, float]  # before the transmission and behind it

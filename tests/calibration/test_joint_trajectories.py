@@ -13,7 +13,7 @@ from gpcorrect.calibration import (
     timed,
     zigzag,
 )
-from gpcorrect.calibration.zigzags import Direction, rotation_to
+from gpcorrect.calibration.excitation import Direction, rotation_to
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpcorrect_service.crtk.bus import read_message
-from gpcorrect_service.crtk.messages import TOPICS, JointState, OperatingState, Pose, Text
-from gpcorrect_service.crtk.ros import from_cdr, to_cdr, to_ros
+from gpcorrect_service.crtk.messages import TOPICS, JointState, OperatingState, Pose, Text, from_cdr, to_cdr, to_ros
 from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import checked_stamp

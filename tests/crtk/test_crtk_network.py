@@ -11,10 +11,10 @@ from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import read_log
 from gpcorrect_service.crtk import Bus, BusSettings, JointState, OperatingState, Pose
+from gpcorrect_service.crtk.messages import from_cdr, to_cdr
 from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter, PrefilterSettings
 from gpcorrect_service.crtk.recorder import Recorder, write_mcap
 from gpcorrect_service.crtk.robot import Robot, RobotError
-from gpcorrect_service.crtk.ros import from_cdr, to_cdr
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import EndpointError

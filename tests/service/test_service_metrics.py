@@ -26,7 +26,7 @@ from support import ROOT
 
 from gpcorrect.calibration import load
 from gpcorrect_service import CorrectionClient, ServerSettings, ServiceError
-from gpcorrect_service.ops.metrics_http import SILENT_SECONDS
+from gpcorrect_service.ops.metrics import SILENT_SECONDS
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.service import Server
 

@@ -3,7 +3,7 @@ import pytest
 
 from gpcorrect import se3
 from gpcorrect.sim import Fault, TrackerFaults
-from gpcorrect.sim.faults import corrupted
+from gpcorrect.sim.record import corrupted
 
 N, RATE = 20000, 100.0
 ALL = TrackerFaults(lost_share=0.03, jumps_hz=0.5, outlier_share=0.01, flip_share=0.005, dropout_share=0.01)

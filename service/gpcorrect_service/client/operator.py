@@ -12,7 +12,6 @@ import zenoh
 from gpcorrect_service.client.connection import POLL_SECONDS, matched
 from gpcorrect_service.client.requests import RequestBuilder, no_service
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.live import LIVE_KEYS
 from gpcorrect_service.protocol.messages import (
     ActivateAnswer,
     ActivateRequest,
@@ -22,7 +21,7 @@ from gpcorrect_service.protocol.messages import (
     StateRequest,
 )
 from gpcorrect_service.protocol.process import require_own_process
-from gpcorrect_service.protocol.sessions import open_client
+from gpcorrect_service.protocol.sessions import LIVE_KEYS, open_client
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings
 
 S = TypeVar("S", ModelListAnswer, ActivateAnswer, StateAnswer)

@@ -15,8 +15,7 @@ import zenoh
 from zenoh.ext import AdvancedPublisher, CacheConfig, declare_advanced_publisher
 
 from gpcorrect.errors import DataError
-from gpcorrect_service.crtk.messages import TF, TOPICS, Message, Topic
-from gpcorrect_service.crtk.ros import from_cdr, tf_cdr, to_cdr
+from gpcorrect_service.crtk.messages import TF, TOPICS, Message, Topic, from_cdr, tf_cdr, to_cdr
 from gpcorrect_service.protocol.codec import JSON, MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError, bad_input
 from gpcorrect_service.protocol.process import open_zenoh, require_valid

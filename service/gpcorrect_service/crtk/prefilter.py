@@ -33,7 +33,7 @@ from gpcorrect_service.protocol.limits import (
     checked_stamp,
     checked_twist,
 )
-from gpcorrect_service.protocol.live import PREFILTER
+from gpcorrect_service.protocol.sessions import PREFILTER
 from gpcorrect_service.server.models import Model
 
 POSE = 7  # numbers of a pose

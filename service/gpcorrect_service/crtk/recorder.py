@@ -17,8 +17,8 @@ from gpcorrect.logs.streams import Stream, interpolate
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 from gpcorrect_service.crtk.bus import Bus
 from gpcorrect_service.crtk.journal import Journal, read_journal
+from gpcorrect_service.crtk.messages import to_ros
 from gpcorrect_service.crtk.robot import NO_TRAJECTORY
-from gpcorrect_service.crtk.ros import to_ros
 from gpcorrect_service.protocol.cdr import ros_types
 
 RECORDED = ("measured_js", "setpoint_js", "external_js", "measured_cp", "setpoint_cp", "tracker_cp", "operating_state")

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from gpcorrect_service.protocol.cdr import CORRECT
-from gpcorrect_service.protocol.live import LIVE_KEYS, PREFILTER
 from gpcorrect_service.protocol.rmw import dds_name
+from gpcorrect_service.protocol.sessions import LIVE_KEYS, PREFILTER
 
 ASKED = ("correct", "correct_path", "correct_joints", "model", "health")
 ROLES: dict[str, tuple[str, ...]] = {

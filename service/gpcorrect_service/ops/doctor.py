@@ -18,10 +18,8 @@ from typing import Any, Literal
 import zenoh
 
 from gpcorrect.errors import DataError
-from gpcorrect_service.protocol.certificates import ExpiredError, check_certificates
-from gpcorrect_service.protocol.live import LIVE_KEYS, differing
-from gpcorrect_service.protocol.process import open_zenoh
-from gpcorrect_service.protocol.sessions import client_config
+from gpcorrect_service.protocol.process import ExpiredError, check_certificates, open_zenoh
+from gpcorrect_service.protocol.sessions import LIVE_KEYS, client_config, differing
 from gpcorrect_service.protocol.settings import ENDPOINT, ClientSettings
 
 PATIENCE = 3.0  # chosen by hand: s for each step

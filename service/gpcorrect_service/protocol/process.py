@@ -1,4 +1,4 @@
-"""zenoh's threads: forks, in which they are missing, and signals, which they may be handed."""
+"""zenoh's threads: forks, in which they are missing, and signals, which they may be handed; certificates."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ import json
 import os
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from weakref import WeakSet
 
 import zenoh
 
+from gpcorrect.errors import DataError
 from gpcorrect_service.protocol.errors import ServiceError
 
 LOOK_UP = 1.0  # s, between looks whether a signal has come: a second is short for who stops a service
@@ -102,8 +104,6 @@ def require_valid(config: zenoh.Config) -> None:
         One is not.
     """
     if json.loads(config.get_json("transport/link/tls")):
-        from gpcorrect_service.protocol.certificates import check_certificates  # slow to import, and seldom needed
-
         check_certificates(config, datetime.datetime.now(datetime.UTC))
 
 
@@ -121,3 +121,59 @@ def wait_for(stop: threading.Event, look: Callable[[], None] = lambda: None) -> 
     """
     while not stop.wait(LOOK_UP):
         look()
+
+
+USED = ("root_ca_certificate", "listen_certificate", "connect_certificate")
+
+
+class ExpiredError(DataError):
+    """A certificate is not valid now."""
+
+
+def certificate_files(config: zenoh.Config) -> list[Path]:
+    """Return the certificate files that a configuration names and that are there.
+
+    Parameters
+    ----------
+    config : zenoh.Config
+    """
+    tls = json.loads(config.get_json("transport/link/tls")) or {}
+    return [path for path in (Path(tls[name]) for name in USED if tls.get(name)) if path.is_file()]
+
+
+def check_certificates(config: zenoh.Config, now: datetime.datetime) -> datetime.datetime | None:
+    """Return when the first certificate expires; None where the configuration names none.
+
+    What is no certificate is left to zenoh, which says so.
+
+    Parameters
+    ----------
+    config : zenoh.Config
+    now : datetime
+
+    Raises
+    ------
+    ExpiredError
+        One has expired, or is not valid yet.
+    """
+    from cryptography import x509  # slow to import, and seldom needed
+
+    ends = []
+    for path in certificate_files(config):
+        try:
+            certificate = x509.load_pem_x509_certificate(path.read_bytes())
+        except (OSError, ValueError):
+            continue
+        begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
+        if now > end:
+            raise ExpiredError(
+                f"certificate {path} expired on {end:%Y-%m-%d %H:%M} UTC; it is {now:%Y-%m-%d %H:%M} UTC here.",
+                hint="Secure the site anew (gpcorrect secure init NEWFOLDER) and hand out its files.",
+            )
+        if now < begin:
+            raise ExpiredError(
+                f"certificate {path} is valid from {begin:%Y-%m-%d %H:%M} UTC on; it is {now:%Y-%m-%d %H:%M} UTC here.",
+                hint="Set this machine's clock.",
+            )
+        ends.append(end)
+    return min(ends, default=None)

@@ -23,14 +23,12 @@ from threadpoolctl import threadpool_limits
 from gpcorrect.calibration import ModelStore
 from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect_service.ops.logger import Logger, open_logger
-from gpcorrect_service.ops.metrics import Counters
-from gpcorrect_service.ops.metrics_http import metrics_over_http
+from gpcorrect_service.ops.metrics import Counters, metrics_over_http
 from gpcorrect_service.protocol.bounds import Throttle
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.live import live_key
 from gpcorrect_service.protocol.messages import Kind
 from gpcorrect_service.protocol.process import wait_for
-from gpcorrect_service.protocol.sessions import open_server
+from gpcorrect_service.protocol.sessions import live_key, open_server
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.admin import Admin, Health, load_entry

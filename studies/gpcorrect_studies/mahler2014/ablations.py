@@ -18,8 +18,8 @@ from gpcorrect.calibration.poses import pose_pair
 from gpcorrect.cleaning import POSES, fit_cleaner
 from gpcorrect.rigid import fit_pose, pose_residual
 from gpcorrect.sim import Model, debridement_log, machine_of, preset
-from gpcorrect.sim.faults import Fault
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
+from gpcorrect.sim.record import Fault
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
 from gpcorrect_studies.mahler2014.closed_loop import closed_loop, places_to_visit
 from gpcorrect_studies.mahler2014.table1 import (
