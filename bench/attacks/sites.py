@@ -19,8 +19,7 @@ from attacks.lab import Lab, Scenario, Seen
 from attacks.programs import ran
 from gpcorrect_service import ClientSettings, CorrectionClient, ServiceError
 from gpcorrect_service.client.operator import Operator
-from gpcorrect_service.ops.access import ROLES
-from gpcorrect_service.ops.secure import Site, secure_site
+from gpcorrect_service.ops.secure import ROLES, Site, secure_site
 from gpcorrect_service.protocol.sessions import open_client
 
 SILENT = 500

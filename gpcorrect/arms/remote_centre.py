@@ -1,4 +1,16 @@
-"""An arm that pivots about a remote centre of motion, and its closed-form inverse kinematics."""
+"""An arm that pivots about a remote centre of motion, and its closed-form inverse kinematics.
+
+Such an arm (RRP RRR) swings and slides a straight shaft through a fixed point, the remote centre; at the shaft's end
+sit roll, pitch and yaw, the yaw axis a small distance beyond the pitch axis. The inverse is geometric, from the arm's
+screw axes at joint zero, so it holds for any Denavit-Hartenberg convention:
+
+1. the pitch axis crosses the shaft in the wrist point, which lies at the known distance from the yaw axis, in the plane
+   that holds the remote centre and the yaw axis: two choices;
+2. wrist point and remote centre give the shaft's line; the shaft may point either way along it: two choices;
+3. two intersecting axes turn the shaft to that direction (Paden-Kahan subproblem 2; Murray, Li and Sastry 1994,
+   Sec. 3.3): two choices;
+4. roll, pitch and yaw follow one by one (subproblem 1).
+"""
 
 from __future__ import annotations
 
@@ -8,10 +20,194 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gpcorrect import se3
 from gpcorrect.arms.arm import Arm
-from gpcorrect.arms.rcm import RcmInverse
+from gpcorrect.arms.chain import Chain
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray
+
+SIGNS = np.array(np.meshgrid([1.0, -1.0], [1.0, -1.0], [1.0, -1.0], indexing="ij")).reshape(3, 8)
+GEOMETRY_TOLERANCE = 1e-9  # m, or of a unit vector: far above what rounding leaves of axes that meet
+SINGULAR_DISTANCE = 1e-9  # m; nearer to the remote centre than this a direction is undefined
+BESIDE = np.array([3e-9, 5e-9, 7e-9])  # m; off the remote centre in no direction of an axis, and far below any sensor
+ROUNDING = 1e-12  # of a square that is zero at the edge of reach: some thousand times float64's
+
+
+@dataclass(frozen=True, eq=False)
+class RcmInverse:
+    """Inverse of one arm: its screw axes at joint zero and what follows from them.
+
+    Parameters
+    ----------
+    axes : (6, 3) array
+        Unit directions of the joint axes at joint zero, base frame.
+    centre : (3,) array
+        The remote centre, m.
+    wrist, yaw_point : (3,) arrays
+        Where the pitch axis crosses the shaft, and the foot of its perpendicular on the yaw axis, m.
+    T_zero : (4, 4) array
+        Tip pose at joint zero.
+    """
+
+    axes: FloatArray
+    centre: FloatArray
+    wrist: FloatArray
+    yaw_point: FloatArray
+    T_zero: FloatArray
+
+    @classmethod
+    def of(cls, chain: Chain, wrist_link: int) -> RcmInverse:
+        """Read the geometry off a chain whose frame of link `wrist_link` (from 1) sits in the wrist point.
+
+        Parameters
+        ----------
+        chain : Chain
+            The arm, RRPRRR.
+        wrist_link : int
+            Link, from 1, whose frame sits in the wrist point.
+
+        Raises
+        ------
+        DataError
+            The chain is not RRPRRR or its axes do not meet as this solution needs.
+        """
+        if chain.joint_types != "RRPRRR":
+            raise DataError(f"the remote-centre solution is for RRPRRR arms, got {chain.joint_types}.")
+        rest = np.zeros(chain.dof)
+        axes, points = chain.axes(rest)
+        wrist = chain.frames(rest)[wrist_link - 1, :3, 3]
+        yaw_point = points[5] + axes[5] * ((wrist - points[5]) @ axes[5])
+        inverse = cls(axes, _meeting_point(axes[:2], points[:2]), wrist, yaw_point, chain.forward(rest))
+        inverse._check(points)
+        return inverse
+
+    def _check(self, points: FloatArray) -> None:
+        w = self.axes
+        arm = self.yaw_point - self.wrist
+        misses = {
+            "axes 1 and 2 meet": _distance(self.centre, points[:2], w[:2]).max(),
+            "the shaft passes the remote centre": _distance(self.centre, self.wrist[None], w[2:3]).max(),
+            "roll is about the shaft": _distance(self.wrist, points[3:4], w[3:4]).max() + 1 - abs(w[2] @ w[3]),
+            "pitch crosses the shaft": _distance(self.wrist, points[4:5], w[4:5]).max() + abs(w[3] @ w[4]),
+            "pitch, yaw and their common normal are perpendicular": abs(w[4] @ w[5]) + abs(w[4] @ arm),
+        }
+        broken = [law for law, miss in misses.items() if miss > GEOMETRY_TOLERANCE]
+        if broken or not np.linalg.norm(arm) > SINGULAR_DISTANCE:
+            raise DataError(f"the chain is no remote-centre arm with a wrist offset; broken: {broken or 'offset'}.")
+
+    def solve(self, T: FloatArray) -> FloatArray:
+        """All joint values (..., 8, 6) that reach tip poses `T` (..., 4, 4), angles in -pi..pi.
+
+        A branch that does not exist is NaN. Where the wrist point or the yaw axis passes through the remote centre,
+        solutions are not isolated: those of a pose some nanometres beside it are given.
+
+        Parameters
+        ----------
+        T : (..., 4, 4) array
+            Tip poses in the base frame.
+        """
+        target = np.asarray(T, dtype=np.float64)
+        q = self._solve(target)
+        none = np.isnan(q).all(axis=(-1, -2))
+        if none.any():
+            beside = target[none].copy()
+            beside[:, :3, 3] += BESIDE
+            q[none] = self._solve(beside)
+        return q
+
+    def _solve(self, T: FloatArray) -> FloatArray:
+        target = T[..., None, :, :]
+        motion = target @ se3.invert(self.T_zero)  # product of the six joints' screw motions
+        yaw_axis = motion[..., :3, :3] @ self.axes[5]
+        arm, wrist = self._wrist(motion, yaw_axis)
+        q12, R_base_shaft, q3 = self._shaft(wrist)
+        q456 = self._orientation(motion[..., :3, :3], R_base_shaft, arm, yaw_axis)
+        q = np.concatenate([q12, q3[..., None], q456], axis=-1)
+        return np.where(np.isfinite(q).all(axis=-1, keepdims=True), q, np.nan)
+
+    def _wrist(self, motion: FloatArray, yaw_axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Directions from wrist to yaw axis and wrist points, (..., 8, 3) each."""
+        yaw_point = motion[..., :3, :3] @ self.yaw_point + motion[..., :3, 3]
+        to_centre = self.centre - yaw_point
+        across = to_centre - yaw_axis * _dot(to_centre, yaw_axis)
+        arm = SIGNS[0][:, None] * _unit(across)
+        return arm, yaw_point - arm * np.linalg.norm(self.yaw_point - self.wrist)
+
+    def _shaft(self, wrist: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Joints 1 and 2 (..., 8, 2), the rotation they make (..., 8, 3, 3) and joint 3 (..., 8)."""
+        w1, w2, w3 = self.axes[:3]
+        away = wrist - self.centre
+        direction = SIGNS[1][:, None] * _unit(away)
+        depth = _dot(away, direction)[..., 0] - (self.wrist - self.centre) @ w3
+        half_way = _half_way(w1, w2, w3, direction, SIGNS[2])
+        q1, q2 = _turn(w1, half_way, direction), _turn(w2, w3, half_way)
+        return np.stack([q1, q2], axis=-1), _rotation(w1, q1) @ _rotation(w2, q2), depth
+
+    def _orientation(
+        self, R_motion: FloatArray, R_base_shaft: FloatArray, arm: FloatArray, yaw_axis: FloatArray
+    ) -> FloatArray:
+        """Roll, pitch and yaw (..., 8, 3)."""
+        w4, w5, w6 = self.axes[3:]
+        arm_zero = _unit(self.yaw_point - self.wrist)
+        handed = np.sign(np.cross(arm_zero, w6) @ w5)
+        pitch_axis = handed * np.cross(arm, yaw_axis)
+        R = R_base_shaft
+        roll = _turn(w4, w5, _into(R, pitch_axis))
+        R = R @ _rotation(w4, roll)
+        pitch = _turn(w5, arm_zero, _into(R, arm))
+        R = R @ _rotation(w5, pitch)
+        yaw = _turn(w6, w5, _into(R, R_motion @ w5))
+        return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def _half_way(w1: FloatArray, w2: FloatArray, start: FloatArray, end: FloatArray, sign: FloatArray) -> FloatArray:
+    """Directions (..., 8, 3) that axis 2 turns `start` into and axis 1 turns into `end`; NaN out of reach."""
+    c12, s2, e1 = w1 @ w2, w2 @ start, _dot(end, w1)
+    a = (c12 * s2 - e1) / (c12**2 - 1)
+    b = (c12 * e1 - s2) / (c12**2 - 1)
+    normal = np.cross(w1, w2)
+    square = (1 - a**2 - b**2 - 2 * a * b * c12) / (normal @ normal)
+    square = np.where(square > -ROUNDING, np.maximum(square, 0.0), np.nan)
+    return a * w1 + b * w2 + sign[:, None] * np.sqrt(square) * normal
+
+
+def _turn(axis: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Angle (...) about `axis` (3,) that turns `start` to `end` (..., 3): Paden-Kahan subproblem 1."""
+    start = np.broadcast_to(start, end.shape)
+    sine = np.cross(start, end) @ axis
+    cosine = _dot(start, end)[..., 0] - (start @ axis) * (end @ axis)
+    return np.asarray(np.arctan2(sine, cosine))
+
+
+def _rotation(axis: FloatArray, angle: FloatArray) -> FloatArray:
+    return se3.matrix_from_rotvec(angle[..., None] * axis)
+
+
+def _into(R: FloatArray, vector: FloatArray) -> FloatArray:
+    """R^T v, row by row."""
+    return (np.swapaxes(R, -1, -2) @ vector[..., None])[..., 0]
+
+
+def _dot(u: FloatArray, v: FloatArray) -> FloatArray:
+    return np.asarray((u * v).sum(axis=-1, keepdims=True))
+
+
+def _unit(v: FloatArray) -> FloatArray:
+    length = np.linalg.norm(v, axis=-1, keepdims=True)
+    defined = length > SINGULAR_DISTANCE
+    return np.where(defined, v / np.where(defined, length, 1.0), np.nan)
+
+
+def _distance(point: FloatArray, on_lines: FloatArray, directions: FloatArray) -> FloatArray:
+    """Distances (k,) of a point from k lines."""
+    return np.asarray(np.linalg.norm(np.cross(on_lines - point, directions), axis=-1))
+
+
+def _meeting_point(directions: FloatArray, points: FloatArray) -> FloatArray:
+    """Point nearest to two lines in the least-squares sense."""
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    return np.linalg.solve(across.sum(axis=0), (across @ points[:, :, None]).sum(axis=0)[:, 0])
+
 
 LIMIT_ROUNDING = 1e-9  # rad or m beyond a limit that count as on it: far above rounding, far below a micrometre
 

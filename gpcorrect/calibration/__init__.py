@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from gpcorrect.lazy import imported_on_demand
 
 if TYPE_CHECKING:
+    from gpcorrect.calibration.arm_kinematics import with_outside_joints, with_poses
     from gpcorrect.calibration.cartesian import CommandCorrector
     from gpcorrect.calibration.drift import Ageing, Detection, detect, estimate_ageing
     from gpcorrect.calibration.evaluate import (
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_units, spread
     from gpcorrect.calibration.model_file import load, load_any, load_with_hash, model_hash, require_model_place, save
     from gpcorrect.calibration.model_store import Entry, ModelStore, refuse_other_use
-    from gpcorrect.calibration.outside_joints import with_outside_joints, with_poses
     from gpcorrect.calibration.settings import FitSettings
     from gpcorrect.calibration.side_by_side import Difference, SideBySide, compare, measure_both, refuse_unlike
     from gpcorrect.calibration.split import HoldOut, folds_of
@@ -55,6 +55,7 @@ if TYPE_CHECKING:
 __getattr__ = imported_on_demand(
     __name__,
     {
+        "arm_kinematics": "with_outside_joints with_poses",
         "cartesian": "CommandCorrector",
         "drift": "Ageing Detection detect estimate_ageing",
         "evaluate": "COMPONENTS METHODS Evaluation Experiment evaluate_model part_errors position_reductions "
@@ -70,7 +71,6 @@ __getattr__ = imported_on_demand(
         "metrics": "ErrorTable JointErrors error_table joint_units spread",
         "model_file": "load load_any load_with_hash model_hash require_model_place save",
         "model_store": "Entry ModelStore refuse_other_use",
-        "outside_joints": "with_outside_joints with_poses",
         "settings": "FitSettings",
         "side_by_side": "Difference SideBySide compare measure_both refuse_unlike",
         "split": "HoldOut folds_of",

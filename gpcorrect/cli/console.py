@@ -1,11 +1,13 @@
-"""What every command shares: tables and progress for people, JSON for programs, one line for errors."""
+"""What every command shares: tables and progress for people, JSON for programs, one line for errors, report pages."""
 
 from __future__ import annotations
 
+import csv
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console
@@ -13,9 +15,16 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 from rich.text import Text
 
+from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.plain import json_ready
 from gpcorrect.types import Progress as ProgressCallback
+
+if TYPE_CHECKING:
+    from gpcorrect.calibration import Evaluation, Experiment
+    from gpcorrect.cleaning import CleaningReport
+    from gpcorrect.types import CalibrationLog
+
 
 WIDEST_TABLE = 10_000
 """Characters: more than any table has."""
@@ -188,3 +197,65 @@ def show_errors(title: str, errors: Mapping[str, Any]) -> None:
         cells = [f"{leaf[k]:.3f}" if leaf else "-" for leaf in leaves for k in ("mean", "sd", "p95", "max")]
         table.add_row(name, *cells)
     out.print(table)
+
+
+def digests(*paths: Path) -> list[tuple[str, str]]:
+    """Return names and SHA-256 of files and folders, for the foot of a page.
+
+    Parameters
+    ----------
+    *paths : Path
+        Files, or folders of pictures.
+    """
+    from gpcorrect.logs.reader import recording_digest
+
+    return [("file", f"{path}, SHA-256 {recording_digest(path)}") for path in paths]
+
+
+def write_fit_page(experiment: Experiment, page: Path) -> None:
+    """Write the page of an experiment of any task, and cleaning.csv.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    page : Path
+        HTML file.
+    """
+    from gpcorrect.report import write_fit_report  # the report's libraries are an extra
+
+    write_fit_report(experiment, page)
+    reports = {"train": experiment.fit.cleaning}
+    if experiment.evaluation is not None:
+        reports["held out"] = experiment.evaluation.cleaning
+    _write_dropped(reports, page)
+
+
+def write_evaluation_page(
+    evaluation: Evaluation, log: CalibrationLog, model: Path, notes: Sequence[str], page: Path
+) -> None:
+    """Write the page of a model measured on recordings, and cleaning.csv.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    log : CalibrationLog
+        That was measured.
+    model : Path
+        Its file.
+    notes : sequence of str
+        What the command noticed.
+    page : Path
+        HTML file.
+    """
+    from gpcorrect.report import write_evaluation_report
+
+    write_evaluation_report(evaluation, log, page, notes, model.name)
+    _write_dropped({"measured": evaluation.cleaning}, page)
+
+
+def _write_dropped(reports: Mapping[str, CleaningReport], page: Path) -> None:
+    rows: list[dict[str, Any]] = [{"set": name, **row} for name, report in reports.items() for row in report.to_table()]
+    with atomic_path(page.with_name("cleaning.csv")) as path, path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]) if rows else ["set"])
+        writer.writeheader()
+        writer.writerows(rows)

@@ -18,6 +18,8 @@ from gpcorrect.cli.console import (
     show_errors,
     split_names,
     styled,
+    write_evaluation_page,
+    write_fit_page,
 )
 from gpcorrect.cli.options import (
     Clean,
@@ -33,7 +35,6 @@ from gpcorrect.cli.options import (
     report_page,
     takes_groups,
 )
-from gpcorrect.cli.pages import write_evaluation_page, write_fit_page
 from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, split_names, styled
+from gpcorrect.cli.console import (
+    note,
+    out,
+    plain_table,
+    print_json,
+    progress_bar,
+    split_names,
+    styled,
+    write_evaluation_page,
+    write_fit_page,
+)
 from gpcorrect.cli.options import (
     Clean,
     Holdout,
@@ -22,7 +32,6 @@ from gpcorrect.cli.options import (
     report_page,
     takes_groups,
 )
-from gpcorrect.cli.pages import write_evaluation_page, write_fit_page
 from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 

@@ -10,9 +10,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gpcorrect.atomic import require_folder, require_new, require_own, write_file
-from gpcorrect.cli.console import note, out, plain_table, print_json, print_result, progress_bar, split_names
+from gpcorrect.cli.console import (
+    digests,
+    note,
+    out,
+    plain_table,
+    print_json,
+    print_result,
+    progress_bar,
+    split_names,
+    write_evaluation_page,
+    write_fit_page,
+)
 from gpcorrect.cli.options import Columns, Json, Logs, OldPage, Report, report_page
-from gpcorrect.cli.pages import digests, write_evaluation_page, write_fit_page
 from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import DataError
 

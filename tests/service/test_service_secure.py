@@ -38,11 +38,10 @@ from gpcorrect_service.client.operator import Operator
 from gpcorrect_service.crtk import Bus, BusSettings, OperatingState, Pose
 from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter
 from gpcorrect_service.monitor import Board, Watcher
-from gpcorrect_service.ops.access import ROLES, USERS
 from gpcorrect_service.ops.doctor import Finding, examine
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.router import DenialReader, route
-from gpcorrect_service.ops.secure import HANDSHAKE_MS, Site, secure_site
+from gpcorrect_service.ops.secure import HANDSHAKE_MS, ROLES, USERS, Site, secure_site
 from gpcorrect_service.protocol.cdr import CORRECT, decode_cdr
 from gpcorrect_service.protocol.rmw import attachment, rmw_key
 from gpcorrect_service.protocol.sessions import open_client

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -26,30 +26,6 @@ from gpcorrect_service.protocol.limits import checked_stamp
 STATE_HZ = 10.0  # chosen by hand: fast enough for people
 BEAT_HZ = 2.0  # chosen by hand
 BEHIND = 0.5  # chosen by hand: s of wall time after which lost ticks are given up instead of caught up with
-
-
-class SensedArm(Protocol):
-    """What is measured at one instant; see `gpcorrect.sim.live_sensors.Reading`."""
-
-    @property
-    def position(self) -> FloatArray:
-        """(dof,) reported joints."""
-
-    @property
-    def velocity(self) -> FloatArray:
-        """(dof,)."""
-
-    @property
-    def effort(self) -> FloatArray:
-        """(dof,)."""
-
-    @property
-    def external(self) -> FloatArray:
-        """(dof,) true joints."""
-
-    @property
-    def tracker(self) -> FloatArray | None:
-        """(4, 4) in the tracker's frame."""
 
 
 class CommandedArm(Protocol):
@@ -75,8 +51,8 @@ class CommandedArm(Protocol):
         """From joints (n, dof) to nominal tool poses (n, 4, 4)."""
 
     @property
-    def read(self) -> Callable[..., SensedArm]:
-        """What the sensors measure, with the tracker or without (`tracked=`)."""
+    def read(self) -> Callable[..., Any]:
+        """Position, velocity, effort and true joints `external` (dof,); with `tracked=` the `tracker` (4, 4) or None."""
 
     @property
     def operate(self) -> Callable[[str], None]:
