@@ -52,7 +52,7 @@ class CommandedArm(Protocol):
 
     @property
     def read(self) -> Callable[..., Any]:
-        """Position, velocity, effort and true joints `external` (dof,); with `tracked=` the `tracker` (4, 4) or None."""
+        """Position, velocity, effort and true joints `external` (dof,); if `tracked=`, the `tracker` (4, 4) or None."""
 
     @property
     def operate(self) -> Callable[[str], None]:
