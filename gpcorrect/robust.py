@@ -10,18 +10,12 @@ from scipy.special import gammaincinv
 from gpcorrect.types import FloatArray
 
 
-def median_length(dimension: int) -> float:
-    """Return the median length of a vector of unit normals: the root of the median of chi-squared.
-
-    Parameters
-    ----------
-    dimension : int
-        Components of the vector: 0.6745 for one, 1.5382 for three.
-    """
+def _median_length(dimension: int) -> float:
+    """Return the median length of a vector of unit normals: the root of the median of chi-squared."""
     return math.sqrt(2.0 * float(gammaincinv(dimension / 2.0, 0.5)))
 
 
-MAD_TO_STD = 1.0 / median_length(1)  # 1.4826: of normal data, standard deviation over median absolute deviation
+MAD_TO_STD = 1.0 / _median_length(1)  # 1.4826: of normal data, standard deviation over median absolute deviation
 
 
 def robust_scale(lengths: FloatArray, dimension: int = 1) -> FloatArray:
@@ -40,4 +34,4 @@ def robust_scale(lengths: FloatArray, dimension: int = 1) -> FloatArray:
     -------
     () or (k,) array
     """
-    return np.asarray(np.median(lengths, axis=0) / median_length(dimension))
+    return np.asarray(np.median(lengths, axis=0) / _median_length(dimension))

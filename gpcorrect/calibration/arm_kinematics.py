@@ -92,10 +92,10 @@ class ArmKinematics:
         else:
             raise LogError("it does not hold poses with orientation and the joints they were computed from.")
         rows = np.flatnonzero(poses.finite & np.isfinite(joints).all(axis=1))
-        T, q = pose_matrices(poses[rows]), joints[rows]
+        T, q = _pose_matrices(poses[rows]), joints[rows]
         chain = _chain_of(q, T, log.joint_types(q.shape[1]))
         q, length = q[:, : chain.dof], workspace(T)
-        require_determined(chain, q, length)
+        _require_determined(chain, q, length)
         kinematics = cls(chain, q[np.unique(np.linspace(0, len(q) - 1, STARTS).astype(np.int64))], length)
         _, left = kinematics.chain.nearest(T, q, length)
         return replace(kinematics, reach=float(left.max()))
@@ -156,7 +156,7 @@ class ArmKinematics:
 
     def _inverse(self, poses: PoseSignal) -> tuple[FloatArray, FloatArray]:
         q, left, known = np.full((len(poses), self.chain.dof), np.nan), np.full(len(poses), np.nan), poses.finite
-        T = pose_matrices(poses[known])
+        T = _pose_matrices(poses[known])
         start = self.starts[self._nearest.query(self._coordinates(T))[1]]
         q[known], left[known] = self.chain.nearest(T, start, self.length)
         return q, left
@@ -186,35 +186,15 @@ def _chain_of(q: FloatArray, T: FloatArray, types: str) -> Chain:
     raise failed or DegenerateError("no joint of the log moves the tip.")
 
 
-def require_determined(chain: Chain, q: FloatArray, length: float) -> None:
-    """Refuse an arm whose poses do not say where its joints are.
-
-    Parameters
-    ----------
-    chain : Chain
-    q : (n, dof) array
-        Postures, rad and m.
-    length : float
-        m that weigh as much as one radian.
-
-    Raises
-    ------
-    DegenerateError
-        In most postures some motion of the joints hardly moves the tip.
-    """
+def _require_determined(chain: Chain, q: FloatArray, length: float) -> None:
+    """Refuse an arm whose poses do not say where its joints are."""
     rates = np.linalg.svd(chain.jacobian(q) / np.array([length] * 3 + [1.0] * 3)[:, None], compute_uv=False)
     if chain.dof > len(rates[0]) or np.median(rates[:, -1] / rates[:, 0]) < LEAST_SHARE:
         raise DegenerateError(f"poses do not determine the {chain.dof} joints that move the tip.")
 
 
-def pose_matrices(poses: PoseSignal) -> FloatArray:
-    """Return poses with orientation as matrices `(n, 4, 4)`.
-
-    Parameters
-    ----------
-    poses : PoseSignal
-        n poses.
-    """
+def _pose_matrices(poses: PoseSignal) -> FloatArray:
+    """Return poses with orientation as matrices `(n, 4, 4)`."""
     rotations = rotations_of(poses)
     assert rotations is not None
     return se3.pose(rotations, poses.position)
@@ -286,11 +266,11 @@ def with_outside_joints(log: CalibrationLog, chain: Chain) -> CalibrationLog:
     rows = np.flatnonzero(tracker.finite & np.isfinite(q).all(axis=1))
     T = chain.forward(q[rows])
     length = workspace(T)
-    require_determined(chain, q[rows], length)
+    _require_determined(chain, q[rows], length)
     nominal = PoseSignal(T[:, :3, 3], se3.quaternion_from_matrix(T[:, :3, :3]))
     rigid = register(tracker[rows], nominal, log.trajectory[rows], "auto", held_out=False).model
     base, marker = se3.pose(rigid.R_position, rigid.t), se3.pose(rigid.R_right, rigid.offset)
-    seen = pose_matrices(tracker[rows])
+    seen = _pose_matrices(tracker[rows])
     few = np.unique(np.linspace(0, len(rows) - 1, SAMPLES).astype(np.int64))
     base, marker = _with_zeros(chain, q[rows][few], seen[few], length, (base, marker))
     external = np.full_like(q, np.nan)

@@ -223,7 +223,7 @@ class JointRoute:
             interval95=np.full((len(rows), len(view.types)), np.nan),
             reasons=np.zeros(len(rows), dtype=np.int64),
         )
-        answer = self.as_poses(pair[0][rows], joints.external_jp[rows], in_joints)
+        answer = self._as_poses(pair[0][rows], joints.external_jp[rows], in_joints)
         assert answer.position is not None
         errors = pose_residual(PoseSignal(answer.position, answer.quaternion), pair[1][rows])
         known = np.isfinite(errors).all(axis=1)
@@ -269,7 +269,7 @@ class JointRoute:
             assert in_joints.joints is not None
             moved, beyond = self.aim.moved(q, in_joints.joints, time, sessions)
             in_joints = replace(in_joints, joints=moved).because(Reason.OUTSIDE, beyond)
-        return self.as_poses(reference, q, in_joints, bounds)
+        return self._as_poses(reference, q, in_joints, bounds)
 
     def stream(self) -> RouteStream:
         """Return a stream of the joints of poses."""
@@ -301,22 +301,10 @@ class JointRoute:
         reasons = Reason(int(in_joints.reasons) | (int(Reason.LIMITED) if limited else 0))
         return Correction(moved, quaternion, None, std, self.intervals.interval95(std), reasons)
 
-    def as_poses(
+    def _as_poses(
         self, reference: PoseSignal, q: FloatArray, in_joints: Correction, bounds: Bounds | None = None
     ) -> Correction:
-        """Return answers in joints as poses, within bounds; NaN where joints are.
-
-        Parameters
-        ----------
-        reference : PoseSignal
-            n poses.
-        q : (n, d) array
-            Their joints.
-        in_joints : Correction
-            n answers in joints.
-        bounds : Bounds, optional
-            Largest believed correction of a pose.
-        """
+        """Return answers in joints as poses, within bounds; NaN where joints are."""
         assert in_joints.joints is not None
         known = np.asarray(np.isfinite(in_joints.joints).all(axis=1) & np.isfinite(q).all(axis=1))
         position, quaternion = np.full((len(q), 3), np.nan), np.full((len(q), 4), np.nan)

@@ -159,7 +159,7 @@ def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tup
     """
     content = _read(path)
     header, arrays = _parts(path, content)
-    found = task_of(header)
+    found = _task_of(header)
     if kind is not None and found.TASK != kind.TASK:
         raise ArtifactError(
             f"model file {path} corrects {found.TASK}, and a model of {kind.TASK} is needed here.",
@@ -213,14 +213,8 @@ def _parts(path: str | Path, content: bytes) -> tuple[Header, Arrays]:
     return header, contents
 
 
-def task_of(header: Header) -> type[Corrector]:
-    """Return the class of the model that a verified header is of.
-
-    Parameters
-    ----------
-    header : dict
-        As :func:`read_parts` returns it.
-    """
+def _task_of(header: Header) -> type[Corrector]:
+    """Return the class of the model that a verified header is of."""
     return next(task for task in TASKS.values() if header["kind"] == task.KIND)
 
 

@@ -31,13 +31,8 @@ class Use:
     hint: str = ""
 
 
-def uses_of(log: CalibrationLog) -> tuple[Use, ...]:
-    """Ask each command that learns from recordings whether it would begin.
-
-    Parameters
-    ----------
-    log : CalibrationLog
-    """
+def _uses_of(log: CalibrationLog) -> tuple[Use, ...]:
+    """Ask each command that learns from recordings whether it would begin."""
     uses = []
     for purpose in (one for one in PURPOSES.values() if one.command):
         try:
@@ -60,7 +55,7 @@ def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[Validation
     """
     if not report.ok:
         return report, ()
-    uses = uses_of(log)
+    uses = _uses_of(log)
     if not all(use.refusal for use in uses):
         return report, uses
     hint = TRACKER_HINT if log.signals == ("tracker_cp",) else uses[0].hint

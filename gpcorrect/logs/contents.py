@@ -140,7 +140,7 @@ def _of_log(title: str, log: CalibrationLog) -> Contents:
         else:
             columns |= dict(zip(joint_names(name, value.shape[1]), value.T, strict=True))
     columns |= log.extra
-    return Contents(title, tuple(_column(*item) for item in columns.items()), propose_columns(dict(log.extra)))
+    return Contents(title, tuple(_column(*item) for item in columns.items()), _propose_columns(dict(log.extra)))
 
 
 def _column(name: str, values: FloatArray) -> Part:
@@ -160,19 +160,8 @@ ROLES = {
 }
 
 
-def propose_columns(columns: Mapping[str, FloatArray]) -> str:
-    """Propose a mapping file for columns that have no native names.
-
-    Parameters
-    ----------
-    columns : mapping of str to (n,) array
-        A table's.
-
-    Returns
-    -------
-    str
-        TOML. A signal whose name does not say what it is stands behind `#`.
-    """
+def _propose_columns(columns: Mapping[str, FloatArray]) -> str:
+    """Propose a mapping file for columns that have no native names."""
     left = dict(columns)
     lines = _clock(left)
     taken: set[str] = set()

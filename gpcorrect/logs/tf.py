@@ -17,14 +17,8 @@ from gpcorrect.types import FloatArray, PoseSignal
 TF_TYPES = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
 
 
-def source_name(parent: str, child: str) -> str:
-    """Write a pair of frames as users name it, such as `/tf:base->tool`.
-
-    Parameters
-    ----------
-    parent, child : str
-        The pose of the child in the parent is meant.
-    """
+def _source_name(parent: str, child: str) -> str:
+    """Write a pair of frames as users name it, such as `/tf:base->tool`."""
     return f"/tf:{parent.strip('/')}->{child.strip('/')}"
 
 
@@ -71,7 +65,7 @@ class Tree:
             child = transform.child_frame_id.strip("/")
             parent = transform.header.frame_id.strip("/")
             if child not in self.edges or self.edges[child][0] != parent:
-                self.edges[child] = (parent, Recorded(source_name(parent, child), pose_row))
+                self.edges[child] = (parent, Recorded(_source_name(parent, child), pose_row))
             self.edges[child][1].add(transform, receive)
             if static:
                 self.still.add(child)
@@ -79,7 +73,7 @@ class Tree:
     def moving(self) -> list[str]:
         """Pairs of neighbouring frames that move, named as a source."""
         return [
-            source_name(parent, child)
+            _source_name(parent, child)
             for child, (parent, recorded) in self.edges.items()
             if child not in self.still and len(set(recorded.rows)) > 1
         ]
@@ -109,7 +103,7 @@ class Tree:
                 f"nothing moves between {parent} and {child}.", hint=f"What moves: {', '.join(self.moving())}."
             )
         lead = self.edges[max(moving, key=lambda frame: len(self.edges[frame][1].rows))][1]
-        found = Recorded(source_name(parent, child), pose_row, list(lead.stamp), list(lead.receive), list(lead.rows))
+        found = Recorded(_source_name(parent, child), pose_row, list(lead.stamp), list(lead.receive), list(lead.rows))
         if (up, down) != ([], [child]) or lead is not self.edges[child][1]:
             found.rows = self._composed(up, down, np.array(lead.stamp))
         return found

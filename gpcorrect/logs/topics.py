@@ -66,14 +66,8 @@ class Choice:
     remarks: tuple[str, ...] = ()
 
 
-def slashed(name: str) -> str:
-    """Return a topic or namespace with one slash before it, which some recorders leave out.
-
-    Parameters
-    ----------
-    name : str
-        Of a topic.
-    """
+def _slashed(name: str) -> str:
+    """Return a topic or namespace with one slash before it, which some recorders leave out."""
     return "/" + name.strip("/")
 
 
@@ -132,7 +126,7 @@ def _stated(types: Mapping[str, str], kind: str, name: str) -> str:
         return name
     topic, place = element_of(name)
     fitting = [t for t in types if types[t] in wanted]
-    found = next((t for t in fitting if slashed(t) == slashed(topic)), None)
+    found = next((t for t in fitting if _slashed(t) == _slashed(topic)), None)
     if found is None:
         what = "joint state" if wanted is JOINT_TYPES else "pose"
         raise LogError(
@@ -145,9 +139,9 @@ def _robots(types: Mapping[str, str], tracker: str) -> dict[str, dict[str, str]]
     """Topics by CRTK name, by namespace."""
     robots: dict[str, dict[str, str]] = {}
     for topic, kind in types.items():
-        space, _, name = slashed(topic).rpartition("/")
+        space, _, name = _slashed(topic).rpartition("/")
         if topic != element_of(tracker)[0] and kind in ROBOT_TOPICS.get(name, ()):
-            robots.setdefault(slashed(space), {})[name] = topic
+            robots.setdefault(_slashed(space), {})[name] = topic
     return robots
 
 
@@ -155,9 +149,9 @@ def _robot(robots: dict[str, dict[str, str]], wanted: str | None) -> tuple[dict[
     """Topics of one robot: the one wanted, the only one, or the one that all other namespaces are part of."""
     listed = ", ".join(sorted(robots)) or "none"
     if wanted is not None:
-        if slashed(wanted) not in robots:
+        if _slashed(wanted) not in robots:
             raise LogError(f"there is no robot {wanted}.", hint=f"Namespaces here: {listed}.")
-        return robots[slashed(wanted)], []
+        return robots[_slashed(wanted)], []
     if not robots:
         return {}, []
     root = min(robots, key=len)
@@ -173,13 +167,13 @@ def _tracker(types: Mapping[str, str], options: BagOptions) -> tuple[str, list[s
     stated = options.topics.get("tracker_cp", options.tracker_topic)
     if stated is not None:
         return (_stated(types, "tracker_cp", stated) if stated else ""), []
-    taken = {slashed(element_of(topic)[0]) for topic in options.topics.values()}
+    taken = {_slashed(element_of(topic)[0]) for topic in options.topics.values()}
     others = _other_robots(types, options.namespace)
     free = [
         topic
         for topic, kind in types.items()
         if kind in POSE_TYPES
-        and slashed(topic) not in taken
+        and _slashed(topic) not in taken
         and _may_track(topic, types)
         and not _within(topic, others)
     ]
@@ -197,16 +191,16 @@ def _other_robots(types: Mapping[str, str], wanted: str | None) -> set[str]:
     if wanted is None:
         return set()
     robots = {space for space, topics in _robots(types, "").items() if topics.keys() & COMMANDED}
-    return {space for space in robots if not (_within(space, {slashed(wanted)}) or _within(wanted, {space}))}
+    return {space for space in robots if not (_within(space, {_slashed(wanted)}) or _within(wanted, {space}))}
 
 
 def _within(name: str, spaces: set[str]) -> bool:
-    return any(f"{slashed(name)}/".startswith(f"{space.rstrip('/')}/") for space in spaces)
+    return any(f"{_slashed(name)}/".startswith(f"{space.rstrip('/')}/") for space in spaces)
 
 
 def _may_track(topic: str, types: Mapping[str, str]) -> bool:
-    name = slashed(topic)
-    return not name.endswith("_cp") or name.endswith("/tracker_cp") or _is_tracking(name, {slashed(t) for t in types})
+    name = _slashed(topic)
+    return not name.endswith("_cp") or name.endswith("/tracker_cp") or _is_tracking(name, {_slashed(t) for t in types})
 
 
 def _has_tracker_word(topic: str) -> bool:

@@ -59,7 +59,7 @@ class Section:
 def read(path: Path, settings: ReadSettings) -> Take:
     """Read objects or segments, or markers. See :data:`gpcorrect.logs.apart.Reader`."""
     export, options = read_export(path), settings.columns.mocap
-    sections = [_heading(export, k) for k in range(len(export)) if is_heading(export.cells(k))]
+    sections = [_heading(export, k) for k in range(len(export)) if _is_heading(export.cells(k))]
     wanted = MARKERS if options.markers is not None else (*BODIES, *MARKERS)
     usable = sorted((h for h in sections if h.title in wanted), key=lambda h: wanted.index(h.title))
     if not usable:
@@ -68,14 +68,8 @@ def read(path: Path, settings: ReadSettings) -> Take:
     return _take(_section(export, usable[0], settings.columns.rate), options)
 
 
-def is_heading(cells: Sequence[str]) -> bool:
-    """Whether a line is the one of axes, from which a section is known whether it has a title or not.
-
-    Parameters
-    ----------
-    cells : sequence of str
-        Of the line.
-    """
+def _is_heading(cells: Sequence[str]) -> bool:
+    """Whether a line is the one of axes, from which a section is known whether it has a title or not."""
     return len(cells) > 1 and cells[0] == "Frame" and cells[1] in ("Sub Frame", "SubFrame")
 
 

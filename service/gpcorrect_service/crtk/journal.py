@@ -51,7 +51,7 @@ class Journal:
     """
 
     def __init__(self, recording: Path, arm: str) -> None:
-        self.path = journal_of(recording)
+        self.path = _journal_of(recording)
         self.failed: OSError | None = None
         self._lock = threading.Lock()
         self._file = self.path.open("xb")
@@ -91,13 +91,8 @@ class Journal:
                 self.failed = error
 
 
-def journal_of(recording: Path) -> Path:
-    """Return the name of a recording's journal.
-
-    Parameters
-    ----------
-    recording : path
-    """
+def _journal_of(recording: Path) -> Path:
+    """Return the name of a recording's journal."""
     return recording.with_name(recording.name + SUFFIX)
 
 
@@ -113,7 +108,7 @@ def require_no_journal(recording: Path) -> None:
     GpCorrectError
         The folder may not be written, or a recording of this name was broken off.
     """
-    path = journal_of(recording)
+    path = _journal_of(recording)
     if path.exists():
         raise LogError(
             "a recording of this name was broken off, and this is what came until then.",

@@ -25,18 +25,8 @@ AXES = 6
 LONGEST = 1000  # characters of a text, chosen by hand
 
 
-def require_readable(message: Any) -> None:
-    """Refuse a message that cannot be shown or compared.
-
-    Parameters
-    ----------
-    message : Struct
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: a pose is none, numbers are missing or not finite, a text is too long, or nothing is known of it.
-    """
+def _require_readable(message: Any) -> None:
+    """Refuse a message that cannot be shown or compared."""
     match message:
         case Pose():
             checked_numbers([message.stamp], 1, "the stamp")
@@ -137,7 +127,7 @@ class Board:
             Clock of this machine, s.
         """
         try:
-            require_readable(message)
+            _require_readable(message)
         except ServiceError as error:
             self.unreadable(arm, name, error.message)
             return

@@ -128,15 +128,11 @@ class DenialReader:
 
 
 @contextmanager
-def denials_logged(logger: Logger) -> Iterator[None]:
+def _denials_logged(logger: Logger) -> Iterator[None]:
     """Log who is denied what by zenoh sessions that are opened inside the block; for a process of its own.
 
     zenoh writes its log to standard output, which is read here meanwhile. It never waits for the reader: lines that
     find no room are lost. Where the caller had set RUST_LOG, its lines go on to standard output as before.
-
-    Parameters
-    ----------
-    logger : Logger
     """
     wanted = os.environ.get("RUST_LOG", "")
     os.environ["RUST_LOG"] = ",".join(filter(None, (wanted, *DIRECTIVES)))
@@ -207,7 +203,7 @@ def route(
     config = read_config(config_file)
     if config.get_json("mode") != '"router"':
         raise DataError(f"{config_file} is not a router's configuration.", hint='Its mode must be "router".')
-    with denials_logged(logger or open_logger()):
+    with _denials_logged(logger or open_logger()):
         try:
             session = open_zenoh(config)
         except zenoh.ZError as error:

@@ -67,14 +67,8 @@ PUBLISHED = {
 Right = tuple[str, list[str], list[str], list[str]]
 
 
-def access_rules(namespace: str) -> dict[str, Any]:
-    """Return the rules of zenoh's access control: what is not named is denied, in both directions.
-
-    Parameters
-    ----------
-    namespace : str
-        First part of every key.
-    """
+def _access_rules(namespace: str) -> dict[str, Any]:
+    """Return the rules of zenoh's access control: what is not named is denied, in both directions."""
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
     for user in USERS:
@@ -233,7 +227,7 @@ def _router_config(folder: Path, site: Site) -> dict[str, Any]:
                 "enable_mtls": True,
             },
             "transport/auth/usrpwd": {"dictionary_file": str(own / "passwords.txt")},
-            "access_control": access_rules(site.namespace),
+            "access_control": _access_rules(site.namespace),
         }
     )
 

@@ -130,13 +130,8 @@ class ExpiredError(DataError):
     """A certificate is not valid now."""
 
 
-def certificate_files(config: zenoh.Config) -> list[Path]:
-    """Return the certificate files that a configuration names and that are there.
-
-    Parameters
-    ----------
-    config : zenoh.Config
-    """
+def _certificate_files(config: zenoh.Config) -> list[Path]:
+    """Return the certificate files that a configuration names and that are there."""
     tls = json.loads(config.get_json("transport/link/tls")) or {}
     return [path for path in (Path(tls[name]) for name in USED if tls.get(name)) if path.is_file()]
 
@@ -159,7 +154,7 @@ def check_certificates(config: zenoh.Config, now: datetime.datetime) -> datetime
     from cryptography import x509  # slow to import, and seldom needed
 
     ends = []
-    for path in certificate_files(config):
+    for path in _certificate_files(config):
         try:
             certificate = x509.load_pem_x509_certificate(path.read_bytes())
         except (OSError, ValueError):
