@@ -38,9 +38,7 @@ MACHINE = "raven2_calibration"  # packaged machine of the simulated arm: with ou
 
 
 def zigzag_command(
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="Trajectory to write, native log format.", show_default=False)
-    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Trajectory to write, native log format.")],
     direction: Annotated[
         str, typer.Option(help="Joints along which it runs: J1, J2, J3, J1-J2, J2-J3, J1-J3 or J1-J2-J3.")
     ] = "J1",
@@ -98,7 +96,7 @@ def zigzag_command(
 
 @collect_app.command(name="zigzag")
 def collect_zigzag(
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for logs and model.", show_default=False)],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for logs and model.")],
     direction: Annotated[str, typer.Option(help="Zig-zags to drive, with commas: J1, J2, J3, J1-J2, ...")] = "J1,J2,J3",
     sparsity: Sparsity = 3,
     limits: Limits = BLOCK,

@@ -20,15 +20,14 @@ query_app = typer.Typer(help="Ask a running service.", no_args_is_help=True)
 
 Pose = Annotated[
     tuple[float, float, float, float, float, float, float] | None,
-    typer.Option(help="Desired pose: x y z in m, then the unit quaternion qw qx qy qz.", show_default=False),
+    typer.Option(help="Desired pose: x y z in m, then the unit quaternion qw qx qy qz."),
 ]
 Position = Annotated[
-    tuple[float, float, float] | None,
-    typer.Option(help="Desired position in m, for a position-only model.", show_default=False),
+    tuple[float, float, float] | None, typer.Option(help="Desired position in m, for a position-only model.")
 ]
 Twist = Annotated[
     tuple[float, float, float, float, float, float] | None,
-    typer.Option(help="Desired velocity: vx vy vz in m/s, then wx wy wz in rad/s.", show_default=False),
+    typer.Option(help="Desired velocity: vx vy vz in m/s, then wx wy wz in rad/s."),
 ]
 Timeout = Annotated[float, typer.Option(help="Seconds to wait for an answer, the retry included.")]
 

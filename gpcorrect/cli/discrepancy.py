@@ -35,16 +35,10 @@ def run(
             "--machine",
             "--model",
             help="What is known of the machine: model file (TOML), robot file (MJCF, URDF), or a packaged one's name.",
-            show_default=False,
         ),
     ],
-    log: Annotated[
-        list[Path], typer.Option(help="Recording; repeat it for several sessions of one machine.", show_default=False)
-    ],
-    output: Annotated[
-        Path,
-        typer.Option("--output", "-o", help="Folder for report, page and model; made if absent.", show_default=False),
-    ],
+    log: Annotated[list[Path], typer.Option(help="Recording; repeat it for several sessions of one machine.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for report, page and model; made if absent.")],
     columns: Columns = None,
     seed: Annotated[int, typer.Option(help="Seed of the split and of everything drawn.")] = 0,
     jobs: Jobs = 1,
@@ -110,10 +104,8 @@ def _gap_table(gaps: Sequence[ChannelGap]) -> Table:
 
 @discrepancy_app.command("generate")
 def generate(
-    spec: Annotated[Path, typer.Option(help="What to simulate and what to hide (TOML).", show_default=False)],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder for the logs; made if absent.", show_default=False)
-    ],
+    spec: Annotated[Path, typer.Option(help="What to simulate and what to hide (TOML).")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the logs; made if absent.")],
     jobs: Jobs = 1,
     scheduler: Scheduler = None,
     json: Json = False,
@@ -162,10 +154,8 @@ def generate(
 
 @discrepancy_app.command("score")
 def score(
-    labels: Annotated[Path, typer.Option(help="labels.json of `generate`.", show_default=False)],
-    reports: Annotated[
-        list[Path], typer.Option(help="Output folder of `run`, or a folder of them. Repeatable.", show_default=False)
-    ],
+    labels: Annotated[Path, typer.Option(help="labels.json of `generate`.")],
+    reports: Annotated[list[Path], typer.Option(help="Output folder of `run`, or a folder of them. Repeatable.")],
     json: Json = False,
 ) -> None:
     """Hold reports against sealed labels: target table with Wilson intervals, confusion matrix, detection limits.

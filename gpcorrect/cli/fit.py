@@ -52,18 +52,13 @@ def fit(
         str,
         typer.Option(
             help="What the regression sees: pose or euler (the paper's angles), velocity, memory (of the path so far), "
-            "joints (the arm's own, with their memory). Pose and velocity without it, and joints where they help.",
-            show_default=False,
+            "joints (the arm's own, with their memory). Pose and velocity without it, and joints where they help."
         ),
     ] = "",
     method: Annotated[str, typer.Option(help="How to learn what the registration leaves, as in joint fit.")] = "gp",
     clean: Clean = True,
-    keep: Annotated[
-        list[str] | None, typer.Option(help="Never reject TRAJECTORY:START:STOP (s). Repeatable.", show_default=False)
-    ] = None,
-    drop: Annotated[
-        list[str] | None, typer.Option(help="Always reject TRAJECTORY:START:STOP (s). Repeatable.", show_default=False)
-    ] = None,
+    keep: Annotated[list[str] | None, typer.Option(help="Never reject TRAJECTORY:START:STOP (s). Repeatable.")] = None,
+    drop: Annotated[list[str] | None, typer.Option(help="Always reject TRAJECTORY:START:STOP (s). Repeatable.")] = None,
     marker: Annotated[
         str, typer.Option(help="Marker is not the tool tip: none, solve, or auto (by held-out error).")
     ] = "auto",
@@ -203,7 +198,7 @@ def _show(experiment: Experiment, result: dict[str, Any], output: Path, page: Pa
     out.print(f"model: {output}" + (f"   report: {page}" if page else ""))
 
 
-Model = Annotated[Path, typer.Argument(help="Model file that a fit wrote.", show_default=False)]
+Model = Annotated[Path, typer.Argument(help="Model file that a fit wrote.")]
 
 
 @takes_groups

@@ -20,10 +20,7 @@ DIGITS = 12
 """Hexadecimal digits of a digest that are shown to people, as in `gpcorrect models list`; JSON holds all."""
 
 
-def info(
-    model: Annotated[Path, typer.Argument(help="Model file that any fit wrote.", show_default=False)],
-    json: Json = False,
-) -> None:
+def info(model: Annotated[Path, typer.Argument(help="Model file that any fit wrote.")], json: Json = False) -> None:
     """Print what a model file remembers: task, data, each step of its making with command, versions, held-out errors.
 
     Example: gpcorrect info model.gpc

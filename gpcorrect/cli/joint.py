@@ -45,17 +45,13 @@ joint_app = typer.Typer(
 Method = Annotated[str, typer.Option(help="One of offset, linear, quadratic, network, ukf, gp, trees, auto.")]
 Features = Annotated[
     str | None,
-    typer.Option(
-        help="position, velocity, acceleration, effort, memory, lags, state; the method's own when absent.",
-        show_default=False,
-    ),
+    typer.Option(help="position, velocity, acceleration, effort, memory, lags, state; the method's own when absent."),
 ]
 Input = Annotated[
-    str | None,
-    typer.Option("--input", help="measured_jp or setpoint_jp; the reported one where logged.", show_default=False),
+    str | None, typer.Option("--input", help="measured_jp or setpoint_jp; the reported one where logged.")
 ]
 Way = Annotated[str, typer.Option("--direction", help="estimate (reported to true) or command (desired to commanded).")]
-Model = Annotated[Path, typer.Argument(help="Model file that `gpcorrect joint fit` wrote.", show_default=False)]
+Model = Annotated[Path, typer.Argument(help="Model file that `gpcorrect joint fit` wrote.")]
 
 
 @joint_app.command()

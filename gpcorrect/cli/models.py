@@ -24,15 +24,12 @@ models_app = typer.Typer(
     no_args_is_help=True,
 )
 
-Store = Annotated[Path | None, typer.Option(help="Folder of the models.", show_default=False)]
-Endpoint = Annotated[str | None, typer.Option(help="Address of running servers instead.", show_default=False)]
+Store = Annotated[Path | None, typer.Option(help="Folder of the models.")]
+Endpoint = Annotated[str | None, typer.Option(help="Address of running servers instead.")]
 Kind = Annotated[str, typer.Option(help="pose or joints.")]
-Name = Annotated[str, typer.Argument(help="Name of a model, or the beginning of its hash.", show_default=False)]
+Name = Annotated[str, typer.Argument(help="Name of a model, or the beginning of its hash.")]
 OneModel = Annotated[
-    str,
-    typer.Argument(
-        help="Model file; with --store the name of a model, or the beginning of its hash.", show_default=False
-    ),
+    str, typer.Argument(help="Model file; with --store the name of a model, or the beginning of its hash.")
 ]
 
 
@@ -67,7 +64,7 @@ def list_models(place: Place, json: Json = False) -> None:
 
 @models_app.command()
 def add(
-    model: Annotated[Path, typer.Argument(help="Model file that a fit wrote.", show_default=False)],
+    model: Annotated[Path, typer.Argument(help="Model file that a fit wrote.")],
     store: Annotated[Path, typer.Option(help="Folder of the models; made where it is not there.")],
     name: Annotated[str, typer.Option(help="What to call it; the file's name by default.")] = "",
     json: Json = False,
@@ -117,9 +114,7 @@ def rollback(place: Place, kind: Kind = "pose", json: Json = False) -> None:
 def diff(
     one: OneModel,
     other: OneModel,
-    store: Annotated[
-        Path | None, typer.Option(help="Folder of the models; without it they are files.", show_default=False)
-    ] = None,
+    store: Annotated[Path | None, typer.Option(help="Folder of the models; without it they are files.")] = None,
     json: Json = False,
 ) -> None:
     """Compare two models: how each was made, their held-out errors, and how far the commands of pose models lie apart.
@@ -156,9 +151,7 @@ def diff(
 @models_app.command()
 @takes_groups
 def state(
-    state: Annotated[str, typer.Argument(help="ENABLED or PAUSED.", show_default=False)],
-    place: ServicePlace,
-    json: Json = False,
+    state: Annotated[str, typer.Argument(help="ENABLED or PAUSED.")], place: ServicePlace, json: Json = False
 ) -> None:
     """Pause every running server of an arm, or let it go on; ENABLED also ends a FAULT.
 

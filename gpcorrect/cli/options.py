@@ -37,8 +37,7 @@ def renamed(old: str, new: str, why: str) -> Any:
 Logs = Annotated[
     list[Path],
     typer.Argument(
-        help="Recordings: CSV, Parquet, NPY, MATLAB, HDF5, ROS 1 or 2 bags, C3D, TRC, Motive, Vicon, Qualisys, NDI.",
-        show_default=False,
+        help="Recordings: CSV, Parquet, NPY, MATLAB, HDF5, ROS 1 or 2 bags, C3D, TRC, Motive, Vicon, Qualisys, NDI."
     ),
 ]
 Columns = Annotated[
@@ -48,8 +47,7 @@ Tracker = Annotated[str | None, typer.Option(help="Topic of the outside tracker 
 TrackerLog = Annotated[
     Path | None,
     typer.Option(
-        help="Recording of the outside tracker on a clock of its own: a Motive, Vicon, Qualisys, NDI, TRC or C3D file.",
-        show_default=False,
+        help="Recording of the outside tracker on a clock of its own: a Motive, Vicon, Qualisys, NDI, TRC or C3D file."
     ),
 ]
 Arm = Annotated[
@@ -68,7 +66,6 @@ MachineName = Annotated[
         "--machine",
         help="Packaged machine (raven2_left, raven2_right, dvrk_psm), or a robot file (MJCF, URDF), or a model file "
         "(TOML). Its kinematics stands in for poses, or outside joints, that a recording lacks.",
-        show_default=False,
     ),
 ]
 Machine = Annotated[
@@ -77,12 +74,10 @@ Machine = Annotated[
         "--machine",
         "--model",
         help="Packaged machine (raven2_left, dvrk_psm, ...), robot file (MJCF, URDF), or model file (TOML).",
-        show_default=False,
     ),
 ]
 Report = Annotated[
-    Path | None,
-    typer.Option("--report", help="Page to write: an .html file, or a folder for report.html.", show_default=False),
+    Path | None, typer.Option("--report", help="Page to write: an .html file, or a folder for report.html.")
 ]
 AsIs = Annotated[bool, typer.Option("--as-is", help="Take recordings whose units or frames look wrong as they are.")]
 Disordered = Annotated[
@@ -100,11 +95,9 @@ HoldOutBy = Annotated[
 ]
 Holdout = Annotated[float, typer.Option(help="Fraction of whole trajectories to measure on; 0 for none.")]
 Seed = Annotated[int, typer.Option(help="Seed of everything random.", min=0)]
-ModelFile = Annotated[Path, typer.Argument(help="Model file that `gpcorrect fit` wrote.", show_default=False)]
-ModelOutput = Annotated[Path, typer.Option("--output", "-o", help="Model file to write.", show_default=False)]
-LogOutput = Annotated[
-    Path, typer.Option("--output", "-o", help="Log to write: CSV or Parquet by its ending.", show_default=False)
-]
+ModelFile = Annotated[Path, typer.Argument(help="Model file that `gpcorrect fit` wrote.")]
+ModelOutput = Annotated[Path, typer.Option("--output", "-o", help="Model file to write.")]
+LogOutput = Annotated[Path, typer.Option("--output", "-o", help="Log to write: CSV or Parquet by its ending.")]
 
 # What a command prints, and where its work is done.
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
@@ -112,19 +105,14 @@ AlwaysJson = Annotated[
     bool, typer.Option("--json", help="Taken, and needless: JSON is printed in any case.", show_default=False)
 ]
 Jobs = Annotated[int, typer.Option(help="Processes of this machine to spread the work over; -1 for one a core.")]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(help="Dask scheduler to spread the work over, such as tcp://head:8786.", show_default=False),
-]
+Scheduler = Annotated[str | None, typer.Option(help="Dask scheduler to spread the work over, such as tcp://head:8786.")]
 
 # Robots and services on the network.
 ROBOT, SERVICE = "tcp/127.0.0.1:7448", "tcp/127.0.0.1:7449"  # 7447 is zenoh's own, and that of ROS 2's router
 Endpoint = Annotated[str, typer.Option(help="Address of the robot or service.")]
 ArmName = Annotated[str, typer.Option(help="CRTK name of the arm: the second part of every key.")]
 KeyRoot = Annotated[str, typer.Option(help="First part of every key.")]
-Config = Annotated[
-    Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.", show_default=False)
-]
+Config = Annotated[Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.")]
 Remote = Annotated[bool, typer.Option("--allow-remote", help="Listen on an address that other machines can reach.")]
 
 

@@ -147,12 +147,10 @@ def follow(
 @robot_app.command()
 @takes_groups
 def draw(
-    model: Annotated[
-        Path | None, typer.Option(help="Draw in the middle of what this model knows.", show_default=False)
-    ] = None,
+    model: Annotated[Path | None, typer.Option(help="Draw in the middle of what this model knows.")] = None,
     centre: Annotated[
         tuple[float, float, float, float, float, float, float] | None,
-        typer.Option(help="Centre and orientation: x y z (m) qw qx qy qz.", show_default=False),
+        typer.Option(help="Centre and orientation: x y z (m) qw qx qy qz."),
     ] = None,
     radius: Annotated[float, typer.Option(help="mm.", min=0.1)] = 10.0,
     speed: Annotated[float, typer.Option(help="cm/s.", min=0.1)] = 1.0,
@@ -183,9 +181,7 @@ def draw(
 def record(
     output: LogOutput,
     mcap: Mcap = None,
-    seconds: Annotated[
-        float | None, typer.Option(help="How long; until Ctrl-C without it.", show_default=False)
-    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="How long; until Ctrl-C without it.")] = None,
     *,
     place: RobotPlace,
     json: Json = False,
@@ -254,11 +250,9 @@ def _write(recording: Recording, output: Path, mcap: Path | None, *, as_json: bo
 def extract(
     recording: Annotated[Path, typer.Argument(help="A recording: CSV, Parquet, bag, MCAP, C3D.")],
     output: LogOutput,
-    signals: Annotated[
-        str | None, typer.Option(help="Signals to keep, with commas; all without it.", show_default=False)
-    ] = None,
+    signals: Annotated[str | None, typer.Option(help="Signals to keep, with commas; all without it.")] = None,
     begin: Annotated[float, typer.Option(help="First second to keep.")] = 0.0,
-    end: Annotated[float | None, typer.Option(help="Last second to keep.", show_default=False)] = None,
+    end: Annotated[float | None, typer.Option(help="Last second to keep.")] = None,
     every: Annotated[int, typer.Option(help="Keep every n-th sample.", min=1)] = 1,
     columns: Columns = None,
     json: Json = False,

@@ -18,7 +18,7 @@ secure_app = typer.Typer(help="Certificates, passwords and access rules for a si
 
 @secure_app.command()
 def init(
-    folder: Annotated[Path, typer.Argument(help="Where to write; made.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(help="Where to write; made.")],
     host: Annotated[str, typer.Option(help="The router's machine, as clients write it.")] = "localhost",
     port: Annotated[int, typer.Option(help="Port of the router.")] = 7450,
     namespace: KeyRoot = "gpcorrect",
@@ -42,9 +42,7 @@ def init(
     err.print("Hand each user its own .json5, .pem and .key, and ca.pem; keep ca.key away from every network.")
 
 
-def router(
-    config: Annotated[Path, typer.Argument(help="zenoh configuration (JSON5) with mode router.", show_default=False)],
-) -> None:
+def router(config: Annotated[Path, typer.Argument(help="zenoh configuration (JSON5) with mode router.")]) -> None:
     """Run a zenoh router until stopped, as zenohd does.
 
     Example: gpcorrect router site/router.json5

@@ -25,15 +25,10 @@ FrameName = Annotated[
 
 def serve(
     model: Annotated[
-        Path | None,
-        typer.Argument(help="Model file that `gpcorrect fit` wrote; or the store's active one.", show_default=False),
+        Path | None, typer.Argument(help="Model file that `gpcorrect fit` wrote; or the store's active one.")
     ] = None,
-    joints: Annotated[
-        Path | None, typer.Option(help="Model file that `gpcorrect joint fit` wrote.", show_default=False)
-    ] = None,
-    store: Annotated[
-        Path | None, typer.Option(help="Folder of models to activate from while serving.", show_default=False)
-    ] = None,
+    joints: Annotated[Path | None, typer.Option(help="Model file that `gpcorrect joint fit` wrote.")] = None,
+    store: Annotated[Path | None, typer.Option(help="Folder of models to activate from while serving.")] = None,
     endpoint: Annotated[str, typer.Option(help="Address to listen on.")] = SERVICE,
     arm: ArmName = "arm1",
     namespace: KeyRoot = "gpcorrect",
@@ -48,12 +43,7 @@ def serve(
     frame: FrameName = "",
     metrics_port: Annotated[
         int | None,
-        typer.Option(
-            help="Port of this machine (127.0.0.1) for Prometheus to read /metrics.",
-            min=1,
-            max=65535,
-            show_default=False,
-        ),
+        typer.Option(help="Port of this machine (127.0.0.1) for Prometheus to read /metrics.", min=1, max=65535),
     ] = None,
     ros_domain: RosDomain = None,
     ros_distro: RosName = None,
@@ -158,9 +148,7 @@ def monitor(
     allow_remote: Annotated[
         bool, typer.Option("--allow-remote", help="Serve on an address that other machines can reach.")
     ] = False,
-    config: Annotated[
-        Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.", show_default=False)
-    ] = None,
+    config: Annotated[Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.")] = None,
     old_connect: OldConnect = None,
 ) -> None:
     """Serve a page that shows every arm of a namespace: poses, correction, interval, domain, latency, drift, servers.

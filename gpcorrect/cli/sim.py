@@ -23,16 +23,12 @@ if TYPE_CHECKING:
 
 sim_app = typer.Typer(no_args_is_help=True, help="Simulated arms that run live.")
 
-RosDomain = Annotated[
-    int | None, typer.Option(help="Speak on rmw_zenoh's keys too, in this ROS_DOMAIN_ID.", show_default=False)
-]
+RosDomain = Annotated[int | None, typer.Option(help="Speak on rmw_zenoh's keys too, in this ROS_DOMAIN_ID.")]
 
 RosName = Annotated[
     str | None,
     typer.Option(
-        "--ros-distro",
-        help="ROS distribution of the nodes there: humble, jazzy or rolling; jazzy without it.",
-        show_default=False,
+        "--ros-distro", help="ROS distribution of the nodes there: humble, jazzy or rolling; jazzy without it."
     ),
 ]
 
@@ -69,14 +65,11 @@ LONGEST_BLOCK = 20  # servo steps
 
 def simulate(
     task: Annotated[
-        str | None,
-        typer.Argument(help="debridement (default), reaches, or joints (default with --model).", show_default=False),
+        str | None, typer.Argument(help="debridement (default), reaches, or joints (default with --model).")
     ] = None,
     output: LogOutput = Path("log.csv"),
     machine: Machine = None,
-    reaches: Annotated[
-        int | None, typer.Option("--reaches", "--trajectories", help="How many motions.", show_default=False)
-    ] = None,
+    reaches: Annotated[int | None, typer.Option("--reaches", "--trajectories", help="How many motions.")] = None,
     seconds: Annotated[float, typer.Option(help="Length of each motion, for joints.")] = 20.0,
     sessions: Annotated[int, typer.Option(help="Sessions, with a homing before each, for reaches and joints.")] = 1,
     payload: Annotated[

@@ -31,8 +31,7 @@ def update(
     logs: Logs,
     reading: Reading,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Model file to write; by default MODEL is replaced.", show_default=False),
+        Path | None, typer.Option("--output", "-o", help="Model file to write; by default MODEL is replaced.")
     ] = None,
     holdout: Holdout = 0.2,
     force: Annotated[bool, typer.Option("--force", help="Write also where the held-out error grew.")] = False,
@@ -103,9 +102,7 @@ def _show_update(found: Update, target: Path, *, written: bool) -> None:
 
 @takes_groups
 def drift(
-    model: Annotated[
-        Path, typer.Argument(help="Model file that `gpcorrect fit` or `gpcorrect joint fit` wrote.", show_default=False)
-    ],
+    model: Annotated[Path, typer.Argument(help="Model file that `gpcorrect fit` or `gpcorrect joint fit` wrote.")],
     logs: Logs,
     reading: Reading,
     age: Annotated[
@@ -213,12 +210,9 @@ def explore(
     model: ModelFile,
     n: Annotated[int, typer.Option(help="Number of observations to propose.")] = 20,
     task: Annotated[
-        Path | None,
-        typer.Option(help="Recording that shows the task region; the training region by default.", show_default=False),
+        Path | None, typer.Option(help="Recording that shows the task region; the training region by default.")
     ] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="CSV file to write.", show_default=False)
-    ] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="CSV file to write.")] = None,
     columns: Columns = None,
     seed: Annotated[int, typer.Option(help="Seed of the candidates.")] = 0,
     json: Json = False,

@@ -31,7 +31,7 @@ STYLE = {"error": "bold red", "warning": "yellow", "info": "dim"}
 
 
 def validate(
-    log: Annotated[Path, typer.Argument(help="Recording to look at.", show_default=False)],
+    log: Annotated[Path, typer.Argument(help="Recording to look at.")],
     columns: Columns = None,
     arm: Arm = None,
     tracker_topic: Tracker = None,
@@ -43,9 +43,7 @@ def validate(
     purpose: Annotated[
         str | None,
         typer.Option(
-            "--for",
-            help="Judge by one purpose: fit, joint, tracker (a file for --tracker-log), discrepancy.",
-            show_default=False,
+            "--for", help="Judge by one purpose: fit, joint, tracker (a file for --tracker-log), discrepancy."
         ),
     ] = None,
     old_namespace: OldNamespace = None,
@@ -88,10 +86,8 @@ def validate(
 
 
 def topics(
-    log: Annotated[Path, typer.Argument(help="Recording to look into.", show_default=False)],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write the proposed mapping file here.", show_default=False)
-    ] = None,
+    log: Annotated[Path, typer.Argument(help="Recording to look into.")],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the proposed mapping file here.")] = None,
     json: Json = False,
 ) -> None:
     """List what is in a recording, topics, bodies, markers or columns, and propose a mapping file.
@@ -120,10 +116,8 @@ def topics(
 
 @takes_groups
 def convert(
-    log: Annotated[Path, typer.Argument(help="Recording to read.", show_default=False)],
-    output: Annotated[
-        Path, typer.Argument(help="Native log to write: CSV or Parquet by its ending.", show_default=False)
-    ],
+    log: Annotated[Path, typer.Argument(help="Recording to read.")],
+    output: Annotated[Path, typer.Argument(help="Native log to write: CSV or Parquet by its ending.")],
     reading: Reading,
     json: Json = False,
 ) -> None:

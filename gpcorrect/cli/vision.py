@@ -67,9 +67,7 @@ def board(
 
 @vision_app.command()
 def rig(
-    folders: Annotated[
-        list[Path], typer.Argument(help="One folder a camera: pictures of the board.", show_default=False)
-    ],
+    folders: Annotated[list[Path], typer.Argument(help="One folder a camera: pictures of the board.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Rig file to write (TOML).")] = Path("rig.toml"),
     columns: BoardColumns = 9,
     rows: BoardRows = 6,
@@ -94,10 +92,7 @@ def rig(
 @vision_app.command()
 def record(
     cameras: Annotated[
-        list[str],
-        typer.Argument(
-            help="Numbers of cameras (0 1 2 3) or their devices, or video files instead.", show_default=False
-        ),
+        list[str], typer.Argument(help="Numbers of cameras (0 1 2 3) or their devices, or video files instead.")
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("recording"),
     seconds: Annotated[float, typer.Option(help="How long.", min=0.0)] = 60.0,
@@ -117,7 +112,7 @@ def record(
 
 @vision_app.command()
 def calibrate(
-    rig: Annotated[Path, typer.Argument(help="Rig file (TOML): pictures, chessboard, markers.", show_default=False)],
+    rig: Annotated[Path, typer.Argument(help="Rig file (TOML): pictures, chessboard, markers.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Calibration file to write (JSON).")] = Path(
         "cameras.json"
     ),
@@ -155,8 +150,7 @@ def track(
     videos: Annotated[
         list[Path],
         typer.Argument(
-            help="One video or folder of images a camera, in the calibration's order; or one folder of them.",
-            show_default=False,
+            help="One video or folder of images a camera, in the calibration's order; or one folder of them."
         ),
     ],
     cameras: Annotated[Path, typer.Option("--cameras", "-c", help="Calibration file.")] = Path("cameras.json"),
@@ -169,15 +163,9 @@ def track(
             help="Target file (TOML): balls, colours, places; green, yellow and red on a 38 mm cross without it."
         ),
     ] = None,
-    ball: Annotated[
-        str | None, typer.Option(help="Track a single ball of this colour instead of a target.", show_default=False)
-    ] = None,
-    fps: Annotated[
-        float | None, typer.Option(help="Frames a second; as the videos or file names say, or 30.", show_default=False)
-    ] = None,
-    annotated: Annotated[
-        Path | None, typer.Option(help="Annotated video to write (.mp4 or .avi).", show_default=False)
-    ] = None,
+    ball: Annotated[str | None, typer.Option(help="Track a single ball of this colour instead of a target.")] = None,
+    fps: Annotated[float | None, typer.Option(help="Frames a second; as the videos or file names say, or 30.")] = None,
+    annotated: Annotated[Path | None, typer.Option(help="Annotated video to write (.mp4 or .avi).")] = None,
     report: Report = None,
     old_page: OldPage = None,
     measured_only: Annotated[
@@ -233,14 +221,10 @@ def track(
 @vision_app.command()
 def fit(
     logs: Logs,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.", show_default=False)] = Path(
-        "estimator.gpc"
-    ),
+    output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.")] = Path("estimator.gpc"),
     method: Annotated[str, typer.Option(help="gp, network, linear; see gpcorrect joint fit.")] = "gp",
     holdout: Annotated[float, typer.Option(help="Fraction of whole trajectories, the last ones, to measure on.")] = 0.2,
-    extra: Annotated[
-        str | None, typer.Option(help="Extra columns of the log that belong to the state.", show_default=False)
-    ] = None,
+    extra: Annotated[str | None, typer.Option(help="Extra columns of the log that belong to the state.")] = None,
     columns: Columns = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
     report: Report = None,
@@ -284,7 +268,7 @@ def fit(
 
 @vision_app.command()
 def evaluate(
-    model: Annotated[Path, typer.Argument(help="Model file of `gpcorrect vision fit`.", show_default=False)],
+    model: Annotated[Path, typer.Argument(help="Model file of `gpcorrect vision fit`.")],
     logs: Logs,
     columns: Columns = None,
     report: Report = None,
