@@ -274,7 +274,9 @@ class PathEffect(Effect):
 
 
 class JointEffect(PathEffect):
-    """A path effect that changes the path of its own joint alone."""
+    """A path effect that changes the path of its own joint alone, in the transmission unless it says otherwise."""
+
+    stage = Stage.TRANSMISSION
 
     def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
         """Change one column."""

@@ -22,7 +22,6 @@ class CableStretch(JointEffect):
 
     stiffness: float
 
-    stage = Stage.TRANSMISSION
     about = Description(
         name="cable_stretch",
         number=7,
@@ -53,7 +52,6 @@ class NonlinearStretch(JointEffect):
     stiffness: float
     cubic: float
 
-    stage = Stage.TRANSMISSION
     about = Description(
         name="nonlinear_stretch",
         number=8,
@@ -104,7 +102,6 @@ class LengthDependentStiffness(JointEffect):
     rigidity: float
     length: float  # negative where the source's zero, a convention of the arm's table, lies behind the drum
 
-    stage = Stage.TRANSMISSION
     about = Description(
         name="length_dependent_stiffness",
         number=9,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import DriveEffect, JointEffect, Stage
+from gpcorrect.sim.effects.base import DriveEffect, JointEffect
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run
 from gpcorrect.sim.effects.operators import Memory, ring
 from gpcorrect.sim.motion import Motion
@@ -28,7 +28,6 @@ class Resonance(JointEffect):
     frequency: float
     damping_ratio: float
 
-    stage = Stage.TRANSMISSION
     about = Description(
         name="resonance",
         number=27,

@@ -67,7 +67,6 @@ class TransmissionRatio(JointEffect):
     error: float
     home: float = 0.0
 
-    stage = Stage.TRANSMISSION
     about = Description(
         name="transmission_ratio",
         number=2,
@@ -107,7 +106,6 @@ class CableCoupling(JointEffect):
     drag_radius: float = 0.0
     home: float = 0.0
 
-    stage = Stage.TRANSMISSION
     about = Description(
         name="cable_coupling",
         number=3,
@@ -178,7 +176,6 @@ class PulleyEccentricity(JointEffect):
     waves: float
     phase: float
 
-    stage = Stage.TRANSMISSION
     about = Description(
         name="pulley_eccentricity",
         number=4,

@@ -25,7 +25,6 @@ class Creep(JointEffect):
     compliance: float
     time_constant: float
 
-    stage = Stage.TRANSMISSION
     about = Description(
         name="creep",
         number=21,
@@ -147,7 +146,6 @@ class CableSlip(JointEffect):
     instant: float
     session: int = 0  # index, from 0
 
-    stage = Stage.TRANSMISSION
     about = Description(
         name="cable_slip",
         number=24,

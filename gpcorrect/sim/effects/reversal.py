@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import SIDES, FrictionEffect, JointEffect, Stage
+from gpcorrect.sim.effects.base import SIDES, FrictionEffect, JointEffect
 from gpcorrect.sim.effects.bouc_wen import bouc_wen
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run
 from gpcorrect.sim.effects.laws import FrictionLaw
@@ -26,7 +26,6 @@ class Backlash(JointEffect):
 
     radius: float
 
-    stage = Stage.TRANSMISSION
     about = Description(
         name="backlash",
         number=14,
@@ -232,7 +231,6 @@ class Hysteresis(JointEffect):
     depth: float = 1.0
     law: str = "bouc_wen"  # that element with beta = gamma; "plays": a Prandtl-Ishlinskii sum of plays
 
-    stage = Stage.TRANSMISSION
     about = Description(
         name="hysteresis",
         number=20,
