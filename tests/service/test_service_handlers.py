@@ -29,7 +29,7 @@ from gpcorrect_service.protocol.messages import (
 )
 from gpcorrect_service.server.active import FAULTS_IN_A_ROW, Active
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import Corrector, Model
+from gpcorrect_service.server.models import Model
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 
 NOW = 100.0
@@ -39,7 +39,13 @@ ENCODINGS = ["application/json", "application/msgpack", "zenoh/bytes", "text/pla
 class Answering:
     """The keys of one model, answered without a network."""
 
-    def __init__(self, corrector: Corrector | None, log: io.StringIO | None = None, *, strict: bool = False) -> None:
+    def __init__(
+        self,
+        corrector: ShiftCorrector | FaultyCorrector | None,
+        log: io.StringIO | None = None,
+        *,
+        strict: bool = False,
+    ) -> None:
         model = None if corrector is None else Model(corrector, id="m", hash="h")
         clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
         logger = open_logger(log or io.StringIO())

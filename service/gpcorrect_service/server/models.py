@@ -1,16 +1,15 @@
-"""The models of a server: what it asks of them, the name that replies carry, and how they are read."""
+"""The models of a server: the names that replies carry, and how they are read; threads ask them at once."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
 
-from gpcorrect.correction import Correction
+from gpcorrect.calibration import CommandCorrector, JointCorrector, load_with_hash
 from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray, PoseSignal
 from gpcorrect_service.protocol.limits import position_limit
@@ -19,98 +18,6 @@ ONE_OF_SEVERAL = re.compile(r"(.*?)(\d+|left|right)", re.IGNORECASE)
 """The name of an arm that has sisters: PSM1, raven2_left."""
 
 CHECK_TOLERANCE = 1e-7  # m and rad: as when a model file is read
-
-
-class PoseStream(Protocol):
-    """One live path of poses: velocity and memory come from those that went before."""
-
-    def reset(self) -> None:
-        """Forget the past."""
-
-    def correct(self, time: float, pose: FloatArray, twist: FloatArray | None = None) -> Correction:
-        """Return the command for a pose.
-
-        Parameters
-        ----------
-        time : float
-            s.
-        pose : (7,) or (3,) array
-        twist : (6,) array, optional
-        """
-
-
-class Corrector(Protocol):
-    """A model of poses. Several threads call it at once, so answering must not change it."""
-
-    def correct(self, pose: FloatArray, twist: FloatArray | None = None) -> Correction:
-        """Return the command for one pose.
-
-        Parameters
-        ----------
-        pose : (7,) or (3,) array
-        twist : (6,) array, optional
-        """
-
-    def correct_path(self, poses: FloatArray, times: FloatArray) -> Correction:
-        """Return the commands for a path.
-
-        Parameters
-        ----------
-        poses : (n, 7) or (n, 3) array
-        times : (n,) array
-            s.
-        """
-
-    def stream(self) -> PoseStream:
-        """Begin a live path."""
-
-    def info(self) -> Mapping[str, Any]:
-        """Return the model's description, ready for JSON."""
-
-
-class JointStream(Protocol):
-    """One live path of joints: carries velocity and slack on from sample to sample."""
-
-    def reset(self) -> None:
-        """Forget the past."""
-
-    def correct(self, time: float, q: FloatArray, effort: FloatArray | None = None) -> Correction:
-        """Return corrected joints of one sample.
-
-        Parameters
-        ----------
-        time : float
-            s.
-        q, effort : (d,) arrays
-        """
-
-
-class JointCorrector(Protocol):
-    """A model of joints."""
-
-    @property
-    def types(self) -> str:
-        """R or P for each joint."""
-
-    def correct_path(
-        self, q: FloatArray, times: FloatArray, efforts: FloatArray | None, sessions: Sequence[int] | None
-    ) -> Correction:
-        """Return corrected joints of a path that begins at rest.
-
-        Parameters
-        ----------
-        q, efforts : (n, d) arrays
-        times : (n,) array
-            s.
-        sessions : n int or None
-            Where the number changes the path begins anew.
-        """
-
-    def stream(self) -> JointStream:
-        """Begin a live path."""
-
-    def info(self) -> Mapping[str, Any]:
-        """Return the model's description, ready for JSON."""
 
 
 class Check:
@@ -146,7 +53,7 @@ class Model:
         Distance from the origin, m, beyond which a position is taken for a mistake of units.
     """
 
-    corrector: Corrector
+    corrector: CommandCorrector
     id: str = "unnamed"
     hash: str = ""
     limit: float = field(init=False)
@@ -215,9 +122,6 @@ def load_model(path: str | Path, name: str = "", expected: str = "") -> Model:
     ArtifactError
         The file is missing, truncated, altered, of a newer schema, not the expected one, or no model file.
     """
-    # Not above: reading models needs SciPy and scikit-learn, which a server of another corrector does not.
-    from gpcorrect.calibration import CommandCorrector, load_with_hash
-
     corrector, digest = load_with_hash(path, CommandCorrector)
     return Model(corrector, name or Path(path).stem, _as_added(path, digest, expected))
 
@@ -235,10 +139,7 @@ def load_joint_model(path: str | Path, name: str = "", expected: str = "") -> Jo
     ArtifactError
         As :func:`load_model`.
     """
-    from gpcorrect.calibration import JointCorrector as Calibrated
-    from gpcorrect.calibration import load_with_hash
-
-    corrector, digest = load_with_hash(path, Calibrated)
+    corrector, digest = load_with_hash(path, JointCorrector)
     return JointModel(corrector, name or Path(path).stem, _as_added(path, digest, expected))
 
 

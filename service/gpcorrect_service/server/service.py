@@ -20,7 +20,7 @@ from typing import Any, Self
 import zenoh
 from threadpoolctl import threadpool_limits
 
-from gpcorrect.calibration import ModelStore
+from gpcorrect.calibration import CommandCorrector, ModelStore
 from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.ops.metrics import Counters, metrics_over_http
@@ -33,7 +33,7 @@ from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.admin import Admin, Health, load_entry
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import Corrector, JointModel, Model, check_arm, load_joint_model, load_model
+from gpcorrect_service.server.models import JointModel, Model, check_arm, load_joint_model, load_model
 from gpcorrect_service.server.queues import Dispatcher, Job, WorkerQueue
 from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, Request, RequestParser, Response, refusal
 from gpcorrect_service.server.ros_service import RosService, open_ros
@@ -54,7 +54,7 @@ class Server:
 
     Parameters
     ----------
-    corrector : Corrector, Model or None
+    corrector : CommandCorrector, Model or None
         What answers poses; None answers NO_MODEL.
     settings : ServerSettings
         Address, names and bounds.
@@ -75,7 +75,7 @@ class Server:
 
     def __init__(
         self,
-        corrector: Corrector | Model | None,
+        corrector: CommandCorrector | Model | None,
         settings: ServerSettings | None = None,
         *,
         joints: JointModel | None = None,
@@ -308,7 +308,7 @@ def _stored(store: ModelStore | None, kind: str) -> Model | JointModel | None:
 
 
 def run(
-    corrector: Corrector | Model | None,
+    corrector: CommandCorrector | Model | None,
     settings: ServerSettings | None = None,
     stop_event: threading.Event | None = None,
     on_ready: Callable[[Server], None] | None = None,

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import zenoh
 
+from gpcorrect.calibration import JointStream
 from gpcorrect.correction import Reason
 from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger
@@ -22,7 +23,7 @@ from gpcorrect_service.protocol.limits import check_inside, checked_joints, chec
 from gpcorrect_service.protocol.messages import JointState
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.models import JointModel, JointStream
+from gpcorrect_service.server.models import JointModel
 from gpcorrect_service.server.queues import WorkerQueue
 
 CLOCK_STEP = 1.0  # chosen by hand: s that a stamp may lie behind the one before and be late; more is another clock
