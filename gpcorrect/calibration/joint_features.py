@@ -112,15 +112,17 @@ class JointFeatures:
         if wrong or not kinds:
             raise DataError(f"features are {', '.join(known)}; got {', '.join(wrong) or 'none'}.")
         low, high = path.q[rows].min(axis=0), path.q[rows].max(axis=0)
+        usual, _ = usual_steps(path)
+        shortest = SHORTEST_LAG * usual
         features = cls(
             kinds=tuple(kind for kind in known if kind in kinds),
             centre=(low + high) / 2,
             half=np.maximum((high - low) / 2, 1e-12),
             play=None,
-            lags=_time_constants(path),
+            lags=np.geomspace(shortest, max(LONGEST_LAG, 10 * shortest), LAGS),
             n_state=0 if path.state is None else path.state.shape[1],
             used=np.zeros(0, dtype=np.int64),
-            rates=np.array(RATES) * usual_steps(path)[0],
+            rates=np.array(RATES) * usual,
         )
         features._check(path)
         scaled = features.scaled(path.q)
@@ -330,12 +332,6 @@ def law_penalties(features: JointFeatures, targets: int, owned: bool) -> FloatAr
     foreign = owners[:, None] != np.arange(targets)
     penalties[(past | np.isin(kinds, ("effort", "lags")))[:, None] & foreign] = OTHERS
     return penalties
-
-
-def _time_constants(path: JointPath) -> FloatArray:
-    """Return the time constants `(t,)` that a path can show, s."""
-    shortest = SHORTEST_LAG * usual_steps(path)[0]
-    return np.geomspace(shortest, max(LONGEST_LAG, 10 * shortest), LAGS)
 
 
 def _turns_back(path: FloatArray, new: BoolArray) -> BoolArray:

@@ -159,7 +159,7 @@ def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tup
     """
     content = _read(path)
     header, arrays = _parts(path, content)
-    found = _task_of(header)
+    found = next(task for task in TASKS.values() if header["kind"] == task.KIND)
     if kind is not None and found.TASK != kind.TASK:
         raise ArtifactError(
             f"model file {path} corrects {found.TASK}, and a model of {kind.TASK} is needed here.",
@@ -211,11 +211,6 @@ def _parts(path: str | Path, content: bytes) -> tuple[Header, Arrays]:
     if changed:
         raise refused(path, f"array {changed[0]} was altered")
     return header, contents
-
-
-def _task_of(header: Header) -> type[Corrector]:
-    """Return the class of the model that a verified header is of."""
-    return next(task for task in TASKS.values() if header["kind"] == task.KIND)
 
 
 def read_history(path: str | Path) -> tuple[Step, ...]:

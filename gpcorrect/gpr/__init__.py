@@ -9,7 +9,7 @@ from gpcorrect.lazy import imported_on_demand
 if TYPE_CHECKING:
     from gpcorrect.gpr.exact import ExactGPR
     from gpcorrect.gpr.features import FeatureMap
-    from gpcorrect.gpr.intervals import INFLATIONS, IntervalCalibration, LeftOut, learn_inflation, novelty_limit
+    from gpcorrect.gpr.intervals import IntervalCalibration, LeftOut, learn_inflation, novelty_limit
     from gpcorrect.gpr.kernels import AdditiveMatern52, AdditiveRBF, Kernel, WithLinear
     from gpcorrect.gpr.linalg import conditioned
     from gpcorrect.gpr.predictor import Predictor, SharedPredictor
@@ -21,7 +21,7 @@ __getattr__ = imported_on_demand(
     {
         "exact": "ExactGPR",
         "features": "FeatureMap",
-        "intervals": "INFLATIONS IntervalCalibration LeftOut learn_inflation novelty_limit",
+        "intervals": "IntervalCalibration LeftOut learn_inflation novelty_limit",
         "kernels": "AdditiveMatern52 AdditiveRBF Kernel WithLinear",
         "linalg": "conditioned",
         "predictor": "Predictor SharedPredictor",
@@ -31,7 +31,6 @@ __getattr__ = imported_on_demand(
 )
 
 __all__ = [
-    "INFLATIONS",
     "AdditiveMatern52",
     "AdditiveRBF",
     "ExactGPR",

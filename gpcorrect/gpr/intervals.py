@@ -170,8 +170,6 @@ def learn_inflation(
     groups: IntArray | None = None,
     times: FloatArray | None = None,
     progress: Progress | None = None,
-    *,
-    candidates: Sequence[float] = INFLATIONS,
 ) -> tuple[SparseGPR, LeftOut]:
     """Return a fitted regressor with the inflation that predicts left-out folds best, and what it predicts of them.
 
@@ -187,8 +185,6 @@ def learn_inflation(
         comes from hyperparameters that were not learned from it either.
     progress : Progress, optional
         Updated after each fold.
-    candidates : sequence of float
-        Inflations to choose from; one alone is taken as it is.
 
     Raises
     ------
@@ -199,15 +195,15 @@ def learn_inflation(
         raise DataError("leaving samples out needs at least two folds.", hint="Number blocks of time as folds.")
     progress = progress or Progress()
     stride = -(-len(X) // JUDGES)
-    without, squares = [], np.zeros((len(candidates), len(regressor.learned_)))
+    without, squares = [], np.zeros((len(INFLATIONS), len(regressor.learned_)))
     few = groups is not None and len(np.unique(groups)) < FEW
     models = _afresh(regressor, X, Y, folds, groups, times) if few else _less(regressor, X, Y, folds)
     for fold, model in zip(names, models, strict=True):
         without.append(model)
         judges = np.flatnonzero(folds == fold)[::stride]
-        squares += _squares(model, X[judges], Y[judges], candidates)
+        squares += _squares(model, X[judges], Y[judges])
         progress.step("left-out trajectories", len(without) / len(names))
-    inflation = tuple(candidates[best] for best in squares.argmin(axis=0))
+    inflation = tuple(INFLATIONS[best] for best in squares.argmin(axis=0))
     return regressor.inflated(inflation), _left_out(without, inflation, X, Y, folds)
 
 
@@ -234,23 +230,23 @@ def _afresh(
         yield fewer.relearn(X[rows], Y[rows], *stretches)
 
 
-def _squares(model: SparseGPR, X: FloatArray, Y: FloatArray, candidates: Sequence[float]) -> FloatArray:
+def _squares(model: SparseGPR, X: FloatArray, Y: FloatArray) -> FloatArray:
     """Sum squared errors `(steps, groups)`, every output in its own spread, under each inflation."""
-    sums = np.empty((len(candidates), len(model.learned_)))
+    sums = np.empty((len(INFLATIONS), len(model.learned_)))
     for g, (learned, part, statistics) in enumerate(
         zip(model.learned_, model.predictor_.parts, model.statistics_, strict=True)
     ):
-        errors = Y[:, learned.columns] - _means(part, statistics, X, candidates)
+        errors = Y[:, learned.columns] - _means(part, statistics, X)
         sums[:, g] = ((errors / learned.scaling.y_spread) ** 2).sum(axis=(1, 2))
     return sums
 
 
-def _means(part: SharedPredictor, statistics: Statistics, X: FloatArray, candidates: Sequence[float]) -> FloatArray:
+def _means(part: SharedPredictor, statistics: Statistics, X: FloatArray) -> FloatArray:
     """Means `(steps, n, m)` under each inflation."""
     L = cholesky(part.kernel(part.basis, part.basis))[0]
     K = part.kernel(X, part.basis)
     ratio = part.noise / part.signal
-    return np.array([K @ statistics.inflated(c).mean_weights(L, ratio) + part.offset for c in candidates])
+    return np.array([K @ statistics.inflated(c).mean_weights(L, ratio) + part.offset for c in INFLATIONS])
 
 
 def _left_out(

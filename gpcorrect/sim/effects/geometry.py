@@ -316,7 +316,8 @@ class DhError(ChainEffect):
     def act(self, chain: Chain) -> Chain:
         """Return the chain with the altered row or tool."""
         if self.joint == "tool":
-            return replace(chain, tool=self._extra_row(chain) @ chain.tool)
+            row = Joint("R", self.alpha, self.a, self.d, self.theta, -1.0, 1.0)
+            return replace(chain, tool=Chain((row,), chain.convention).forward([0.0]) @ chain.tool)
         assert isinstance(self.joint, int)
         if self.joint > chain.dof:
             raise DataError(f"effect dh_error acts on joint {self.joint}, the arm has {chain.dof}.")
@@ -326,7 +327,3 @@ class DhError(ChainEffect):
             row, a=row.a + self.a, alpha=row.alpha + self.alpha, d=row.d + self.d, theta=row.theta + self.theta
         )
         return replace(chain, joints=tuple(rows))
-
-    def _extra_row(self, chain: Chain) -> FloatArray:
-        row = Joint("R", self.alpha, self.a, self.d, self.theta, -1.0, 1.0)
-        return Chain((row,), chain.convention).forward([0.0])

@@ -15,10 +15,6 @@ from gpcorrect_service.protocol.answer import PoseAnswer
 from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.protocol.messages import Numbers
 
-__all__ = ["CALL_ENCODING", "CDR_ENCODING", "CORRECT", "OPERATING_STATE", "POSE_STAMPED", "STRING_STAMPED"]
-__all__ += ["TF_MESSAGE", "StampedPose", "decode_cdr", "read_call", "read_pose", "ros_pose", "ros_types"]
-__all__ += ["write_answer", "write_pose", "write_refusal"]
-
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"  # name of the ROS type
 OPERATING_STATE = "crtk_msgs/msg/OperatingState"  # name of the ROS type
 STRING_STAMPED = "crtk_msgs/msg/StringStamped"  # name of the ROS type

@@ -14,11 +14,6 @@ from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.messages import Row
 
-__all__ = ["LIMITS", "Limits", "check_command", "check_frame"]
-__all__ += ["check_inside", "check_times"]
-__all__ += ["checked_joints", "checked_path", "checked_pose", "checked_rows", "checked_stamp", "checked_twist"]
-__all__ += ["position_limit"]
-
 POSITION, POSE, TWIST = 3, 7, 6
 
 
