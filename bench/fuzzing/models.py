@@ -36,7 +36,7 @@ from gpcorrect.calibration import (
 from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
 from gpcorrect.calibration.poses import pose_pair
 from gpcorrect.cli.console import out
-from gpcorrect.cli.info import show_model
+from gpcorrect.cli.models import show_model
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.sim import debridement_log, preset, random_reaches_log
 from gpcorrect.types import CalibrationLog

@@ -43,7 +43,7 @@ COMMANDS = {
         "Measure two models of one task on the same samples of recordings: errors, intervals, domain, side by side.",
     ),
     "info": (
-        "gpcorrect.cli.info:info",
+        "gpcorrect.cli.models:info",
         "Print what a model file remembers: task, data, each step of its making with command, versions, held-out "
         "errors.",
     ),

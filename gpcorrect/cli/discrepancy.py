@@ -67,7 +67,7 @@ def run(
     from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
     from gpcorrect.parallel import workers
     from gpcorrect.report import write_discrepancy_report  # the report's libraries are an extra: say so before the work
-    from gpcorrect.sim.robot_output import write_completed
+    from gpcorrect.sim.model import write_completed
 
     make_folder(output)
     model, recording = model_named(machine), read_logs(log, columns)

@@ -9,9 +9,8 @@ from gpcorrect.sim import effect_from_dict, joint_motion_log, machine_of, model_
 from gpcorrect.sim.dynamics import posture_at
 from gpcorrect.sim.joint_motion import joint_motion_plan, joint_ranges
 from gpcorrect.sim.live_robot import LiveRobot
-from gpcorrect.sim.model import model_key
+from gpcorrect.sim.model import model_key, write_completed
 from gpcorrect.sim.plant import run
-from gpcorrect.sim.robot_output import write_completed
 
 mujoco = pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[mujoco]'")
 
