@@ -19,10 +19,10 @@ from sklearn.neural_network import MLPRegressor
 from gpcorrect.calibration import JointCorrector, fit_model, timed, zigzag
 from gpcorrect.calibration.learners.network import BATCH, L2, LEARNING_RATE, NetworkMap
 from gpcorrect.calibration.learners.polynomial import PolynomialMap, Scaler
-from gpcorrect.sim import Segment, preset
+from gpcorrect.sim import Model, Segment, preset
 from gpcorrect.sim.effects.over_time import Drift
 from gpcorrect.types import CalibrationLog
-from gpcorrect_studies.peng2024.fits import UNITS, Run, StudyFits, cell
+from gpcorrect_studies.peng2024.fits import UNITS, Run, StudyFits, cell, rmse
 from gpcorrect_studies.peng2024.recordings import LIMITS, PRESET, SLOW, RavenStudy
 
 HOURS = 5.0  # the last hour of the paper's Tables III and IV
@@ -62,7 +62,12 @@ def _directions(
     """Rows of Table I, measured on another study's recordings."""
     again = _once(fits, study or fits.study)
     test, sparsity = again.study.random_run(fits.scope.minutes), fits.scope.middle.sparsity
-    return {"table1": {d: {m: again.rmse(Run(d, sparsity), m, test) for m in methods} for d in directions}}
+    table: dict[str, Any] = {d: {m: again.rmse(Run(d, sparsity), m, test) for m in methods} for d in directions}
+    for direction, row in table.items():
+        if "linear" in row:
+            lines = again.models(Run(direction, sparsity), "linear")
+            row["fixed_offset"] = cell(rmse(model, test, "fixed_offset") for model in lines)
+    return {"table1": table}
 
 
 def _once(fits: StudyFits, study: RavenStudy) -> StudyFits:
@@ -70,10 +75,13 @@ def _once(fits: StudyFits, study: RavenStudy) -> StudyFits:
     return StudyFits(study, replace(fits.scope, repeats=1, network_repeats=1), fits.progress)
 
 
-def _no_memory(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
+def _without_memory() -> Model:
     model = preset(PRESET)
-    kept = (effect for effect in model.effects if effect.to_dict()["name"] not in MEMORY_EFFECTS)
-    return _directions(fits, test, replace(fits.study, machine=model.with_effects(*kept)))
+    return model.with_effects(*(e for e in model.effects if e.to_dict()["name"] not in MEMORY_EFFECTS))
+
+
+def _no_memory(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
+    return _directions(fits, test, replace(fits.study, machine=_without_memory()))
 
 
 def _as_published(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
@@ -94,8 +102,12 @@ class _Bent(RavenStudy):
         return replace(log, external_jp=log.external_jp + (BENT / UNITS) * wave[:, None])
 
 
-def _bent(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
-    return _directions(fits, test, _Bent(fits.study.seed, fits.study.homings, fits.study.as_published))
+def _bent(fits: StudyFits, test: CalibrationLog, machine: Model | None = None) -> dict[str, Any]:
+    return _directions(fits, test, _Bent(fits.study.seed, fits.study.homings, fits.study.as_published, machine))
+
+
+def _bent_without_memory(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
+    return _bent(fits, test, _without_memory())
 
 
 def _drifting_joint_2(fits: StudyFits, _: CalibrationLog) -> dict[str, Any]:
@@ -195,6 +207,7 @@ def _milliseconds(call: Callable[[], Any]) -> float:
 ABLATIONS: Mapping[str, Callable[[StudyFits, CalibrationLog], dict[str, Any]]] = {
     "no play or friction": _no_memory,
     "errors that bend": _bent,
+    "errors that bend alone": _bent_without_memory,
     "as published": _as_published,
     "drift of joint 2": _drifting_joint_2,
     "slow": _slow,
