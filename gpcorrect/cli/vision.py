@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,12 +24,13 @@ from gpcorrect.cli.console import (
     write_evaluation_page,
     write_fit_page,
 )
-from gpcorrect.cli.options import Columns, Json, Logs, OldPage, Report, report_page
+from gpcorrect.cli.options import Columns, Json, Logs, OldPage, Report, RobotPlace, report_page, takes_groups
 from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are imported when a command needs them
-    from gpcorrect.vision import AnnotatedVideo, Camera, Source, Target
+    from gpcorrect.vision import AnnotatedVideo, Camera, Frame, LiveView, Source, Target
+    from gpcorrect.vision.opencv import Image
 
 PAPER_LAYERS, PAPER_EPOCHS = (600, 500, 400), 60  # network of Peng et al. 2020, whose batch normalisation is left out
 
@@ -42,6 +45,15 @@ vision_app = typer.Typer(
 BoardColumns = Annotated[int, typer.Option(help="Inner corners along the board's long side.")]
 BoardRows = Annotated[int, typer.Option(help="Inner corners along its short side.")]
 Square = Annotated[float, typer.Option(help="Side of a square, mm, as measured on the print.")]
+
+
+@dataclass(frozen=True)
+class LivePlace(RobotPlace):
+    """Whether pictures are shown while the command works, and where; its fields become options."""
+
+    live: Annotated[
+        bool, typer.Option("--live", help="Show the pictures on `gpcorrect monitor` meanwhile, as those of --arm.")
+    ] = False
 
 
 @vision_app.command()
@@ -90,6 +102,7 @@ def rig(
 
 
 @vision_app.command()
+@takes_groups
 def record(
     cameras: Annotated[
         list[str], typer.Argument(help="Numbers of cameras (0 1 2 3) or their devices, or video files instead.")
@@ -97,6 +110,8 @@ def record(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("recording"),
     seconds: Annotated[float, typer.Option(help="How long.", min=0.0)] = 60.0,
     fps: Annotated[float, typer.Option(help="Frames a second to ask for.", min=1.0)] = 30.0,
+    *,
+    place: LivePlace,
     json: Json = False,
 ) -> None:
     """Record cameras into a folder that `track` takes: a video each, and when every picture was taken.
@@ -104,8 +119,15 @@ def record(
     Example: gpcorrect vision record 0 2 4 6 --seconds 30 --output monday
     """
     from gpcorrect.vision import record as record_cameras
+    from gpcorrect.vision import side_by_side
 
-    frames = record_cameras(cameras, output, seconds, fps)
+    with _live(place) as view:
+
+        def show(pictures: Sequence[Image]) -> None:
+            if view is not None:
+                view.show(lambda: side_by_side(pictures))
+
+        frames = record_cameras(cameras, output, seconds, fps, on_pictures=show)
     words = f"{frames} frames of {len(cameras)} cameras   next: gpcorrect vision track {output}"
     print_result({"output": str(output), "cameras": cameras, "frames": frames}, words, as_json=json)
 
@@ -146,6 +168,7 @@ def calibrate(
 
 
 @vision_app.command()
+@takes_groups
 def track(
     videos: Annotated[
         list[Path],
@@ -175,6 +198,8 @@ def track(
         bool, typer.Option("--first-look/--no-first-look", help="Check pictures, calibration and target first.")
     ] = True,
     workers: Annotated[int, typer.Option(help="Whole pictures searched at the same time.", min=1)] = 2,
+    *,
+    place: LivePlace,
     json: Json = False,
 ) -> None:
     """Track coloured balls through synchronised videos into `tracker_cp` of a log.
@@ -191,6 +216,7 @@ def track(
     """
     from gpcorrect.logs import write_log
     from gpcorrect.vision import TrackSettings, open_sources, read_cameras
+    from gpcorrect.vision import annotated as draw
     from gpcorrect.vision import track as track_sources
 
     for path in filter(None, (output, annotated)):
@@ -201,8 +227,16 @@ def track(
     followed, known = _target(target, ball), read_cameras(cameras)
     sources = open_sources(videos, [camera.name for camera in known])
     settings = TrackSettings(fps=fps, first_look=first_look, workers=workers)
-    with progress_bar(quiet=json) as progress, _drawing(annotated, known, followed, fps, sources) as video:
-        result = track_sources(sources, known, followed, settings, progress, None if video is None else video.add)
+    drawing = _drawing(annotated, known, followed, fps, sources)
+    with progress_bar(quiet=json) as progress, drawing as video, _live(place) as view:
+
+        def show(frame: Frame, images: Sequence[Image | None]) -> None:
+            if video is not None:
+                video.add(frame, images)
+            if view is not None:
+                view.show(lambda: draw(frame, images, known, followed))
+
+        result = track_sources(sources, known, followed, settings, progress, show)
     write_log(result.log_without_predictions() if measured_only else result.log, output)
     if page is not None:
         from gpcorrect.report import write_tracking_page
@@ -330,6 +364,20 @@ def _drawing(
         return
     with AnnotatedVideo(path, cameras, target, fps or next((s.fps for s in sources if s.fps), 30.0)) as video:
         yield video
+
+
+@contextmanager
+def _live(place: LivePlace) -> Iterator[LiveView | None]:
+    """Open the way to the monitor, when pictures are to be shown there."""
+    if not place.live:
+        yield None
+        return
+    from gpcorrect.vision import LiveView
+    from gpcorrect_service.crtk import Bus, BusSettings, View  # zenoh is an extra; other commands work without it
+
+    settings = BusSettings(place.endpoint, place.arm, place.namespace, config_file=place.config)
+    with Bus(settings) as bus:
+        yield LiveView(lambda jpeg: bus.publish("view", View(time.time(), jpeg)))
 
 
 def _show_cameras(cameras: list[dict[str, Any]]) -> None:

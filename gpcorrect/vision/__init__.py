@@ -1,6 +1,6 @@
 """Where the tool is, seen by ordinary cameras: calibration, balls, pose over time. The only user of OpenCV."""
 
-from gpcorrect.vision.annotate import AnnotatedVideo, annotated
+from gpcorrect.vision.annotate import AnnotatedVideo, LiveView, annotated, side_by_side
 from gpcorrect.vision.boards import Chessboard, calibrate_lens, find_corners
 from gpcorrect.vision.calibrate import CalibrationReport, calibrate_rig
 from gpcorrect.vision.camera import Camera, Intrinsics
@@ -35,6 +35,7 @@ __all__ = [
     "Colour",
     "Frame",
     "Intrinsics",
+    "LiveView",
     "Observations",
     "Outline",
     "PoseFilter",
@@ -69,6 +70,7 @@ __all__ = [
     "record",
     "refine_pose",
     "rig_text",
+    "side_by_side",
     "single_ball",
     "track",
     "triangulate",

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -22,6 +23,8 @@ WHITE, GREY, BLACK = (255, 255, 255), (150, 150, 150), (40, 40, 40)  # effective
 STATUS_INK = {Status.MEASURED: (80, 200, 80), Status.COASTING: (0, 190, 255), Status.LOST: (60, 60, 230)}
 AXIS_INK = ((60, 60, 230), (80, 200, 80), (230, 130, 50))  # x red, y green, z blue
 AXIS_LENGTH = 0.03  # m: about that of the fixture's arms
+LIVE_EVERY = 0.2  # s between pictures of a live view: as often as the monitor's page looks
+LIVE_WIDTH, LIVE_QUALITY = 960, 70  # px, and of JPEG, of a live view: some 80 kB with four cameras; chosen by hand
 CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
 
 
@@ -53,6 +56,16 @@ def annotated(frame: Frame, images: Sequence[Image | None], cameras: Sequence[Ca
         title = f"{camera.name}  {frame.time:.2f} s  {frame.pose.status}" + ("  no picture" if image is None else "")
         _write(tile, title, (8, 20), STATUS_INK[frame.pose.status])
         tiles.append(tile)
+    return side_by_side(tiles)
+
+
+def side_by_side(tiles: Sequence[Image]) -> Image:
+    """Return pictures as one, in a grid as square as it gets; smaller ones are padded.
+
+    Parameters
+    ----------
+    tiles : sequence of (height, width, 3) uint8 arrays
+    """
     columns = math.ceil(math.sqrt(len(tiles)))
     height, width = (max(tile.shape[i] for tile in tiles) for i in (0, 1))
     sheet = np.zeros((math.ceil(len(tiles) / columns) * height, columns * width, 3), np.uint8)
@@ -60,6 +73,36 @@ def annotated(frame: Frame, images: Sequence[Image | None], cameras: Sequence[Ca
         top, left = (k // columns) * height, (k % columns) * width
         sheet[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
     return sheet
+
+
+class LiveView:
+    """Gives pictures away as small JPEGs, no more than a few a second: for people who look on.
+
+    Parameters
+    ----------
+    send : callable
+        Takes a JPEG.
+    """
+
+    def __init__(self, send: Callable[[bytes], None]) -> None:
+        self._send, self._next = send, -math.inf
+
+    def show(self, picture: Callable[[], Image]) -> None:
+        """Make a picture and send it, unless it is too soon after the one before.
+
+        Parameters
+        ----------
+        picture : callable
+            Returns it; called only when it is sent.
+        """
+        now = time.monotonic()
+        if now < self._next:
+            return
+        self._next = now + LIVE_EVERY
+        image = picture()
+        scale = min(1.0, LIVE_WIDTH / image.shape[1])
+        small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        self._send(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, LIVE_QUALITY])[1].tobytes())
 
 
 def _draw_views(tile: Image, frame: Frame, camera: int, target: Target) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from gpcorrect.atomic import make_folder, write_file
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.types import FloatArray
-from gpcorrect.vision.opencv import cv2
+from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.sources import TIMES, USUAL_FPS
 
 
@@ -22,6 +22,7 @@ def record(
     seconds: float,
     fps: float = USUAL_FPS,
     clock: Callable[[], float] = time.monotonic,
+    on_pictures: Callable[[Sequence[Image]], None] | None = None,
 ) -> int:
     """Record until the time is over or a camera gives no more pictures; return the number of frames.
 
@@ -39,6 +40,8 @@ def record(
         Asked of the devices, and written into the videos.
     clock : callable
         Seconds.
+    on_pictures : callable, optional
+        Called with the pictures of every moment: for showing them.
 
     Raises
     ------
@@ -62,6 +65,8 @@ def record(
             for writer, (_, picture) in zip(writers, pictures, strict=True):
                 writer.write(picture)
             times.append([stamp for _, stamp in stamps])
+            if on_pictures is not None:
+                on_pictures([picture for _, picture in pictures])
     finally:
         for one in (*opened, *writers):
             one.release()

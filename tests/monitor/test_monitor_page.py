@@ -4,15 +4,21 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 from chromium import browser
+from command_line import CommandLine
 from crtk_support import ShiftCorrector, living_arm, model
+from vision_support import path_of, record
 
+from gpcorrect.cli.processes import free_endpoint
 from gpcorrect_service.crtk import Bus, BusSettings, Pose
+from gpcorrect_service.crtk.messages import Heartbeat, View
 from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter
 from gpcorrect_service.crtk.robot import Robot
 from gpcorrect_service.ops.logger import open_logger
+from gpcorrect_studies.rendering import Stage
 
 
 @contextmanager
@@ -93,4 +99,46 @@ def test_the_page_shows_two_living_arms(tmp_path):
         assert page.run("[...document.querySelectorAll('td, th')].every((c) => c.getBoundingClientRect().right <= 390)")
         page.picture(tmp_path / "monitor.png")
         assert (tmp_path / "monitor.png").stat().st_size > 20_000
+        assert page.complaints == []
+
+
+def test_the_page_shows_what_the_cameras_see(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """`vision track --live` on a recording: four pictures as one, wide and narrow; what is no picture is counted."""
+    views = record(tmp_path, Stage.standard(408, pieces=5), path_of(408, 3))
+    words = ["vision", "track", *views, "--cameras", tmp_path / "cameras.json", "--output", tmp_path / "log.csv"]
+    endpoint = free_endpoint()
+    cameras = "document.querySelector('#arm-arm1 [data-at=cameras]')"
+    picture = "document.querySelector('#arm-arm1 [data-at=view]')"
+    with (
+        Bus(BusSettings(endpoint, role="hub")) as hub,
+        browser(tmp_path / "profile") as page,
+        monitor(endpoint) as address,
+    ):
+        page.wait_for_server(address)
+        page.open(address, 1240, 900)
+        heartbeat = threading.Event()
+
+        def beat() -> None:
+            while not heartbeat.wait(0.1):
+                hub.publish("heartbeat", Heartbeat(1.0, 30.0, 0))
+
+        thread = threading.Thread(target=beat)
+        thread.start()
+        try:
+            page.wait_for("document.querySelectorAll('.card').length == 1")
+        finally:
+            heartbeat.set()
+            thread.join(10)
+        assert page.run(f"{cameras}.hidden")
+        outcome = gpcorrect(*words, "--live", "--endpoint", endpoint, "--no-first-look", "--json")
+        assert outcome.code == 0, outcome.err
+        page.wait_for(f"{picture}.naturalWidth == 960")
+        assert page.run(f"{picture}.naturalHeight") == 720
+        page.picture(tmp_path / "cameras.png", "document.querySelector('#arm-arm1')")
+        hub.publish("view", View(1.0, b"no picture"))
+        page.wait_for("document.querySelector('#arm-arm1').innerText.includes('1 unreadable')")
+        page.open(address, 390, 900)
+        page.wait_for(f"{picture}?.naturalWidth == 960")
+        assert page.run(f"{picture}.getBoundingClientRect().right <= 390")
+        page.picture(tmp_path / "narrow.png")
         assert page.complaints == []

@@ -2,7 +2,7 @@
 
 from gpcorrect_service.crtk.arm_server import ArmServer, ArmServerSettings
 from gpcorrect_service.crtk.bus import Bus, BusSettings, in_namespace
-from gpcorrect_service.crtk.messages import JointState, OperatingState, Pose
+from gpcorrect_service.crtk.messages import JointState, OperatingState, Pose, View
 
 __all__ = [
     "ArmServer",
@@ -12,5 +12,6 @@ __all__ = [
     "JointState",
     "OperatingState",
     "Pose",
+    "View",
     "in_namespace",
 ]

@@ -26,7 +26,7 @@ from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.protocol.messages import JointState, Numbers, Row, State
 
 __all__ = ["TOPICS", "Event", "Heartbeat", "JointState", "Message", "OperatingState", "Pose", "Report"]
-__all__ += ["State", "Text", "Topic", "checked_numbers"]
+__all__ += ["State", "Text", "Topic", "View", "checked_numbers"]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"  # name of the ROS type
 
@@ -91,7 +91,14 @@ class Report(msgspec.Struct, frozen=True):
     reference: Numbers | None = None
 
 
-Message = JointState | Pose | OperatingState | Text | Event | Heartbeat | Report
+class View(msgspec.Struct, frozen=True):
+    """What cameras show at this moment, for people: one small JPEG of all of them."""
+
+    stamp: float
+    jpeg: bytes
+
+
+Message = JointState | Pose | OperatingState | Text | Event | Heartbeat | Report | View
 
 
 def checked_numbers(numbers: Sequence[float | None], count: int, what: str) -> Numbers:
@@ -167,6 +174,7 @@ TOPICS: dict[str, Topic] = {
         Topic("heartbeat", Heartbeat, "heartbeat"),
         Topic("event", Event, "event", urgent=True),
         Topic("corrected/report", Report, "report"),
+        Topic("view", View, "view"),
     )
 }
 

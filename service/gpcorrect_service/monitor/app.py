@@ -53,11 +53,16 @@ def application(board: Board, hosts: list[str], closing: Callable[[], bool] = la
     async def _events(request: Request) -> Response:
         return StreamingResponse(_stream(board, request, closing), media_type="text/event-stream")
 
+    async def _view(request: Request) -> Response:
+        picture = board.picture(request.path_params["arm"])
+        return Response(status_code=404) if picture is None else Response(picture, media_type="image/jpeg")
+
     async def _no_icon(request: Request) -> Response:
         return Response(status_code=204)
 
     routes = [Route(path, _file(*what), methods=["GET"]) for path, what in FILES.items()]
     routes += [Route("/api/state", _state, methods=["GET"]), Route("/events", _events, methods=["GET"])]
+    routes.append(Route("/view/{arm}", _view, methods=["GET"]))
     routes.append(Route("/favicon.ico", _no_icon, methods=["GET"]))
     return Starlette(
         routes=routes, middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts), Middleware(_Headers)]

@@ -15,7 +15,16 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.plain import json_ready
-from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, Report, Text, checked_numbers
+from gpcorrect_service.crtk.messages import (
+    Heartbeat,
+    JointState,
+    OperatingState,
+    Pose,
+    Report,
+    Text,
+    View,
+    checked_numbers,
+)
 from gpcorrect_service.monitor.drift import DriftWatch, outside
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.limits import checked_pose
@@ -23,6 +32,8 @@ from gpcorrect_service.protocol.messages import HealthAnswer
 
 AXES = 6
 LONGEST = 1000  # characters of a text, chosen by hand
+JPEG = b"\xff\xd8\xff"  # how one begins
+LARGEST = 2**20  # bytes of a picture, chosen by hand: four cameras of ordinary size take a tenth of it
 
 
 def _require_readable(message: Any) -> None:
@@ -47,6 +58,10 @@ def _require_readable(message: Any) -> None:
             checked_numbers([message.stamp], 1, "the stamp")
         case Text():
             _require_short(message.string)
+        case View():
+            checked_numbers([message.stamp], 1, "the stamp")
+            if not message.jpeg.startswith(JPEG) or len(message.jpeg) > LARGEST:
+                raise bad_input(f"a picture is a JPEG of {LARGEST} bytes at most.", "Send a smaller one.")
         case _:
             raise bad_input(f"{type(message).__name__} is not shown.", "Send what docs/crtk.md lists.")
 
@@ -177,6 +192,17 @@ class Board:
         shown: dict[str, Any] = json_ready({"namespace": self.namespace, "arms": arms})
         return shown
 
+    def picture(self, arm: str) -> bytes | None:
+        """Return what the cameras of an arm showed last, as JPEG; None where they never did.
+
+        Parameters
+        ----------
+        arm : str
+        """
+        with self._lock:
+            view = self._arms.get(arm)
+            return None if view is None else view.picture
+
     def _view(self, arm: str) -> _ArmView | None:
         """Return an arm's view, a new one for a new name while there is room."""
         if arm not in self._arms and len(self._arms) < SETTINGS.arms:
@@ -216,7 +242,7 @@ class _ArmView:
                 self._reported(message, now)
             case Text():
                 self._refused, self._error = self._refused + 1, message.string
-            case Pose() | JointState() | OperatingState() | Heartbeat():
+            case Pose() | JointState() | OperatingState() | Heartbeat() | View():
                 self._latest[name] = message
         if name == "tracker_cp":
             self._compare(message)
@@ -274,6 +300,7 @@ class _ArmView:
                 "alarm": self._drift.alarm,
                 "votes": self._drift.votes,
             },
+            "view": self._age("view", now),
             "unreadable": self.unreadable,
             "last_unreadable": self.last_unreadable,
             "refused": self._refused,
@@ -281,6 +308,12 @@ class _ArmView:
             "models_differ": self._models_differ(now),
             "replicas": [_shown_replica(r, now) for _, r in sorted(self.replicas.items())],
         }
+
+    @property
+    def picture(self) -> bytes | None:
+        """What the cameras showed last, as JPEG."""
+        view: View | None = self._latest.get("view")
+        return None if view is None else view.jpeg
 
     def _models_differ(self, now: float) -> bool:
         """Whether servers that live hold different models: planners that change between them make the arm step."""

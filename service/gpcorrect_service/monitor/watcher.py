@@ -21,6 +21,7 @@ from gpcorrect_service.protocol.messages import HealthAnswer
 
 WATCHED = (
     "measured_cp", "setpoint_cp", "tracker_cp", "servo_cp", "operating_state", "heartbeat", "error", "corrected/report",
+    "view",
 )  # fmt: skip
 ASK_EVERY = 1.0  # chosen by hand: s between questions to the servers
 ANSWER_WITHIN = 0.5  # chosen by hand: s

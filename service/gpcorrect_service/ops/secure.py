@@ -53,7 +53,7 @@ RECEIVED = {
     "server": ("measured_js",),
     "planner": SEEN,
     "operator": (*SEEN, *WANTED, *CORRECTED, "event"),
-    "monitor": (*SEEN, "servo_cp"),
+    "monitor": (*SEEN, "servo_cp", "view"),
     ROBOT: (*WANTED, *CORRECTED, *JOINTS),
     PREFILTER: (*WANTED, "operating_state"),
 }
@@ -61,7 +61,7 @@ PUBLISHED = {
     "server": ("estimate",),
     "planner": WANTED,
     "operator": (*WANTED, *JOINTS, "event"),
-    ROBOT: STATE,
+    ROBOT: (*STATE, "view"),  # cameras are a tracker: they speak for the robot
     PREFILTER: (*CORRECTED, "corrected/report", "error"),
 }
 Right = tuple[str, list[str], list[str], list[str]]

@@ -46,6 +46,12 @@ function show(arm, now) {
   dated(at.correction, c && c.mm !== null ? `${number(c.mm, 2)} mm, ${number(c.deg, 1)}°` : "–", since);
   at.outside.textContent = arm.outside_share === null ? "–" : `${(100 * arm.outside_share).toFixed(0)} %`;
   dated(at.latency, arm.latency_ms ? `${number(arm.latency_ms.median, 2)} / ${number(arm.latency_ms.p99, 2)} ms` : "–", since);
+  at.cameras.hidden = !arm.view;
+  if (arm.view) {
+    dated(at.seen, "cameras", arm.view);
+    // The next picture is asked for when the last one is there, and only while new ones come.
+    if (!at.view.src || (!arm.view.old && at.view.complete)) at.view.src = `/view/${encodeURIComponent(arm.name)}?${now}`;
+  }
   const served = arm.replicas[0];
   at.model.textContent = c ? `${c.model_id} ${c.model_hash}` : served ? `${served.model_id} ${served.model_hash}` : "–";
   at.model.title = at.model.textContent;
