@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from gpcorrect.report.page import Page, Section, TableData, write_page
-from gpcorrect_studies.claims import Comparison, StudyResult, Verdict
+from gpcorrect_studies.claims import Compared, Comparison, StudyResult, Verdict
 
 LEGEND = (
     "Beyond: better than printed by more than the tolerance. Reversed: the order of the two things that are compared "
@@ -51,12 +51,33 @@ def write_study_page(
 
 
 def claims_section(comparison: Comparison) -> Section:
-    """Return the section with every claim, where it is printed, both numbers and the verdict.
+    """Return the section with every claim, where it is printed, both numbers and the verdict; those that failed first.
 
     Parameters
     ----------
     comparison : Comparison
     """
+    tolerance = comparison.settings.tolerance
+    half, twice = (f"With {100 * k * tolerance:g} %: {counted(comparison.counts(k))}." for k in (0.5, 2.0))
+    note = (
+        f"What is within {100 * tolerance:g} % of the printed number (of a ratio: of its distance from 1, if less) "
+        f"counts as reproduced. {half} {twice}"
+    )
+    failed = [row for row in comparison.rows if row.failed]
+    others = [row for row in comparison.rows if not row.failed]
+    tables = [_table("not reproduced or reversed", failed, "")] if failed else []
+    tables.append(_table("all others" if failed else "claim", others, note))
+    words = [f"{counted(comparison.counts())}. {comparison.caveat}", LEGEND]
+    if any(row.ablated for row in failed):
+        words.append(
+            f"Of the {len(failed)} that are not reproduced or reversed, {sum(row.found for row in failed)} come back, "
+            "or at least their order, where something is taken away; what, and what the number then is, stands beside "
+            "the verdict."
+        )
+    return Section("Claim by claim", words, tables)
+
+
+def _table(head: str, compared: Sequence[Compared], note: str) -> TableData:
     rows = [
         [
             f"{row.claim.where}: {row.claim.says}",
@@ -64,24 +85,9 @@ def claims_section(comparison: Comparison) -> Section:
             "-" if row.ours is None else number(row.ours),
             f"{row.verdict.value}: {row.reason}" if row.reason else row.verdict.value,
         ]
-        for row in comparison.rows
+        for row in compared
     ]
-    tolerance = comparison.settings.tolerance
-    half, twice = (f"With {100 * k * tolerance:g} %: {counted(comparison.counts(k))}." for k in (0.5, 2.0))
-    note = (
-        f"What is within {100 * tolerance:g} % of the printed number (of a ratio: of its distance from 1, if less) "
-        f"counts as reproduced. {half} {twice}"
-    )
-    table = TableData(["claim", "printed", "ours", "verdict"], rows, note, text=(0, 3))
-    words = [f"{counted(comparison.counts())}. {comparison.caveat}", LEGEND]
-    failed = [row for row in comparison.rows if row.failed]
-    if any(row.ablated for row in failed):
-        words.append(
-            f"Of the {len(failed)} that are not reproduced or reversed, {sum(row.found for row in failed)} come back, "
-            "or at least their order, where something is taken away; what, and what the number then is, stands beside "
-            "the verdict."
-        )
-    return Section("Claim by claim", words, (table,))
+    return TableData([head, "printed", "ours", "verdict"], rows, note, text=(0, 3))
 
 
 def setup_section(printed: Mapping[str, float], here: Mapping[str, float]) -> Section:

@@ -80,7 +80,7 @@ def peng2020(
 ) -> None:
     """Peng et al. 2020: accuracy of four webcams on rendered pictures (Table I), and of the position estimator.
 
-    Every claim of the paper gets a verdict. The whole study takes some ten minutes, most of it the paper's network.
+    Every claim of the paper gets a verdict. The whole study takes some three minutes of processor time.
 
     Example: gpcorrect reproduce peng2020 --quick
     """

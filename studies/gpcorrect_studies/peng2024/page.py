@@ -130,7 +130,11 @@ def _fig6(result: Peng2024) -> Section:
         for use, mark in {"idle": Mark.CROSSES, "unloaded": Mark.DASH, "loaded 500 g": Mark.LINE}.items()
         for method, role in DRAWN.items()
     ]
-    chart = _by_joint("Errors of models of the fresh robot, hours later.", curves, "hours of use")
+    chart = _by_joint(
+        "Errors of models of the fresh robot, hours later. Solid: loaded; dashed: unloaded; crosses: idle.",
+        curves,
+        "hours of use",
+    )
     words = [
         "How fast joint 1 drifts was chosen, with and without the load. No model was trained under load: what it does "
         "at once is seen at 0 h.",
@@ -165,9 +169,9 @@ def _fig9(result: Peng2024) -> Section:
             rows.append([f"{point['homings']}, {NAMES[method]}", *(_list(cell["mean"]) for cell in cells.values())])
     heads = list(next(iter(result.fig9[0]["rmse"].values())))
     table = TableData(["homings", *(f"{head} (deg, deg, mm)" for head in heads)], rows)
-    caption = "Errors after homings; the zeros were set anew from one minute of the same session."
+    caption = "Errors after homings. Solid: none seen in training; dashed: one seen; crosses: new zero."
     chart = _by_joint(caption, curves, "homings after the training")
-    words = ["How far a homing shifts the joints was chosen. The new zero is ours."]
+    words = ["How far a homing shifts the joints was chosen. The new zero, from a minute of the session, is ours."]
     return Section("Fig. 9: homings", words, (table,), (chart,))
 
 
@@ -186,10 +190,13 @@ def _table2(result: Peng2024) -> Section:
 
 
 def _table3(result: Peng2024) -> Section:
+    """Return the hours that the paper prints, and the last one; Fig. 6 draws all."""
+    shown = {hour for hours in CLAIMS.printed["table3"].values() for hour in hours} | {f"{result.scope.hours[-1]:g} h"}
     rows = {
         f"{NAMES[method]}, {use}, {hour}": [_cell(cell, joint) for joint in range(3)]
         for use, hours in result.table3.items()
         for hour, methods in hours.items()
+        if hour in shown
         for method, cell in methods.items()
     }
     printed = {
