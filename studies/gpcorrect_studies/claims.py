@@ -174,8 +174,9 @@ class Compared:
             return ""
         if not self.ablated:
             return "no ablation in a run of this size" if self.claim.tried else "reason not known"
-        found_first = sorted(self.ablated, key=lambda one: one.outcome == STAYS)
-        tried = "; ".join(f"{one.outcome} {one.without}: {one.ours:.3g}" for one in found_first)
+        outcomes = sorted({one.outcome: None for one in self.ablated}, key=STAYS.__eq__)  # those that found it first
+        alike = [[f"{a.without} ({a.ours:.3g})" for a in self.ablated if a.outcome == outcome] for outcome in outcomes]
+        tried = "; ".join(f"{outcome} {', '.join(some)}" for outcome, some in zip(outcomes, alike, strict=True))
         return tried if self.found else f"reason not known; {tried}"
 
 

@@ -93,11 +93,11 @@ def test_no_reason_is_invented() -> None:
 @pytest.mark.parametrize(
     ("ours", "without", "found", "reason"),
     [
-        (1.4, 0.5, True, "comes back without play: 0.5"),
-        (1.4, 0.8, True, "its order comes back without play: 0.8"),
-        (1.4, 0.99, False, "reason not known; stays so without play: 0.99"),  # hardly an order
-        (1.4, 1.2, False, "reason not known; stays so without play: 1.2"),
-        (0.8, 0.7, False, "reason not known; stays so without play: 0.7"),
+        (1.4, 0.5, True, "comes back without play (0.5)"),
+        (1.4, 0.8, True, "its order comes back without play (0.8)"),
+        (1.4, 0.99, False, "reason not known; stays so without play (0.99)"),  # hardly an order
+        (1.4, 1.2, False, "reason not known; stays so without play (1.2)"),
+        (0.8, 0.7, False, "reason not known; stays so without play (0.7)"),
         (0.5, 1.2, False, ""),
         (1.4, None, False, "no ablation in a run of this size"),
     ],
