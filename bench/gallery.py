@@ -22,7 +22,7 @@ sys.path.append(str(ROOT / "tests"))
 from chromium import Page, browser  # noqa: E402 - of the tests
 
 SIZES = {1280: 1500, 390: 1500}  # px: widths, and how much of a page's height is shown
-COLOURS = 64
+COLOURS = 96
 SETTLED = 2.0  # s for pictures and scripts of a page
 
 

@@ -54,10 +54,10 @@ def write_drift_report(
         Series("alarm", Mark.DASH, Role.RAW, ends, np.full(2, found.threshold)),
         Series("evidence", Mark.LINE, Role.CORRECTED, number, found.evidence),
     ]
-    order = "trajectory, in order of recording"
+    order, whole = "trajectory, in order of recording", (0.0, len(number) + 1.0)
     panels = [
-        Panel(order, "error over its standard deviation", scores, spans=spans, height=240),
-        Panel(order, "evidence of drift", evidence, spans=spans, log_y=True, height=200),
+        Panel(order, "error over its standard deviation", scores, spans=spans, x_range=whole, height=240),
+        Panel(order, "evidence of drift", evidence, spans=spans, x_range=whole, log_y=True, height=200),
     ]
     chart = Chart("Scores, about 1 while the model holds, and the evidence that they grew.", panels, shared=True)
     write_page(Page("gpcorrect drift", words[0], (), [Section("Over time", words[1:], (), (chart,))]), path)

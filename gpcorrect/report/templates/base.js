@@ -72,11 +72,11 @@ function tools(figure, state, draw, buttons) {
   bar.replaceChildren();
   if (state.choice) add(bar, "span", { class: "which" }, `${DATA.chooses} ${state.choice}`);
   const names = new Map();
-  for (const panel of state.panels) for (const s of panel.series) if (s.name && !names.has(s.name)) names.set(s.name, s.role);
+  for (const panel of state.panels) for (const s of panel.series) if (s.name && !names.has(s.name)) names.set(s.name, s);
   if (names.size > 1 || state.panels.some((p) => p.legend))
-    for (const [name, role] of names) {
+    for (const [name, { role, mark }] of names) {
       const button = add(bar, "button", { type: "button", "aria-pressed": String(!state.hidden.has(name)) });
-      add(button, "span", { class: "swatch", style: `background:${colour(role)}` });
+      add(button, "span", { class: `swatch ${mark}`, style: `background:${colour(role)}` });
       button.append(name);
       button.onclick = () => { if (!state.hidden.delete(name)) state.hidden.add(name); draw(); };
     }

@@ -56,20 +56,26 @@ function corners(svg, bounds, see, labels) {
         const [a, b] = [see(corner(bits)), see(corner(bits | (1 << axis)))];
         add(svg, "line", { class: "grid", x1: a[0], y1: a[1], x2: b[0], y2: b[1] });
       }
+  const middle = [0, 7].reduce((sum, bits) => sum + see(corner(bits))[0] / 2, 0);
   for (let axis = 0; axis < 3; axis++) {
     const edges = [0, 1, 2, 3].map((k) => (axis === 0 ? k << 1 : axis === 1 ? (k & 1) | ((k & 2) << 1) : k)).map((bits) => [see(corner(bits)), see(corner(bits | (1 << axis)))]);
     const score = ([a, b]) => (axis === 2 ? -(a[0] + b[0]) : a[1] + b[1]);
     const [a, b] = edges.sort((m, n) => score(n) - score(m))[0];
-    if (Math.hypot(a[0] - b[0], a[1] - b[1]) < 40) continue; // seen along this axis
+    if (Math.hypot(a[0] - b[0], a[1] - b[1]) < 12) continue; // seen along this axis
+    const lean = (a[0] + b[0]) / 2 - middle; // away from the box, so that two axes never write over each other
+    const anchor = Math.abs(lean) < 20 ? "middle" : lean > 0 ? "start" : "end";
     const write = ([x, y], text) => {
       const low = Math.min(y + (axis === 2 ? 4 : 15), svg.viewBox.baseVal.height - 3);
-      if (axis !== 2) add(svg, "text", { x, y: low, "text-anchor": "middle" }, text);
+      const wide = 6.2 * text.length, inside = anchor === "start" ? Math.min(x, svg.viewBox.baseVal.width - wide) : anchor === "end" ? Math.max(x, wide) : x;
+      if (axis !== 2) add(svg, "text", { x: inside, y: low, "text-anchor": anchor }, text);
       else if (x > 6.5 * text.length + 10) add(svg, "text", { x: x - 8, y: low, "text-anchor": "end" }, text);
       else add(svg, "text", { x: 2, y: low }, text);
     };
     const along = (k) => [a[0] + k * (b[0] - a[0]), a[1] + k * (b[1] - a[1])]; // corners belong to several edges
-    write(along(0.12), shown(+bounds[axis][0].toPrecision(3)));
-    write(along(0.88), shown(+bounds[axis][1].toPrecision(3)));
+    const [low, high] = bounds[axis].map((v) => shown(+v.toPrecision(3)));
+    if (0.38 * Math.abs(a[0] - b[0]) < 42 && 0.38 * Math.abs(a[1] - b[1]) < 12) { write(along(0.5), `${labels[axis]} ${low} to ${high}`); continue; }
+    write(along(0.12), low);
+    write(along(0.88), high);
     write(along(0.5), labels[axis]);
   }
 }
