@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import io
 import os
+import signal
 import socket
 from collections.abc import Iterator
 from contextlib import redirect_stdout
@@ -26,7 +27,11 @@ settings.load_profile("any machine")
 
 
 def pytest_configure() -> None:
-    """One thread of linear algebra a process: two pools on few cores fight each other, ten times slower."""
+    """One thread of linear algebra a process: two pools on few cores fight each other, ten times slower.
+
+    Programs that the tests start hear of a closed terminal, also when nohup made this one deaf to it.
+    """
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # of the processes that tests start
     threadpool_limits(1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import socket
 import threading
 import time
@@ -225,6 +226,13 @@ class ServerProcess:
         """Wait for the process to end and return its exit status."""
         self.process.join(PATIENT)
         return self.process.exitcode
+
+
+def hang(pid: int) -> None:
+    """Stop a process, and return when it stands: until each of its threads has had a turn, one may still answer."""
+    os.kill(pid, signal.SIGSTOP)
+    threads = Path(f"/proc/{pid}/task")
+    wait_for(lambda: all(t.read_text().rpartition(")")[2].split()[0] == "T" for t in threads.glob("*/stat")))
 
 
 @contextmanager

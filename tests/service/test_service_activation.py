@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from service_support import PATIENT, ServerProcess, store_process, wait_for
+from service_support import PATIENT, ServerProcess, hang, store_process, wait_for
 
 from gpcorrect.calibration import ModelStore, load, model_hash
 from gpcorrect.types import FloatArray
@@ -157,10 +157,11 @@ def test_a_server_that_does_not_answer_the_operator_is_named(tmp_path: Path, mod
         settings = ClientSettings((one.endpoint, other.endpoint), connect_timeout=PATIENT)
         with Operator(settings, patience=2.0) as both:
             wait_for(lambda: len(both.models()) == 2)
-            other.process.pid and os.kill(other.process.pid, signal.SIGSTOP)
+            assert other.process.pid is not None
+            hang(other.process.pid)
             with pytest.raises(ServiceError, match="hung did not answer") as caught:
                 both.set_state("PAUSED")
-            other.process.pid and os.kill(other.process.pid, signal.SIGCONT)
+            os.kill(other.process.pid, signal.SIGCONT)
     assert "well answered" in str(caught.value)
 
 

@@ -23,6 +23,7 @@ from service_support import (
     end_with_parent,
     endpoint_of,
     free_port,
+    hang,
     serve_in_child,
     server_process,
     spawn,
@@ -159,7 +160,7 @@ def test_a_stream_stays_with_its_model() -> None:
         assert {client.correct(POSE).meta.model_hash for _ in range(20)} == {first}
         held, left = (one, other) if first == b"registered".hex() else (other, one)
         assert held.process.pid is not None
-        os.kill(held.process.pid, signal.SIGSTOP)
+        hang(held.process.pid)
         with pytest.raises(ServiceError, match="change_model") as refused:
             client.correct(POSE)
         assert refused.value.status == "OTHER_MODEL"
@@ -180,7 +181,7 @@ def test_a_stream_stays_within_its_bounds() -> None:
         assert {client.correct(POSE).meta.bounds for _ in range(20)} == {held}
         hung = one if held == "1 mm" else other
         assert hung.process.pid is not None
-        os.kill(hung.process.pid, signal.SIGSTOP)
+        hang(hung.process.pid)
         with pytest.raises(ServiceError, match=f"held to answers within {held}") as refused:
             client.correct(POSE)
         assert refused.value.status == "OTHER_MODEL"
@@ -268,7 +269,7 @@ def test_a_hung_replica_is_left_for_a_while() -> None:
     with server_process() as first, server_process() as second:
         client = CorrectionClient((first.endpoint, second.endpoint), timeout=8.0, connect_timeout=PATIENT)
         with client:
-            os.kill(answering_pid(client), signal.SIGSTOP)
+            hang(answering_pid(client))
             client.correct(POSE)
             began = time.monotonic()
             for _ in range(5):
