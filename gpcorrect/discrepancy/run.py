@@ -14,6 +14,7 @@ from gpcorrect.discrepancy.advice.next_experiment import advise
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises, whitener_on
 from gpcorrect.discrepancy.naming.intervals import half_widths
 from gpcorrect.discrepancy.naming.posterior import Level, Named
+from gpcorrect.discrepancy.naming.rare import name_rare
 from gpcorrect.discrepancy.naming.selection import name_effects
 from gpcorrect.discrepancy.naming.sensor_noise import noise_effects
 from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
@@ -101,6 +102,9 @@ def _find(
     progress.step("localising", 1.0)
     candidates, lacks = split_by_needs(all_candidates(dataset.scene), dataset.scene, prepared.log)
     state, named, dropped = _search(prepared, candidates if before.worth_a_search else [], progress, store)
+    if (rare := name_rare(prepared, state, named, candidates, rng, progress)) is not None:
+        prepared, state, named = rare
+        dataset, train = prepared.dataset, prepared.dataset.training
     progress.step("numbers", 0.0)
     fitted = _refit(state, [n.fit for n in named], train)
     found, unsure = _with_numbers(state, named, fitted, train)
@@ -123,7 +127,7 @@ def _find(
     effects += [NamedEffect.of(e.named, e.parameters) for e in on_noise if e.named.may_be_named]
     added = [*fitted, *(e.named.fit for e in on_noise if e.named.may_be_named)]
     doubtful_noise = [e.named for e in on_noise if not e.named.may_be_named]
-    remainder = localise_residual(prepared, fitted, noises, tolerance, rng) if before.worth_a_search else None
+    remainder = localise_residual(prepared, fitted, noises, tolerance, rng) if before.worth_a_search or rare else None
     progress.step("what is left", 1.0)
     progress.step("test set", 0.0)
     gap = gaps_of(prepared, fitted, noises, rng)

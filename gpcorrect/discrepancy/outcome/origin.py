@@ -5,29 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.evidence.bursts import Burst
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.needs import Lack
-
-
-@dataclass(frozen=True)
-class Burst:
-    """A channel in which something rare happens, far above its noise.
-
-    Parameters
-    ----------
-    channel : Channel
-        Which one.
-    trajectories : tuple of int
-        Numbers, as in the log, of those above the limit; never empty.
-    largest, noise : float
-        Largest residual there, and standard deviation of the noise, unit of the channel.
-    """
-
-    channel: Channel
-    trajectories: tuple[int, ...]
-    largest: float
-    noise: float
 
 
 @dataclass(frozen=True)

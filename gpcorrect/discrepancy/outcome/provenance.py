@@ -9,9 +9,9 @@ from importlib.metadata import version
 import numpy as np
 import scipy
 
+from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.outcome.origin import DataSource, DecisionThresholds, Provenance
-from gpcorrect.discrepancy.outcome.verdict import bursts_of
 from gpcorrect.discrepancy.recording.noise import NoiseSource
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.search.needs import Lack, lacks_of_traces, limits_of

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gpcorrect.discrepancy.evidence.bursts import Burst
 from gpcorrect.discrepancy.evidence.variables import Quantity, Variable
 from gpcorrect.discrepancy.naming.posterior import Level
-from gpcorrect.discrepancy.outcome.origin import Burst
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect
 from gpcorrect.discrepancy.outcome.words import (
     channel_words,

@@ -6,50 +6,18 @@ from collections.abc import Sequence, Set
 
 import numpy as np
 
+from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.weigh import smooth_nats, view_of
-from gpcorrect.discrepancy.outcome.origin import Burst
 from gpcorrect.discrepancy.outcome.result import ChannelGap, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.recording.channels import Channel
-from gpcorrect.discrepancy.recording.dataset import Dataset
-from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.settings import VERDICT
 
 SURENESS = (Level.EXACT, Level.CLASS, Level.SET)
-
-
-def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise]) -> tuple[Burst, ...]:
-    """Return channels that are far above their noise in one of the parts: too rare for a name, too large for NONE.
-
-    The test set counts as well: nothing is fitted to it, and "nothing is missing" must hold there too.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        Recording and simulator.
-    noises : sequence of ChannelNoise
-    """
-    residual, part = dataset.residual(), dataset.part
-    first = np.unique(dataset.group[dataset.group >= 0], return_index=True)[1]
-    trajectory = dataset.scene.trajectory[np.flatnonzero(dataset.group >= 0)[first]]
-    found = []
-    for channel, column, noise in zip(dataset.scene.channels, residual.T, noises, strict=True):
-        limit = VERDICT.burst * noise.std
-        if all(_rms(column[part == p]) <= limit for p in np.unique(part)):
-            continue
-        size = {int(t): _rms(column[trajectory == t]) for t in np.unique(trajectory)}
-        above = [t for t, rms in size.items() if rms > limit] or [max(size, key=lambda t: size[t])]
-        found.append(Burst(channel, tuple(above), float(np.nanmax(np.abs(column))), noise.std))
-    return tuple(found)
-
-
-def _rms(values: np.ndarray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
 
 
 def verdict_level(

@@ -186,6 +186,12 @@ class Dataset(Parts):
         levers: FloatArray = np.sqrt(np.mean(np.sum(np.square(moved), axis=2), axis=1)) / LEVER_STEP
         return levers
 
+    @cached_property
+    def trajectory(self) -> IntArray:
+        """(m,) trajectory of each condensed row, as the log numbers them."""
+        used, index, _ = self._grouping
+        return self.scene.trajectory[used[np.unique(index, return_index=True)[1]]]
+
     @property
     def training(self) -> BoolArray:
         """(m,) rows of discovery and confirmation."""

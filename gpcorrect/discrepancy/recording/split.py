@@ -57,6 +57,30 @@ class Split(Parts):
         """(n,) rows of discovery and confirmation."""
         return np.asarray((self.part == 0) | (self.part == 1))
 
+    def in_pieces(self, rows: BoolArray, length: int, rng: np.random.Generator) -> Split:
+        """Return the split in which some rows are cut into short blocks, dealt anew: 3, 1 and 1 of five in a row.
+
+        Parameters
+        ----------
+        rows : (n,) bool array
+            Whole blocks.
+        length : int
+            Rows of a piece.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        Split
+        """
+        part, begins = self.part.copy(), np.r_[True, np.diff(self.block) != 0]
+        within = [np.flatnonzero(rows & (self.block == b)) for b in np.unique(self.block[rows & (self.block >= 0)])]
+        pieces = [p for own in within for p in np.array_split(own, max(1, len(own) // length))]
+        dealt = np.concatenate([rng.permutation([0, 0, 0, 1, 2]) for _ in range(0, len(pieces), 5)])
+        for piece, its in zip(pieces, dealt, strict=False):
+            part[piece], begins[piece[0]] = its, True
+        block = np.where(self.block >= 0, np.cumsum(begins), NOT_USED)  # numbered as they stand
+        return Split(block, part, self.remark)
+
 
 def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: np.random.Generator) -> Split:
     """Deal rows 60 : 20 : 20 by session where there are three or more, else by trajectory.

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gpcorrect.discrepancy.evidence.bursts import Burst
 from gpcorrect.discrepancy.evidence.localise import ChannelData, Localisation, localise
 from gpcorrect.discrepancy.evidence.variables import Cells, Covariates, all_cells, covariates_of
 from gpcorrect.discrepancy.evidence.whitener import whitener_on
@@ -14,9 +15,9 @@ from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.commanded import with_joint_paths
 from gpcorrect.discrepancy.recording.dataset import Dataset, build_dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.split import split_rows
+from gpcorrect.discrepancy.recording.split import Split, split_rows
 from gpcorrect.discrepancy.search.candidates import FittedEffect
-from gpcorrect.discrepancy.settings import SPLIT, TESTS
+from gpcorrect.discrepancy.settings import BURSTS, SPLIT, TESTS
 from gpcorrect.sim import machine_of
 from gpcorrect.sim.model import Model
 from gpcorrect.types import CalibrationLog
@@ -30,6 +31,8 @@ class PreparedData:
     ----------
     log : CalibrationLog
         The recording, with the joint paths that its poses stand for.
+    split : Split
+        Blocks and parts of its rows.
     dataset : Dataset
         Condensed rows and simulator.
     tests : tuple of tuple of Cells
@@ -41,6 +44,7 @@ class PreparedData:
     """
 
     log: CalibrationLog
+    split: Split
     dataset: Dataset
     tests: tuple[tuple[Cells, ...], ...]
     inputs: tuple[Covariates, ...]
@@ -67,6 +71,35 @@ def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) ->
     split = split_rows(log.time, log.trajectory, log.session, rng)
     scene = build_scene(log, model, split.training)
     dataset = build_dataset(scene, split, SPLIT.most_rows)
+    return _prepared(log, split, dataset, (split.remark, *remarks, *scene.remarks))
+
+
+def in_pieces(prepared: PreparedData, bursts: Sequence[Burst], rng: np.random.Generator) -> PreparedData:
+    """Cut the trajectories in which something rare happens so short that it happens in many of the pieces.
+
+    Parameters
+    ----------
+    prepared : PreparedData
+        By whole trajectories.
+    bursts : sequence of Burst
+        What happens in it; not empty.
+    rng : numpy.random.Generator
+        Deals the pieces.
+    """
+    dataset = prepared.dataset
+    rows = np.isin(dataset.scene.trajectory, [t for b in bursts for t in b.trajectories])
+    length = max(BURSTS.shortest, min(b.rows for b in bursts) // BURSTS.pieces)  # of condensed rows
+    stride = round(np.count_nonzero(dataset.group >= 0) / len(dataset))
+    split = prepared.split.in_pieces(rows, length * stride, rng)
+    numbers = ", ".join(str(t) for t in np.unique(dataset.scene.trajectory[rows]))
+    remark = f"something rare happens in trajectory {numbers}: cut into pieces of {length * stride} samples"
+    cut = build_dataset(dataset.scene, split, SPLIT.most_rows)
+    cut = replace(cut, good=dataset.good)  # what is an outlier shows beside its neighbours, not in a short piece
+    return _prepared(prepared.log, split, cut, (*prepared.remarks, remark))
+
+
+def _prepared(log: CalibrationLog, split: Split, dataset: Dataset, remarks: tuple[str, ...]) -> PreparedData:
+    scene = dataset.scene
     by_joint: dict[int, Covariates] = {}
     for channel in scene.channels:
         if channel.joint not in by_joint:
@@ -76,10 +109,11 @@ def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) ->
     tests = {joint: tuple(all_cells(c)) for joint, c in by_joint.items()}
     return PreparedData(
         log,
+        split,
         dataset,
         tuple(tests[c.joint] for c in scene.channels),
         tuple(by_joint[c.joint] for c in scene.channels),
-        (split.remark, *remarks, *scene.remarks),
+        remarks,
     )
 
 
