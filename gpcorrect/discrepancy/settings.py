@@ -189,6 +189,9 @@ class NamingSettings:
     least_closed: float = 0.4
     # Noise levels: a rest below may be noise. Chosen by hand on development cases.
     plain_rest: float = 1.25
+    # Of the noise, squared, by which a channel's mean square may grow by chance: five standard deviations of the mean
+    # over 5000 rows of white noise.
+    worse: float = 0.1
     # Of an effect's own nats: with more in its overtones it is a part of something else. Chosen by hand on
     # development cases.
     most_overtones: float = 0.25

@@ -187,7 +187,8 @@ def fraction_closed(search: Search, fit: FittedEffect) -> float:
     """Return the fraction of the mean square above noise that the set closes in an effect's channels.
 
     On discovery and confirmation, sample by sample; every channel counts by what the effect changes there beside its
-    noise. 1 where what is left may be noise.
+    noise. 1 where what is left may be noise, and is no more than there was: a part of something else may help one
+    sensor and harm another.
 
     Parameters
     ----------
@@ -204,7 +205,8 @@ def fraction_closed(search: Search, fit: FittedEffect) -> float:
     if not touched.any():
         return 1.0
     worth = touched & (before > noise)
-    closed = np.where(after <= NAMING.plain_rest**2 * noise, 1.0, 0.0)
+    no_worse = after <= before + NAMING.worse * noise
+    closed = np.where((after <= NAMING.plain_rest**2 * noise) & no_worse, 1.0, 0.0)
     closed[worth] = np.maximum(closed, 1.0 - (after - noise) / np.where(worth, before - noise, 1.0))[worth]
     weight = np.where(touched, change / noise, 0.0)
     return float(weight @ closed / weight.sum())
