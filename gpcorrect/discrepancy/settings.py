@@ -161,6 +161,8 @@ class NamingSettings:
     strong: float = 30.0
     # Of a signature, relative: how well an operator describes the real thing. Chosen by hand on development cases.
     shape_error: float = 0.03
+    # Of a number: none is known better, for masses and lengths of a machine's file are hardly known to a thousandth.
+    finest: float = 1e-3
     # Of a signature, squared, that an effect may lack to count as the more general one: an error of the first row of a
     # table also turns gravity a little, 0.02 of it on a development case. Chosen by hand; their evidence decides.
     general: float = 0.1

@@ -16,7 +16,7 @@ def test_a_limit_that_is_reached_once_is_named() -> None:
     spec = mujoco_cases.Spec(
         "one", "dvrk_psm", ("torque_saturation",), 2.0, signals="joints", trajectories=12, seconds=5.0
     )
-    case = mujoco_cases.make_truth(spec, 6).case
+    case = mujoco_cases.make_truth(spec, 1).case
     hidden = case.labels["effects"][0]
     found = find_discrepancy(model_from_dict(case.nominal), case.log)
     assert found.level == Level.EXACT

@@ -64,7 +64,8 @@ def _half_widths(
     variance += (TANGENT * NAMING.shape_error) ** 2 * energy * np.diag(plain)
     half = student.ppf(0.975, freedom) * np.sqrt(variance)
     left = [i for i in range(len(own)) if i not in known]
-    return dict(zip(left, half[own[0] : own[0] + len(left)].tolist(), strict=True))
+    least = NAMING.finest * np.abs(fitted[index].u[left])
+    return dict(zip(left, np.maximum(half[own[0] : own[0] + len(left)], least).tolist(), strict=True))
 
 
 def undetermined(

@@ -29,7 +29,7 @@ class TorqueSaturation(TorqueEffect):
                 Range("N m", 1e-3, 1e4, 3.0),
                 Range("N", 0.01, 1e6, 30.0),
                 identity=float("inf"),
-                ladder=Ladder(Per.TORQUE, (0.95, 0.85, 0.7, 0.5, 0.3)),
+                ladder=Ladder(Per.TORQUE, (0.995, 0.99, 0.98, 0.97, 0.96, 0.95, 0.93, 0.9, 0.85, 0.7, 0.5, 0.3)),
             ),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
