@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gpcorrect.discrepancy.advice.next_experiment import advise
+from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises, whitener_on
 from gpcorrect.discrepancy.naming.intervals import half_widths
 from gpcorrect.discrepancy.naming.posterior import Level, Named
@@ -132,7 +133,8 @@ def _find(
     progress.step("test set", 0.0)
     gap = gaps_of(prepared, fitted, noises, rng)
     progress.step("test set", 1.0)
-    places = place_verdicts(effects, gap, remainder or before)
+    bursts = bursts_of(dataset, noises, [f.effect for f in fitted])
+    places = place_verdicts(effects, gap, remainder or before, bursts)
     level = headline(verdict_level(prepared, state, before, effects, fitted, dropped), effects, places)
     verdict = Verdict(level, tuple(effects), places, tuple(minor))
     progress.step("next experiment", 0.0)

@@ -26,6 +26,19 @@ def test_a_rare_moment_far_above_the_noise_is_reported_with_its_place() -> None:
     assert "like those" in next_step(found)
 
 
+def test_what_lasts_and_has_no_name_is_unknown() -> None:
+    """A push of a second and a half in one motion: no effect of the catalogue foretells a part of it from the rest."""
+    odd = np.zeros((SAMPLES, RUNS, 2))
+    odd[40:72, 9, 1] = 60 * NOISE * np.sin(np.linspace(0.3, 2.8, 32))
+    found = find_discrepancy(nominal(), joint_log(5, more=odd))
+    assert found.level == Level.UNKNOWN
+    assert not found.effects
+    assert "happens rarely: outside sensor of joint 2" in verdict_sentence(found)
+    assert "trajectory 9" in verdict_sentence(found)
+    assert "motions like those" in next_step(found)
+    assert {p.place: p.level for p in found.verdict.places} == {1: Level.NONE, 2: Level.UNKNOWN}
+
+
 def test_noise_alone_has_no_bursts() -> None:
     """Nothing hidden, heavy tails: nothing rare is reported."""
     assert find_discrepancy(nominal(), joint_log(7, tail=4.0)).provenance.bursts == ()

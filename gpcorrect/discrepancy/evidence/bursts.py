@@ -40,6 +40,11 @@ class Burst:
     rows: int = 0
     rare: bool = False
 
+    @property
+    def lasts(self) -> bool:
+        """Whether it is rare and was long enough to be looked at in pieces: what has no name then is unknown."""
+        return self.rare and self.rows >= BURSTS.pieces * BURSTS.shortest
+
 
 def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise], effects: Sequence[Effect] = ()) -> tuple[Burst, ...]:
     """Return channels that are far above their noise in one of the trajectories: nothing of that size may be NONE.

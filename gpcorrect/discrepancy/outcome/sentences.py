@@ -53,6 +53,8 @@ def next_step(result: DiscrepancyResult) -> str:
             return "use model.toml, for simulation and for the next run"
         case Level.UNKNOWN if found and found[0].variables == (Variable(Quantity.FREQUENCY),):
             return "find what shakes at that frequency, whatever the arm does: a pump, a fan, the floor"
+        case Level.UNKNOWN if result.provenance.bursts and not found:
+            return "look at the machine in motions like those in which it happens, and record more of them"
         case Level.UNKNOWN:
             return "look at the machine where the maps below are dark; no effect of the catalogue acts like that"
         case _ if not found and _tolerated(result) > VERDICT.most_tolerated:
@@ -226,6 +228,8 @@ def _where(result: DiscrepancyResult) -> str:
     there = [f for f in left if (f.channel.joint or "tool") in unknown[:1]]
     for finding in (there or left or result.localisation.findings)[:1]:
         return f": {channel_words(finding.channel)}, most at {region_words(finding.region)}"
+    for burst in result.provenance.bursts[:1]:
+        return f", and happens rarely: {_burst_words(burst)}"
     return ""
 
 

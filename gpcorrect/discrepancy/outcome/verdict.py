@@ -6,7 +6,7 @@ from collections.abc import Sequence, Set
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.bursts import bursts_of
+from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.weigh import smooth_nats, view_of
@@ -48,15 +48,18 @@ def verdict_level(
     if not before.something and not effects:
         dataset, noises = state.dataset, state.whitener.noises
         tolerable = all(t <= VERDICT.most_tolerated for t in dataset.tolerated(noises).values())
-        shown = before.nothing and tolerable and not bursts_of(dataset, noises)
-        return Level.NONE if shown else Level.INCONCLUSIVE
+        bursts = bursts_of(dataset, noises)
+        if any(b.lasts for b in bursts):
+            return Level.UNKNOWN
+        return Level.NONE if before.nothing and tolerable and not bursts else Level.INCONCLUSIVE
     if effects and (fitted or not before.something):
         return _least_sure(effects)
     joints = {e.joint for e in effects}  # of effects on noise, which say what is odd there
     elsewhere = np.array([c.joint not in joints for c in prepared.dataset.scene.channels])
     left = smooth_nats(view_of(state, prepared.tests, prepared.inputs), fitted, elsewhere)
     channels = {c for c, other in zip(prepared.dataset.scene.channels, elsewhere, strict=True) if other}
-    if left > penalty(max(state.n_kinds, 1)) or is_plain(before, channels, dropped):
+    rare = any(b.lasts for b in bursts_of(state.dataset, state.whitener.noises, [f.effect for f in fitted]))
+    if left > penalty(max(state.n_kinds, 1)) or is_plain(before, channels, dropped) or rare:
         return Level.UNKNOWN
     return _least_sure(effects) if effects else Level.INCONCLUSIVE
 
@@ -83,7 +86,7 @@ def is_plain(before: Localisation, channels: Set[Channel], dropped: Sequence[Nam
 
 
 def place_verdicts(
-    effects: Sequence[NamedEffect], gaps: Sequence[ChannelGap], left: Localisation
+    effects: Sequence[NamedEffect], gaps: Sequence[ChannelGap], left: Localisation, bursts: Sequence[Burst] = ()
 ) -> tuple[PlaceVerdict, ...]:
     """Return what a run comes to at each joint, and at the tool where a tracker sees it; the largest rest first.
 
@@ -95,14 +98,20 @@ def place_verdicts(
         Of every channel.
     left : Localisation
         Of the residual that the named effects leave.
+    bursts : sequence of Burst
+        Of the same.
     """
     every = {g.channel.joint or "tool" for g in gaps} | {e.joint for e in effects if isinstance(e.joint, int)}
-    found = [_place_verdict(place, effects, gaps, left) for place in sorted(every, key=str)]
+    found = [_place_verdict(place, effects, gaps, left, bursts) for place in sorted(every, key=str)]
     return tuple(sorted(found, key=lambda v: (-v.remaining, str(v.place))))
 
 
 def _place_verdict(
-    place: int | str, effects: Sequence[NamedEffect], gaps: Sequence[ChannelGap], left: Localisation
+    place: int | str,
+    effects: Sequence[NamedEffect],
+    gaps: Sequence[ChannelGap],
+    left: Localisation,
+    bursts: Sequence[Burst],
 ) -> PlaceVerdict:
     own = [g for g in gaps if (g.channel.joint or "tool") == place]
     seen = own or [g for g in gaps if not g.channel.joint]  # joints that a tracker alone sees
@@ -112,12 +121,15 @@ def _place_verdict(
     findings = [f.nats for f in left.findings if f.counts and f.channel in channels]
     rests = [np.sqrt(max(np.nan_to_num(g.after) ** 2 / g.noise**2 - 1.0, 0.0)) for g in own]
     remaining = float(max(rests, default=0.0))
-    if findings and (remaining > VERDICT.rest or (not here and max(findings) > VERDICT.plain * left.threshold)):
+    rare = [b for b in bursts if b.channel in channels]
+    if any(b.lasts for b in rare) or (
+        findings and (remaining > VERDICT.rest or (not here and max(findings) > VERDICT.plain * left.threshold))
+    ):
         level = Level.UNKNOWN
     elif here:
         level = _least_sure(here)
     else:
-        shown = not findings and all(e.shown for e in left.equivalence if e.channel in channels)
+        shown = not findings and not rare and all(e.shown for e in left.equivalence if e.channel in channels)
         level = Level.NONE if shown else Level.INCONCLUSIVE
     names = tuple(e.name for e in here)
     return PlaceVerdict(place, level, worst.channel, worst.before, worst.after, worst.noise, remaining, names)
