@@ -61,6 +61,20 @@ def test_few_long_trajectories_are_cut_with_gaps() -> None:
     assert all((split.part == k).any() for k in range(3))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_one_trajectory_is_cut_into_pieces_of_every_part(seed: int) -> None:
+    """Blocks stay numbered as they stand, five pieces in a row have all parts, and other trajectories theirs."""
+    time, number, session = table(20)
+    whole = split_rows(time, number, session, np.random.default_rng(seed))
+    split = whole.in_pieces(number == 7, 3, np.random.default_rng(seed))
+    assert (np.diff(split.block) >= 0).all()
+    assert len(np.unique(split.block)) == 20 - 1 + ROWS // 3
+    assert (split.part[number != 7] == whole.part[number != 7]).all()
+    own = split.part[number == 7].reshape(-1, 3)
+    assert (own == own[:, :1]).all()
+    assert all(sorted(five) == [0, 0, 0, 1, 2] for five in own[:, 0].reshape(-1, 5))
+
+
 def test_one_sample_is_too_few() -> None:
     """What cannot be dealt to three parts is refused."""
     one = np.zeros(1, dtype=np.int64)
