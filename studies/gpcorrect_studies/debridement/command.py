@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -14,32 +13,19 @@ import typer
 from joblib import Parallel, cpu_count, delayed
 from rich.table import Table
 
-from gpcorrect.atomic import make_folder, write_file
-from gpcorrect.calibration import FitSettings, fit_corrector, save
+from gpcorrect.atomic import make_folder
 from gpcorrect.cli.console import err, out, print_json, progress_bar
 from gpcorrect.cli.options import Json, OldConnect, Report, one_of, renamed, report_page
 from gpcorrect.cli.processes import free_endpoint, running
 from gpcorrect.errors import DataError
 from gpcorrect.planning import Margins, Mode
-from gpcorrect_studies.debridement import (
-    PAPER,
-    Condition,
-    Mission,
-    Scene,
-    Station,
-    compare,
-    rehearsal_log,
-    stations,
-)
+from gpcorrect_studies.debridement import PAPER, Condition, Mission, Station, compare, stations
+from gpcorrect_studies.debridement.rehearsal import AFTER_REHEARSAL, learn
 
 if TYPE_CHECKING:
     from gpcorrect_service import CorrectionClient
 
 # Chosen by hand.
-INDUCING = 150  # of the models: enough for one task in a box of a few centimetres
-SEARCH = 200  # samples that hyperparameters are searched among: a miss of 2 mm stays one, in a third of the time
-FEATURES = ("pose", "velocity")  # joints do not help on this machine, and finding that out takes as long as the fit
-AFTER_REHEARSAL = 60.0  # s between the end of the rehearsals and the task
 CONNECT = 120.0  # s for a service to load its model, on a busy machine
 
 
@@ -87,7 +73,7 @@ def debride(
         progress = stack.enter_context(progress_bar(quiet=json))
         progress.step("rehearsal and fit", 0.0)
         ends = Parallel(n_jobs=arms)(
-            delayed(_learn)(scene, place, folder, rehearsals, speed / 100, seed) for place in places
+            delayed(learn)(scene, place, folder, rehearsals, speed / 100, seed) for place in places
         )
         progress.step("rehearsal and fit", 1.0)
         start = max(ends) + AFTER_REHEARSAL
@@ -115,24 +101,6 @@ def debride(
         print_json(facts)
     else:
         _show(conditions, facts)
-
-
-def _learn(scene: Scene, place: Station, folder: Path, rehearsals: int, speed: float, seed: int) -> float:
-    """Rehearse, and fit a model unless there is one of this very rehearsal; return when the rehearsal ended, s."""
-    salt = int(place.name.removeprefix("arm"))
-    rng = np.random.default_rng([seed, salt])
-    log = rehearsal_log(scene, place, rehearsals, speed, rng, 1000 * seed + 10 * salt)
-    model, note = folder / f"{place.name}.gpc", folder / f"{place.name}.rehearsal"
-    made_from = (
-        repr((rehearsals, speed, seed, log.signals, INDUCING, SEARCH, FEATURES)).encode()
-        + np.asarray(log.setpoint_jp).tobytes()
-    )
-    digest = hashlib.sha256(made_from).hexdigest()
-    if not (model.exists() and note.exists() and note.read_text() == digest):
-        settings = FitSettings(inducing=INDUCING, search_samples=SEARCH, features=FEATURES, marker="none", seed=seed)
-        save(fit_corrector(log, settings), model)
-        write_file(note, digest)
-    return float(log.time[-1])
 
 
 def _done(mission: Mission, endpoints: Sequence[str], seed: int, ways: Mapping[str, Any]) -> tuple[Condition, ...]:

@@ -19,6 +19,7 @@ from gpcorrect_studies.mahler2014.ablations import ABLATIONS, Base, ablations
 from gpcorrect_studies.mahler2014.closed_loop import Landing, closed_loop, places_to_visit
 from gpcorrect_studies.mahler2014.regressions import Limit, TrainingSize, limits, training_sizes
 from gpcorrect_studies.mahler2014.table1 import FULL, MEMORY, TableOne, table_one
+from gpcorrect_studies.mahler2014.task import debridement_task
 from gpcorrect_studies.parts import Parts
 
 FEWEST_REACHES = 30  # a fifth is held out, and the places to visit are taken from it
@@ -64,6 +65,8 @@ class Scope:
         Reaches of the recording; the paper had 303.
     places, repetitions : int
         Of Table II.
+    sets : int
+        Of fragments, in the debridement task.
     fractions : tuple of float
         Fractions of the training states for Fig. 5.
     settings : FitSettings
@@ -75,6 +78,7 @@ class Scope:
     reaches: int = 303
     places: int = 10
     repetitions: int = 10
+    sets: int = 5
     fractions: tuple[float, ...] = (0.006, 0.012, PAPERS_FRACTION, 0.05, 0.1, 0.25, 0.5, 1.0)
     settings: FitSettings = field(default_factory=FitSettings)
     ablations: tuple[str, ...] = tuple(ABLATIONS)
@@ -91,14 +95,16 @@ class Scope:
         """Return a third of the study: every part, with fewer reaches, visits and training sizes."""
         settings = FitSettings(search_samples=250)
         fractions, cheap = (PAPERS_FRACTION, 0.1, 1.0), ("least squares", "least squares, more lost", "paths end early")
-        return cls(100, places=6, repetitions=5, fractions=fractions, settings=settings, ablations=cheap)
+        return cls(100, places=6, repetitions=5, sets=1, fractions=fractions, settings=settings, ablations=cheap)
 
     @classmethod
     def quick(cls) -> Scope:
         """Return a small scope that has every part: few reaches and inducing points, no search for a marker."""
         settings = FitSettings(marker="none", inducing=60, search_samples=100)
         fractions = (PAPERS_FRACTION, 1.0)
-        return cls(FEWEST_REACHES, places=4, repetitions=3, fractions=fractions, settings=settings, ablations=())
+        return cls(
+            FEWEST_REACHES, places=4, repetitions=3, sets=0, fractions=fractions, settings=settings, ablations=()
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +121,8 @@ class Mahler2014(StudyResult):
         Error and fitting time by number of training states.
     table2 : mapping from command to Landing
         Where the robot really came to rest.
+    task : mapping
+        Figures of the debridement task.
     limits : tuple of Limit
         What is left under each assumption.
     ablations : mapping
@@ -129,6 +137,7 @@ class Mahler2014(StudyResult):
     table1: TableOne
     fig5: tuple[TrainingSize, ...]
     table2: Mapping[str, Landing]
+    task: Mapping[str, float]
     limits: tuple[Limit, ...]
     ablations: Mapping[str, Any]
 
@@ -198,6 +207,7 @@ class Mahler2014(StudyResult):
                 name: {"at_rest": landing.at_rest.to_dict(), "on_arrival": landing.on_arrival.to_dict()}
                 for name, landing in self.table2.items()
             },
+            "debridement": dict(self.task),
             "limits": [asdict(limit) for limit in self.limits],
             "targets": self.targets(),
             "ablations": dict(self.ablations),
@@ -235,6 +245,7 @@ def reproduce_mahler2014(
     machine, recording_end = machine_of(preset(DEBRIDEMENT_PRESET)), float(log.time[-1])
     table2 = closed_loop(table1.full.corrector, machine, places, scope.repetitions, recording_end, rng)
     progress.step("Table II", 1.0)
+    task = parts.done("debridement", lambda: debridement_task(scope.sets, seed, progress))
     known = Base(log, settings, table1.full, places, scope.repetitions)
     ablated = ablations(known, scope.ablations, progress, parts)
     left = parts.done("limits", lambda: [asdict(limit) for limit in limits(scope.reaches, settings, progress)])
@@ -245,6 +256,7 @@ def reproduce_mahler2014(
         table1,
         fig5,
         table2,
+        task,
         tuple(Limit(**limit) for limit in left),
         ablated,
         seconds=parts.seconds_before + time.perf_counter() - start,
