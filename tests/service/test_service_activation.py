@@ -155,7 +155,7 @@ def test_a_server_that_does_not_answer_the_operator_is_named(tmp_path: Path, mod
     folder.activate(folder.add(model_files[0], now=0.0))
     with store_process(folder.folder, replica="well") as one, store_process(folder.folder, replica="hung") as other:
         settings = ClientSettings((one.endpoint, other.endpoint), connect_timeout=PATIENT)
-        with Operator(settings, patience=2.0) as both:
+        with Operator(settings, patience=6.0) as both:
             wait_for(lambda: len(both.models()) == 2)
             assert other.process.pid is not None
             hang(other.process.pid)
