@@ -29,7 +29,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("study") / "mahler2014"
     settings = replace(Scope().settings, marker="none", inducing=60, search_samples=100)
     tried = ("least squares", "paths end early")
-    small = Scope(30, places=3, repetitions=2, fractions=(0.02, 1.0), settings=settings, ablations=tried)
+    small = Scope(30, places=3, repetitions=2, sets=1, fractions=(0.02, 1.0), settings=settings, ablations=tried)
     with pytest.MonkeyPatch.context() as patch:
         # What little the limits differ by is lost in hyperparameters of a shorter search.
         patch.setattr(study, "limits", lambda n, own, progress: limits(n, replace(own, search_samples=300), progress))
@@ -172,3 +172,10 @@ def test_repeatability_does_not_see_what_all_visits_share() -> None:
     for norm in NORMS:
         assert shifted[norm]["repeatability"] == pytest.approx(alone[norm]["repeatability"])
         assert shifted[norm]["mean"] > 2 * alone[norm]["mean"]
+
+
+def test_the_debridement_task_is_faster_with_a_correction(figures: dict[str, Any]) -> None:
+    """As fast as the paper's or nearly so beside looking and moving, and no fragment is lost for it."""
+    task = figures["debridement"]
+    assert task["speedup"] > 3.0
+    assert task["success_rate_difference"] >= 0.0
