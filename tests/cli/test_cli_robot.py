@@ -14,7 +14,7 @@ from crtk_support import PATIENT, living_arm
 
 from gpcorrect.logs import read_log
 from gpcorrect_service.crtk import Bus, BusSettings
-from gpcorrect_studies.debridement import command
+from gpcorrect_studies.debridement import rehearsal
 
 # Tests that need no arm of this module come first: it takes half a core from its first test to the last.
 
@@ -33,8 +33,8 @@ def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
 @pytest.mark.slow
 def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
     """The correction that another process serves makes the open loop work, which without it removes nothing."""
-    monkeypatch.setattr(command, "INDUCING", 100)
-    monkeypatch.setattr(command, "SEARCH", 100)
+    monkeypatch.setattr(rehearsal, "INDUCING", 100)
+    monkeypatch.setattr(rehearsal, "SEARCH", 100)
     done = gpcorrect(
         "debride", "--arms", 1, "--fragments", 2, "--sets", 1, "--rehearsals", 12, "--margin", 0.01,
         "--models", tmp_path, "--report", tmp_path / "task.html", "--json",
