@@ -61,9 +61,9 @@ def serving(model: Path, *options: object) -> Iterator[tuple[int, str, subproces
             process.communicate(timeout=PATIENT)
 
 
-def _answers(port: int) -> bool:
+def _answers(port: int, path: str = "/metrics") -> bool:
     try:
-        return bool(scraped(port))
+        return bool(scraped(port, path=path))
     except (urllib.error.URLError, ConnectionError):
         return False
 
@@ -207,7 +207,7 @@ def prometheus(port: int, folder: Path) -> Iterator[int]:
     command = [program, *words, f"127.0.0.1:{own}"]
     with (folder / "said").open("w") as said, subprocess.Popen(command, cwd=folder, stderr=said) as process:
         try:
-            wait_for(lambda: _answers(own))
+            wait_for(lambda: _answers(own, "/-/ready"))  # its pages answer before its queries do
             yield own
         finally:
             process.terminate()
