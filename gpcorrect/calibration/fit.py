@@ -17,6 +17,7 @@ from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
 from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.calibration.split import folds_of
 from gpcorrect.calibration.task import Corrector, Outcome
 from gpcorrect.cleaning import CleaningReport, Reason, fit_cleaner
 from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit
@@ -143,11 +144,13 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     fitted = learner_named(settings.method).fit(samples, layout, settings, progress)
     X, target = samples.learnable()
     rows = samples.rows
-    known = np.isfinite(fitted.left_out.errors).all(axis=1)
-    errors, std = fitted.left_out.errors[known], fitted.left_out.std[known]
+    left_out = fitted.judged()
+    known = np.isfinite(left_out.errors).all(axis=1)
+    errors, std = left_out.errors[known], left_out.std[known]
     correction = target - samples.origin[rows]
-    intervals = IntervalCalibration.fit(errors, np.maximum(std, np.finfo(float).tiny), samples.trajectory[rows][known])
-    bounded, novelty = X[:, : len(layout.slack)], novelty_limit(fitted.left_out.novelty)
+    trajectory, std = samples.trajectory[rows][known], np.maximum(std, np.finfo(float).tiny)
+    intervals = IntervalCalibration.fit(errors, std, trajectory, folds_of(trajectory))
+    bounded, novelty = X[:, : len(layout.slack)], novelty_limit(left_out.novelty)
     law = Law(
         learned=fitted.learned,
         intervals=intervals.widened(samples.widening),
@@ -155,7 +158,7 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
         bounds=Bounds.of(correction, layout.targets),
         zero=np.zeros(target.shape[1]) if fitted.zero is None else fitted.zero,
     )
-    return law, fitted.left_out
+    return law, left_out
 
 
 def _too_little(samples: Samples) -> list[str]:

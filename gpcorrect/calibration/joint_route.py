@@ -23,6 +23,7 @@ from gpcorrect.calibration.learners.learner import cross_predicted
 from gpcorrect.calibration.one_pose import command
 from gpcorrect.calibration.pose_samples import WORTH_IT, changes, changes_text
 from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.calibration.split import folds_of
 from gpcorrect.calibration.task import LearnLaw, Outcome
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import FittedCleaner
@@ -227,7 +228,8 @@ class JointRoute:
         assert answer.position is not None
         errors = pose_residual(PoseSignal(answer.position, answer.quaternion), pair[1][rows])
         known = np.isfinite(errors).all(axis=1)
-        intervals = IntervalCalibration.fit(errors[known], answer.std[known], samples.trajectory[rows][known])
+        trajectory = samples.trajectory[rows][known]
+        intervals = IntervalCalibration.fit(errors[known], answer.std[known], trajectory, folds_of(trajectory))
         left_out = LeftOut(errors, answer.std, left_out.novelty)
         return replace(self, intervals=intervals.widened(samples.widening)), left_out
 

@@ -34,7 +34,7 @@ def hold_out_units(log: CalibrationLog, by: HoldOut = HoldOut.AUTO) -> IntArray:
         by = HoldOut.BLOCK if log.static or len(log.trajectory_ids) < 2 else HoldOut.TRAJECTORY
     if by is HoldOut.BLOCK:
         return np.arange(len(log)) * 5 * LIMITS.folds // max(len(log), 1)
-    return _in_order(log.session if by is HoldOut.SESSION else log.trajectory)
+    return in_order(log.session if by is HoldOut.SESSION else log.trajectory)
 
 
 def held_out(
@@ -90,7 +90,7 @@ def folds_of(trajectory: IntArray) -> IntArray:
     trajectory : (n,) int array
         In recorded order.
     """
-    order = _in_order(trajectory)
+    order = in_order(trajectory)
     count = int(order.max(initial=0)) + 1
     if count < 2:
         return np.arange(len(trajectory)) * LIMITS.folds // max(len(trajectory), 1)
@@ -98,7 +98,7 @@ def folds_of(trajectory: IntArray) -> IntArray:
     return folds
 
 
-def _in_order(labels: IntArray) -> IntArray:
+def in_order(labels: IntArray) -> IntArray:
     """Return labels `(n,)` as numbers 0, 1... in the order in which they first come."""
     _, first, index = np.unique(labels, return_index=True, return_inverse=True)
     order: IntArray = np.argsort(np.argsort(first))[index]

@@ -259,7 +259,7 @@ class _Part:
 
     def _calibrated(self, errors: FloatArray, std: FloatArray, trajectory: IntArray) -> IntervalCalibration:
         """Intervals that hold on new trajectories; with few of them never narrower than the old ones."""
-        fresh = IntervalCalibration.fit(errors, std, trajectory)
+        fresh = IntervalCalibration.fit(errors, std, trajectory, folds_of(trajectory))
         if len(np.unique(trajectory)) >= ENOUGH:
             return fresh
         return IntervalCalibration(np.maximum(fresh.factor, self.intervals.factor))

@@ -7,7 +7,8 @@ predicts left-out data best; multiplying the noise is the cheapest remedy that k
 
 Intervals are a conformal calibration of the normalised error `|error| / std` (Lei et al. 2018) with trajectories as the
 units that are exchangeable: every trajectory counts alike, and the quantile is raised until left-out trajectories are
-covered as promised.
+covered as promised. Parts of a recording, of many trajectories each, differ too (a zero wanders, cables settle after a
+homing): where they do, the interval is as wide as four in five parts to come will need.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 LEVEL = 0.95  # what an interval promises
 FOLDS = 10  # of trajectories, that the level is checked on: the usual number, each trajectory left out once
 INSIDE = 0.995  # of the left-out training samples: chosen by hand, so that the odd one of them is outside
+PARTS_COVERED = 0.8  # of parts to come, that are covered as promised: chosen by hand (bench/joint_intervals.py)
+LEAST_NEEDED = 0.1  # of what the part in most need needs, that a part is taken to need: where errors are all but zero
 STEPS = 16  # halvings of the level: finer than one sample in 50 000
 
 
@@ -53,7 +56,7 @@ class IntervalCalibration:
             raise DataError(f"intervals of {self.factor} standard deviations cannot be.")
 
     @classmethod
-    def fit(cls, errors: FloatArray, std: FloatArray, groups: IntArray) -> Self:
+    def fit(cls, errors: FloatArray, std: FloatArray, groups: IntArray, parts: IntArray | None = None) -> Self:
         """Learn the factors from errors at samples that the model did not learn from.
 
         Parameters
@@ -62,6 +65,9 @@ class IntervalCalibration:
             Errors and the standard deviations predicted for them.
         groups : (n,) array
             Trajectory of each sample.
+        parts : (n,) array, optional
+            Part of the recording that each sample was left out with. With them the intervals allow for how much parts
+            differ: 95 % of the samples of a part to come, in four of five parts.
 
         Raises
         ------
@@ -76,7 +82,9 @@ class IntervalCalibration:
         if not (std > 0).all():
             raise DataError("a standard deviation is not positive.", hint="Predict with noise included.")
         labels: IntArray = np.unique(groups, return_inverse=True)[1]
-        return cls(np.array([_factor(scores, labels) for scores in (np.abs(errors) / std).T]))
+        scores = np.abs(errors) / std
+        factor = np.array([_factor(column, labels) for column in scores.T])
+        return cls(factor if parts is None else np.maximum(factor, _needed_by_parts(scores, parts)))
 
     def widened(self, by: float) -> Self:
         """Return the calibration with all intervals wider by a factor.
@@ -123,6 +131,22 @@ def _factor(scores: FloatArray, labels: IntArray) -> float:
         covered = _covered(scores, weights, folds, middle)
         low, high = (low, middle) if covered >= LEVEL else (middle, high)
     return _quantile(scores, weights, low)
+
+
+def _needed_by_parts(scores: FloatArray, parts: IntArray) -> FloatArray:
+    """Factor `(m,)` that `PARTS_COVERED` of the parts to come need at most, for scores `(n, m)`; 0 for a lone part.
+
+    What parts needed is taken for draws from a log-normal distribution, of which the next is predicted by Student's t.
+    """
+    from scipy.stats import t as student
+
+    needed = np.array([np.quantile(scores[parts == part], LEVEL, axis=0) for part in np.unique(parts)])
+    if (count := len(needed)) < 2:
+        return np.zeros(scores.shape[1])
+    logs = np.log(np.maximum(needed, LEAST_NEEDED * needed.max(axis=0) + np.finfo(float).tiny))
+    beyond = float(student.ppf(PARTS_COVERED, count - 1)) * np.sqrt(1 + 1 / count)
+    factor: FloatArray = np.exp(logs.mean(axis=0) + beyond * logs.std(axis=0, ddof=1))
+    return factor
 
 
 def _covered(scores: FloatArray, weights: FloatArray, folds: IntArray, level: float) -> float:

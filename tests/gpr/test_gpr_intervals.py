@@ -62,6 +62,44 @@ def test_one_trajectory_gives_its_own_quantile() -> None:
     np.testing.assert_allclose(inside, 0.95, atol=0.006)
 
 
+def recording(parts: int, spread: float, rng: np.random.Generator):  # type: ignore[no-untyped-def]
+    """Errors of parts of ten trajectories each, whose scales differ from part to part."""
+    part = np.repeat(np.arange(parts), 300)
+    std = np.ones((len(part), 1))
+    scale = np.exp(spread * rng.standard_normal((parts, 1)))
+    return scale[part] * rng.standard_normal(std.shape), std, np.arange(len(part)) // 30, part
+
+
+def test_where_parts_differ_four_in_five_parts_to_come_are_covered() -> None:
+    """Over seeds; without parts fewer are, for only the pool of the known ones is looked at."""
+    covered = {True: 0, False: 0}
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        errors, std, groups, part = recording(4, 0.4, rng)
+        new = np.exp(0.4 * rng.standard_normal()) * rng.standard_normal(3000)
+        for allowing in covered:
+            factor = IntervalCalibration.fit(errors, std, groups, part if allowing else None).factor
+            covered[allowing] += np.mean(np.abs(new) <= factor) >= 0.945
+    assert covered[True] / 200 == pytest.approx(0.82, abs=0.06)
+    assert covered[False] < covered[True] - 10
+
+
+def test_where_parts_are_alike_the_allowance_for_them_is_small() -> None:
+    """And a lone part asks for none."""
+    errors, std, groups, part = recording(4, 0.0, np.random.default_rng(5))
+    alone = IntervalCalibration.fit(errors, std, groups).factor
+    assert 1.0 <= IntervalCalibration.fit(errors, std, groups, part).factor / alone < 1.1
+    np.testing.assert_array_equal(IntervalCalibration.fit(errors, std, groups, 0 * part).factor, alone)
+
+
+def test_errors_that_are_all_but_zero_in_a_part_leave_intervals_finite() -> None:
+    """A joint that stood still for a while says little of how much parts differ."""
+    errors, std, groups, part = recording(4, 0.0, np.random.default_rng(6))
+    errors[part == 2] = 0.0
+    assert IntervalCalibration.fit(errors, std, groups, part).factor < 10
+    assert IntervalCalibration.fit(0 * errors, std, groups, part).factor < 1e-100
+
+
 def test_bad_input_is_refused() -> None:
     """Shapes that differ, and deviations of zero."""
     with pytest.raises(DataError, match="groups"):

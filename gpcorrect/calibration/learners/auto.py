@@ -67,8 +67,8 @@ class Auto:
         errors = [part.left_out.errors for part in (gp, *others)]
         weights = stacking_weights(errors)
         left_out = LeftOut(_sum(weights, errors), gp.left_out.std, gp.left_out.novelty)
-        zero = None if gp.zero is None else weights[0] * gp.zero
-        return Fitted(MixedMap(gp.learned, tuple(part.learned for part in others), weights), left_out, zero)
+        zero, foretold = (None if part is None else weights[0] * part for part in (gp.zero, gp.foretold))
+        return Fitted(MixedMap(gp.learned, tuple(part.learned for part in others), weights), left_out, zero, foretold)
 
 
 def stacking_weights(errors: list[FloatArray]) -> FloatArray:

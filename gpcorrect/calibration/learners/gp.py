@@ -17,7 +17,7 @@ from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.learners.learner import Fitted
 from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.settings import FitSettings
-from gpcorrect.calibration.split import folds_of
+from gpcorrect.calibration.split import folds_of, in_order
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import LeftOut, Predictor, Statistics, learn_inflation
 from gpcorrect.types import FloatArray, IntArray, Progress
@@ -112,7 +112,8 @@ class GP:
         zero = None
         if layout.penalties is not None:
             first = PolynomialMap.fit(X, Y, 1, layout.penalties)
-            moved = local_level(Y - first.mean(X), trajectory)
+            wandering = Y - first.mean(X)
+            moved = local_level(wandering, trajectory)
             level, zero = moved.samples, moved.last
             linear = PolynomialMap.fit(X, Y - level, 1, layout.penalties)
             groups = _stretches(trajectory)
@@ -138,7 +139,8 @@ class GP:
                 regressor = regressor.resting_on(_times(regressor, regressor.statistics_, np.diag(~useless)))
                 left_out = replace(left_out, errors=np.where(useless, of_law, left_out.errors))
         learned = GPMap(linear, layout.smooth, regressor.predictor_, regressor.statistics_)
-        return Fitted(learned, replace(left_out, errors=left_out.errors + level), zero)
+        foretold = None if zero is None else _foretold(wandering, trajectory, folds, zero)
+        return Fitted(learned, replace(left_out, errors=left_out.errors + level), zero, foretold)
 
 
 def _left_out(
@@ -166,6 +168,26 @@ def _left_out(
         of_law[out] = Y[out] - law.mean(X[out])
         errors[out] = of_law[out] - mean
     return LeftOut(errors, std, novelty), of_law
+
+
+def _foretold(errors: FloatArray, trajectory: IntArray, folds: IntArray, zero: FloatArray) -> FloatArray:
+    """Return the zero `(n, m)` that the other folds say of each sample's, relative to the mean of all trajectories.
+
+    A model goes on from where its zero stood last, and errs by how far it moves from there.
+    """
+    means = _means(errors, trajectory)
+    told = np.zeros(errors.shape)
+    for fold in np.unique(folds):
+        rest = folds != fold
+        others = _means(errors[rest], trajectory[rest])
+        told[~rest] = others.mean(axis=0) - means.mean(axis=0) + local_level(errors[rest], trajectory[rest]).last
+    return np.where(zero != 0, told, 0.0)
+
+
+def _means(errors: FloatArray, trajectory: IntArray) -> FloatArray:
+    """Return the mean errors `(t, m)` of trajectories, in recorded order."""
+    first = np.sort(np.unique(trajectory, return_index=True)[1])
+    return np.array([errors[trajectory == name].mean(axis=0) for name in trajectory[first]])
 
 
 def _times(regressor: SparseGPR, statistics: Sequence[Statistics], factor: FloatArray) -> list[Statistics]:
@@ -207,9 +229,7 @@ def local_level(errors: FloatArray, trajectory: IntArray) -> LocalLevel:
     trajectory : (n,) int array
         Their numbers.
     """
-    _, first, number = np.unique(trajectory, return_index=True, return_inverse=True)
-    number = np.argsort(np.argsort(first))[number]
-    means = np.array([errors[number == k].mean(axis=0) for k in range(len(first))])
+    means, number = _means(errors, trajectory), in_order(trajectory)
     if len(means) < FEWEST_LEVELS:
         return LocalLevel(np.zeros(errors.shape), np.zeros(errors.shape[1]))
     columns = [(column, _gain(column)) for column in (means - means.mean(axis=0)).T]

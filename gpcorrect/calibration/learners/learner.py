@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -44,14 +44,22 @@ class Fitted:
         From inputs, or a whole path, to targets.
     left_out : LeftOut
         Errors, standard deviations and novelties at the samples that may be learned from, each predicted without its
-        own fold.
+        own fold, zeros that move over time taken for still.
     zero : (m,) array or None
         Where zeros that move over time stood last; None for those that hold still.
+    foretold : (n, m) array or None
+        Where the other folds say that they stood at these samples; None for those that hold still.
     """
 
     learned: Any
     left_out: LeftOut
     zero: FloatArray | None = None
+    foretold: FloatArray | None = None
+
+    def judged(self) -> LeftOut:
+        """Return the errors at left-out samples with zeros where the other folds say: those that an answer makes."""
+        left_out = self.left_out
+        return left_out if self.foretold is None else replace(left_out, errors=left_out.errors - self.foretold)
 
 
 class Learner(Protocol):
