@@ -11,6 +11,9 @@ from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
+WITHOUT_MARGIN = 1 / (1 + 2 * LIMITS.margin)
+"""Of half a region, the part that is not margin."""
+
 
 @dataclass(frozen=True, eq=False)
 class Domain:
@@ -29,6 +32,9 @@ class Domain:
         Root mean square of the training targets: how wrong an answer may be where nothing is known.
     fading : (f,) int array
         Bounded inputs that an extrapolating law is not asked of outside: see :meth:`clip`.
+    kept : (f,) array
+        How far from the middle of the region, in halves of it, each of them is left as it is: as far as training went,
+        where that is told.
     """
 
     low: FloatArray
@@ -36,9 +42,12 @@ class Domain:
     novelty: float
     spread: FloatArray
     fading: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    kept: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        for name in ("low", "high", "spread"):
+        if not self.kept.size:  # files of before training's ends were kept
+            object.__setattr__(self, "kept", np.full(len(self.fading), WITHOUT_MARGIN))
+        for name in ("low", "high", "spread", "kept"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
         if self.low.shape != self.high.shape or not (self.low <= self.high).all() or not (self.spread >= 0).all():
             raise DataError(
@@ -46,6 +55,8 @@ class Domain:
             )
         if not set(self.fading.tolist()) <= set(range(len(self.low))):
             raise DataError(f"inputs {self.fading} are to fade, which are not all among {len(self.low)}.")
+        if self.kept.shape != self.fading.shape or not ((self.kept > 0) & (self.kept < 1)).all():
+            raise DataError(f"inputs {self.fading} cannot fade from {self.kept} of the way to the region's edge.")
 
     @classmethod
     def of(
@@ -69,7 +80,22 @@ class Domain:
         low, high = np.percentile(X, LIMITS.range_quantiles, axis=0)
         margin = np.maximum(LIMITS.margin * (high - low), slack)
         region = cls(low - margin, high + margin, novelty, np.sqrt((targets**2).mean(axis=0)))
-        return region if fading is None else replace(region, fading=fading)
+        if fading is None:
+            return region
+        middle, half = region.middle_and_half(fading)
+        went = np.abs((X[:, fading] - middle) / half).max(axis=0)
+        return replace(region, fading=fading, kept=np.clip(went, WITHOUT_MARGIN, LIMITS.fades_from))
+
+    def middle_and_half(self, inputs: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the middle `(k,)` and half `(k,)` of the region of some inputs.
+
+        Parameters
+        ----------
+        inputs : (k,) int array
+            Bounded inputs.
+        """
+        low, high = self.low[inputs], self.high[inputs]
+        return (low + high) / 2, np.maximum((high - low) / 2, np.finfo(float).tiny)
 
     def widened(self, other: Self) -> Self:
         """Return the region that holds both, with the novelty and spread of this one.
@@ -85,9 +111,11 @@ class Domain:
     def clip(self, X: FloatArray) -> FloatArray:
         """Return inputs `(..., D)` as a law that extrapolates reads them: inside the region.
 
-        Positions, slacks and loads stay at the region's edge. Rates fade: across the margin around their training range
-        they go back to its middle, so that outside the region they change nothing. (Held at the edge, a velocity law
-        of slow motion made joint 1 of a dVRK 2.3 times worse than no correction on a faster recording.)
+        Positions, slacks and loads stay at the region's edge. Rates fade: from where training ended they go back to the
+        middle, so that outside the region they change nothing. (Held at the edge, a velocity law of slow motion made
+        joint 1 of a dVRK 2.3 times worse than no correction on a faster recording. Where they faded from the range's
+        quantiles on, joints 1 and 2 had up to a sixth more error on their own recording, whose fastest
+        hundredth of samples is half as fast again.)
 
         Parameters
         ----------
@@ -97,12 +125,10 @@ class Domain:
         inputs = X.copy()
         inputs[..., : len(self.low)] = np.clip(X[..., : len(self.low)], self.low, self.high)
         if self.fading.size:
-            low, high = self.low[self.fading], self.high[self.fading]
-            middle, half = (low + high) / 2, np.maximum((high - low) / 2, np.finfo(float).tiny)
-            trained = 1 / (1 + 2 * LIMITS.margin)  # of the region, without its margins
+            middle, half = self.middle_and_half(self.fading)
             place = (inputs[..., self.fading] - middle) / half
-            fraction = np.clip((1 - np.abs(place)) / (1 - trained), 0, 1)
-            inputs[..., self.fading] = middle + fraction * half * np.clip(place, -trained, trained)
+            fraction = np.clip((1 - np.abs(place)) / (1 - self.kept), 0, 1)
+            inputs[..., self.fading] = middle + fraction * half * np.clip(place, -self.kept, self.kept)
         return inputs
 
     def holds(self, X: FloatArray, novelty: FloatArray) -> BoolArray:

@@ -100,6 +100,9 @@ class Limits:
         by hand.
     margin : float
         Fraction of an input's range that a query may lie beyond it. Chosen by hand.
+    fades_from : float
+        Part of the way from the middle of the region to its edge by which rates begin to fade, however far training
+        went: halfway through the margin. Chosen by hand.
     enough_motions : int
         Motions (or pieces of `piece_seconds` of a longer one) below which a fit says that they are few: intervals are
         then widened by more than a quarter.
@@ -123,6 +126,7 @@ class Limits:
     headroom: float = 1.5
     range_quantiles: tuple[float, float] = (0.5, 99.5)
     margin: float = 0.5
+    fades_from: float = 0.75
     enough_motions: int = 9
     folds: int = 4
     piece_seconds: float = 20.0

@@ -43,8 +43,21 @@ def test_what_a_law_reads_of_a_rate_never_jumps() -> None:
 
 def test_a_region_from_before_rates_faded_clips_as_it_did() -> None:
     """Model files without the list of rates answer as they were fitted."""
-    before = replace(REGION, fading=np.zeros(0, dtype=np.int64))
+    before = replace(REGION, fading=np.zeros(0, dtype=np.int64), kept=np.zeros(0))
     assert before.clip(np.array([[0.0, 9.0]]))[0, 1] == REGION.high[1]
+
+
+def test_rates_that_training_knew_do_not_fade() -> None:
+    """Rates whose fastest hundredth lies beyond the range of the rest are read as they are, wild ones not."""
+    rng = np.random.default_rng(2)
+    rates = rng.laplace(size=(5000, 1))
+    region = Domain.of(rates, np.zeros(1), 1.0, np.ones((5000, 1)), fading=np.array([0]))
+    ends = 0.75 * region.high[0]
+    known = rates[np.abs(rates[:, 0]) < ends]
+    assert np.abs(known).max() > 1.3 * np.percentile(np.abs(rates), 99)
+    np.testing.assert_allclose(region.clip(known), known, atol=1e-2 * ends)
+    wild = Domain.of(np.vstack([rates, [[1e3]]]), np.zeros(1), 1.0, np.ones((5001, 1)), fading=np.array([0]))
+    assert np.abs(wild.clip(np.linspace(-50, 50, 999)[:, None])).max() < 1.1 * ends
 
 
 @pytest.mark.slow
