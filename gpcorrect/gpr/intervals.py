@@ -200,7 +200,7 @@ def learn_inflation(
     Parameters
     ----------
     regressor : SparseGPR
-        Fitted to X and Y; its hyperparameters stay.
+        Fitted to X and Y, quickest by the same parts as `folds`; its hyperparameters stay.
     X, Y : (n, d) and (n, m) arrays
     folds : (n,) array
         Which samples are left out together: whole trajectories.
@@ -233,8 +233,9 @@ def learn_inflation(
 
 def _less(regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray) -> Iterator[SparseGPR]:
     """Models without each fold, under the hyperparameters and points of all: the sums of all less those of the fold."""
-    for fold in np.unique(folds):
-        own = regressor.collected(X[folds == fold], Y[folds == fold])
+    for k, fold in enumerate(np.unique(folds)):
+        kept = regressor.by_part_
+        own = kept[k] if kept else regressor.collected(X[folds == fold], Y[folds == fold])
         yield regressor.resting_on([a.minus(b) for a, b in zip(regressor.statistics_, own, strict=True)])
 
 

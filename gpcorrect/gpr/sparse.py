@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
+from functools import reduce
 from typing import Self
 
 import numpy as np
@@ -91,6 +93,39 @@ class SparseGPR(GaussianProcess):
         self.random_state = random_state
 
     statistics_: tuple[Statistics, ...]
+    by_part_: tuple[tuple[Statistics, ...], ...]
+    _parts: tuple[list[IntArray], FloatArray] | None = None
+
+    def fit_by_parts(
+        self,
+        X: FloatArray,
+        Y: FloatArray,
+        parts: IntArray,
+        terms: FloatArray | None = None,
+        *,
+        groups: IntArray | None = None,
+        times: FloatArray | None = None,
+        progress: Progress | None = None,
+    ) -> Self:
+        """Fit, and keep what the posterior rests on part by part, so that parts can be left out: `by_part_`.
+
+        Parameters
+        ----------
+        X, Y : (n, d) and (n, m) arrays
+            Inputs and outputs.
+        parts : (n,) array
+            Which samples are left out together; `by_part_` is in the order of their labels.
+        terms : (n, k) array, optional
+            See :meth:`collected`.
+        groups, times, progress
+            See :meth:`fit`.
+        """
+        rows = [np.flatnonzero(parts == part) for part in np.unique(parts)]
+        self._parts = rows, np.zeros((len(X), 0)) if terms is None else terms
+        try:
+            return self.fit(X, Y, groups, times, progress)
+        finally:
+            self._parts = None
 
     def inflated(self, inflation: Sequence[float]) -> Self:
         """Return a copy whose posterior, of the same data and hyperparameters, counts so many samples as one.
@@ -134,7 +169,7 @@ class SparseGPR(GaussianProcess):
         return tuple(statistics_of(part, X, Y[:, learned.columns], terms) for part, learned in pairs)
 
     def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
-        self.jitter_, self.unseen_, self.statistics_ = 0.0, 0.0, ()
+        self.jitter_, self.unseen_, self.statistics_, self.by_part_ = 0.0, 0.0, (), ()
         return super()._predictor(X, Y, rng, progress)
 
     def _posterior(
@@ -144,11 +179,33 @@ class SparseGPR(GaussianProcess):
         basis = self._inducing_points(kernel, X, rng)
         L, jitter = cholesky(kernel(basis, basis))
         inflation = 1.0 if self.inflation is None else self.inflation[len(self.statistics_)]
-        statistics = collect(kernel, basis, L, offset, X, Y, progress).inflated(inflation)
+        statistics = self._collect(kernel, basis, L, offset, X, Y, progress).inflated(inflation)
         self.statistics_ = (*self.statistics_, statistics)
         self.jitter_ = max(self.jitter_, jitter)
         self.unseen_ = max(self.unseen_, statistics.unseen(len(basis)))
         return posterior(kernel, basis, L, offset, learned.signal, learned.noise, statistics, self.n_variance)
+
+    def _collect(
+        self,
+        kernel: Kernel,
+        basis: FloatArray,
+        L: FloatArray,
+        offset: FloatArray,
+        X: FloatArray,
+        Y: FloatArray,
+        progress: Progress,
+    ) -> Statistics:
+        """Return the statistics of all samples; with parts to be kept, the sum of theirs."""
+        if self._parts is None:
+            return collect(kernel, basis, L, offset, X, Y, progress)
+        (parts, terms), m = self._parts, Y.shape[1]
+        padded, columns = np.append(offset, np.zeros(terms.shape[1])), np.hstack([Y, terms])
+        found = [collect(kernel, basis, L, padded, X[rows], columns[rows], progress) for rows in parts]
+        self.by_part_ = tuple(
+            (*before, own) for before, own in zip(self.by_part_ or [()] * len(found), found, strict=True)
+        )
+        whole = reduce(Statistics.plus, found)
+        return replace(whole, Vy=whole.Vy[:, :m])
 
     def _inducing_points(self, kernel: Kernel, X: FloatArray, rng: np.random.Generator) -> FloatArray:
         return choose_inducing(kernel, X, self.n_inducing, rng)
