@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,14 @@ def test_an_exact_name_counts_with_its_interval_and_gap() -> None:
     assert outcome.covered == (True,)
     assert outcome.closed == pytest.approx(0.992)
     assert outcome.probabilities == ((0.97, True),)
+
+
+def test_a_phase_is_covered_a_turn_later_too() -> None:
+    """A phase of -3.1 rad is inside an interval that ends at 3.3, and one of -2.5 is not."""
+    found = replace(named("pulley_eccentricity", 2), parameters={"phase": Estimate(3.0, (2.8, 3.3), "rad")})
+    for phase, inside in ((-3.1, True), (-2.5, False), (2.9, True)):
+        truth = {"name": "pulley_eccentricity", "joint": 2, "known": True, "phase": phase}
+        assert case_outcome("a", label(truth), report("EXACT", found)).covered == (inside,)
 
 
 def test_another_joint_or_name_is_wrong() -> None:

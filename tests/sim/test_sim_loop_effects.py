@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sim_machines import RATE_HZ, constant_speed, drive, hold, moves, raven, weightless
+from sim_machines import RATE_HZ, constant_speed, drive, hold, motion, moves, raven, weightless
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Segment, plan_of, run
@@ -15,6 +15,7 @@ from gpcorrect.sim.effects import (
     JointStop,
     Payload,
     PositionDependentFriction,
+    PulleyEccentricity,
     StribeckFriction,
     TorqueSaturation,
     ViscousFriction,
@@ -100,6 +101,21 @@ def test_coulomb_friction_does_not_know_the_load():
 def test_a_capstan_without_load_is_free():
     plan = moves(runs=1, seconds=1.0)
     np.testing.assert_array_equal(run(weightless(CapstanFriction(1, wrap=0.5)), plan).q, run(weightless(), plan).q)
+
+
+@pytest.mark.parametrize("phase", [-6.0, -3.0, 0.5, 3.0, 6.0])
+@pytest.mark.parametrize("swing", [-0.2, 0.2])
+def test_a_wave_is_written_in_one_way(swing: float, phase: float) -> None:
+    """Size upwards and phase within half a turn: another number for each, and the same friction and eccentricity."""
+    state = motion()
+    friction = PositionDependentFriction(1, torque=0.3, swing=swing, waves=12.0, phase=phase)
+    wheel = PulleyEccentricity(1, amplitude=swing / 10, waves=12.0, phase=phase)
+    assert friction.canonical().swing == wheel.canonical().amplitude * 10 == 0.2
+    assert max(abs(friction.canonical().phase), abs(wheel.canonical().phase)) <= np.pi
+    x = np.linspace(-2.0, 2.0, 50)
+    laws = [one.law() for one in (friction, friction.canonical())]
+    np.testing.assert_allclose(*(w.swing * np.sin(w.waves * x + w.phase) for w in laws), atol=1e-12)
+    np.testing.assert_allclose(*(w.act(state.position, state) for w in (wheel, wheel.canonical())), atol=1e-9)
 
 
 def test_position_dependent_friction_follows_its_wave():

@@ -9,6 +9,7 @@ from typing import Any
 from gpcorrect.discrepancy.outcome.result import ChannelGap
 from gpcorrect.discrepancy.outcome.sentences import closed_by
 from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.sim.effects import EFFECTS
 
 NO_NAME = ("set", "wrong set", "unknown", "inconclusive", "none")  # columns of the confusion matrix beside the names
 Key = tuple[str, Any]
@@ -156,6 +157,7 @@ def _covered(truth: Sequence[Mapping[str, Any]], named: Sequence[Mapping[str, An
         for answer in named:
             if _key(_flat(answer)) != _key(effect):
                 continue
+            periods = {p.name: p.period for p in EFFECTS[answer["name"]].about.parameters}
             for parameter, reported in answer["parameters"].items():
                 value = effect.get(parameter)
                 if (
@@ -163,5 +165,7 @@ def _covered(truth: Sequence[Mapping[str, Any]], named: Sequence[Mapping[str, An
                     and isinstance(reported["value"], float)
                     and None not in (reported["ci95"] or [None])
                 ):
+                    if period := periods.get(parameter):  # the turn nearest to what is reported
+                        value += period * round((reported["value"] - value) / period)
                     found.append(bool(reported["ci95"][0] <= value <= reported["ci95"][1]))
     return tuple(found)

@@ -12,7 +12,7 @@ from gpcorrect.arms import Chain, Joint
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import ChainEffect, JointEffect, Stage, TipEffect
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
-from gpcorrect.sim.effects.operators import Memory, play
+from gpcorrect.sim.effects.operators import Memory, play, upright
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -214,8 +214,8 @@ class PulleyEccentricity(JointEffect):
 
     def canonical(self) -> PulleyEccentricity:
         """Return the same wave with a positive amplitude and a phase within half a turn."""
-        phase = self.phase + (np.pi if self.amplitude < 0 else 0.0)
-        return replace(self, amplitude=abs(self.amplitude), phase=float(np.angle(np.exp(1j * phase))))
+        amplitude, phase = upright(self.amplitude, self.phase)
+        return replace(self, amplitude=amplitude, phase=phase)
 
     def overtones(self) -> tuple[PulleyEccentricity, ...]:
         """Return waves of two, three and four times its frequency.

@@ -75,6 +75,20 @@ def plays(path: FloatArray, radii: FloatArray, memory: Memory | None = None) -> 
     )
 
 
+def upright(size: float, phase: float) -> tuple[float, float]:
+    """Return the positive size and the phase within half a turn of the same wave, size sin(x + phase).
+
+    Parameters
+    ----------
+    size : float
+        Of either sign.
+    phase : float
+        In rad.
+    """
+    turned = phase + (np.pi if size < 0 else 0.0)
+    return abs(size), float(np.angle(np.exp(1j * turned)))
+
+
 def lag(
     path: FloatArray,
     time: FloatArray,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from gpcorrect.sim.effects.base import SIDES, FrictionEffect, JointEffect
 from gpcorrect.sim.effects.bouc_wen import bouc_wen
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run
 from gpcorrect.sim.effects.laws import FrictionLaw
-from gpcorrect.sim.effects.operators import Memory, play, plays
+from gpcorrect.sim.effects.operators import Memory, play, plays, upright
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -205,7 +205,7 @@ class PositionDependentFriction(FrictionEffect):
             Parameter(
                 "phase",
                 "phase at zero",
-                Range("rad", -np.pi, np.pi, 1.0),
+                Range("rad", -2 * np.pi, 2 * np.pi, 1.0),  # twice round: no wall where it may want to pass
                 positive=False,
                 ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
                 period=2 * np.pi,
@@ -216,6 +216,11 @@ class PositionDependentFriction(FrictionEffect):
         separating_runs=(Run.AMPLITUDES, Run.SPEED_LADDER),
         choices=(("side", SIDES),),
     )
+
+    def canonical(self) -> PositionDependentFriction:
+        """Return the same wave with a positive swing and a phase within half a turn."""
+        swing, phase = upright(self.swing, self.phase)
+        return replace(self, swing=swing, phase=phase)
 
     def law(self) -> FrictionLaw:
         """Return mean and wave."""
