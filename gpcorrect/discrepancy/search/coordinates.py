@@ -58,7 +58,9 @@ class Coordinate:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Bounds of the coordinate."""
+        """Bounds of the coordinate; what turns has none, for a wave far from zero may have to turn it many times."""
+        if self.parameter.period is not None:
+            return -np.inf, np.inf
         if self.kind == "inverse":
             return self.typical / self.high, self.typical / self.low
         if self.kind == "log":

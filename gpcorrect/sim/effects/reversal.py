@@ -205,7 +205,7 @@ class PositionDependentFriction(FrictionEffect):
             Parameter(
                 "phase",
                 "phase at zero",
-                Range("rad", -2 * np.pi, 2 * np.pi, 1.0),  # twice round: no wall where it may want to pass
+                Range("rad", -np.pi, np.pi, 1.0),
                 positive=False,
                 ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
                 period=2 * np.pi,
