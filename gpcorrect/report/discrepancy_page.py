@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.localise import Finding
 from gpcorrect.discrepancy.naming.posterior import Level
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect
-from gpcorrect.discrepancy.outcome.sentences import VISIBLE, next_step, verdict_sentence
+from gpcorrect.discrepancy.outcome.sentences import VISIBLE, next_step, short_words, verdict_sentence
 from gpcorrect.discrepancy.outcome.words import (
     MEANING,
     channel_words,
@@ -94,7 +94,8 @@ def _glance(result: DiscrepancyResult) -> Section | None:
     for v in result.verdict.places:
         scale, symbol = in_reader_units(1.0, v.channel.unit)
         sizes = [_size(scale * value, symbol) for value in (v.before, v.after, v.noise)]
-        names = ", ".join(name.replace("_", " ") for name in v.effects) or "–"
+        here = [e for e in result.effects if e.name in v.effects and (e.joint == v.place or isinstance(e.joint, str))]
+        names = ", ".join(map(short_words, here)) or "–"
         left = f"{v.remaining:.2g} times the noise" if v.remaining else "none"
         rows.append([place(v.place), str(v.level), *sizes, left, names])
     if not rows:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from discrepancy_support import estimate, finding, named, outside, result, rival
 
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
 from gpcorrect.discrepancy.outcome.sentences import verdict_sentence
+from gpcorrect.discrepancy.outcome.verdict import place_verdicts
 from gpcorrect.discrepancy.outcome.words import estimate_words, in_reader_units, number, region_words
 from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.report import write_discrepancy_report
@@ -99,6 +101,16 @@ def test_a_size_that_may_be_none_is_given_as_a_bound() -> None:
         "proportional": Estimate(0.01, (-0.1, 0.1), "1", (0.0,)), "derivative": Estimate(0.3, (0.2, 0.4), "1", (None,)),
     })  # fmt: skip
     assert verdict_sentence(result("EXACT", mixed)).startswith("Joint 2: gain error, 0.300 (0.200 to 0.400)")
+
+
+def test_a_place_is_not_given_one_name_of_a_class(tmp_path: Path) -> None:
+    """Where the kind alone is sure, the table of places names all that it may be, the most probable first."""
+    play = named("hysteresis", 2, "CLASS", probability=0.3, rivals=(rival("backlash", 2, 0.7),))
+    found = result("CLASS", play)
+    places = place_verdicts(found.effects, found.gap, found.localisation)
+    write_discrepancy_report(replace(found, verdict=replace(found.verdict, places=places)), tmp_path / "report.html")
+    table = (tmp_path / "report.html").read_text().split("At a glance", 1)[1].split("</table>", 1)[0]
+    assert "backlash or hysteresis" in table
 
 
 @pytest.mark.parametrize("level", ["NONE", "EXACT", "SET", "UNKNOWN", "INCONCLUSIVE"])

@@ -134,7 +134,7 @@ def _group_words(effects: Sequence[NamedEffect], closed: Closed | None) -> str:
         return f"{where}: {' + '.join(_named(e, interval=len(effects) == 1) for e in effects)}, noise: no gap to close"
     if len(effects) == 1:
         return f"{where}: {_effect_words(effects[0])}" + (f", closes {fraction}" if fraction else "")
-    names = " + ".join(map(_short, effects))
+    names = " + ".join(map(short_words, effects))
     return f"{where}: {names}, close {fraction}" if fraction else f"{where}: {names}"
 
 
@@ -163,8 +163,14 @@ def _sizes(effect: NamedEffect) -> list[Estimate]:
     return sorted((e for e in effect.parameters.values() if e.ci95 is not None), key=lambda e: not e.is_clear)
 
 
-def _short(effect: NamedEffect) -> str:
-    """Return one of several effects of a place: its number only where that is short, rivals without probabilities."""
+def short_words(effect: NamedEffect) -> str:
+    """Return one of several effects of a place: its number only where that is short, rivals without probabilities.
+
+    Parameters
+    ----------
+    effect : NamedEffect
+        Of a verdict.
+    """
     if effect.level != Level.EXACT:
         return _either(effect, chances=False)
     sizes = _sizes(effect)
