@@ -106,6 +106,7 @@ class Operator:
         question = self._build.plain(kind, form, body, self._patience)
         answers: list[S] = []
         refusals: list[ServiceError] = []
+        unheard = no_service(settings=self._settings)
         with self._session.declare_querier(
             f"{self._settings.arm}/{kind}",
             target=zenoh.QueryTarget.ALL,
@@ -120,14 +121,17 @@ class Operator:
                 try:
                     answers.append(question.read(reply))
                 except ServiceError as error:
-                    refusals.append(error)
+                    if error.status == "NO_SERVICE":  # zenoh's own word that a server did not answer in time
+                        unheard = error
+                    else:
+                        refusals.append(error)
         if refusals:
             first, others = refusals[0], ", ".join(answer.replica for answer in answers)
             more = f" {len(refusals)} of {len(refusals) + len(answers)} servers refused; {others} did it."
             cause = first.message + (more if others else "")
             raise ServiceError(first.status, cause, hint=first.hint, request_id=first.request_id)
         if not answers:
-            raise no_service(settings=self._settings)
+            raise unheard
         answered = {answer.replica for answer in answers}
         if kind != "model/list" and (silent := sorted(living - answered)):
             raise ServiceError(
