@@ -37,6 +37,7 @@ from gpcorrect.sim.model import Model, model_key
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
 EVALUATIONS = 30  # of the final refit
+BESIDE = (0.8, 1.25)  # half a cycle in two, for which a joint of a tenth of critical damping rings
 
 
 def find_discrepancy(
@@ -181,10 +182,23 @@ def _refit(state: Search, fitted: Sequence[FittedEffect], rows: BoolArray) -> tu
     done = list(fitted)
     for group in _groups(state, fitted):
         fixed = [f for i, f in enumerate(done) if i not in group]
-        fresh = refine(whitener, fixed, [done[i] for i in group], EVALUATIONS)
-        for i, fit in zip(group, fresh, strict=True):
+        found = [refine(whitener, fixed, start, EVALUATIONS) for start in _starts([done[i] for i in group])]
+        left = [whitener.whiten(state.residual([*fixed, *fits])) for fits in found]
+        for i, fit in zip(group, found[int(np.argmin([float((z**2).sum()) for z in left]))], strict=True):
             done[i] = fit.canonical()
     return tuple(done)
+
+
+def _starts(group: Sequence[FittedEffect]) -> list[list[FittedEffect]]:
+    """Return a group as it is, and with each number whose misfit has several minima moved to either side."""
+    starts = [list(group)]
+    for i, fit in enumerate(group):
+        for k, coordinate in enumerate(fit.candidate.coordinates):
+            for factor in BESIDE if coordinate.parameter.valleys else ():
+                u = np.array(fit.u)
+                u[k] = coordinate.coordinate(factor * coordinate.value(float(u[k])))
+                starts.append([*group[:i], FittedEffect(fit.candidate, u), *group[i + 1 :]])
+    return starts
 
 
 def _groups(state: Search, fitted: Sequence[FittedEffect]) -> list[list[int]]:

@@ -134,6 +134,9 @@ class Parameter:
         Whether it is an instant at which something happens: the trace does not change smoothly with it.
     period : float or None
         After which it means the same again.
+    valleys : bool
+        Whether the misfit has several minima along it, as along the frequency of what rings for some cycles: the final
+        fit is started to both sides of where it was found too.
     """
 
     name: str
@@ -148,6 +151,7 @@ class Parameter:
     shaped_by: str = ""
     change_point: bool = False
     period: float | None = None
+    valleys: bool = False
 
     def range(self, joint_type: str) -> Range:
         """Return the range on a joint of a type.

@@ -42,6 +42,7 @@ class Resonance(JointEffect):
                 identity=float("inf"),
                 factor=1.9,
                 ladder=Ladder(Per.VALUE, (5.0, 10.0, 20.0, 40.0)),
+                valleys=True,
             ),
             Parameter(
                 "damping_ratio",
