@@ -1,6 +1,8 @@
-"""Joint calibrators beside what a lab would write itself: every real set with outside joints, three splits each.
+"""Joint calibrators beside what a lab would write itself: every set with outside joints, three splits each.
 
     python bench/joint_peers.py [--sets mrdlab_spindle --splits last,first,middle --ours gp,auto]
+
+The sets are the real ones, and eight minutes of random sweeps of the simulated RAVEN-II in stretches of 20 s.
 
 Peers see positions, velocities (from the sample before) and, where logged, efforts; `ridge + play` also slacks of three
 widths of each joint; those "of the past" also the same numbers 1, 2, 5, 10 and 20 samples ago. They are scikit-learn's,
@@ -16,6 +18,7 @@ from __future__ import annotations
 import argparse
 import time
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,12 +39,15 @@ from gpcorrect.calibration import FitSettings, JointCorrector, evaluate_model, f
 from gpcorrect.calibration.memory import play_states
 from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
+from gpcorrect_studies.peng2024 import RavenStudy
 
 SETS = {
     "dvrk_random": "dvrk_random.csv",
     "dvrk_pick_place": "dvrk_pick_place.parquet",
     "mrdlab_spindle": "mrdlab_spindle.parquet",
 }
+SIMULATED = "raven2_simulated"
+SIMULATED_MINUTES, STRIDE, STRETCH = 8.0, 2, 20.0  # of the sweeps; every second sample; s of a trajectory
 SHARE = 0.2
 WIDTHS = (0.02, 0.1, 0.3)
 PAST = (1, 2, 5, 10, 20)
@@ -50,20 +56,27 @@ GP_SAMPLES = 1000
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sets", default=",".join(SETS))
+    parser.add_argument("--sets", default=",".join([*SETS, SIMULATED]))
     parser.add_argument("--splits", default="last,first,middle")
     parser.add_argument("--ours", default="gp,trees,auto")
     args = parser.parse_args()
     warnings.simplefilter("ignore", ConvergenceWarning)
     results: dict[str, Any] = {}
     for name in args.sets.split(","):
-        log = read_log(real_data(SETS[name]))
+        log = sweeps() if name == SIMULATED else read_log(real_data(SETS[name]))
         for split in args.splits.split(","):
             held_out = np.isin(log.trajectory, ids_of(log, split))
             results[f"{name} {split}"] = compare(f"{name}, {split} fifth held out", log, held_out, args.ours.split(","))
     worst = [[key, *row] for key, rows in results.items() for row in rows["beside best peer"]]
     print_table(["ours / best peer of each joint", "model", "worst", "of all joints"], worst)
     save_results("joint_peers", results)
+
+
+def sweeps() -> CalibrationLog:
+    """Return random sweeps of the simulated arm, cut into trajectories."""
+    log = RavenStudy(0).random_run(SIMULATED_MINUTES)
+    log = log.select(np.arange(len(log)) % STRIDE == 0)
+    return replace(log, trajectory=((log.time - log.time[0]) // STRETCH).astype(np.int64))
 
 
 def ids_of(log: CalibrationLog, split: str) -> IntArray:
